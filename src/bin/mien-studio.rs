@@ -1,0 +1,2 @@
+//! The workstation: training, pictures, recordings, baking.
+fn main() {}

@@ -1,0 +1,2 @@
+//! The appliance: sensor to weights on a wire.
+fn main() {}

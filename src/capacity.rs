@@ -1,0 +1,17 @@
+//! Every compile-time size of the appliance: name, value, unit, reason. Nothing is sized anywhere else.
+
+/// Columns of both pictures of a Kinect v1, in pixels.
+pub const WIDTH: usize = 640;
+/// Rows of both pictures of a Kinect v1, in pixels.
+pub const HEIGHT: usize = 480;
+/// Pixels of one picture.
+pub const PIXELS: usize = WIDTH * HEIGHT;
+/// Values a raw 11-bit depth pixel can take; the last one, 2047, means "no measurement".
+pub const RAW_DEPTH_VALUES: usize = 2048;
+/// Points of the face that are tracked: the order of iBUG / Multi-PIE 68.
+pub const LANDMARKS: usize = 68;
+/// Points kept of one head's depth cloud. The cloud is thinned evenly to this: beyond about a thousand the sensor's
+/// depth steps, not the count, limit the pose.
+pub const HEAD_POINTS: usize = 2048;
+/// People followed at once.
+pub const USERS: usize = 4;

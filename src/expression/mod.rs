@@ -1,0 +1,1 @@
+//! Landmarks to measures, samples, ranges and unit weights (paper section 2).

@@ -1,0 +1,17 @@
+//! Luma and head pose to 68 landmarks in the head frame, with confidence (paper section 1.2).
+
+use crate::capacity::LANDMARKS;
+use crate::geometry::Point;
+
+/// The 68 points of one face in one frame.
+#[derive(Clone, Debug)]
+pub struct Landmarks {
+    /// Head frame, metres, rigid motion removed; the face's own size kept.
+    pub head: [Point; LANDMARKS],
+    /// Colour pixels; pixel centres are integers.
+    pub pixels: [[f32; 2]; LANDMARKS],
+    /// 0…1 for each point.
+    pub point_confidence: [f32; LANDMARKS],
+    /// 0…1 for the whole face.
+    pub confidence: f32,
+}

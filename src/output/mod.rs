@@ -1,0 +1,1 @@
+//! Weights on a wire: CSV, OSC, serial.

@@ -1,0 +1,1 @@
+//! The stages in order: the drawing of the library as code.

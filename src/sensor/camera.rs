@@ -1,0 +1,1 @@
+//! Geometry of both cameras: raw depth to metres, points to colour pixels.

@@ -1,0 +1,1 @@
+//! Bayer mosaic to RGB and to luma.

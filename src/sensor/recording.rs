@@ -1,0 +1,1 @@
+//! Recordings in the layout of fakenect: read and write.

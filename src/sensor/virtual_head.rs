@@ -1,0 +1,1 @@
+//! The simulated sensor: a scene with known truth, drawn as raw frames.

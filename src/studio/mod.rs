@@ -1,0 +1,4 @@
+//! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
+
+pub mod ict;
+pub mod train;

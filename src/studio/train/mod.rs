@@ -1,0 +1,1 @@
+//! Training of the face model, one step per file.
