@@ -1,1 +1,613 @@
-//! Geometry of both cameras: raw depth to metres, points to colour pixels.
+//! Geometry of both cameras: raw depth to metres, pixels to points, points to colour pixels.
+//!
+//! Method: the sensor's own factory calibration, as its drivers use it. Raw disparity to distance by triangulation
+//! against the reference plane; depth pixel to colour pixel by a cubic polynomial of column and row plus a shift along
+//! the row that depends on distance (the baseline between the cameras).
+//!
+//! * [`Registration`]: the numbers read from the device.
+//! * [`Camera`]: what the stages use: continuous, no integer steps.
+//! * [`RegistrationTable`]: the driver's fixed-point table, entry for entry; the yardstick of the continuous form, and what
+//!   lays colour over depth in a picture.
+//!
+//! Frames and units: sensor frame in metres ([`crate::geometry`]); pixel centres are integers; `_mm` where millimetres.
+//! Memory: [`Camera`] 12 kB, [`RegistrationTable`] 1.9 MB, both on the heap, built once. Cost: `colour_pixel` about 40
+//! multiplications. Degenerate: a raw value without a distance gives 0; a point at z ≤ 0 projects to nothing useful (the
+//! result may be infinite). Limitation: no lens distortion beyond what the device's polynomial holds.
+
+use crate::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+use crate::geometry::Point;
+
+/// Distances are delivered below this, millimetres; what lies farther is no measurement.
+const FARTHEST_MM: f64 = 10_000.0;
+/// Column of the optical axis in the depth picture.
+const CENTRE_COLUMN: f32 = 320.0;
+/// Row of the optical axis in the depth picture.
+const CENTRE_ROW: f32 = 240.0;
+/// Offset, in pixels, which the device's own arithmetic applies to raw values and to the colour shift.
+const DEVICE_OFFSET: f64 = 0.375;
+
+macro_rules! registration_integers {
+    ($($name:ident = $sample:literal),* $(,)?) => {
+        /// The 29 integers that describe the mapping from depth to colour pixels, as the device names them. The large
+        /// ones are negative numbers in fewer bits.
+        #[derive(Clone, Debug, PartialEq, Eq)]
+        pub struct RegistrationIntegers {
+            $(#[doc = concat!("`", stringify!($name), "` of the device's block.")] pub $name: i32,)*
+        }
+
+        impl RegistrationIntegers {
+            /// Names in the device's order.
+            pub const NAMES: [&'static str; 29] = [$(stringify!($name)),*];
+
+            /// All zero: what stands for the absent ones when a file names only some.
+            #[must_use]
+            pub const fn zero() -> Self {
+                Self { $($name: 0),* }
+            }
+
+            /// In the device's order.
+            #[must_use]
+            pub const fn to_array(&self) -> [i32; 29] {
+                [$(self.$name),*]
+            }
+
+            /// By name; `None` for a name that is not one of [`Self::NAMES`].
+            pub fn by_name(&mut self, name: &str) -> Option<&mut i32> {
+                match name {
+                    $(stringify!($name) => Some(&mut self.$name),)*
+                    _ => None,
+                }
+            }
+        }
+
+        impl Default for RegistrationIntegers {
+            /// The block of one real unit.
+            fn default() -> Self {
+                Self { $($name: $sample),* }
+            }
+        }
+    };
+}
+
+registration_integers! {
+    dx_center = 2_048_330_528, ax = 1964, bx = 56, cx = -26, dx = 600, dx_start = 6161, ay = -13, by = 2825, cy = 684,
+    dy = 5, dy_start = 6434, dx_beta_start = 10062, dy_beta_start = 130_801, rollout_blank = 0, rollout_size = 0,
+    dx_beta_inc = 170, dy_beta_inc = 136, dxdx_start = 2_095_986, dxdy_start = 890, dydx_start = 763,
+    dydy_start = 2_096_378, dxdxdx_start = 134_215_474, dydxdx_start = 134_217_093, dxdxdy_start = 134_216_989,
+    dydxdy_start = 134_216_925, back_comp1 = 0, dydydx_start = 134_216_984, back_comp2 = 0, dydydy_start = 134_214_659,
+}
+
+/// Rows and columns the device cuts off; all zero on the sensors known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Padding {
+    /// Rows above the picture.
+    pub start_lines: u16,
+    /// Rows below the picture.
+    pub end_lines: u16,
+    /// Rows cropped.
+    pub cropping_lines: u16,
+}
+
+/// The triangle of emitter, camera and reference plane. Lengths in centimetres, as the device gives them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ZeroPlane {
+    /// E: depth camera to emitter.
+    pub dcmos_emitter_distance: f32,
+    /// B: depth camera to colour camera.
+    pub dcmos_rcmos_distance: f32,
+    /// D: distance of the reference plane.
+    pub reference_distance: f32,
+    /// P: size of a pixel of the 1280×1024 picture on the reference plane.
+    pub reference_pixel_size: f32,
+}
+
+impl Default for ZeroPlane {
+    fn default() -> Self {
+        Self {
+            dcmos_emitter_distance: 7.5,
+            dcmos_rcmos_distance: 2.4,
+            reference_distance: 120.0,
+            reference_pixel_size: 0.1042,
+        }
+    }
+}
+
+/// Calibration as read from the device. The default is a real unit's block with the usual optics.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registration {
+    /// Depth pixel to colour pixel.
+    pub integers: RegistrationIntegers,
+    /// Rows cut off.
+    pub padding: Padding,
+    /// Raw depth to distance.
+    pub zero_plane: ZeroPlane,
+    /// C: shift of raw depth, in quarters of the raw unit's four.
+    pub const_shift: u16,
+}
+
+impl Default for Registration {
+    fn default() -> Self {
+        Self {
+            integers: RegistrationIntegers::default(),
+            padding: Padding::default(),
+            zero_plane: ZeroPlane::default(),
+            const_shift: 200,
+        }
+    }
+}
+
+/// The optics of [`ZeroPlane`], widened once.
+#[derive(Clone, Copy, Debug)]
+struct Optics {
+    emitter: f64,
+    baseline: f64,
+    reference: f64,
+    pixel: f64,
+    shift: f64,
+}
+
+impl Optics {
+    fn new(registration: &Registration) -> Self {
+        let plane = &registration.zero_plane;
+        Self {
+            emitter: plane.dcmos_emitter_distance.into(),
+            baseline: plane.dcmos_rcmos_distance.into(),
+            reference: plane.reference_distance.into(),
+            pixel: plane.reference_pixel_size.into(),
+            shift: registration.const_shift.into(),
+        }
+    }
+
+    /// Distance in millimetres, `None` from where the emitter's ray no longer meets the pixel's.
+    fn millimetres(&self, raw: f64) -> Option<f64> {
+        let m = (raw / 4.0 - self.shift - DEVICE_OFFSET) * self.pixel;
+        (m < self.emitter)
+            .then(|| 10.0 * (m * self.reference / (self.emitter - m) + self.reference))
+    }
+
+    /// Columns from rectified to true colour position, for a distance in millimetres.
+    fn colour_shift(&self, z_mm: f64) -> f64 {
+        self.baseline / (2.0 * self.pixel) * (1.0 - 10.0 * self.reference / z_mm) + DEVICE_OFFSET
+    }
+}
+
+/// Geometry of both cameras in the form the stages use: continuous and differentiable.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    registration: Registration,
+    metres: Box<[f32; RAW_DEPTH_VALUES]>,
+    millimetres: Box<[u16; RAW_DEPTH_VALUES]>,
+    optics: Optics,
+    /// Focal length of the depth camera, pixels.
+    focal: f32,
+    displacement: [Cubic; 2],
+}
+
+impl Camera {
+    /// The usual optics and a real unit's registration block.
+    #[must_use]
+    pub fn nominal() -> Self {
+        Self::new(&Registration::default())
+    }
+
+    /// From the numbers read from a device.
+    #[must_use]
+    pub fn new(registration: &Registration) -> Self {
+        let optics = Optics::new(registration);
+        let mut metres = boxed(0.0f32);
+        let mut millimetres = boxed(0u16);
+        // The last value means "none" and keeps its zero.
+        for raw in 0..RAW_DEPTH_VALUES - 1 {
+            let Some(mm) = optics.millimetres(raw as f64) else {
+                continue;
+            };
+            millimetres[raw] = mm.clamp(0.0, FARTHEST_MM) as u16;
+            if mm > 0.0 && mm < FARTHEST_MM {
+                metres[raw] = (mm * 1e-3) as f32;
+            }
+        }
+        Self {
+            registration: registration.clone(),
+            metres,
+            millimetres,
+            optics,
+            focal: (optics.reference / (2.0 * optics.pixel)) as f32,
+            displacement: Axis::both(&registration.integers).map(|axis| axis.polynomial()),
+        }
+    }
+
+    /// The numbers this camera was built from.
+    #[must_use]
+    pub fn registration(&self) -> &Registration {
+        &self.registration
+    }
+
+    /// Focal length of the depth camera, pixels.
+    #[must_use]
+    pub fn depth_focal_px(&self) -> f32 {
+        self.focal
+    }
+
+    /// Distance along z of a raw depth value, metres; 0 = none (no measurement, or 10 m and beyond).
+    #[must_use]
+    pub fn depth_m(&self, raw: u16) -> f32 {
+        self.metres.get(usize::from(raw)).copied().unwrap_or(0.0)
+    }
+
+    /// The same in whole millimetres, truncated, at most 10 000: what the drivers deliver. 0 = none.
+    #[must_use]
+    pub fn depth_mm(&self, raw: u16) -> u16 {
+        self.millimetres.get(usize::from(raw)).copied().unwrap_or(0)
+    }
+
+    /// The raw value, not rounded, of a distance `z` > 0 in metres: the inverse of [`Self::depth_m`].
+    ///
+    /// ```
+    /// let camera = mien::sensor::camera::Camera::nominal();
+    /// assert!((camera.raw_from_m(camera.depth_m(700)) - 700.0).abs() < 0.01);
+    /// ```
+    #[must_use]
+    pub fn raw_from_m(&self, z: f32) -> f32 {
+        let o = &self.optics;
+        let m = o.emitter * (1.0 - o.reference / (f64::from(z) * 100.0));
+        (4.0 * (m / o.pixel + o.shift + DEVICE_OFFSET)) as f32
+    }
+
+    /// The point seen by a depth pixel at distance `z` metres, sensor frame.
+    #[must_use]
+    pub fn point(&self, col: f32, row: f32, z: f32) -> Point {
+        let scale = z / self.focal;
+        Point::new((col - CENTRE_COLUMN) * scale, (row - CENTRE_ROW) * scale, z)
+    }
+
+    /// Depth pixel (column, row) of a point of the sensor frame with z > 0.
+    #[must_use]
+    pub fn depth_pixel(&self, p: &Point) -> [f32; 2] {
+        let scale = self.focal / p.z;
+        [p.x * scale + CENTRE_COLUMN, p.y * scale + CENTRE_ROW]
+    }
+
+    /// Colour pixel (column, row) of a point of the sensor frame with z > 0. Smooth; truncated to whole pixels it is the
+    /// drivers' table.
+    #[must_use]
+    pub fn colour_pixel(&self, p: &Point) -> [f32; 2] {
+        let [col, row] = self.depth_pixel(p).map(f64::from);
+        let [dx, dy] = [0, 1].map(|axis| self.displacement[axis].at(col, row));
+        let shift = self.optics.colour_shift(f64::from(p.z) * 1e3);
+        [(col + dx + 1.0 + shift) as f32, (row + dy + 1.0) as f32]
+    }
+}
+
+/// The registration polynomial of one axis as forward differences in fixed point, the device's own form.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    /// Third differences: along the row, along the column, and the two mixed ones.
+    a: i64,
+    b: i64,
+    c: i64,
+    d: i64,
+    v: i64,
+    vc: i64,
+    vr: i64,
+    vcc: i64,
+    vrc: i64,
+    vrr: i64,
+}
+
+/// The low `bits` of `value`, as a signed number.
+fn signed(value: i32, bits: u32) -> i64 {
+    i64::from(value << (32 - bits) >> (32 - bits))
+}
+
+impl Axis {
+    fn both(r: &RegistrationIntegers) -> [Self; 2] {
+        let axis = |[a, b, c, d]: [i32; 4], [v, vc, vr, vcc, vrc, vrr]: [i32; 6]| Self {
+            a: a.into(),
+            b: b.into(),
+            c: c.into(),
+            d: d.into(),
+            v: signed(v, 19) << 9,
+            vc: signed(vc, 21) << 8,
+            vr: signed(vr, 21) << 8,
+            vcc: signed(vcc, 24) << 8,
+            vrc: signed(vrc, 24) << 8,
+            vrr: signed(vrr, 24) << 8,
+        };
+        [
+            axis(
+                [r.ax, r.bx, r.cx, r.dx],
+                [
+                    r.dx_start,
+                    r.dxdx_start,
+                    r.dydx_start,
+                    r.dxdxdx_start,
+                    r.dydxdx_start,
+                    r.dydydx_start,
+                ],
+            ),
+            axis(
+                [r.ay, r.by, r.cy, r.dy],
+                [
+                    r.dy_start,
+                    r.dxdy_start,
+                    r.dydy_start,
+                    r.dxdxdy_start,
+                    r.dydxdy_start,
+                    r.dydydy_start,
+                ],
+            ),
+        ]
+    }
+
+    /// Steps to the next row. Must also be called before the first: the device counts rows from 1.
+    fn step_row(&mut self) {
+        self.vcc += self.c;
+        self.vc += self.vrc >> 8;
+        self.vrc += self.d;
+        self.v += self.vr >> 6;
+        self.vr += self.vrr >> 8;
+        self.vrr += self.b;
+    }
+
+    /// The displacements of the present row, in pixels.
+    fn row(&self) -> impl Iterator<Item = f64> {
+        let (mut p, mut q, mut s, a) = (self.v, self.vc, self.vcc, self.a);
+        (0..WIDTH).map(move |_| {
+            let displacement = p as f64 / f64::from(1 << 17);
+            p += q >> 6;
+            q += s >> 8;
+            s += a;
+            displacement
+        })
+    }
+
+    /// The polynomial behind the differences. Sums of differences are binomials: after n steps a constant third
+    /// difference has added up to n(n−1)(n−2)/6, a second one to n(n−1)/2. Each truncating shift loses half a unit on
+    /// average; taking that half out of the summand leaves a few thousandths of a pixel at the far corner.
+    fn polynomial(&self) -> Cubic {
+        let [a, b, c, d, v, vc, vr, vcc, vrc, vrr] = [
+            self.a, self.b, self.c, self.d, self.v, self.vc, self.vr, self.vcc, self.vrc, self.vrr,
+        ]
+        .map(|state| state as f64);
+        let (vc, vr) = (vc - 32.0, vr - 32.0);
+        let (vcc, vrc, vrr) = (vcc - 128.0, vrc - 128.0, vrr - 128.0);
+        // Each level is kept with more fraction bits than the one it feeds: 2^6 for the first, 2^8 more for the others.
+        let (first, second) = (1.0 / 64.0, 1.0 / (64.0 * 256.0));
+        let third = second;
+        let unit = 1.0 / f64::from(1 << 17);
+        let binomial2 = |k: f64| [0.0, -0.5 * k, 0.5 * k, 0.0];
+        let binomial3 = |k: f64| [0.0, k / 3.0, -0.5 * k, k / 6.0];
+        let mut t = [[0.0; 4]; 4]; // t[i][j]: column^i, n^j
+        let mut add = |i: usize, j: [f64; 4]| {
+            for (to, from) in t[i].iter_mut().zip(j) {
+                *to += from * unit;
+            }
+        };
+        add(0, [v, vr * first, 0.0, 0.0]);
+        add(0, binomial2(vrr * second));
+        add(0, binomial3(b * third));
+        // Change per column, a quadratic of n.
+        add(1, [vc * first, vrc * second, 0.0, 0.0]);
+        add(1, binomial2(d * second));
+        // Second difference along the row, linear in n; binomial of the column.
+        add(1, [-0.5 * vcc * second, -0.5 * c * second, 0.0, 0.0]);
+        add(2, [0.5 * vcc * second, 0.5 * c * second, 0.0, 0.0]);
+        for (i, k) in binomial3(a * third).into_iter().enumerate().skip(1) {
+            add(i, [k, 0.0, 0.0, 0.0]);
+        }
+        Cubic(t)
+    }
+}
+
+/// A polynomial of column and row: `Σ t[i][j] column^i (row + 1)^j`, i + j ≤ 3.
+#[derive(Clone, Copy, Debug)]
+struct Cubic([[f64; 4]; 4]);
+
+impl Cubic {
+    fn at(&self, col: f64, row: f64) -> f64 {
+        let [t0, t1, t2, t3] = &self.0;
+        let n = row + 1.0;
+        let c0 = ((t0[3] * n + t0[2]) * n + t0[1]) * n + t0[0];
+        let c1 = (t1[2] * n + t1[1]) * n + t1[0];
+        let c2 = t2[1] * n + t2[0];
+        ((t3[0] * col + c2) * col + c1) * col + c0
+    }
+}
+
+/// The drivers' mapping from depth pixels to colour pixels in whole numbers.
+pub struct RegistrationTable {
+    /// Rectified column × 256; 1280 × 256 = outside.
+    x: Box<[u32; PIXELS]>,
+    /// Row; meaningless outside.
+    y: Box<[i32; PIXELS]>,
+    /// Shift along the row for each millimetre, × 256.
+    shift: Box<[i32; FARTHEST_MM as usize]>,
+}
+
+impl RegistrationTable {
+    /// Runs the device's recurrence over all pixels.
+    #[must_use]
+    pub fn new(registration: &Registration) -> Self {
+        let [mut horizontal, mut vertical] = Axis::both(&registration.integers);
+        let (mut x, mut y, mut shift) = (boxed(0u32), boxed(0i32), boxed(0i32));
+        for row in 0..HEIGHT {
+            horizontal.step_row();
+            vertical.step_row();
+            for (col, (dx, dy)) in horizontal.row().zip(vertical.row()).enumerate() {
+                let (mut to_x, to_y) = (col as f64 + dx + 1.0, row as f64 + dy + 1.0);
+                if to_x < 0.0 || to_y < 0.0 || to_x >= WIDTH as f64 || to_y >= HEIGHT as f64 {
+                    to_x = 2.0 * WIDTH as f64;
+                }
+                x[row * WIDTH + col] = (to_x * 256.0) as u32;
+                y[row * WIDTH + col] = to_y as i32;
+            }
+        }
+        let optics = Optics::new(registration);
+        for (z_mm, shift) in shift.iter_mut().enumerate().skip(1) {
+            *shift = (optics.colour_shift(z_mm as f64) * 256.0) as i32;
+        }
+        Self { x, y, shift }
+    }
+
+    /// Colour pixel (column, row) of a depth pixel at `z_mm` whole millimetres; `None` without a distance or outside.
+    #[must_use]
+    pub fn colour_pixel(&self, col: usize, row: usize, z_mm: u16) -> Option<[usize; 2]> {
+        if col >= WIDTH || row >= HEIGHT || z_mm == 0 {
+            return None;
+        }
+        let shift = *self.shift.get(usize::from(z_mm))?;
+        let pixel = row * WIDTH + col;
+        let x = (i64::from(self.x[pixel]) + i64::from(shift)) >> 8;
+        let x = usize::try_from(x).ok().filter(|&x| x < WIDTH)?;
+        Some([x, usize::try_from(self.y[pixel]).ok()?])
+    }
+}
+
+/// An array on the heap that never passes over the stack.
+fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
+    match vec![value; N].into_boxed_slice().try_into() {
+        Ok(array) => array,
+        Err(_) => unreachable!("the vector was made N long"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn raw_values_are_the_reference_distances() {
+        let optics = Optics::new(&Registration::default());
+        let camera = Camera::nominal();
+        for (raw, mm) in [
+            (300, 437.66),
+            (400, 501.14),
+            (500, 586.16),
+            (600, 705.93),
+            (700, 887.22),
+            (800, 1193.78),
+            (900, 1824.05),
+            (1000, 3864.19),
+        ] {
+            let exact = optics.millimetres(f64::from(raw)).unwrap();
+            assert!((exact - mm).abs() < 0.006, "raw {raw}: {exact} mm");
+            assert_eq!(camera.depth_mm(raw), mm as u16);
+            assert!((f64::from(camera.depth_m(raw)) - exact * 1e-3).abs() < 1e-6);
+        }
+        assert!((optics.millimetres(1050.0).unwrap() - 8767.0).abs() < 0.06);
+    }
+
+    #[test]
+    fn values_without_a_distance_are_zero() {
+        let camera = Camera::nominal();
+        for raw in [1090, 1500, 2046, 2047, 2048, u16::MAX] {
+            assert_eq!(camera.depth_m(raw), 0.0, "raw {raw}");
+            assert_eq!(camera.depth_mm(raw), 0, "raw {raw}");
+        }
+        // Still a ray that meets, but too far to be delivered: the drivers cap it, we have no measurement.
+        assert_eq!((camera.depth_mm(1080), camera.depth_m(1080)), (10_000, 0.0));
+    }
+
+    #[test]
+    fn distance_and_raw_value_are_inverse() {
+        let camera = Camera::nominal();
+        for raw in 300..1050u16 {
+            let back = camera.raw_from_m(camera.depth_m(raw));
+            assert!(
+                (back - f32::from(raw)).abs() < 2e-3,
+                "{raw} came back as {back}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_pixel_is_the_reference_point_and_back() {
+        let camera = Camera::nominal();
+        let p = camera.point(100.0, 50.0, 1.0);
+        assert!((p - Point::new(-0.382_066_7, -0.329_966_7, 1.0)).norm() < 1e-6);
+        let [col, row] = camera.depth_pixel(&p);
+        assert!((col - 100.0).abs() < 1e-3 && (row - 50.0).abs() < 1e-3);
+        assert!((camera.depth_focal_px() - 575.8).abs() < 0.05);
+    }
+
+    #[test]
+    fn every_entry_of_the_table_is_the_drivers() {
+        let table = RegistrationTable::new(&Registration::default());
+        for (col, row, x, y) in [
+            (0, 0, 6422, 26),
+            (639, 0, 160_281, 25),
+            (0, 479, 6788, 475),
+            (639, 479, 159_662, 476),
+            (320, 240, 83_099, 253),
+            (100, 50, 30_987, 76),
+            (500, 400, 125_591, 400),
+        ] {
+            let pixel = row * WIDTH + col;
+            assert_eq!(
+                (table.x[pixel], table.y[pixel]),
+                (x, y),
+                "pixel ({col}, {row})"
+            );
+        }
+        let hash = table
+            .x
+            .iter()
+            .zip(table.y.iter())
+            .flat_map(|(&x, &y)| [u64::from(x), u64::from(y as u32)])
+            .fold(1_469_598_103_934_665_603u64, |h, word| {
+                (h ^ word).wrapping_mul(1_099_511_628_211)
+            });
+        assert_eq!(hash, 0x27b9_268f_4482_7983);
+        for (z_mm, shift) in [
+            (500, -4031),
+            (600, -2852),
+            (800, -1378),
+            (1000, -493),
+            (1200, 96),
+            (2000, 1275),
+            (4000, 2159),
+        ] {
+            assert_eq!(table.shift[z_mm], shift, "shift at {z_mm} mm");
+        }
+    }
+
+    #[test]
+    fn the_smooth_form_is_the_table_within_truncation() {
+        let registration = Registration::default();
+        let (camera, table) = (
+            Camera::new(&registration),
+            RegistrationTable::new(&registration),
+        );
+        let mut worst = [0.0f64; 2];
+        for row in (0..HEIGHT).step_by(3) {
+            for col in (0..WIDTH).step_by(3) {
+                let pixel = row * WIDTH + col;
+                for z_mm in [500u16, 800, 1700, 4000] {
+                    if table.x[pixel] == 1280 * 256 {
+                        continue;
+                    }
+                    let p = camera.point(col as f32, row as f32, f32::from(z_mm) * 1e-3);
+                    let [x, y] = camera.colour_pixel(&p).map(f64::from);
+                    let table_x =
+                        f64::from(table.x[pixel] as i32 + table.shift[usize::from(z_mm)]) / 256.0;
+                    worst[0] = worst[0].max((x - table_x).abs());
+                    // The table's rows are truncated: half a pixel lower on average, never more than one.
+                    worst[1] = worst[1].max((y - 0.5 - f64::from(table.y[pixel])).abs());
+                }
+            }
+        }
+        println!("worst column and row difference, px: {worst:?}");
+        assert!(worst[0] < 0.02, "columns differ by {} px", worst[0]);
+        assert!(worst[1] < 0.52, "rows differ by {} px", worst[1]);
+    }
+
+    #[test]
+    fn integers_are_found_by_their_names() {
+        let mut integers = RegistrationIntegers::zero();
+        for (i, name) in RegistrationIntegers::NAMES.iter().enumerate() {
+            *integers.by_name(name).unwrap() = i as i32;
+        }
+        assert_eq!(integers.to_array(), std::array::from_fn(|i| i as i32));
+        assert!(integers.by_name("nonsense").is_none());
+    }
+}

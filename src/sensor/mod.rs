@@ -17,8 +17,12 @@ pub const NO_DEPTH: u16 = 2047;
 pub struct Frame {
     /// Number of the depth picture within its stream, from 0, counting skipped ones.
     pub index: u64,
-    /// Capture time of the depth picture.
+    /// Capture time of the depth picture, counted from the first one of the stream.
     pub at: Timestamp,
+    /// The depth picture's stamp: the camera's 60 MHz counter, which wraps every 71.6 s.
+    pub ticks: u32,
+    /// The colour picture's stamp, same counter.
+    pub colour_ticks: u32,
     /// Raw 11-bit disparity of the depth camera, row by row; [`NO_DEPTH`] = none.
     pub depth: Box<[u16; PIXELS]>,
     /// Bayer mosaic of the colour camera: even rows G R G R…, odd rows B G B G….
@@ -39,6 +43,8 @@ impl Default for Frame {
         Self {
             index: 0,
             at: Timestamp::default(),
+            ticks: 0,
+            colour_ticks: 0,
             depth: vec![NO_DEPTH; PIXELS]
                 .into_boxed_slice()
                 .try_into()
