@@ -1,1 +1,291 @@
-//! Bayer mosaic to RGB and to luma.
+//! Bayer mosaic of the colour camera to RGB and to luma, and RGB back to the mosaic.
+//!
+//! Method: bilinear interpolation: a missing colour is the mean, rounded down, of the 2 or 4 nearest pixels that have it;
+//! at the border the row or column next to it is mirrored. Luma is ITU-R BT.601 in whole numbers, full range:
+//! `(77 R + 150 G + 29 B + 128) / 256`.
+//!
+//! The mosaic's own samples pass through unchanged, so RGB back to the mosaic is exact; and [`luma_from_bayer`] is
+//! [`luma_of`] of [`rgb_from_bayer`], value for value: what is recorded as RGB replays as the same luma.
+//! Layout: even rows G R G R…, odd rows B G B G…. Memory: three rows on the stack. Cost: about half a millisecond per picture.
+
+use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use std::num::Wrapping;
+
+/// Bytes of an RGB picture.
+pub const RGB_BYTES: usize = 3 * PIXELS;
+
+/// Luma of one RGB pixel, 0…255.
+#[must_use]
+pub fn luma_of([red, green, blue]: [u8; 3]) -> u8 {
+    luma_of_sums([red, green, blue].map(|channel| Wrapping(channel.into())))
+}
+
+/// The weights add up to 256, so that the sum fits 16 bits and grey keeps its value.
+#[inline(always)]
+fn luma_of_sums([red, green, blue]: [Sum; 3]) -> u8 {
+    let weights = [77, 150, 29, 128].map(Wrapping);
+    ((weights[0] * red + weights[1] * green + weights[2] * blue + weights[3]).0 >> 8) as u8
+}
+
+/// Luma of the demosaiced picture, without making the picture.
+pub fn luma_from_bayer(bayer: &[u8; PIXELS], luma: &mut [u8; PIXELS]) {
+    demosaic(bayer, &mut luma[..], |colour, luma: &mut [u8; 1]| {
+        luma[0] = luma_of_sums(colour);
+    });
+}
+
+/// The demosaiced picture; `rgb` holds [`RGB_BYTES`].
+///
+/// # Panics
+/// If `rgb` is shorter.
+pub fn rgb_from_bayer(bayer: &[u8; PIXELS], rgb: &mut [u8]) {
+    demosaic(bayer, rgb, |colour, pixel: &mut [u8; 3]| {
+        *pixel = colour.map(|channel| channel.0 as u8);
+    });
+}
+
+/// The mosaic a picture was made from: of each pixel the one colour its place in the mosaic has. Undoes
+/// [`rgb_from_bayer`] exactly.
+///
+/// # Panics
+/// If `rgb` is shorter than [`RGB_BYTES`].
+pub fn bayer_from_rgb(rgb: &[u8], bayer: &mut [u8; PIXELS]) {
+    for (row, out) in bayer.chunks_exact_mut(WIDTH).enumerate() {
+        let rgb = &rgb[3 * row * WIDTH..3 * (row + 1) * WIDTH];
+        let [even, odd] = if row % 2 == 0 { [1, 0] } else { [2, 1] };
+        for (pair, pixels) in out.chunks_exact_mut(2).zip(rgb.chunks_exact(6)) {
+            pair[0] = pixels[even];
+            pair[1] = pixels[3 + odd];
+        }
+    }
+}
+
+/// Luma of an RGB picture.
+///
+/// # Panics
+/// If `rgb` is shorter than [`RGB_BYTES`].
+pub fn luma_from_rgb(rgb: &[u8], luma: &mut [u8; PIXELS]) {
+    let rgb = &rgb[..RGB_BYTES];
+    for (luma, pixel) in luma.iter_mut().zip(rgb.chunks_exact(3)) {
+        *luma = luma_of([pixel[0], pixel[1], pixel[2]]);
+    }
+}
+
+/// A row of the mosaic with its mirrored border: entry `col + 1` is column `col`.
+type Padded = [Sum; WIDTH + 2];
+
+/// A sum of pixels. None here can overflow; `Wrapping` because a check per addition would keep the rows from becoming
+/// vector instructions in builds that have checks.
+type Sum = Wrapping<u16>;
+
+/// Fills `out`, `N` bytes a pixel, by `put(red, green, blue)` of every pixel.
+#[inline(always)]
+fn demosaic<const N: usize>(
+    bayer: &[u8; PIXELS],
+    out: &mut [u8],
+    put: impl Fn([Sum; 3], &mut [u8; N]) + Copy,
+) {
+    let mut rows = [[Wrapping(0); WIDTH + 2]; 3];
+    let load = |to: &mut Padded, row: usize| {
+        let from = &bayer[row * WIDTH..(row + 1) * WIDTH];
+        for (to, &from) in to[1..=WIDTH].iter_mut().zip(from) {
+            *to = Wrapping(from.into());
+        }
+        to[0] = to[2];
+        to[WIDTH + 1] = to[WIDTH - 1];
+    };
+    load(&mut rows[0], 1);
+    load(&mut rows[1], 0);
+    for row in 0..HEIGHT {
+        load(
+            &mut rows[2],
+            if row + 1 < HEIGHT {
+                row + 1
+            } else {
+                HEIGHT - 2
+            },
+        );
+        let out = &mut out[N * row * WIDTH..N * (row + 1) * WIDTH];
+        if row % 2 == 0 {
+            demosaic_row::<N, true>(&rows, out, put);
+        } else {
+            demosaic_row::<N, false>(&rows, out, put);
+        }
+        rows.rotate_left(1);
+    }
+}
+
+/// One row from itself and the rows above and below. `RED`: a row G R G R…, else B G B G…. Everything is computed and
+/// then chosen: without branches the compiler turns the row into vector instructions.
+#[inline(always)]
+fn demosaic_row<const N: usize, const RED: bool>(
+    [above, here, below]: &[Padded; 3],
+    out: &mut [u8],
+    put: impl Fn([Sum; 3], &mut [u8; N]),
+) {
+    let (pixels, _) = out.as_chunks_mut::<N>();
+    let pixels: &mut [[u8; N]; WIDTH] = pixels.try_into().expect("a row is WIDTH pixels");
+    for col in 0..WIDTH {
+        let at = col + 1;
+        let own = here[at];
+        let sideways = here[at - 1] + here[at + 1];
+        let upright = above[at] + below[at];
+        let diagonal = (above[at - 1] + above[at + 1] + below[at - 1] + below[at + 1]) >> 2;
+        let cross = (sideways + upright) >> 2;
+        let is_green = (col % 2 == 0) == RED;
+        let green = if is_green { own } else { cross };
+        // The colour that shares this row with green, and the one of the rows above and below.
+        let beside = if is_green { sideways >> 1 } else { own };
+        let across = if is_green { upright >> 1 } else { diagonal };
+        let colour = if RED {
+            [beside, green, across]
+        } else {
+            [across, green, beside]
+        };
+        put(colour, &mut pixels[col]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(bytes: usize, mut value: impl FnMut(usize) -> u8) -> Box<[u8]> {
+        (0..bytes).map(&mut value).collect()
+    }
+
+    fn mosaic(value: impl FnMut(usize) -> u8) -> Box<[u8; PIXELS]> {
+        picture(PIXELS, value).try_into().unwrap()
+    }
+
+    fn noise() -> Box<[u8; PIXELS]> {
+        let mut random = fastrand::Rng::with_seed(7);
+        mosaic(|_| random.u8(..))
+    }
+
+    /// The definition, pixel by pixel: the mean of the nearest pixels that have the colour.
+    fn by_definition(bayer: &[u8; PIXELS], col: i32, row: i32) -> [u8; 3] {
+        let colour_of = |col: i32, row: i32| match (row & 1, col & 1) {
+            (0, 1) => 0,
+            (1, 0) => 2,
+            _ => 1,
+        };
+        let mirrored = |i: i32, n: i32| {
+            if i < 0 {
+                -i
+            } else if i >= n {
+                2 * (n - 1) - i
+            } else {
+                i
+            }
+        };
+        let rings: [&[(i32, i32)]; 3] = [
+            &[(0, 0)],
+            &[(-1, 0), (1, 0), (0, -1), (0, 1)],
+            &[(-1, -1), (1, -1), (-1, 1), (1, 1)],
+        ];
+        [0, 1, 2].map(|colour| {
+            let ring = rings
+                .iter()
+                .find(|ring| {
+                    ring.iter()
+                        .any(|&(x, y)| colour_of(col + x, row + y) == colour)
+                })
+                .unwrap();
+            let values: Vec<u32> = ring
+                .iter()
+                .filter(|&&(x, y)| colour_of(col + x, row + y) == colour)
+                .map(|&(x, y)| {
+                    (
+                        mirrored(col + x, WIDTH as i32),
+                        mirrored(row + y, HEIGHT as i32),
+                    )
+                })
+                .map(|(x, y)| u32::from(bayer[y as usize * WIDTH + x as usize]))
+                .collect();
+            (values.iter().sum::<u32>() / values.len() as u32) as u8
+        })
+    }
+
+    #[test]
+    fn every_pixel_is_the_mean_of_its_nearest_of_each_colour() {
+        let bayer = noise();
+        let mut rgb = vec![0; RGB_BYTES];
+        rgb_from_bayer(&bayer, &mut rgb);
+        for (pixel, found) in rgb.chunks_exact(3).enumerate() {
+            let (col, row) = (pixel % WIDTH, pixel / WIDTH);
+            let expected = by_definition(&bayer, col as i32, row as i32);
+            assert_eq!(found, expected, "pixel ({col}, {row})");
+        }
+    }
+
+    #[test]
+    fn luma_is_that_of_the_rgb_picture() {
+        let bayer = noise();
+        let (mut rgb, mut direct, mut through_rgb) =
+            (vec![0; RGB_BYTES], mosaic(|_| 0), mosaic(|_| 1));
+        rgb_from_bayer(&bayer, &mut rgb);
+        luma_from_bayer(&bayer, &mut direct);
+        luma_from_rgb(&rgb, &mut through_rgb);
+        assert!(direct == through_rgb);
+        assert_eq!(
+            direct[12_345],
+            luma_of(rgb[37_035..37_038].try_into().unwrap())
+        );
+    }
+
+    #[test]
+    fn the_mosaic_comes_back_exactly() {
+        let bayer = noise();
+        let (mut rgb, mut back) = (vec![0; RGB_BYTES], mosaic(|_| 0));
+        rgb_from_bayer(&bayer, &mut rgb);
+        bayer_from_rgb(&rgb, &mut back);
+        assert!(back == bayer);
+    }
+
+    #[test]
+    fn an_even_colour_stays_even_and_grey_keeps_its_value() {
+        let colour = [200, 90, 30];
+        let rgb = picture(RGB_BYTES, |i| colour[i % 3]);
+        let (mut bayer, mut back) = (mosaic(|_| 0), vec![0; RGB_BYTES]);
+        bayer_from_rgb(&rgb, &mut bayer);
+        rgb_from_bayer(&bayer, &mut back);
+        assert!(back[..] == rgb[..]);
+        assert_eq!(bayer[..4], [90, 200, 90, 200]);
+        assert_eq!(bayer[WIDTH..WIDTH + 4], [30, 90, 30, 90]);
+        for grey in 0..=255 {
+            assert_eq!(luma_of([grey; 3]), grey);
+        }
+    }
+
+    #[test]
+    #[ignore = "a measurement: cargo test --lib colour -- --ignored --nocapture"]
+    fn time_per_picture() {
+        let (bayer, mut luma, mut rgb) = (noise(), mosaic(|_| 0), vec![0; RGB_BYTES]);
+        for name in [
+            "luma_from_bayer",
+            "rgb_from_bayer",
+            "bayer_from_rgb",
+            "luma_from_rgb",
+        ] {
+            let mut times: Vec<f64> = (0..200)
+                .map(|_| {
+                    let start = std::time::Instant::now();
+                    match name {
+                        "luma_from_bayer" => luma_from_bayer(&bayer, &mut luma),
+                        "rgb_from_bayer" => rgb_from_bayer(&bayer, &mut rgb),
+                        "bayer_from_rgb" => bayer_from_rgb(&rgb, &mut luma),
+                        _ => luma_from_rgb(&rgb, &mut luma),
+                    }
+                    std::hint::black_box((&luma, &rgb));
+                    start.elapsed().as_secs_f64() * 1e3
+                })
+                .collect();
+            times.sort_by(f64::total_cmp);
+            println!(
+                "{name}: min {:.3} ms, median {:.3} ms",
+                times[0], times[100]
+            );
+        }
+    }
+}

@@ -5,8 +5,14 @@ pub mod colour;
 pub mod recording;
 pub mod virtual_head;
 
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
 use crate::capacity::PIXELS;
 use crate::time::Timestamp;
+use camera::Registration;
+use recording::{Recording, RecordingError};
 
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
@@ -52,5 +58,130 @@ impl Default for Frame {
             bayer: bytes(),
             luma: bytes(),
         }
+    }
+}
+
+/// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source
+/// goes through here, so that a run and its replay agree to the bit.
+#[must_use]
+pub fn timestamp_from_ticks(ticks: i64) -> Timestamp {
+    Timestamp::from_us(ticks.max(0).unsigned_abs() / 60)
+}
+
+/// What the user may name as a source.
+///
+/// ```
+/// use mien::sensor::SourceName;
+/// assert_eq!("kinect".parse(), Ok(SourceName::Kinect { serial: None }));
+/// assert_eq!("simulated:two".parse(), Ok(SourceName::Simulated { scene: Some("two".into()) }));
+/// assert_eq!("/tmp/session".parse(), Ok(SourceName::Recording("/tmp/session".into())));
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SourceName {
+    /// `kinect` or `kinect:SERIAL`.
+    Kinect {
+        /// The one with this serial number; else the first found.
+        serial: Option<String>,
+    },
+    /// `simulated` or `simulated:SCENE`.
+    Simulated {
+        /// Name of the scene; else the standard one.
+        scene: Option<String>,
+    },
+    /// The path of a recording's directory.
+    Recording(PathBuf),
+}
+
+impl FromStr for SourceName {
+    type Err = std::convert::Infallible;
+
+    /// Everything that is not a kind of sensor is a path; `./kinect` is the directory of that name.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (kind, detail) = match text.split_once(':') {
+            Some((kind, detail)) => (
+                kind,
+                Some(detail.to_owned()).filter(|detail| !detail.is_empty()),
+            ),
+            None => (text, None),
+        };
+        Ok(match kind {
+            "kinect" => Self::Kinect { serial: detail },
+            "simulated" => Self::Simulated { scene: detail },
+            _ => Self::Recording(text.into()),
+        })
+    }
+}
+
+/// Why a source cannot be opened or can give no more frames.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// The recording cannot be opened.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+}
+
+/// Where frames come from.
+pub enum Source {
+    /// A recording that is played.
+    Recording(Recording),
+}
+
+impl Source {
+    /// Fills `frame` with the next one; `false` if there are no more.
+    ///
+    /// # Errors
+    /// If the source fails in a way that trying again does not mend. Damaged frames are skipped and counted instead.
+    pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
+        match self {
+            Self::Recording(recording) => Ok(recording.next_frame(frame)),
+        }
+    }
+
+    /// Calibration of the sensor behind the frames.
+    #[must_use]
+    pub fn registration(&self) -> &Registration {
+        match self {
+            Self::Recording(recording) => recording.registration(),
+        }
+    }
+
+    /// Frames skipped so far because they were damaged.
+    #[must_use]
+    pub fn skipped(&self) -> u64 {
+        match self {
+            Self::Recording(recording) => recording.skipped(),
+        }
+    }
+}
+
+/// Plays frames at the pace they were taken: for sources that would otherwise give them as fast as they are asked.
+#[derive(Debug, Default)]
+pub struct Pacer {
+    /// When time 0 was, on the wall.
+    start: Option<Instant>,
+}
+
+impl Pacer {
+    /// Longest wait for a frame. A longer gap in the frames is shortened to this, so that signals are answered in time.
+    const LONGEST: Duration = Duration::from_millis(500);
+
+    /// Waits until it is time for the frame taken at `at`. Frames that come late are not waited for, and the lateness is
+    /// not made up for by haste later on if it exceeds the longest wait.
+    pub fn wait(&mut self, at: Timestamp) {
+        let (now, offset) = (Instant::now(), Duration::from_micros(at.as_us()));
+        let start = self
+            .start
+            .or_else(|| now.checked_sub(offset))
+            .unwrap_or(now);
+        let due = start + offset;
+        let ahead = due.saturating_duration_since(now);
+        let late = now.saturating_duration_since(due);
+        if ahead > Self::LONGEST || late > Self::LONGEST {
+            // Start again from this frame.
+            self.start = (now + ahead.min(Self::LONGEST)).checked_sub(offset);
+        } else {
+            self.start = Some(start);
+        }
+        std::thread::sleep(ahead.min(Self::LONGEST));
     }
 }

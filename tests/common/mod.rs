@@ -1,1 +1,89 @@
 //! Helpers of the tests.
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each test programme uses some of them"
+)]
+
+use std::path::{Path, PathBuf};
+
+use mien::sensor::camera::Camera;
+use mien::sensor::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
+
+/// Ticks of the sensor's counter per frame.
+pub const FRAME_TICKS: u32 = 2_000_000;
+
+/// Where the public data sets lie: `MIEN_DATA`, or else `../shared/data`. `None`, told in one line, if they do not.
+pub fn data() -> Option<PathBuf> {
+    let path = std::env::var_os("MIEN_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    if !path.is_dir() {
+        println!("skipped: no data sets at {}; set MIEN_DATA", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+/// A frame of seeded noise: every raw depth value, every colour.
+pub fn noise_frame(number: u64, seed: u64) -> Frame {
+    let mut random = fastrand::Rng::with_seed(seed ^ number);
+    let mut frame = Frame::default();
+    frame.depth.fill_with(|| random.u16(..=NO_DEPTH));
+    frame.bayer.fill_with(|| random.u8(..));
+    stamp(&mut frame, number, 4_290_000_000);
+    frame
+}
+
+/// Completes a frame whose pictures are drawn: luma, number, times. `first_ticks` is the counter at the start.
+pub fn stamp(frame: &mut Frame, number: u64, first_ticks: u32) {
+    colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+    let ticks = number * u64::from(FRAME_TICKS);
+    frame.index = number;
+    frame.at = timestamp_from_ticks(ticks as i64);
+    frame.ticks = first_ticks.wrapping_add(ticks as u32);
+    // The two cameras run at a constant offset.
+    frame.colour_ticks = frame.ticks.wrapping_add(300_000);
+}
+
+/// A frame of a real Kinect v1, from `kinect_v1_pcl/<name>_{depth,rgb}.png` in the data sets. The depth there lies on the
+/// grid of the colour picture and has the focal length 525, ours is the depth camera's own view at 575.8: as a recording it
+/// has real noise, steps and shadows, but its colour is displaced against its depth and everything is about a tenth
+/// nearer to the axis than it was.
+#[cfg(feature = "studio")]
+pub fn kinect_frame(data: &Path, name: &str) -> Frame {
+    let camera = Camera::nominal();
+    let open = |kind: &str| {
+        image::open(data.join(format!("kinect_v1_pcl/{name}_{kind}.png"))).expect(name)
+    };
+    let mut frame = Frame::default();
+    for (raw, &z_mm) in frame
+        .depth
+        .iter_mut()
+        .zip(open("depth").into_luma16().iter())
+    {
+        if z_mm > 0 {
+            *raw = camera.raw_from_m(f32::from(z_mm) * 1e-3).round() as u16;
+        }
+    }
+    colour::bayer_from_rgb(&open("rgb").into_rgb8(), &mut frame.bayer);
+    frame
+}
+
+/// Writes a recording of real frames, each of the names held for `repeat` frames.
+#[cfg(feature = "studio")]
+pub fn write_kinect_recording(data: &Path, names: &[&str], repeat: u64, to: &Path) {
+    use mien::sensor::recording::Recorder;
+    let mut recorder =
+        Recorder::create(to, Camera::nominal().registration(), 1.7e9).expect("an empty directory");
+    for name in names {
+        let mut frame = kinect_frame(data, name);
+        for _ in 0..repeat {
+            stamp(&mut frame, recorder.frames(), 0);
+            recorder
+                .write(&frame)
+                .expect("the directory can be written");
+        }
+    }
+}

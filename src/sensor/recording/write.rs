@@ -1,0 +1,125 @@
+//! Writing a recording, frame by frame. A picture is named in the index only when it is whole; one that cannot be written
+//! is removed again. Colour is stored demosaiced, from which the mosaic comes back exactly, so that depth and luma replay
+//! bit for bit.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::{DEVICE_NAME, INDEX_NAME, RecordingError, device};
+use crate::capacity::{PIXELS, RAW_DEPTH_VALUES};
+use crate::sensor::camera::Registration;
+use crate::sensor::{Frame, NO_DEPTH, colour};
+
+/// A recording that is being made.
+pub struct Recorder {
+    directory: PathBuf,
+    index: File,
+    started_unix_s: f64,
+    /// Colour pictures may serve two depth pictures: the last one written.
+    last_colour: Option<u32>,
+    rgb: Box<[u8]>,
+    depth: Box<[u8]>,
+    frames: u64,
+}
+
+impl Recorder {
+    /// Starts a recording in `directory`, which is made if it is not there. `started_unix_s` is the wall time of frame
+    /// time 0, in seconds; it goes into the names of the files and nowhere else.
+    ///
+    /// # Errors
+    /// If there is a recording already, or the directory cannot be written.
+    pub fn create(
+        directory: &Path,
+        registration: &Registration,
+        started_unix_s: f64,
+    ) -> Result<Self, RecordingError> {
+        let file_error = |path: &Path| {
+            let path = path.to_path_buf();
+            |source| RecordingError::File { path, source }
+        };
+        std::fs::create_dir_all(directory).map_err(file_error(directory))?;
+        let path = directory.join(INDEX_NAME);
+        let index = File::create_new(&path).map_err(|source| match source.kind() {
+            std::io::ErrorKind::AlreadyExists => RecordingError::Exists {
+                path: directory.to_path_buf(),
+            },
+            _ => file_error(&path)(source),
+        })?;
+        let path = directory.join(DEVICE_NAME);
+        std::fs::write(&path, device::to_json(registration)).map_err(file_error(&path))?;
+        Ok(Self {
+            directory: directory.to_path_buf(),
+            index,
+            started_unix_s,
+            last_colour: None,
+            rgb: vec![0; colour::RGB_BYTES].into_boxed_slice(),
+            depth: vec![0; 2 * PIXELS].into_boxed_slice(),
+            frames: 0,
+        })
+    }
+
+    /// Frames written.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Appends a frame.
+    ///
+    /// # Errors
+    /// If a file cannot be written; what was recorded before stays usable.
+    pub fn write(&mut self, frame: &Frame) -> Result<(), RecordingError> {
+        let wall = self.started_unix_s + frame.at.as_us() as f64 * 1e-6;
+        if self.last_colour != Some(frame.colour_ticks) {
+            colour::rgb_from_bayer(&frame.bayer, &mut self.rgb);
+            let name = format!("r-{wall:.6}-{}.ppm", frame.colour_ticks);
+            write_picture(
+                &self.directory,
+                &mut self.index,
+                &name,
+                "P6 640 480 255\n",
+                &self.rgb,
+            )?;
+            self.last_colour = Some(frame.colour_ticks);
+        }
+        for (bytes, &raw) in self.depth.chunks_exact_mut(2).zip(frame.depth.iter()) {
+            let raw = if usize::from(raw) < RAW_DEPTH_VALUES {
+                raw
+            } else {
+                NO_DEPTH
+            };
+            bytes.copy_from_slice(&raw.to_le_bytes());
+        }
+        let name = format!("d-{wall:.6}-{}.pgm", frame.ticks);
+        write_picture(
+            &self.directory,
+            &mut self.index,
+            &name,
+            "P5 640 480 65535\n",
+            &self.depth,
+        )?;
+        self.frames += 1;
+        Ok(())
+    }
+}
+
+fn write_picture(
+    directory: &Path,
+    index: &mut File,
+    name: &str,
+    header: &str,
+    body: &[u8],
+) -> Result<(), RecordingError> {
+    let path = directory.join(name);
+    let written = File::create(&path).and_then(|mut file| {
+        file.write_all(header.as_bytes())?;
+        file.write_all(body)
+    });
+    let written = written.and_then(|()| index.write_all(format!("{name}\n").as_bytes()));
+    written.map_err(|source| {
+        // Not being able to remove it adds nothing to what the user must already do.
+        std::fs::remove_file(&path).ok();
+        RecordingError::File { path, source }
+    })
+}
