@@ -2,7 +2,12 @@
 
 pub mod camera;
 pub mod colour;
+pub mod device;
+pub mod packet;
+pub mod pairing;
 pub mod recording;
+pub mod stream;
+pub mod unpack;
 pub mod virtual_head;
 
 use std::path::PathBuf;

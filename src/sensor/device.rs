@@ -1,0 +1,298 @@
+//! The seam under the driver: what a Kinect's USB functions can do, and nothing about how.
+//!
+//! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
+//! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
+
+use core::time::Duration;
+
+/// One of the two isochronous streams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stream {
+    /// Bayer pictures of the colour camera, endpoint 0x81.
+    Colour = 0,
+    /// Packed 11-bit pictures of the depth camera, endpoint 0x82.
+    Depth = 1,
+}
+
+impl Stream {
+    /// Both, in index order.
+    pub const BOTH: [Self; 2] = [Self::Colour, Self::Depth];
+
+    /// Index into tables by stream.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// Address of the isochronous endpoint.
+    #[must_use]
+    pub const fn endpoint(self) -> u8 {
+        match self {
+            Self::Colour => 0x81,
+            Self::Depth => 0x82,
+        }
+    }
+}
+
+/// The three sensors that speak this protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// Kinect for Xbox 360, first series, with a motor device of its own.
+    Xbox1414,
+    /// Kinect for Xbox 360, second series: motor and LED behind the audio device.
+    Xbox1473,
+    /// Kinect for Windows, with near mode.
+    Windows1517,
+}
+
+impl Model {
+    /// USB vendor of every part of every model.
+    pub const VENDOR: u16 = 0x045e;
+    /// `bcdDevice` by which the first series is known.
+    pub const FIRST_SERIES_RELEASE: u16 = 0x010b;
+
+    /// From the camera's product id and `bcdDevice`; `None` if it is not a Kinect v1 camera.
+    #[must_use]
+    pub const fn of_camera(product: u16, release: u16) -> Option<Self> {
+        match (product, release) {
+            (0x02bf, _) => Some(Self::Windows1517),
+            (0x02ae, Self::FIRST_SERIES_RELEASE) => Some(Self::Xbox1414),
+            (0x02ae, _) => Some(Self::Xbox1473),
+            _ => None,
+        }
+    }
+
+    /// Product id of the camera.
+    #[must_use]
+    pub const fn camera_product(self) -> u16 {
+        match self {
+            Self::Windows1517 => 0x02bf,
+            _ => 0x02ae,
+        }
+    }
+
+    /// Alternate setting of interface 0 that has the isochronous endpoints.
+    #[must_use]
+    pub const fn alternate_setting(self) -> u8 {
+        match self {
+            Self::Windows1517 => 1,
+            _ => 0,
+        }
+    }
+
+    /// Bytes of the fixed parameters block.
+    #[must_use]
+    pub const fn fixed_parameters_len(self) -> usize {
+        match self {
+            Self::Xbox1414 => 322,
+            _ => 334,
+        }
+    }
+
+    /// Model number on the label.
+    #[must_use]
+    pub const fn number(self) -> &'static str {
+        match self {
+            Self::Xbox1414 => "1414",
+            Self::Xbox1473 => "1473",
+            Self::Windows1517 => "1517",
+        }
+    }
+}
+
+impl core::fmt::Display for Model {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Xbox1414 => "Kinect for Xbox 360 (1414)",
+            Self::Xbox1473 => "Kinect for Xbox 360 (1473)",
+            Self::Windows1517 => "Kinect for Windows (1517)",
+        })
+    }
+}
+
+/// What came in one microframe on one endpoint.
+#[derive(Clone, Copy, Debug)]
+pub struct Received<'a> {
+    /// The endpoint.
+    pub stream: Stream,
+    /// False if the bus reported an error for it; the bytes are then not to be trusted.
+    pub intact: bool,
+    /// Header and payload; empty if the camera had nothing to say.
+    pub bytes: &'a [u8],
+}
+
+/// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
+pub trait PacketSource {
+    /// Which sensor it is.
+    fn model(&self) -> Model;
+
+    /// Serial number of the unit, as printed by `mien devices`.
+    fn serial(&self) -> &str;
+
+    /// Writes one command to the camera.
+    ///
+    /// # Errors
+    /// The transfer failed.
+    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError>;
+
+    /// Reads the reply to the last command; the length is 0 while it is not ready.
+    ///
+    /// # Errors
+    /// The transfer failed.
+    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError>;
+
+    /// Puts transfers in flight on a stream, so that nothing of its first picture is missed.
+    ///
+    /// # Errors
+    /// The host refused the transfers.
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError>;
+
+    /// Cancels a stream's transfers and takes the last of them back.
+    fn stop(&mut self, stream: Stream);
+
+    /// Hands on what has arrived since the last call, oldest first per stream, waiting at most `wait` for something.
+    ///
+    /// # Errors
+    /// The device is gone.
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError>;
+
+    /// Time since some fixed moment; the device's own, so that a virtual one can run faster than the world.
+    fn clock(&self) -> Duration;
+
+    /// Lets time pass.
+    fn sleep(&mut self, time: Duration);
+
+    /// Vendor request without data to the motor device (first series only).
+    ///
+    /// # Errors
+    /// No such device, or the transfer failed.
+    fn motor_write(&mut self, _request: u8, _value: u16) -> Result<(), DeviceError> {
+        Err(DeviceError::NoMotor)
+    }
+
+    /// Vendor request that reads from the motor device (first series only). Returns the length.
+    ///
+    /// # Errors
+    /// No such device, or the transfer failed.
+    fn motor_read(&mut self, _request: u8, _reply: &mut [u8]) -> Result<usize, DeviceError> {
+        Err(DeviceError::NoMotor)
+    }
+
+    /// Bulk message to the audio device (later models, if its firmware runs).
+    ///
+    /// # Errors
+    /// No such device, or the transfer failed.
+    fn audio_write(&mut self, _message: &[u8]) -> Result<(), DeviceError> {
+        Err(DeviceError::NoMotor)
+    }
+
+    /// Bulk answer of the audio device. Returns the length.
+    ///
+    /// # Errors
+    /// No such device, or the transfer failed.
+    fn audio_read(&mut self, _reply: &mut [u8]) -> Result<usize, DeviceError> {
+        Err(DeviceError::NoMotor)
+    }
+}
+
+/// Why a Kinect cannot be reached. Each text is one sentence with the way out.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeviceError {
+    /// Nothing of a Kinect on any bus.
+    #[error(
+        "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too"
+    )]
+    Absent,
+    /// Motor or hub there, camera not.
+    #[error(
+        "a Kinect's motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
+    )]
+    NoPower,
+    /// Cameras there, but not the one asked for.
+    #[error(
+        "no Kinect with serial {wanted} among the {found} on USB; `mien devices` lists the serials"
+    )]
+    OtherSerial {
+        /// Serial asked for.
+        wanted: String,
+        /// Cameras found.
+        found: usize,
+    },
+    /// The device node may not be opened.
+    #[error(
+        "no permission to open the Kinect at /dev/bus/usb/{bus:03}/{address:03}; install systemd/mien.rules in /etc/udev/rules.d and plug it in again"
+    )]
+    Access {
+        /// Bus number.
+        bus: u8,
+        /// Address on the bus.
+        address: u8,
+    },
+    /// Another program or a driver that cannot be detached holds the interface.
+    #[error(
+        "the Kinect at bus {bus} address {address} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
+    )]
+    Busy {
+        /// Bus number.
+        bus: u8,
+        /// Address on the bus.
+        address: u8,
+    },
+    /// The device was not configured by the kernel.
+    #[error(
+        "the Kinect at bus {bus} address {address} is on USB but not configured, a sign of poor power; use a port of the computer itself and check the 12 V supply"
+    )]
+    NotConfigured {
+        /// Bus number.
+        bus: u8,
+        /// Address on the bus.
+        address: u8,
+    },
+    /// The chosen alternate setting lacks an isochronous endpoint.
+    #[error(
+        "the {model} has no isochronous endpoint 0x{endpoint:02x} in alternate setting {alternate}; unplug it, wait a second and plug it in again"
+    )]
+    NoEndpoint {
+        /// The model found.
+        model: Model,
+        /// Endpoint that is missing.
+        endpoint: u8,
+        /// Alternate setting in force.
+        alternate: u8,
+    },
+    /// The kernel offers no USB to programs.
+    #[error(
+        "no USB devices visible to programs (/dev/bus/usb is missing); load the kernel's USB driver or, in a container, pass /dev/bus/usb through"
+    )]
+    NoUsb,
+    /// The host controller refused the isochronous reservation.
+    #[error(
+        "the USB controller has no room for the {stream:?} stream; give the Kinect a controller of its own (not behind a hub, no other camera or sound card)"
+    )]
+    Bandwidth {
+        /// The stream refused.
+        stream: Stream,
+    },
+    /// The device left.
+    #[error("the Kinect was unplugged or lost power; plug it in again")]
+    Gone,
+    /// The device answered a request with a stall.
+    #[error("the Kinect refused a request (stall); unplug it and plug it in again")]
+    Stall,
+    /// A transfer took longer than its limit.
+    #[error("the Kinect did not answer a USB request in time; unplug it and plug it in again")]
+    TimedOut,
+    /// This model has no motor device, or it was not found.
+    #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
+    NoMotor,
+    /// Anything else libusb reports.
+    #[error("USB error {code} from libusb; unplug the Kinect and plug it in again")]
+    Other {
+        /// libusb's number.
+        code: i32,
+    },
+}

@@ -1,0 +1,266 @@
+//! Which colour picture belongs to which depth picture.
+//!
+//! Both streams carry stamps of one kind of clock (60 MHz, wraps after 71.6 s) at one rate, in step or at a constant offset.
+//! A depth picture is paired with the colour picture whose stamp, less the offset learned so far, is nearest, if it is within
+//! half a picture's time. At equal rates there is at most one such picture, so the pair is made when the second of the two
+//! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
+//! the choice flip.
+//!
+//! Memory: three pictures per stream, allocated once; when full the oldest is dropped and counted.
+
+use super::device::Stream;
+use super::packet::TICKS_PER_PICTURE;
+use super::stream::Layout;
+
+const SLOTS: usize = 3;
+const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
+/// The offset follows a difference by one part in this many: a second or so.
+const SLOWNESS: i32 = 16;
+
+/// A depth and a colour picture of the same moment, as they came.
+#[derive(Clone, Debug)]
+pub struct RawPair {
+    /// Stamps by stream, 60 MHz.
+    pub ticks: [u32; 2],
+    /// Picture bytes by stream: Bayer, packed depth.
+    pub pictures: [Box<[u8]>; 2],
+}
+
+impl Default for RawPair {
+    fn default() -> Self {
+        Self {
+            ticks: [0; 2],
+            pictures: Stream::BOTH
+                .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
+        }
+    }
+}
+
+struct Slot {
+    /// Running number of arrival; `None` = free.
+    arrival: Option<u64>,
+    ticks: u32,
+    picture: Box<[u8]>,
+}
+
+/// Holds the pictures that wait for their other half.
+pub struct Pairing {
+    slots: [[Slot; SLOTS]; 2],
+    arrivals: u64,
+    offset: i32,
+    unpaired: [u64; 2],
+}
+
+impl Default for Pairing {
+    fn default() -> Self {
+        Self {
+            slots: Stream::BOTH.map(|stream| {
+                core::array::from_fn(|_| Slot {
+                    arrival: None,
+                    ticks: 0,
+                    picture: vec![0; Layout::of(stream).bytes].into_boxed_slice(),
+                })
+            }),
+            arrivals: 0,
+            offset: 0,
+            unpaired: [0; 2],
+        }
+    }
+}
+
+impl Pairing {
+    /// Forgets what waits and the offset: after the camera's clock may have restarted.
+    pub fn restart(&mut self) {
+        self.offset = 0;
+        self.slots
+            .iter_mut()
+            .flatten()
+            .for_each(|slot| slot.arrival = None);
+    }
+
+    /// Pictures by stream that found no partner.
+    #[must_use]
+    pub const fn unpaired(&self) -> [u64; 2] {
+        self.unpaired
+    }
+
+    /// Learned difference of the stamps, colour less depth, ticks.
+    #[must_use]
+    pub const fn offset(&self) -> i32 {
+        self.offset
+    }
+
+    /// Takes a picture (its buffer is swapped for a free one). True if that made a pair, which is then in `pair`.
+    pub fn offer(
+        &mut self,
+        stream: Stream,
+        ticks: u32,
+        picture: &mut Box<[u8]>,
+        pair: &mut RawPair,
+    ) -> bool {
+        let own = stream.index();
+        let other = 1 - own;
+        self.arrivals += 1;
+        let slot = self.free_slot(own);
+        let taken = &mut self.slots[own][slot];
+        taken.arrival = Some(self.arrivals);
+        taken.ticks = ticks;
+        core::mem::swap(&mut taken.picture, picture);
+
+        // Colour less depth, less what is usual; wraps with the counter.
+        let miss = |other_ticks: u32, offset: i32| {
+            let difference = match stream {
+                Stream::Colour => ticks.wrapping_sub(other_ticks),
+                Stream::Depth => other_ticks.wrapping_sub(ticks),
+            };
+            difference.cast_signed().wrapping_sub(offset)
+        };
+        let nearest = self.slots[other]
+            .iter()
+            .enumerate()
+            .filter(|(_, slot)| slot.arrival.is_some())
+            .map(|(i, slot)| (miss(slot.ticks, self.offset), i))
+            .min_by_key(|(miss, _)| miss.unsigned_abs());
+        let Some((miss, partner)) = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss))
+        else {
+            return false;
+        };
+        self.learn(miss);
+        let chosen = if own == 0 {
+            [slot, partner]
+        } else {
+            [partner, slot]
+        };
+        for side in 0..2 {
+            let slot = &mut self.slots[side][chosen[side]];
+            pair.ticks[side] = slot.ticks;
+            core::mem::swap(&mut pair.pictures[side], &mut slot.picture);
+            let arrival = slot.arrival.take();
+            for older in &mut self.slots[side] {
+                if older.arrival.is_some() && older.arrival < arrival {
+                    older.arrival = None;
+                    self.unpaired[side] += 1;
+                }
+            }
+        }
+        true
+    }
+
+    fn learn(&mut self, miss: i32) {
+        self.offset += miss / SLOWNESS;
+        // Beyond three quarters of a period the next picture is the natural partner.
+        let period = TICKS_PER_PICTURE.cast_signed();
+        if self.offset.abs() > period * 3 / 4 {
+            self.offset -= period * self.offset.signum();
+        }
+    }
+
+    /// A free slot, at need the oldest one.
+    fn free_slot(&mut self, side: usize) -> usize {
+        let slots = &self.slots[side];
+        let slot = (0..SLOTS)
+            .min_by_key(|&i| slots[i].arrival.unwrap_or(0))
+            .unwrap_or(0);
+        self.unpaired[side] += u64::from(slots[slot].arrival.is_some());
+        slot
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Bench {
+        pairing: Pairing,
+        pair: RawPair,
+        buffers: [Box<[u8]>; 2],
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            Self {
+                pairing: Pairing::default(),
+                pair: RawPair::default(),
+                buffers: RawPair::default().pictures,
+            }
+        }
+
+        /// Offers picture `number`, marked with it; returns the numbers paired, `[colour, depth]`.
+        fn offer(&mut self, stream: Stream, number: u8, ticks: u32) -> Option<[u8; 2]> {
+            let buffer = &mut self.buffers[stream.index()];
+            buffer[0] = number;
+            let made = self.pairing.offer(stream, ticks, buffer, &mut self.pair);
+            made.then(|| [0, 1].map(|side| self.pair.pictures[side][0]))
+        }
+    }
+
+    #[test]
+    fn pairs_by_nearest_stamp_across_the_wrap_with_offset_and_jitter() {
+        for seed in 0..200 {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let mut bench = Bench::new();
+            let start = u32::MAX - TICKS_PER_PICTURE * 5;
+            let offset = random.i32(-HALF * 4 / 5..HALF * 4 / 5);
+            let (mut made, mut expected) = (0, 0);
+            for number in 0..40u8 {
+                let base = start.wrapping_add(u32::from(number) * TICKS_PER_PICTURE);
+                let jitter = random.i32(-HALF / 10..HALF / 10);
+                let colour = base.wrapping_add_signed(offset + jitter);
+                // One of four pictures does not come.
+                let came = [random.u8(..4) > 0, random.u8(..4) > 0];
+                expected += u32::from(came[0] && came[1]);
+                let mut order = [(Stream::Depth, base), (Stream::Colour, colour)];
+                if offset < 0 {
+                    order.reverse();
+                }
+                for (stream, ticks) in order {
+                    if came[stream.index()]
+                        && let Some([colour, depth]) = bench.offer(stream, number, ticks)
+                    {
+                        assert_eq!([colour, depth], [number; 2], "seed {seed} offset {offset}");
+                        made += 1;
+                    }
+                }
+            }
+            assert_eq!(made, expected, "seed {seed}: every possible pair");
+        }
+    }
+
+    #[test]
+    fn an_offset_at_the_edge_does_not_flip() {
+        let mut random = fastrand::Rng::with_seed(9);
+        let mut bench = Bench::new();
+        // Learn 0.48 of a period, then jitter across the half.
+        let mut relations = [0u32; 3];
+        for number in 0..200u8 {
+            let base = u32::from(number) * TICKS_PER_PICTURE;
+            let jitter = if number < 60 {
+                0
+            } else {
+                random.i32(-HALF / 10..HALF / 10)
+            };
+            let colour = base.wrapping_add_signed(HALF * 96 / 100 + jitter);
+            for (stream, ticks) in [(Stream::Depth, base), (Stream::Colour, colour)] {
+                if let Some([colour, depth]) = bench.offer(stream, number, ticks) {
+                    relations[usize::from(colour.wrapping_sub(depth).wrapping_add(1))] += 1;
+                }
+            }
+        }
+        assert_eq!(relations, [0, 200, 0]);
+    }
+
+    #[test]
+    fn what_finds_no_partner_is_dropped_and_counted() {
+        let mut bench = Bench::new();
+        for number in 0..10 {
+            let ticks = u32::from(number) * TICKS_PER_PICTURE;
+            assert_eq!(bench.offer(Stream::Depth, number, ticks), None);
+        }
+        assert_eq!(bench.pairing.unpaired(), [0, 7]);
+        assert_eq!(
+            bench.offer(Stream::Colour, 8, 8 * TICKS_PER_PICTURE),
+            Some([8, 8])
+        );
+        assert_eq!(bench.pairing.unpaired(), [0, 8]);
+    }
+}

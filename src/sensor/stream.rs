@@ -1,0 +1,490 @@
+//! Packets of one stream to whole pictures. A picture is delivered whole or not at all, and what is missing is counted
+//! by reason.
+//!
+//! A picture is whole if every one of its packets came, in sequence, with the flag and the length its place demands. The
+//! 8-bit sequence alone would take a loss of 256 + k packets for one of k; here any gap ends the picture, and a loss of a
+//! multiple of 256 shows when the last flag comes at the wrong place. Only a loss of exactly 128 pictures (4.3 s) would pass;
+//! the driver restarts a stream that is silent for a second.
+//!
+//! Memory: one picture, allocated once, plus what the caller swaps in. Cost: one copy of the payload. Limitations: a run of
+//! lost packets longer than 255 is counted modulo 256; damage inside the payload is visible only if the bus reports it.
+
+use super::device::Stream;
+use super::packet::{HEADER, Header, NotAPacket, Place};
+use super::unpack::PACKED_DEPTH;
+use crate::capacity::PIXELS;
+
+/// How a stream's pictures are cut into packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Bytes of a picture.
+    pub bytes: usize,
+    /// Payload of every packet but the last.
+    pub payload: usize,
+}
+
+impl Layout {
+    /// Of the formats used: packed 11-bit depth and Bayer, both 640×480.
+    #[must_use]
+    pub const fn of(stream: Stream) -> Self {
+        match stream {
+            Stream::Depth => Self {
+                bytes: PACKED_DEPTH,
+                payload: 1748,
+            },
+            Stream::Colour => Self {
+                bytes: PIXELS,
+                payload: 1908,
+            },
+        }
+    }
+
+    /// Packets of a picture.
+    #[must_use]
+    pub const fn packets(&self) -> usize {
+        self.bytes.div_ceil(self.payload)
+    }
+
+    /// Bytes of the picture that packet `number` carries.
+    #[must_use]
+    pub fn range(&self, number: usize) -> core::ops::Range<usize> {
+        let start = number * self.payload;
+        start..self.bytes.min(start + self.payload)
+    }
+
+    /// Flag of packet `number`.
+    #[must_use]
+    pub const fn place(&self, number: usize) -> Place {
+        if number == 0 {
+            Place::First
+        } else if number + 1 == self.packets() {
+            Place::Last
+        } else {
+            Place::Middle
+        }
+    }
+}
+
+/// What happened on one stream, by reason. Packets unless said otherwise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Pictures delivered whole.
+    pub pictures: u64,
+    /// Pictures begun (or found running) and given up.
+    pub broken: u64,
+    /// Packets with a valid header.
+    pub packets: u64,
+    /// Missing from the sequence.
+    pub lost: u64,
+    /// Came twice; the second was ignored.
+    pub repeated: u64,
+    /// Header unreadable.
+    pub damaged: u64,
+    /// Reported bad by the bus.
+    pub bus_errors: u64,
+    /// Header whole, payload of the wrong length; or too short for a header.
+    pub wrong_length: u64,
+    /// Flag does not fit the place in the picture.
+    pub misplaced: u64,
+    /// Fine, but of a picture already given up.
+    pub skipped: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Switched on in the middle of a picture: wait for the next.
+    Joining,
+    /// The next packet opens a picture.
+    Between,
+    /// So many packets are in.
+    Filling(usize),
+    /// Given up; wait for the next picture.
+    Broken,
+}
+
+/// Assembles the pictures of one stream.
+pub struct Assembler {
+    stream: Stream,
+    layout: Layout,
+    picture: Box<[u8]>,
+    state: State,
+    previous: Option<Header>,
+    /// Packets since `previous` that came but could not be read: their numbers are missing without being lost.
+    unreadable: u8,
+    tally: Tally,
+}
+
+impl Assembler {
+    /// Waits for the first picture of `stream`.
+    #[must_use]
+    pub fn new(stream: Stream) -> Self {
+        let layout = Layout::of(stream);
+        Self {
+            stream,
+            layout,
+            picture: vec![0; layout.bytes].into_boxed_slice(),
+            state: State::Joining,
+            previous: None,
+            unreadable: 0,
+            tally: Tally::default(),
+        }
+    }
+
+    /// Forgets the picture in progress and the sequence, keeps the tally: after the stream was stopped.
+    pub fn restart(&mut self) {
+        self.state = State::Joining;
+        self.previous = None;
+        self.unreadable = 0;
+    }
+
+    /// Counts so far.
+    #[must_use]
+    pub const fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// The buffer behind the picture that [`Self::push`] has just completed. The caller may swap it for another of the
+    /// same length.
+    pub const fn picture(&mut self) -> &mut Box<[u8]> {
+        &mut self.picture
+    }
+
+    /// Takes what came in one microframe. `Some(ticks)` if that completed a picture; it stays in [`Self::picture`] until
+    /// the next call.
+    pub fn push(&mut self, intact: bool, bytes: &[u8]) -> Option<u32> {
+        if !intact {
+            self.tally.bus_errors += 1;
+            self.unreadable = self.unreadable.saturating_add(1);
+            return None;
+        }
+        if bytes.is_empty() {
+            return None;
+        }
+        let header = match Header::parse(bytes, self.stream) {
+            Ok(header) => header,
+            Err(problem) => {
+                match problem {
+                    NotAPacket::Short { .. } => self.tally.wrong_length += 1,
+                    NotAPacket::Damaged => self.tally.damaged += 1,
+                }
+                self.unreadable = self.unreadable.saturating_add(1);
+                return None;
+            }
+        };
+        if self.previous == Some(header) {
+            self.tally.repeated += 1;
+            return None;
+        }
+        self.tally.packets += 1;
+        if let Some(previous) = self.previous {
+            let gap = header
+                .sequence
+                .wrapping_sub(previous.sequence)
+                .wrapping_sub(1);
+            if gap != 0 {
+                self.tally.lost += u64::from(gap.saturating_sub(self.unreadable));
+                self.give_up();
+            }
+        }
+        self.unreadable = 0;
+        self.previous = Some(header);
+        self.place(header, &bytes[HEADER..])
+    }
+
+    fn give_up(&mut self) {
+        // Between pictures nothing is spoilt: if a first packet was lost, its followers show it.
+        if let State::Filling(_) = self.state {
+            self.tally.broken += 1;
+            self.state = State::Broken;
+        }
+    }
+
+    fn place(&mut self, header: Header, payload: &[u8]) -> Option<u32> {
+        let number = match (self.state, header.place) {
+            (State::Filling(number), place) if place == self.layout.place(number) => number,
+            (State::Filling(_), _) => {
+                self.tally.misplaced += 1;
+                self.give_up();
+                if header.place != Place::First {
+                    return None;
+                }
+                0
+            }
+            (_, Place::First) => 0,
+            (State::Between, _) => {
+                self.tally.broken += 1;
+                self.tally.skipped += 1;
+                self.state = State::Broken;
+                return None;
+            }
+            (State::Broken | State::Joining, _) => {
+                self.tally.skipped += 1;
+                return None;
+            }
+        };
+        let range = self.layout.range(number);
+        if payload.len() != range.len() {
+            self.tally.wrong_length += 1;
+            self.tally.broken += 1;
+            self.state = State::Broken;
+            return None;
+        }
+        self.picture[range].copy_from_slice(payload);
+        if header.place == Place::Last {
+            self.state = State::Between;
+            self.tally.pictures += 1;
+            return Some(header.ticks);
+        }
+        self.state = State::Filling(number + 1);
+        None
+    }
+}
+
+/// Cuts a picture into packets: the camera's side of [`Assembler`].
+#[derive(Clone, Debug)]
+pub struct Cutter {
+    stream: Stream,
+    layout: Layout,
+    sequence: u8,
+}
+
+impl Cutter {
+    /// Starts at `sequence`, which the camera chooses as it likes.
+    #[must_use]
+    pub const fn new(stream: Stream, sequence: u8) -> Self {
+        Self {
+            stream,
+            layout: Layout::of(stream),
+            sequence,
+        }
+    }
+
+    /// How pictures are cut.
+    #[must_use]
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Writes packet `number` of a picture into `packet` and returns its length.
+    pub fn cut(
+        &mut self,
+        picture: &[u8],
+        ticks: u32,
+        number: usize,
+        packet: &mut [u8; super::packet::LONGEST],
+    ) -> usize {
+        let payload = &picture[self.layout.range(number)];
+        let header = Header {
+            stream: self.stream,
+            place: self.layout.place(number),
+            sequence: self.sequence,
+            ticks,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        packet[..HEADER].copy_from_slice(&header.emit(payload.len()));
+        packet[HEADER..HEADER + payload.len()].copy_from_slice(payload);
+        HEADER + payload.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::packet::{LONGEST, TICKS_PER_PICTURE};
+
+    type Packets = Vec<(bool, Vec<u8>)>;
+
+    fn picture(stream: Stream, number: u32) -> Vec<u8> {
+        let mut random = fastrand::Rng::with_seed(u64::from(number));
+        (0..Layout::of(stream).bytes)
+            .map(|_| random.u8(..))
+            .collect()
+    }
+
+    fn cut(cutter: &mut Cutter, picture: &[u8], ticks: u32) -> Packets {
+        let mut packet = [0; LONGEST];
+        (0..cutter.layout().packets())
+            .map(|number| {
+                let n = cutter.cut(picture, ticks, number, &mut packet);
+                (true, packet[..n].to_vec())
+            })
+            .collect()
+    }
+
+    #[test]
+    fn sizes_are_the_cameras() {
+        for (stream, packets, last) in [(Stream::Depth, 242, 1132), (Stream::Colour, 162, 12)] {
+            let layout = Layout::of(stream);
+            assert_eq!(layout.packets(), packets);
+            assert_eq!(layout.range(packets - 1).len(), last);
+            assert_eq!(layout.place(packets - 1), Place::Last);
+        }
+    }
+
+    #[test]
+    fn undisturbed_pictures_come_out_as_they_went_in() {
+        for stream in Stream::BOTH {
+            let mut cutter = Cutter::new(stream, 250);
+            let mut assembler = Assembler::new(stream);
+            for number in 0..4 {
+                let sent = picture(stream, number);
+                let ticks = number.wrapping_mul(TICKS_PER_PICTURE);
+                let packets = cut(&mut cutter, &sent, ticks);
+                for (i, (intact, bytes)) in packets.iter().enumerate() {
+                    assert_eq!(assembler.push(true, &[]), None);
+                    let done = assembler.push(*intact, bytes);
+                    assert_eq!(done, (i + 1 == packets.len()).then_some(ticks));
+                }
+                assert!(**assembler.picture() == sent);
+            }
+            let expected = Tally {
+                pictures: 4,
+                packets: 4 * Layout::of(stream).packets() as u64,
+                ..Tally::default()
+            };
+            assert_eq!(*assembler.tally(), expected);
+        }
+    }
+
+    /// The promise: whatever happens to the packets, exactly the untouched pictures are delivered, bit for bit, and the
+    /// counts equal what was done.
+    #[test]
+    fn exactly_the_untouched_pictures_are_delivered_and_losses_are_counted() {
+        for seed in 0..60 {
+            let mut random = fastrand::Rng::with_seed(seed);
+            let stream = Stream::BOTH[random.usize(..2)];
+            let mut cutter = Cutter::new(stream, random.u8(..));
+            let mut assembler = Assembler::new(stream);
+            let mut expected = Tally::default();
+            let rate = [0.0, 0.0002, 0.002, 0.01, 0.05][random.usize(..5)];
+            let pictures = 12;
+            for number in 0..pictures {
+                let sent = picture(stream, number);
+                let mut untouched = true;
+                // The last picture is clean, so that every loss before it shows.
+                let rate = if number + 1 == pictures { 0.0 } else { rate };
+                let mut delivered = false;
+                let packets = cut(&mut cutter, &sent, number);
+                let mut i = 0;
+                while i < packets.len() {
+                    let mut bytes = packets[i].1.clone();
+                    i += 1;
+                    let mut times = 1;
+                    let mut intact = true;
+                    if random.f64() < rate {
+                        match random.usize(..5) {
+                            0 => {
+                                let burst = random.usize(1..9).min(packets.len() - i + 1);
+                                i += burst - 1;
+                                expected.lost += burst as u64;
+                                (times, untouched) = (0, false);
+                            }
+                            1 => {
+                                times = 2;
+                                expected.repeated += 1;
+                            }
+                            2 => {
+                                bytes[random.usize(..2)] ^= random.u8(1..);
+                                expected.damaged += 1;
+                                untouched = false;
+                            }
+                            3 => {
+                                bytes.truncate(random.usize(1..bytes.len()));
+                                expected.wrong_length += 1;
+                                untouched = false;
+                            }
+                            _ => {
+                                intact = false;
+                                bytes.clear();
+                                expected.bus_errors += 1;
+                                untouched = false;
+                            }
+                        }
+                    }
+                    for _ in 0..times {
+                        if let Some(ticks) = assembler.push(intact, &bytes) {
+                            assert_eq!(ticks, number);
+                            assert!(**assembler.picture() == sent, "seed {seed}: wrong picture");
+                            delivered = true;
+                        }
+                    }
+                }
+                assert_eq!(delivered, untouched, "seed {seed} picture {number}");
+                expected.pictures += u64::from(untouched);
+            }
+            let found = *assembler.tally();
+            // A short packet of a picture already given up is skipped, not measured; both count once.
+            let skipped_short = expected.wrong_length - found.wrong_length;
+            assert!(skipped_short <= found.skipped, "seed {seed}");
+            assert_eq!(
+                [
+                    found.pictures,
+                    found.lost,
+                    found.repeated,
+                    found.damaged,
+                    found.bus_errors
+                ],
+                [
+                    expected.pictures,
+                    expected.lost,
+                    expected.repeated,
+                    expected.damaged,
+                    expected.bus_errors
+                ],
+                "seed {seed} lost/repeated/damaged/bus errors"
+            );
+        }
+    }
+
+    #[test]
+    fn a_loss_of_whole_sequence_rounds_is_not_mistaken_for_none() {
+        for stream in Stream::BOTH {
+            for rounds in 1..6 {
+                let mut cutter = Cutter::new(stream, 0);
+                let mut assembler = Assembler::new(stream);
+                let mut all: Packets = Vec::new();
+                for number in 0..12 {
+                    all.extend(cut(&mut cutter, &picture(stream, number), number));
+                }
+                all.drain(100..100 + 256 * rounds);
+                for (_, bytes) in &all {
+                    if let Some(ticks) = assembler.push(true, bytes) {
+                        assert!(**assembler.picture() == picture(stream, ticks));
+                    }
+                }
+                assert!(assembler.tally().misplaced > 0);
+            }
+        }
+    }
+
+    /// As many cases as a short fuzzing run: arbitrary bytes, arbitrary lengths, mutated real packets.
+    #[test]
+    fn any_bytes_are_survived_and_never_make_a_wrong_picture() {
+        let sent = picture(Stream::Colour, 7);
+        let mut random = fastrand::Rng::with_seed(5);
+        let mut assembler = Assembler::new(Stream::Colour);
+        let mut noise = [0; 2100];
+        for round in 0..400 {
+            let mut cutter = Cutter::new(Stream::Colour, random.u8(..));
+            let mut touched_payload = false;
+            for (_, mut bytes) in cut(&mut cutter, &sent, round) {
+                if random.u8(..) < 3 {
+                    random.fill(&mut noise);
+                    let n = random.usize(..noise.len());
+                    noise[..2].copy_from_slice(b"RB");
+                    noise[3] = 0x80 | [1, 2, 5][random.usize(..3)];
+                    touched_payload = true;
+                    let _ = assembler.push(random.bool(), &noise[..n]);
+                }
+                if random.u8(..) < 2 {
+                    let byte = random.usize(..HEADER);
+                    bytes[byte] ^= 1 << random.u8(..8);
+                }
+                if assembler.push(true, &bytes).is_some() && !touched_payload {
+                    assert!(**assembler.picture() == sent, "round {round}");
+                }
+            }
+        }
+        assert!(assembler.tally().pictures > 0 && assembler.tally().broken > 0);
+    }
+}

@@ -1,0 +1,98 @@
+//! Packed 11-bit depth to 16-bit values and back.
+//!
+//! Pixel k occupies bits 11k … 11k+10 counted from the top bit of byte 0; eight pixels fill eleven bytes without a gap.
+//! Method: two overlapping big-endian 64-bit loads per eleven bytes hold pixels 0–4 and 5–7, so that each pixel is one
+//! shift and one mask. Reads 422 kB, writes 614 kB per picture, allocates nothing.
+
+use crate::capacity::PIXELS;
+
+/// Bytes of a packed depth picture.
+pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
+
+const MASK: u64 = 0x7ff;
+
+/// Unpacks a depth picture.
+pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
+    for (bytes, pixels) in packed
+        .as_chunks::<11>()
+        .0
+        .iter()
+        .zip(depth.as_chunks_mut::<8>().0)
+    {
+        let [b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10] = *bytes;
+        let head = u64::from_be_bytes([b0, b1, b2, b3, b4, b5, b6, b7]);
+        let tail = u64::from_be_bytes([b3, b4, b5, b6, b7, b8, b9, b10]);
+        let pixel = |word: u64, shift: u32| (word >> shift & MASK) as u16;
+        *pixels = [
+            pixel(head, 53),
+            pixel(head, 42),
+            pixel(head, 31),
+            pixel(head, 20),
+            pixel(head, 9),
+            pixel(tail, 22),
+            pixel(tail, 11),
+            pixel(tail, 0),
+        ];
+    }
+}
+
+/// Packs a depth picture; values are taken modulo 2048.
+pub fn pack_depth(depth: &[u16; PIXELS], packed: &mut [u8; PACKED_DEPTH]) {
+    for (pixels, bytes) in depth
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .zip(packed.as_chunks_mut::<11>().0)
+    {
+        let word = pixels
+            .iter()
+            .fold(0u128, |word, &pixel| word << 11 | u128::from(pixel) & 0x7ff);
+        bytes.copy_from_slice(&word.to_be_bytes()[5..]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn boxed<T: Clone, const N: usize>(value: T) -> Box<[T; N]> {
+        vec![value; N].into_boxed_slice().try_into().ok().unwrap()
+    }
+
+    /// One bit at a time, straight from the definition.
+    fn reference(packed: &[u8], k: usize) -> u16 {
+        (11 * k..11 * k + 11).fold(0, |value, bit| {
+            value << 1 | u16::from(packed[bit / 8] >> (7 - bit % 8) & 1)
+        })
+    }
+
+    #[test]
+    fn equals_the_definition_bit_by_bit() {
+        let mut random = fastrand::Rng::with_seed(2);
+        let mut packed = boxed::<u8, PACKED_DEPTH>(0);
+        random.fill(packed.as_mut_slice());
+        let mut depth = boxed::<u16, PIXELS>(0);
+        unpack_depth(&packed, &mut depth);
+        for k in 0..PIXELS {
+            assert_eq!(depth[k], reference(packed.as_slice(), k), "pixel {k}");
+        }
+        let mut again = boxed::<u8, PACKED_DEPTH>(0);
+        pack_depth(&depth, &mut again);
+        assert!(again == packed);
+    }
+
+    #[test]
+    fn known_group() {
+        let mut depth = boxed::<u16, PIXELS>(0);
+        depth[..8].copy_from_slice(&[2047, 0, 2047, 0, 1, 0x400, 0, 2047]);
+        let mut packed = boxed::<u8, PACKED_DEPTH>(0xaa);
+        pack_depth(&depth, &mut packed);
+        assert_eq!(
+            packed[..11],
+            [
+                0xff, 0xe0, 0x03, 0xff, 0x80, 0x00, 0x03, 0x00, 0x00, 0x07, 0xff
+            ]
+        );
+        assert_eq!(packed[11], 0);
+    }
+}
