@@ -1,4 +1,5 @@
 //! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
 
+pub mod heads;
 pub mod ict;
 pub mod train;

@@ -1,1 +1,0 @@
-//! The simulated sensor: a scene with known truth, drawn as raw frames.

@@ -1,0 +1,113 @@
+//! What stands around the head, from simple shapes: shoulders and chest, a chair, a wall. Enough that a head must be cut
+//! from a body and from a background; nothing here is meant to be looked at.
+
+use crate::geometry::{Point, Vector};
+
+/// A coloured closed surface, corners of its triangles clockwise seen from outside.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Shape {
+    pub(crate) vertices: Vec<Point>,
+    pub(crate) normals: Vec<Vector>,
+    pub(crate) colour: Vec<[f32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+}
+
+impl Shape {
+    /// Adds an ellipsoid.
+    fn ellipsoid(&mut self, centre: [f32; 3], radii: [f32; 3], colour: [f32; 3]) {
+        const RINGS: u32 = 14;
+        const SEGMENTS: u32 = 24;
+        let start = self.vertices.len() as u32;
+        for ring in 0..=RINGS {
+            let (sin_r, cos_r) = (std::f32::consts::PI * ring as f32 / RINGS as f32).sin_cos();
+            for segment in 0..SEGMENTS {
+                let (sin_s, cos_s) =
+                    (std::f32::consts::TAU * segment as f32 / SEGMENTS as f32).sin_cos();
+                let unit = Vector::new(sin_r * cos_s, cos_r, sin_r * sin_s);
+                let [x, y, z] = [0, 1, 2].map(|k| centre[k] + radii[k] * unit[k]);
+                self.vertices.push(Point::new(x, y, z));
+                let [u, v, w] = [0, 1, 2].map(|k| unit[k] / radii[k]);
+                self.normals.push(Vector::new(u, v, w).normalize());
+                // Stripes give the clothes an edge here and there.
+                let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
+                self.colour.push(colour.map(|c| c * shade));
+            }
+        }
+        let at = |ring: u32, segment: u32| start + ring * SEGMENTS + segment % SEGMENTS;
+        for ring in 0..RINGS {
+            for segment in 0..SEGMENTS {
+                let (a, b) = (at(ring, segment), at(ring, segment + 1));
+                let (c, d) = (at(ring + 1, segment), at(ring + 1, segment + 1));
+                self.triangles.push([a, b, c]);
+                self.triangles.push([b, d, c]);
+            }
+        }
+    }
+
+    /// Adds a flat grid facing −z, with a mottled pattern.
+    fn panel(
+        &mut self,
+        centre: [f32; 3],
+        half: [f32; 2],
+        cells: [u32; 2],
+        colour: [f32; 3],
+        seed: u64,
+    ) {
+        let start = self.vertices.len() as u32;
+        let [columns, rows] = cells;
+        for row in 0..=rows {
+            for column in 0..=columns {
+                let x = centre[0] + half[0] * (2.0 * column as f32 / columns as f32 - 1.0);
+                let y = centre[1] + half[1] * (2.0 * row as f32 / rows as f32 - 1.0);
+                self.vertices.push(Point::new(x, y, centre[2]));
+                self.normals.push(Vector::new(0.0, 0.0, -1.0));
+                let coarse = super::noise::uniform(seed, u64::from(row / 5 * 1009 + column / 5));
+                let fine = super::noise::uniform(seed + 1, u64::from(row * 1009 + column));
+                self.colour
+                    .push(colour.map(|c| c * (1.0 + 0.12 * coarse + 0.05 * fine)));
+            }
+        }
+        let at = |row: u32, column: u32| start + row * (columns + 1) + column;
+        for row in 0..rows {
+            for column in 0..columns {
+                let (a, b) = (at(row, column), at(row, column + 1));
+                let (c, d) = (at(row + 1, column), at(row + 1, column + 1));
+                self.triangles.push([a, b, c]);
+                self.triangles.push([b, d, c]);
+            }
+        }
+    }
+
+    /// Shoulders, chest and upper arms. Origin and axes as of a head that looks straight ahead above them.
+    pub(crate) fn bust(colour: [f32; 3]) -> Self {
+        let mut shape = Self::default();
+        shape.ellipsoid([0.0, 0.245, 0.10], [0.20, 0.075, 0.085], colour);
+        shape.ellipsoid([0.0, 0.46, 0.10], [0.19, 0.27, 0.115], colour);
+        for side in [-1.0, 1.0] {
+            shape.ellipsoid([side * 0.205, 0.44, 0.11], [0.07, 0.22, 0.08], colour);
+        }
+        shape
+    }
+
+    /// The room: a wall at `wall` metres, and a chair's back in front of it if there is one.
+    pub(crate) fn room(wall: f32, chair: bool, seed: u64) -> Self {
+        let mut shape = Self::default();
+        shape.panel(
+            [0.0, 0.0, wall],
+            [wall * 0.9, wall * 0.7],
+            [90, 70],
+            [150.0, 155.0, 160.0],
+            seed,
+        );
+        if chair {
+            shape.panel(
+                [0.05, 0.42, 1.15],
+                [0.23, 0.30],
+                [12, 16],
+                [70.0, 60.0, 90.0],
+                seed + 9,
+            );
+        }
+        shape
+    }
+}

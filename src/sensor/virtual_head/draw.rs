@@ -1,0 +1,322 @@
+//! Draws a head and simple shapes as both cameras see them.
+//!
+//! Light is ambient plus one direction (Lambert 1760), evaluated at vertices and interpolated (Gouraud 1971). All buffers are
+//! made once per mesh; drawing allocates nothing. Units and frames: vertices in the sensor frame, metres; corners in pixels.
+
+use super::asset::{HeadAsset, Part, Texture};
+use super::body::Shape;
+use super::raster::{Corner, DepthBuffer, Window};
+use crate::geometry::{Point, Rigid, Vector};
+
+/// The light of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    /// Unit vector from the scene towards the light, sensor frame.
+    pub towards: Vector,
+    /// Share of the light that comes from everywhere, 0…1.
+    pub ambient: f32,
+    /// Gain of each channel: colour temperature.
+    pub tint: [f32; 3],
+    /// Gain of each [`Part`], by its number: how white teeth are, how dark a mouth is.
+    pub parts: [f32; Part::COUNT],
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            towards: Vector::new(-0.35, -0.55, -0.76),
+            ambient: 0.62,
+            tint: [1.0; 3],
+            parts: [1.0; Part::COUNT],
+        }
+    }
+}
+
+impl Light {
+    /// Brightness of a surface with this outward unit normal.
+    fn on(&self, normal: &Vector) -> f32 {
+        self.ambient + (1.0 - self.ambient) * normal.dot(&self.towards).max(0.0)
+    }
+}
+
+/// A colour picture with its depth buffer.
+pub(crate) struct Canvas {
+    pub(crate) depth: DepthBuffer,
+    pub(crate) rgb: Vec<[u8; 3]>,
+}
+
+impl Canvas {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
+        Self {
+            depth: DepthBuffer::new(width, height),
+            rgb: vec![[0; 3]; width * height],
+        }
+    }
+}
+
+fn grey(value: f32) -> u8 {
+    (value + 0.5).clamp(0.0, 255.0) as u8
+}
+
+/// Work space for one head.
+pub(crate) struct HeadPainter {
+    /// The photograph at full, half and quarter size.
+    levels: Vec<Texture>,
+    /// Deformed vertices, head frame.
+    pub(crate) deformed: Vec<Point>,
+    /// Deformed vertices, sensor frame.
+    pub(crate) placed: Vec<Point>,
+    normals: Vec<Vector>,
+    bright: Vec<f32>,
+    corners: Vec<Corner>,
+    /// How far each vertex stays with the shoulders when the head turns, 0…1.
+    neck: Vec<f32>,
+}
+
+/// Height below the eyes at which the neck begins to stay behind, and at which it does so fully, metres.
+const NECK_M: [f32; 2] = [0.125, 0.21];
+
+impl HeadPainter {
+    pub(crate) fn new(asset: &HeadAsset) -> Self {
+        let n = asset.neutral.len();
+        let half = halved(&asset.texture);
+        let quarter = halved(&half);
+        Self {
+            levels: vec![asset.texture.clone(), half, quarter],
+            deformed: asset.neutral.clone(),
+            placed: asset.neutral.clone(),
+            normals: vec![Vector::zeros(); n],
+            bright: vec![0.0; n],
+            corners: vec![Corner::default(); n],
+            neck: asset
+                .neutral
+                .iter()
+                .map(|p| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0))
+                .collect(),
+        }
+    }
+
+    /// Sets expression (one weight per expression of the asset) and pose.
+    pub(crate) fn place(&mut self, asset: &HeadAsset, weights: &[f32], sensor_from_head: &Rigid) {
+        asset.deform(weights, &mut self.deformed);
+        self.place_deformed(sensor_from_head);
+    }
+
+    /// Sets the pose of what is in `deformed`.
+    pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
+        let rotation = sensor_from_head.rotation.to_rotation_matrix();
+        let shift = sensor_from_head.translation.vector;
+        let below = shoulders_below(sensor_from_head).translation.vector;
+        for ((placed, p), &stays) in self.placed.iter_mut().zip(&self.deformed).zip(&self.neck) {
+            let moved = rotation * p.coords + shift;
+            *placed = Point::from(moved + (p.coords + below - moved) * stays);
+        }
+    }
+
+    /// Lights the placed vertices.
+    pub(crate) fn light(&mut self, asset: &HeadAsset, light: &Light) {
+        self.normals.fill(Vector::zeros());
+        for &[a, b, c] in &asset.triangles {
+            let [a, b, c] = [a, b, c].map(|k| k as usize);
+            let p = self.placed[a];
+            // Clockwise in a picture whose y points down, and z away: outwards is this way round.
+            let normal = (self.placed[c] - p).cross(&(self.placed[b] - p));
+            self.normals[a] += normal;
+            self.normals[b] += normal;
+            self.normals[c] += normal;
+        }
+        for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
+            let length = normal.norm_squared().sqrt();
+            *bright = light.on(&(normal / length.max(1e-12)));
+        }
+    }
+
+    /// Projects the placed vertices with `pixel`.
+    fn project(&mut self, pixel: impl Fn(&Point) -> [f32; 2]) {
+        for (corner, p) in self.corners.iter_mut().zip(&self.placed) {
+            let [x, y] = pixel(p);
+            let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
+            *corner = Corner { x, y, inverse };
+        }
+    }
+
+    /// Draws depth only.
+    pub(crate) fn draw_depth(
+        &mut self,
+        asset: &HeadAsset,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        buffer: &mut DepthBuffer,
+    ) -> Window {
+        self.project(pixel);
+        let mut window = Window::NOTHING;
+        for triangle in &asset.triangles {
+            let corners = triangle.map(|k| self.corners[k as usize]);
+            window.include(buffer.triangle(corners, |_, _, _| {}));
+        }
+        window
+    }
+
+    /// Draws colour; call [`HeadPainter::light`] before.
+    pub(crate) fn draw_colour(
+        &mut self,
+        asset: &HeadAsset,
+        light: &Light,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        canvas: &mut Canvas,
+    ) -> Window {
+        self.project(pixel);
+        let level = self.level(asset);
+        let texture = &self.levels[level];
+        let shrink = 1.0 / (1 << level) as f32;
+        let shift = (shrink - 1.0) * 0.5;
+        let mut window = Window::NOTHING;
+        let Canvas { depth, rgb } = canvas;
+        for (triangle, &part) in asset.triangles.iter().zip(&asset.parts) {
+            let [a, b, c] = triangle.map(|k| k as usize);
+            let corners = [self.corners[a], self.corners[b], self.corners[c]];
+            let gain = light.tint.map(|t| t * light.parts[part as usize]);
+            let (ca, cb, cc) = (asset.colour[a], asset.colour[b], asset.colour[c]);
+            let (sa, sb, sc) = (
+                asset.photo_share[a],
+                asset.photo_share[b],
+                asset.photo_share[c],
+            );
+            let (ba, bb, bc) = (self.bright[a], self.bright[b], self.bright[c]);
+            let (pa, pb, pc) = (asset.photo[a], asset.photo[b], asset.photo[c]);
+            let painted = sa + sb + sc > 0.0;
+            window.include(depth.triangle(corners, |index, u, v| {
+                let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+                let bright = mix(ba, bb, bc);
+                let mut colour = [0, 1, 2].map(|k| mix(ca[k], cb[k], cc[k]));
+                if painted {
+                    let share = mix(sa, sb, sc);
+                    let x = mix(pa[0], pb[0], pc[0]) * shrink + shift;
+                    let y = mix(pa[1], pb[1], pc[1]) * shrink + shift;
+                    let photo = texture.at(x, y);
+                    for k in 0..3 {
+                        colour[k] += share * (photo[k] - colour[k]);
+                    }
+                }
+                rgb[index] = [0, 1, 2].map(|k| grey(colour[k] * bright * gain[k]));
+            }));
+        }
+        window
+    }
+
+    /// Size of the photograph that suits the size on the screen, by the distance of the outer eye corners in both.
+    fn level(&self, asset: &HeadAsset) -> usize {
+        let [Some(right), Some(left)] = [36, 45].map(|k| asset.landmarks.get(k)) else {
+            return 0;
+        };
+        let (p, q) = (
+            asset.photo[right.vertices[0] as usize],
+            asset.photo[left.vertices[0] as usize],
+        );
+        let (a, b) = (
+            self.corners[right.vertices[0] as usize],
+            self.corners[left.vertices[0] as usize],
+        );
+        let there = (p[0] - q[0]).hypot(p[1] - q[1]);
+        let here = (a.x - b.x).hypot(a.y - b.y).max(1.0);
+        match there / here {
+            r if r > 3.0 => 2,
+            r if r > 1.5 => 1,
+            _ => 0,
+        }
+    }
+}
+
+/// Where the shoulders are: upright below a head that turns about the top of its neck.
+pub(crate) fn shoulders_below(sensor_from_head: &Rigid) -> Rigid {
+    let pivot = Vector::new(0.0, 0.08, 0.09);
+    let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * pivot - pivot;
+    Rigid::translation(shift.x, shift.y, shift.z)
+}
+
+/// Half the size, means of four.
+fn halved(texture: &Texture) -> Texture {
+    let (width, height) = (texture.width / 2, texture.height / 2);
+    let mut rgb = Vec::with_capacity(width * height * 3);
+    for row in 0..height {
+        for col in 0..width {
+            for k in 0..3 {
+                let at = |r: usize, c: usize| {
+                    u32::from(texture.rgb[((2 * row + r) * texture.width + 2 * col + c) * 3 + k])
+                };
+                rgb.push(((at(0, 0) + at(0, 1) + at(1, 0) + at(1, 1) + 2) / 4) as u8);
+            }
+        }
+    }
+    Texture { width, height, rgb }
+}
+
+/// Work space for one simple shape.
+pub(crate) struct ShapePainter {
+    placed: Vec<Point>,
+    corners: Vec<Corner>,
+}
+
+impl ShapePainter {
+    pub(crate) fn new(shape: &Shape) -> Self {
+        Self {
+            placed: shape.vertices.clone(),
+            corners: vec![Corner::default(); shape.vertices.len()],
+        }
+    }
+
+    pub(crate) fn place(&mut self, shape: &Shape, sensor_from_shape: &Rigid) {
+        for (placed, p) in self.placed.iter_mut().zip(&shape.vertices) {
+            *placed = sensor_from_shape * p;
+        }
+    }
+
+    fn project(&mut self, pixel: impl Fn(&Point) -> [f32; 2]) {
+        for (corner, p) in self.corners.iter_mut().zip(&self.placed) {
+            let [x, y] = pixel(p);
+            let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
+            *corner = Corner { x, y, inverse };
+        }
+    }
+
+    pub(crate) fn draw_depth(
+        &mut self,
+        shape: &Shape,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        buffer: &mut DepthBuffer,
+    ) -> Window {
+        self.project(pixel);
+        let mut window = Window::NOTHING;
+        for triangle in &shape.triangles {
+            let corners = triangle.map(|k| self.corners[k as usize]);
+            window.include(buffer.triangle(corners, |_, _, _| {}));
+        }
+        window
+    }
+
+    /// The shape must not be turned: its normals are used as they are.
+    pub(crate) fn draw_colour(
+        &mut self,
+        shape: &Shape,
+        light: &Light,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        canvas: &mut Canvas,
+    ) -> Window {
+        self.project(pixel);
+        let mut window = Window::NOTHING;
+        let Canvas { depth, rgb } = canvas;
+        for triangle in &shape.triangles {
+            let [a, b, c] = triangle.map(|k| k as usize);
+            let lit = [a, b, c].map(|k| {
+                let bright = light.on(&shape.normals[k]);
+                [0, 1, 2].map(|ch| shape.colour[k][ch] * bright * light.tint[ch])
+            });
+            let corners = [self.corners[a], self.corners[b], self.corners[c]];
+            window.include(depth.triangle(corners, |index, u, v| {
+                rgb[index] = [0, 1, 2].map(|k| {
+                    grey(lit[0][k] + u * (lit[1][k] - lit[0][k]) + v * (lit[2][k] - lit[0][k]))
+                });
+            }));
+        }
+        window
+    }
+}

@@ -1,0 +1,259 @@
+//! The simulated sensor: a person with known pose, expression and landmarks, drawn as the raw frames of a Kinect v1.
+//!
+//! A head ([`HeadAsset`]) on shoulders before a wall is drawn twice, as the depth camera and as the colour camera see it, both
+//! through [`Camera`]; then the errors of the sensor are added (`noise`). The truth is handed out with the picture, so that
+//! whatever is measured on a frame can be compared with it. A frame is a pure function of head, scene, seed and
+//! time: no state is carried over, and the same four give the same bytes.
+//!
+//! Memory: the head, its work space and 8 MB of buffers, all made at construction. Limitations: no hair that stands off the
+//! head, no cast shadows of the room's light, eyes that do not turn, shoulders that do not move.
+
+mod asset;
+mod body;
+mod draw;
+mod noise;
+mod raster;
+mod script;
+
+pub use asset::{Expression, HeadAsset, Part, Site, Texture};
+pub use draw::Light;
+pub use script::Scene;
+
+use crate::capacity::{HEIGHT, LANDMARKS, WIDTH};
+use crate::geometry::{Point, Rigid};
+use crate::sensor::camera::Camera;
+use crate::sensor::{Frame, colour};
+use crate::time::Timestamp;
+use body::Shape;
+use draw::{Canvas, HeadPainter, ShapePainter};
+use noise::{DepthReading, Tiles};
+use raster::{DepthBuffer, Window};
+
+/// Expressions a head may have.
+pub const EXPRESSIONS: usize = 64;
+/// Distance of the wall, metres.
+const WALL_M: f32 = 2.2;
+/// Grey levels of the colour sensor's noise, one standard deviation.
+const COLOUR_SIGMA: f32 = 2.0;
+
+/// What was drawn.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Pose of the head.
+    pub sensor_from_head: Rigid,
+    /// The 68 points in the head frame, metres, expression included.
+    pub landmarks_head: [Point; LANDMARKS],
+    /// The 68 points in colour pixels, hidden ones included.
+    pub landmarks_px: [[f32; 2]; LANDMARKS],
+    /// Weight of each expression of the asset, in its order.
+    pub activations: heapless::Vec<f32, EXPRESSIONS>,
+}
+
+/// Raw depth as a function of 1/z, which it is linear in: the simulator needs no more of the camera's tables.
+fn depth_reading(camera: &Camera) -> DepthReading {
+    let (near, far) = (0.5, 4.0);
+    let (a, b) = (camera.raw_from_m(near), camera.raw_from_m(far));
+    let raw_per_inverse = (a - b) / (1.0 / near - 1.0 / far);
+    DepthReading {
+        raw_far: b - raw_per_inverse / far,
+        raw_per_inverse,
+    }
+}
+
+/// Draws frames of one scene.
+///
+/// ```no_run
+/// use mien::sensor::{Frame, virtual_head::{HeadAsset, Scene, Simulator}};
+/// use mien::time::Timestamp;
+/// let mut simulator = Simulator::new(HeadAsset::default(), Scene::Acted, 1);
+/// let mut frame = Frame::default();
+/// if let Some(truth) = simulator.draw(Timestamp::from_us(33_333), &mut frame) {
+///     println!("{:?}", truth.sensor_from_head);
+/// }
+/// ```
+pub struct Simulator {
+    asset: HeadAsset,
+    scene: Scene,
+    seed: u64,
+    light: Light,
+    exposure: f32,
+    camera: Camera,
+    reading: DepthReading,
+    tiles: Tiles,
+    head: HeadPainter,
+    bust: (Shape, ShapePainter),
+    /// The room as both cameras see it, drawn once.
+    room_depth: Vec<f32>,
+    room_rgb: Vec<[u8; 3]>,
+    depth: DepthBuffer,
+    canvas: Canvas,
+    blurred: Vec<[u8; 3]>,
+    drawn: u64,
+    weights: heapless::Vec<f32, EXPRESSIONS>,
+}
+
+impl Simulator {
+    /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0.
+    #[must_use]
+    pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
+        let camera = Camera::nominal();
+        let light = Light::default();
+        let room = Shape::room(WALL_M, scene == Scene::Empty, seed);
+        let mut painter = ShapePainter::new(&room);
+        let mut depth = DepthBuffer::new(WIDTH, HEIGHT);
+        let mut canvas = Canvas::new(WIDTH, HEIGHT);
+        painter.draw_depth(&room, |p| camera.depth_pixel(p), &mut depth);
+        painter.draw_colour(&room, &light, |p| camera.colour_pixel(p), &mut canvas);
+        let bust = Shape::bust([70.0, 85.0, 120.0]);
+        let bust_painter = ShapePainter::new(&bust);
+        let expressions = asset.expressions.len().min(EXPRESSIONS);
+        Self {
+            head: HeadPainter::new(&asset),
+            scene,
+            seed,
+            light,
+            exposure: 1.0,
+            reading: depth_reading(&camera),
+            tiles: Tiles::new(seed),
+            bust: (bust, bust_painter),
+            room_depth: depth.inverse.clone(),
+            room_rgb: canvas.rgb.clone(),
+            depth,
+            blurred: canvas.rgb.clone(),
+            canvas,
+            camera,
+            drawn: 0,
+            weights: std::iter::repeat_n(0.0, expressions).collect(),
+            asset,
+        }
+    }
+
+    /// Changes the light and the exposure (1 = as photographed).
+    #[must_use]
+    pub fn lit(mut self, light: Light, exposure: f32) -> Self {
+        self.light = light;
+        self.exposure = exposure;
+        self
+    }
+
+    /// The camera that the frames are drawn with.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// The head that is drawn.
+    #[must_use]
+    pub fn asset(&self) -> &HeadAsset {
+        &self.asset
+    }
+
+    /// Draws the scene at a time. The truth is `None` when nobody is there. Sets all of the frame; its index counts
+    /// the frames drawn.
+    pub fn draw(&mut self, at: Timestamp, frame: &mut Frame) -> Option<Truth> {
+        let t = (at.as_us() as f64 * 1e-6) as f32;
+        self.weights.fill(0.0);
+        let (asset, weights) = (&self.asset, &mut self.weights);
+        let instant = self.scene.play(self.seed, t, |name, weight| {
+            if let Some(slot) = asset.expression(name).and_then(|k| weights.get_mut(k)) {
+                *slot = slot.max(weight);
+            }
+        });
+        let pose = instant.map(|instant| instant.sensor_from_head);
+        let weights = self.weights.clone();
+        self.draw_person(pose.as_ref(), &weights, at, frame)
+    }
+
+    /// Draws a head of any pose and expression (`weights` in the order of the asset's expressions) instead of the script's.
+    pub fn draw_pose(
+        &mut self,
+        sensor_from_head: &Rigid,
+        weights: &[f32],
+        at: Timestamp,
+        frame: &mut Frame,
+    ) -> Truth {
+        self.draw_person(Some(sensor_from_head), weights, at, frame)
+            .expect("somebody is drawn when a pose is given")
+    }
+
+    fn draw_person(
+        &mut self,
+        pose: Option<&Rigid>,
+        weights: &[f32],
+        at: Timestamp,
+        frame: &mut Frame,
+    ) -> Option<Truth> {
+        let camera = &self.camera;
+        self.depth.inverse.copy_from_slice(&self.room_depth);
+        self.canvas.rgb.copy_from_slice(&self.room_rgb);
+        let mut truth = None;
+        if let Some(sensor_from_head) = pose {
+            let asset = &self.asset;
+            self.head.place(asset, weights, sensor_from_head);
+            let (shape, painter) = &mut self.bust;
+            painter.place(shape, &draw::shoulders_below(sensor_from_head));
+            let pixel = |p: &Point| camera.depth_pixel(p);
+            self.head.draw_depth(asset, pixel, &mut self.depth);
+            painter.draw_depth(shape, pixel, &mut self.depth);
+
+            // Everything in front of the room: its own depth buffer starts empty.
+            self.canvas.depth.inverse.fill(0.0);
+            let pixel = |p: &Point| camera.colour_pixel(p);
+            self.head.light(asset, &self.light);
+            let mut window = self
+                .head
+                .draw_colour(asset, &self.light, pixel, &mut self.canvas);
+            window.include(painter.draw_colour(shape, &self.light, pixel, &mut self.canvas));
+            blur(&mut self.canvas.rgb, window, &mut self.blurred);
+
+            let landmarks_head = asset.landmarks_on(&self.head.deformed);
+            truth = Some(Truth {
+                sensor_from_head: *sensor_from_head,
+                landmarks_head,
+                landmarks_px: landmarks_head.map(|p| camera.colour_pixel(&(sensor_from_head * p))),
+                activations: weights.iter().take(EXPRESSIONS).copied().collect(),
+            });
+        }
+        let seed = noise::hash(self.seed, at.as_us());
+        self.reading
+            .read(&self.depth.inverse, &self.tiles, seed, &mut frame.depth);
+        noise::expose(
+            &self.canvas.rgb,
+            self.exposure,
+            COLOUR_SIGMA,
+            &self.tiles,
+            seed,
+            &mut frame.bayer,
+        );
+        colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+        frame.index = self.drawn;
+        frame.at = at;
+        self.drawn += 1;
+        truth
+    }
+}
+
+/// The lens's softness: a 3 × 3 binomial over the window, through `scratch`.
+fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
+    let (left, right) = (window.left.max(1), window.right.min(WIDTH - 1));
+    let (top, bottom) = (window.top.max(1), window.bottom.min(HEIGHT - 1));
+    if left >= right || top >= bottom {
+        return;
+    }
+    for row in top - 1..=bottom {
+        for col in left..right {
+            let at = row * WIDTH + col;
+            let (a, b, c) = (rgb[at - 1], rgb[at], rgb[at + 1]);
+            scratch[at] = [0, 1, 2]
+                .map(|k| ((u16::from(a[k]) + 2 * u16::from(b[k]) + u16::from(c[k])) / 4) as u8);
+        }
+    }
+    for row in top..bottom {
+        for col in left..right {
+            let at = row * WIDTH + col;
+            let (a, b, c) = (scratch[at - WIDTH], scratch[at], scratch[at + WIDTH]);
+            rgb[at] = [0, 1, 2]
+                .map(|k| ((u16::from(a[k]) + 2 * u16::from(b[k]) + u16::from(c[k]) + 2) / 4) as u8);
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! What the cameras of a Kinect v1 make of a perfect picture: the errors of the depth reading and of the colour sensor.
+//!
+//! Depth is a disparity in eighths of a pixel, measured by correlation over a small window, so its noise is Gaussian in
+//! disparity, alike in neighbouring pixels, and then rounded: total standard deviation about half a raw unit, which is
+//! 1.4 mm at 1 m (Khoshelham & Elberink, "Accuracy and resolution of Kinect depth data", 2012). The pattern comes from a
+//! projector 7.5 cm to the right (+x): what it does not light has no depth, a band to the left of near things. Edges are
+//! ragged by a pixel, surfaces seen at a grazing angle drop out, the last columns are blank.
+//!
+//! All randomness is looked up in one tile of prepared numbers at offsets hashed from seed and time, so a frame costs no
+//! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
+
+use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::sensor::NO_DEPTH;
+
+/// Side of the tile, a power of two.
+const SIDE: usize = 256;
+/// Standard deviation of the disparity before rounding, raw units.
+const DISPARITY_SIGMA: f32 = 0.4;
+/// Nearest raw value the optics give: 0.5 m.
+const NEAREST_RAW: f32 = 395.0;
+/// Farthest raw value that is a measurement: about 13 m.
+const FARTHEST_RAW: f32 = 1075.0;
+/// Columns at the right without data, because of the correlation window.
+const BLANK_COLUMNS: usize = 8;
+/// Slope in raw units per pixel from which readings fail: 0.6 tan(angle) / z, so 77° at 0.8 m.
+const GRAZING_SLOPE: f32 = 3.2;
+/// Slope added until four of five readings fail.
+const GRAZING_SPAN: f32 = 5.0;
+
+/// Mixes a number thoroughly (the finaliser of SplitMix64; Steele, Lea & Flood 2014).
+pub(crate) fn hash(seed: u64, index: u64) -> u64 {
+    let mut z = seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A number in −1…1 for each seed and index.
+pub(crate) fn uniform(seed: u64, index: u64) -> f32 {
+    (hash(seed, index) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+}
+
+/// Prepared random numbers.
+pub(crate) struct Tiles {
+    /// Independent, standard normal.
+    white: Vec<f32>,
+    /// Alike within about three pixels, standard normal.
+    smooth: Vec<f32>,
+}
+
+impl Tiles {
+    pub(crate) fn new(seed: u64) -> Self {
+        let white: Vec<f32> = (0..(SIDE * SIDE) as u64)
+            .map(|i| {
+                // A sum of uniforms is normal enough, and needs no library function whose last digit may differ.
+                let sum: f32 = (0..8).map(|k| uniform(seed, i * 8 + k)).sum();
+                sum * (3.0f32 / 8.0).sqrt()
+            })
+            .collect();
+        let smooth = (0..SIDE * SIDE)
+            .map(|i| {
+                let (row, col) = (i / SIDE, i % SIDE);
+                let mut sum = 0.0;
+                for (dr, wr) in [(SIDE - 1, 0.5), (0, 1.0), (1, 0.5)] {
+                    for (dc, wc) in [(SIDE - 1, 0.5), (0, 1.0), (1, 0.5)] {
+                        sum += wr * wc * white[(row + dr) % SIDE * SIDE + (col + dc) % SIDE];
+                    }
+                }
+                // Root of the sum of the squared weights: 1.5.
+                sum / 1.5
+            })
+            .collect();
+        Self { white, smooth }
+    }
+
+    fn row(tile: &[f32], row: usize) -> &[f32] {
+        let start = (row % SIDE) * SIDE;
+        &tile[start..start + SIDE]
+    }
+}
+
+/// The depth camera's errors.
+pub(crate) struct DepthReading {
+    /// Raw value = `raw_far` + `raw_per_inverse` / z.
+    pub(crate) raw_far: f32,
+    pub(crate) raw_per_inverse: f32,
+}
+
+impl DepthReading {
+    /// Reads a perfect picture (1/z per pixel, 0 = nothing) as the sensor would.
+    pub(crate) fn read(
+        &self,
+        inverse: &[f32],
+        tiles: &Tiles,
+        seed: u64,
+        depth: &mut [u16; PIXELS],
+    ) {
+        let offset = |k| (hash(seed, k) as usize) % SIDE;
+        let (o1, o2, o3, o4) = (offset(1), offset(2), offset(3), offset(4));
+        let mut dark = [false; WIDTH];
+        for row in 0..HEIGHT {
+            let here = &inverse[row * WIDTH..(row + 1) * WIDTH];
+            let above = &inverse[row.saturating_sub(1) * WIDTH..][..WIDTH];
+            let below = &inverse[(row + 1).min(HEIGHT - 1) * WIDTH..][..WIDTH];
+            self.shade(here, &mut dark);
+            let jitter = Tiles::row(&tiles.white, row + o1);
+            let wobble = Tiles::row(&tiles.smooth, row + o2);
+            let chance = Tiles::row(&tiles.smooth, row + o4);
+            let out = &mut depth[row * WIDTH..(row + 1) * WIDTH];
+            for col in 0..WIDTH {
+                let (before, after) = (col.saturating_sub(1), (col + 1).min(WIDTH - 1));
+                let across = (here[after] - here[before]).abs() * 0.5;
+                let along = (below[col] - above[col]).abs() * 0.5;
+                let slope = across.max(along) * -self.raw_per_inverse;
+                let mut value = here[col];
+                let mut lit = !dark[col];
+                if slope > GRAZING_SLOPE {
+                    // An edge: the window sees one side or the other.
+                    let n = jitter[(col + o1) % SIDE];
+                    let source = if n > 0.7 {
+                        after
+                    } else if n < -0.7 {
+                        before
+                    } else {
+                        col
+                    };
+                    value = here[source];
+                    lit &= !dark[source];
+                    let fails = ((slope - GRAZING_SLOPE) / GRAZING_SPAN).min(1.0) * 1.7 - 0.85;
+                    lit &= chance[(col + o4) % SIDE] > fails;
+                }
+                let raw = self.raw_far
+                    + self.raw_per_inverse * value
+                    + DISPARITY_SIGMA * wobble[(col + o3) % SIDE];
+                out[col] = if lit && value > 0.0 && (NEAREST_RAW..FARTHEST_RAW).contains(&raw) {
+                    (raw + 0.5) as u16
+                } else {
+                    NO_DEPTH
+                };
+            }
+            out[WIDTH - BLANK_COLUMNS..].fill(NO_DEPTH);
+        }
+    }
+
+    /// Marks what the projector does not light. Seen from the projector a pixel stands at column + raw / 8 (plus a
+    /// constant); going left, that must fall, else something nearer to the right is in the way.
+    fn shade(&self, inverse: &[f32], dark: &mut [bool; WIDTH]) {
+        let mut nearest = f32::INFINITY;
+        for col in (0..WIDTH).rev() {
+            let seen = col as f32 + self.raw_per_inverse * inverse[col] * 0.125;
+            dark[col] = seen > nearest + 0.5;
+            nearest = nearest.min(seen);
+        }
+    }
+}
+
+/// Bayer mosaic of an RGB picture with exposure and sensor noise (`sigma` grey levels). Green, red / blue, green.
+pub(crate) fn expose(
+    rgb: &[[u8; 3]],
+    exposure: f32,
+    sigma: f32,
+    tiles: &Tiles,
+    seed: u64,
+    bayer: &mut [u8; PIXELS],
+) {
+    let offset = |k| (hash(seed, k) as usize) % SIDE;
+    let (o5, o6) = (offset(5), offset(6));
+    for row in 0..HEIGHT {
+        let noise = Tiles::row(&tiles.white, row + o5);
+        let colours = &rgb[row * WIDTH..(row + 1) * WIDTH];
+        let out = &mut bayer[row * WIDTH..(row + 1) * WIDTH];
+        let channel = if row % 2 == 0 { [1, 0] } else { [2, 1] };
+        for col in 0..WIDTH {
+            let value = f32::from(colours[col][channel[col % 2]]) * exposure
+                + sigma * noise[(col + o6) % SIDE]
+                + 0.5;
+            out[col] = value.clamp(0.0, 255.0) as u8;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::camera::Camera;
+
+    fn reading() -> DepthReading {
+        super::super::depth_reading(&Camera::nominal())
+    }
+
+    fn boxed() -> Box<[u16; PIXELS]> {
+        vec![0; PIXELS].try_into().expect("PIXELS long")
+    }
+
+    #[test]
+    fn the_noise_of_a_wall_is_half_a_raw_unit_and_unbiased() {
+        let (camera, tiles) = (Camera::nominal(), Tiles::new(7));
+        let mut depth = boxed();
+        let (mut sum, mut squares, mut n) = (0.0f64, 0.0f64, 0.0f64);
+        for k in 0..20 {
+            let z = 1.0 + 0.0007 * k as f32;
+            let truth = f64::from(camera.raw_from_m(z));
+            reading().read(&vec![1.0 / z; PIXELS], &tiles, k, &mut depth);
+            for row in 0..HEIGHT {
+                for &raw in &depth[row * WIDTH..row * WIDTH + WIDTH - BLANK_COLUMNS] {
+                    let error = f64::from(raw) - truth;
+                    sum += error;
+                    squares += error * error;
+                    n += 1.0;
+                }
+            }
+        }
+        let (mean, deviation) = (sum / n, (squares / n).sqrt());
+        assert!(mean.abs() < 0.03, "bias {mean} raw units");
+        assert!(
+            (deviation - 0.5).abs() < 0.03,
+            "deviation {deviation} raw units"
+        );
+        assert!(depth[WIDTH - 1] == NO_DEPTH && depth[WIDTH - 9] != NO_DEPTH);
+    }
+
+    #[test]
+    fn the_shadow_is_to_the_left_and_as_wide_as_the_disparities_differ() {
+        let (near, far) = (0.8, 1.6);
+        let mut inverse = vec![1.0 / far; PIXELS];
+        for row in 100..300 {
+            inverse[row * WIDTH + 300..row * WIDTH + 400].fill(1.0 / near);
+        }
+        let mut depth = boxed();
+        reading().read(&inverse, &Tiles::new(1), 1, &mut depth);
+        let row = &depth[200 * WIDTH..201 * WIDTH];
+        // Disparity is f b / z: 575.8 px × 0.075 m × (1/0.8 − 1/1.6) = 27 px.
+        let dark = row[250..300].iter().filter(|&&raw| raw == NO_DEPTH).count();
+        assert!((25..=29).contains(&dark), "{dark} pixels");
+        assert!(row[402..500].iter().all(|&raw| raw != NO_DEPTH));
+    }
+}
