@@ -15,3 +15,13 @@ pub const LANDMARKS: usize = 68;
 pub const HEAD_POINTS: usize = 2048;
 /// People followed at once.
 pub const USERS: usize = 4;
+/// Geometric measures of a face: the paper's and the fore–aft ones, with the eye distance.
+pub const MEASURES: usize = 13;
+/// Measures whose range is learnt: all but the eye distance.
+pub const LEARNT_MEASURES: usize = MEASURES - 1;
+/// Weight columns at most: two for every learnt measure.
+pub const UNITS: usize = 2 * LEARNT_MEASURES;
+/// Samples kept per measure by the paper's method (16 bytes each): 64, 256 and 1024 do equally well.
+pub const PAPER_SAMPLES: usize = 128;
+/// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
+pub const RANGE_NODES: usize = 64;

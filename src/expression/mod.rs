@@ -1,1 +1,465 @@
 //! Landmarks to measures, samples, ranges and unit weights (paper section 2).
+//!
+//! What it computes: for one person, in every frame, the geometric measures of the face and from them the weight of every
+//! FACS unit, while it learns where this person rests and how far their expressions go. Nobody calibrates anything.
+//!
+//! ```text
+//! landmarks ─► measures ─► scaled ─┬─► learner per measure ─► range ─┐
+//! (head frame)  (metres)   (by w)  │   paper │ robust                ▼
+//! pose ─► weight ω ────────────────┘             one-euro ─► dead zone ─► weight ─► columns
+//! ```
+//! Whose method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*,
+//! section 2: [`Method::Paper`], literally, in `weight`, `compensate`, `samples`, `one_way`, `two_way`. The default,
+//! [`Method::Robust`], keeps the measures and sample weights and replaces the range rules (`robust`), since the literal
+//! ones read 0.2 to 0.4 on a still face.
+//!
+//! Units and frames: landmarks in the head frame, metres; measures in units of the inner-eye-corner distance; weights 0 to
+//! 1 and beyond. Memory: fixed, about 40 KiB a person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
+//! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames the tracker
+//! doubts, or with ω < 1/3, give weights but teach nothing. In the first third of a second all weights are 0, then fade in.
+
+pub mod compensate;
+pub mod ends;
+pub mod measures;
+pub mod newcomer;
+pub mod nodes;
+pub mod noise;
+pub mod one_way;
+pub mod paper;
+pub mod range;
+pub mod rest;
+pub mod robust;
+pub mod samples;
+pub mod saved;
+pub mod smooth;
+pub mod two_way;
+pub mod units;
+pub mod weight;
+
+pub use measures::{Measure, Scale};
+pub use range::Range;
+pub use saved::Learned;
+pub use units::{UnitName, Units};
+
+use crate::capacity::{LEARNT_MEASURES, MEASURES, UNITS};
+use crate::geometry::Rigid;
+use crate::landmarks::Landmarks;
+use crate::time::Timestamp;
+use measures::EyeDistance;
+use newcomer::Newcomer;
+use paper::{PaperLearner, PaperSettings};
+use robust::{RobustLearner, RobustSettings};
+use smooth::OneEuro;
+use units::Explained;
+
+/// How ranges are learnt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Mode, ends by evidence, bounded motion.
+    #[default]
+    Robust,
+    /// Sections 2.2 to 2.6 as the paper has them.
+    Paper,
+}
+
+/// Settings of the stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How ranges are learnt.
+    pub method: Method,
+    /// What measures are divided by.
+    pub scale: Scale,
+    /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
+    pub best_distance_m: f64,
+    /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
+    pub half_life_s: f64,
+    /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
+    pub range_prior: f64,
+    /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
+    pub dead_zone: f64,
+    /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
+    pub smoothing_hz: f64,
+    /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
+    pub compensation_scale: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::Robust,
+            scale: Scale::ByMethod,
+            best_distance_m: 0.5,
+            half_life_s: 300.0,
+            range_prior: 8.0,
+            dead_zone: 1.25,
+            smoothing_hz: 3.0,
+            compensation_scale: 0.25,
+        }
+    }
+}
+
+impl Settings {
+    fn scale(&self) -> Scale {
+        match (self.scale, self.method) {
+            (Scale::ByMethod, Method::Paper) => Scale::Frame,
+            (Scale::ByMethod, Method::Robust) => Scale::Learnt,
+            (scale, _) => scale,
+        }
+    }
+}
+
+/// One frame's result. Columns are in the order of [`Expression::unit_names`].
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// By [`Measure`], in units of the inner-eye-corner distance; the eye distance in metres.
+    pub measures: [f32; MEASURES],
+    units: [f32; UNITS],
+    readiness: [f32; UNITS],
+    columns: usize,
+    /// Ranges are still mostly the population's.
+    pub warming: bool,
+    /// Nothing is being learnt.
+    pub frozen: bool,
+}
+
+impl Weights {
+    /// Weight of each unit: 0 to 1, above 1 if exaggerated, never below 0 or non-finite.
+    #[must_use]
+    pub fn units(&self) -> &[f32] {
+        &self.units[..self.columns]
+    }
+
+    /// 0…1 for each unit: how far its range is this person's.
+    #[must_use]
+    pub fn readiness(&self) -> &[f32] {
+        &self.readiness[..self.columns]
+    }
+}
+
+/// A frame stands for at most this long, seconds: what lies between was not seen.
+const LONGEST_FRAME_S: f64 = 0.1;
+/// The frame before the first.
+const USUAL_FRAME_S: f64 = 1.0 / 30.0;
+/// A loss longer than this may have changed the person, seconds.
+const LONG_LOSS_S: f64 = 2.0;
+/// Faces, and measures, that are less certain teach nothing.
+const LEAST_CONFIDENCE: f32 = 0.3;
+/// Weights fade in between these seconds of presence.
+const FADE_S: core::ops::Range<f64> = 0.3..0.6;
+/// Median readiness of rest at which the ranges are the person's.
+const WARM: f64 = 0.5;
+/// Seconds of evidence after which a rest says who this is.
+const KNOWN_REST_S: f64 = 2.0;
+
+// The robust learner is the larger one and the default, so a box would only cost.
+#[expect(clippy::large_enum_variant, reason = "one per person, built once")]
+#[derive(Clone, Debug)]
+enum Learners {
+    Robust([RobustLearner; LEARNT_MEASURES]),
+    Paper([PaperLearner; LEARNT_MEASURES]),
+}
+
+/// The stage, one for each person.
+#[derive(Clone, Debug)]
+pub struct Expression {
+    settings: Settings,
+    units: Units,
+    names: heapless::Vec<UnitName, UNITS>,
+    scale: EyeDistance,
+    learners: Learners,
+    filters: [OneEuro; LEARNT_MEASURES],
+    newcomer: Newcomer,
+    last_at: Option<Timestamp>,
+    present_s: f64,
+    corrected: [f64; LEARNT_MEASURES],
+    resets: u64,
+    weights: Weights,
+}
+
+impl Expression {
+    /// A person nobody has seen yet.
+    #[must_use]
+    pub fn new(settings: Settings, units: Units) -> Self {
+        let paper = settings.method == Method::Paper;
+        let phase = |m: usize| m as f64 / LEARNT_MEASURES as f64;
+        let learners = match settings.method {
+            Method::Robust => {
+                let robust = RobustSettings {
+                    half_life_s: settings.half_life_s,
+                    range_prior: settings.range_prior,
+                };
+                Learners::Robust(core::array::from_fn(|m| {
+                    RobustLearner::new(robust, units.rows[m].prior, phase(m))
+                }))
+            }
+            Method::Paper => {
+                let literal = PaperSettings {
+                    half_life_s: settings.half_life_s,
+                    compensation_scale: settings.compensation_scale,
+                };
+                Learners::Paper(core::array::from_fn(|m| {
+                    let row = &units.rows[m];
+                    PaperLearner::new(literal, row.prior, row.paper_kind, phase(m))
+                }))
+            }
+        };
+        let names = units.columns(paper);
+        Self {
+            scale: EyeDistance::new(units.eye_distance_m),
+            learners,
+            filters: Default::default(),
+            newcomer: Newcomer::default(),
+            last_at: None,
+            present_s: 0.0,
+            corrected: [0.0; LEARNT_MEASURES],
+            resets: 0,
+            weights: Weights {
+                measures: [0.0; MEASURES],
+                units: [0.0; UNITS],
+                readiness: [0.0; UNITS],
+                columns: names.len(),
+                warming: true,
+                frozen: false,
+            },
+            names,
+            settings,
+            units,
+        }
+    }
+
+    /// Names of the weights' columns, such as `AU12L`.
+    #[must_use]
+    pub fn unit_names(&self) -> &[UnitName] {
+        &self.names
+    }
+
+    /// The last frame's result.
+    #[must_use]
+    pub fn weights(&self) -> &Weights {
+        &self.weights
+    }
+
+    /// Range in use for each learnt measure, in the order of [`Measure::ALL`].
+    #[must_use]
+    pub fn ranges(&self) -> [Range; LEARNT_MEASURES] {
+        match &self.learners {
+            Learners::Robust(learners) => core::array::from_fn(|m| learners[m].range()),
+            Learners::Paper(learners) => core::array::from_fn(|m| learners[m].range()),
+        }
+    }
+
+    /// How often a change of person was noticed here.
+    #[must_use]
+    pub fn resets(&self) -> u64 {
+        self.resets
+    }
+
+    /// Stops or resumes learning; weights go on.
+    pub fn freeze(&mut self, frozen: bool) {
+        self.weights.frozen = frozen;
+    }
+
+    /// Takes the present face for rest (robust; the paper's method has no such notion and learns on).
+    pub fn take_neutral(&mut self) {
+        if let Learners::Robust(learners) = &mut self.learners {
+            for (learner, &g) in learners.iter_mut().zip(&self.corrected) {
+                learner.set_rest(g);
+            }
+        }
+    }
+
+    /// Forgets the person: everything starts from the population again.
+    pub fn reset(&mut self) {
+        match &mut self.learners {
+            Learners::Robust(learners) => learners.iter_mut().for_each(RobustLearner::reset),
+            Learners::Paper(learners) => learners.iter_mut().for_each(PaperLearner::reset),
+        }
+        self.filters.iter_mut().for_each(OneEuro::reset);
+        self.scale.reset();
+        self.newcomer = Newcomer::default();
+        self.present_s = 0.0;
+        self.weights.warming = true;
+    }
+
+    /// What was learnt, to be kept (see [`Learned::write`]).
+    #[must_use]
+    pub fn learned(&self) -> Learned {
+        Learned {
+            eye_distance_m: self.scale.get(),
+            ranges: self.ranges(),
+        }
+    }
+
+    /// Starts from what was learnt of this person before (robust; the paper's method starts from the population).
+    pub fn restore(&mut self, learned: &Learned) {
+        self.reset();
+        self.scale = EyeDistance::new(learned.eye_distance_m);
+        if let Learners::Robust(learners) = &mut self.learners {
+            for (learner, range) in learners.iter_mut().zip(learned.ranges) {
+                learner.restore(range);
+            }
+        }
+    }
+
+    /// Measures a frame, learns from it and weighs it.
+    pub fn observe(
+        &mut self,
+        landmarks: &Landmarks,
+        sensor_from_head: &Rigid,
+        at: Timestamp,
+    ) -> &Weights {
+        let raw = measures::raw(&landmarks.head);
+        if raw.iter().any(|g| !g.is_finite()) || raw[Measure::EyeDistance as usize] <= 0.0 {
+            return &self.weights;
+        }
+        let since = self
+            .last_at
+            .map_or(USUAL_FRAME_S, |last| at.seconds_since(last));
+        self.last_at = Some(at);
+        let dt = since.clamp(0.0, LONGEST_FRAME_S);
+        if since > LONGEST_FRAME_S {
+            self.interrupt(since > LONG_LOSS_S);
+        }
+        self.present_s += dt;
+
+        let omega = weight::sample_weight(sensor_from_head, self.settings.best_distance_m);
+        let learns = !self.weights.frozen && landmarks.confidence >= LEAST_CONFIDENCE;
+        let w = raw[Measure::EyeDistance as usize];
+        if learns && measures::confidence(Measure::EyeDistance, landmarks) >= LEAST_CONFIDENCE {
+            self.scale.observe(w, omega * dt);
+        }
+        let divisor = if self.settings.scale() == Scale::Frame {
+            w
+        } else {
+            self.scale.get()
+        };
+        self.weights.measures = measures::scaled(&raw, divisor);
+        self.correct();
+        if learns {
+            self.learn(landmarks, omega, dt);
+        }
+        self.weigh(dt);
+        &self.weights
+    }
+
+    fn interrupt(&mut self, long: bool) {
+        if let Learners::Robust(learners) = &mut self.learners {
+            learners.iter_mut().for_each(RobustLearner::interrupt);
+            if long {
+                self.newcomer.after_loss();
+            }
+        }
+        self.filters.iter_mut().for_each(OneEuro::reset);
+    }
+
+    /// Takes cross-talk out (robust): what one measure does because another expression is on.
+    fn correct(&mut self) {
+        let measures = self.weights.measures;
+        self.corrected = core::array::from_fn(|m| f64::from(measures[m]));
+        let Learners::Robust(learners) = &self.learners else {
+            return;
+        };
+        let departure = |by: Measure| {
+            let learner = &learners[by as usize];
+            let dead_zone = self.settings.dead_zone * learner.sigma();
+            (f64::from(measures[by as usize]) - learner.range().rest - dead_zone).max(0.0)
+        };
+        for (m, row) in self.units.rows.iter().enumerate() {
+            for &Explained { by, share } in &row.explained {
+                self.corrected[m] -= share * departure(by);
+            }
+        }
+    }
+
+    fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64) {
+        let certain =
+            |row: &units::Unit| measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE;
+        match &mut self.learners {
+            Learners::Robust(learners) => {
+                for ((learner, row), &g) in learners
+                    .iter_mut()
+                    .zip(&self.units.rows)
+                    .zip(&self.corrected)
+                {
+                    if certain(row) {
+                        learner.observe(g, omega, dt, true);
+                    } else {
+                        learner.interrupt();
+                    }
+                }
+                let rest = |m: usize| {
+                    let learner: &RobustLearner = &learners[m];
+                    (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
+                };
+                let sd = |m: usize| self.units.rows[m].prior.rest_sd;
+                if self.newcomer.observe(&self.corrected, omega, dt, rest, sd) {
+                    self.reset();
+                    self.resets += 1;
+                }
+            }
+            Learners::Paper(learners) => {
+                for ((learner, row), &g) in learners
+                    .iter_mut()
+                    .zip(&self.units.rows)
+                    .zip(&self.corrected)
+                {
+                    if certain(row) {
+                        learner.observe(g, omega, dt);
+                    }
+                }
+            }
+        }
+    }
+
+    fn weigh(&mut self, dt: f64) {
+        let fade = ((self.present_s - FADE_S.start) / (FADE_S.end - FADE_S.start)).clamp(0.0, 1.0);
+        if fade == 0.0 {
+            // Rest is still being placed; the filters must not carry that into what is shown.
+            self.filters.iter_mut().for_each(OneEuro::reset);
+        }
+        let mut column = 0;
+        let mut rests = [0.0; LEARNT_MEASURES];
+        for (m, row) in self.units.rows.iter().enumerate() {
+            let g = self.corrected[m];
+            let (kind, signed, up_ready, down_ready) = match &self.learners {
+                Learners::Robust(learners) => {
+                    let learner = &learners[m];
+                    let (range, kind) = (learner.range(), row.prior.kind);
+                    let side = if g >= range.rest || !kind.falls() {
+                        range.high - range.rest
+                    } else {
+                        range.rest - range.low
+                    };
+                    let g = self.filters[m].filter(g, side, self.settings.smoothing_hz, dt);
+                    let (up, down) = learner.readiness();
+                    rests[m] = learner.rest_readiness();
+                    (
+                        kind,
+                        range.weight(g, kind, self.settings.dead_zone * learner.sigma()),
+                        up,
+                        down,
+                    )
+                }
+                Learners::Paper(learners) => {
+                    let readiness = learners[m].readiness();
+                    rests[m] = readiness;
+                    (row.paper_kind, learners[m].weight(g), readiness, readiness)
+                }
+            };
+            let sides = [
+                (kind.rises(), signed, up_ready),
+                (kind.falls(), -signed, down_ready),
+            ];
+            for (_, weight, readiness) in sides.into_iter().filter(|side| side.0) {
+                self.weights.units[column] = (weight.max(0.0) * fade) as f32;
+                self.weights.readiness[column] = readiness as f32;
+                column += 1;
+            }
+        }
+        rests.sort_unstable_by(f64::total_cmp);
+        self.weights.warming = rests[LEARNT_MEASURES / 2] < WARM;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -2,4 +2,5 @@
 
 pub mod heads;
 pub mod ict;
+pub mod priors;
 pub mod train;

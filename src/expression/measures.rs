@@ -1,0 +1,405 @@
+//! Landmarks to geometric measures: the distances and height differences of paper section 2.1, in the head frame.
+//!
+//! Method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*, section
+//! 2.1. All measures are taken where rigid motion is already removed, so "height" is along the head's y and "forward" along
+//! its −z, whatever way the head is turned.
+//!
+//! Scale: g' = g / w with w the distance of the inner eye corners. [`Scale::Frame`] divides by the frame's own w, as the
+//! paper says. w is a constant of the person, though, and two landmarks' jitter on it reaches every large measure (a jaw
+//! drop of 3 w moves by three times the relative error of w); [`Scale::Learnt`] therefore divides by a running robust
+//! estimate, [`EyeDistance`].
+//!
+//! Units: [`raw`] gives metres; after [`scaled`] everything is in units of w but the eye distance itself, which stays in
+//! metres. Cost: some hundred additions a frame, no memory. Degenerate: coinciding eye corners (w ≈ 0) give no measures.
+//! Limitation: the brow is measured against the middle of the eye-corner line, so a head frame that rolls by 1° moves it
+//! by nothing but a one-sided error of the corners by half of that error.
+
+use crate::capacity::{LANDMARKS, MEASURES};
+use crate::geometry::Point;
+use crate::landmarks::Landmarks;
+
+/// The measures in the order of all arrays and columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(usize)]
+pub enum Measure {
+    /// Height of the lower lip's inner edge, mean(65, 66, 67), below the upper one's, mean(61, 62, 63).
+    LipGap,
+    /// Distance of the mouth corners 48 and 54.
+    MouthWidth,
+    /// Lower-lip middle minus upper-lip middle, towards the subject's left.
+    LipShift,
+    /// Lower-lip middle minus upper-lip middle, towards the camera.
+    LipThrust,
+    /// Both lip middles forward of the inner eye corners.
+    LipProtrusion,
+    /// Height of the left brow (22–26) above the middle of the eye-corner line (42, 45).
+    BrowL,
+    /// Height of the right brow (17–21) above the middle of the eye-corner line (36, 39).
+    BrowR,
+    /// Height of the left lower lid (46, 47) below the upper one (43, 44).
+    LidL,
+    /// Height of the right lower lid (40, 41) below the upper one (37, 38).
+    LidR,
+    /// Height of the left nostril (34, 35) below the left inner eye corner (42).
+    NostrilL,
+    /// Height of the right nostril (31, 32) below the right inner eye corner (39).
+    NostrilR,
+    /// Height of the chin (7–9) below the inner eye corners.
+    JawDrop,
+    /// Distance of the inner eye corners, in metres even after scaling.
+    EyeDistance,
+}
+
+impl Measure {
+    /// All, in order.
+    pub const ALL: [Self; MEASURES] = [
+        Self::LipGap,
+        Self::MouthWidth,
+        Self::LipShift,
+        Self::LipThrust,
+        Self::LipProtrusion,
+        Self::BrowL,
+        Self::BrowR,
+        Self::LidL,
+        Self::LidR,
+        Self::NostrilL,
+        Self::NostrilR,
+        Self::JawDrop,
+        Self::EyeDistance,
+    ];
+
+    /// Column name without the leading `m_`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::LipGap => "lip_gap",
+            Self::MouthWidth => "mouth_width",
+            Self::LipShift => "lip_shift",
+            Self::LipThrust => "lip_thrust",
+            Self::LipProtrusion => "lip_protrusion",
+            Self::BrowL => "brow_L",
+            Self::BrowR => "brow_R",
+            Self::LidL => "lid_L",
+            Self::LidR => "lid_R",
+            Self::NostrilL => "nostril_L",
+            Self::NostrilR => "nostril_R",
+            Self::JawDrop => "jaw_drop",
+            Self::EyeDistance => "eye_distance",
+        }
+    }
+
+    /// The measure of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|measure| measure.name() == name)
+    }
+
+    /// The landmarks it is made of.
+    #[must_use]
+    pub const fn landmarks(self) -> &'static [usize] {
+        match self {
+            Self::LipGap => &[61, 62, 63, 65, 66, 67],
+            Self::MouthWidth => &[48, 54],
+            Self::LipShift | Self::LipThrust => &[50, 51, 52, 56, 57, 58],
+            Self::LipProtrusion => &[50, 51, 52, 56, 57, 58, 39, 42],
+            Self::BrowL => &[22, 23, 24, 25, 26, 42, 45],
+            Self::BrowR => &[17, 18, 19, 20, 21, 36, 39],
+            Self::LidL => &[43, 44, 46, 47],
+            Self::LidR => &[37, 38, 40, 41],
+            Self::NostrilL => &[34, 35, 42],
+            Self::NostrilR => &[31, 32, 39],
+            Self::JawDrop => &[7, 8, 9, 39, 42],
+            Self::EyeDistance => &[39, 42],
+        }
+    }
+}
+
+/// Which eye-corner distance the measures are divided by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scale {
+    /// [`Scale::Frame`] for the paper's method, [`Scale::Learnt`] for the robust one.
+    #[default]
+    ByMethod,
+    /// The frame's own, g' = g / w, as in the paper.
+    Frame,
+    /// The person's, learnt over time.
+    Learnt,
+}
+
+fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
+    let sum = indices
+        .iter()
+        .fold(nalgebra::Vector3::zeros(), |sum, &i| sum + points[i].coords);
+    Point::from(sum / indices.len() as f32)
+}
+
+/// All measures in metres, from landmarks in the head frame.
+#[must_use]
+pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
+    let height_below =
+        |lower: &[usize], upper: &[usize]| mean(points, lower).y - mean(points, upper).y;
+    let upper_lip = mean(points, &[50, 51, 52]);
+    let lower_lip = mean(points, &[56, 57, 58]);
+    let eyes = mean(points, &[39, 42]);
+    let lips = nalgebra::center(&upper_lip, &lower_lip);
+    Measure::ALL.map(|measure| match measure {
+        Measure::LipGap => height_below(&[65, 66, 67], &[61, 62, 63]),
+        Measure::MouthWidth => nalgebra::distance(&points[48], &points[54]),
+        Measure::LipShift => lower_lip.x - upper_lip.x,
+        Measure::LipThrust => upper_lip.z - lower_lip.z,
+        Measure::LipProtrusion => eyes.z - lips.z,
+        Measure::BrowL => height_below(&[42, 45], &[22, 23, 24, 25, 26]),
+        Measure::BrowR => height_below(&[36, 39], &[17, 18, 19, 20, 21]),
+        Measure::LidL => height_below(&[46, 47], &[43, 44]),
+        Measure::LidR => height_below(&[40, 41], &[37, 38]),
+        Measure::NostrilL => height_below(&[34, 35], &[42]),
+        Measure::NostrilR => height_below(&[31, 32], &[39]),
+        Measure::JawDrop => height_below(&[7, 8, 9], &[39, 42]),
+        Measure::EyeDistance => nalgebra::distance(&points[39], &points[42]),
+    })
+}
+
+/// g' = g / w for all but the eye distance, which stays in metres. `w` in metres, above 0.
+#[must_use]
+pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
+    let mut scaled = raw.map(|g| g / w);
+    scaled[Measure::EyeDistance as usize] = raw[Measure::EyeDistance as usize];
+    scaled
+}
+
+/// Mean confidence of the landmarks behind a measure, 0…1.
+#[must_use]
+pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
+    let indices = measure.landmarks();
+    let sum: f32 = indices.iter().map(|&i| landmarks.point_confidence[i]).sum();
+    sum / indices.len() as f32
+}
+
+/// Eye-corner distances outside of this, in metres, are not a face: adults and children span 0.022 to 0.045.
+const PLAUSIBLE_M: core::ops::Range<f64> = 0.015..0.06;
+/// One frame moves the estimate as if it were at most this far off, as a share of it: an outlier counts like the edge.
+const CLIP: f64 = 0.06;
+/// Seconds that the population's mean is worth: people differ by ten times the noise of one frame.
+const PRIOR_S: f64 = 0.005;
+/// Seconds over which the estimate follows once it is old: slow enough to be a constant of the person.
+const MEMORY_S: f64 = 60.0;
+
+/// Running robust estimate of one person's inner-eye-corner distance.
+///
+/// A mean with clipped innovations: exact for clean data, moved by an outlier no more than by a 6 % error. Starts at the
+/// population's mean, which a tenth of a second of data outweighs.
+#[derive(Clone, Debug)]
+pub struct EyeDistance {
+    prior: f64,
+    estimate: f64,
+    seconds: f64,
+}
+
+impl EyeDistance {
+    /// Starts at the population's mean, in metres.
+    #[must_use]
+    pub fn new(prior_m: f32) -> Self {
+        let prior = f64::from(prior_m);
+        Self {
+            prior,
+            estimate: prior,
+            seconds: PRIOR_S,
+        }
+    }
+
+    /// Takes the frame's own distance (metres) with weight ω times the time it stands for (seconds).
+    pub fn observe(&mut self, w: f32, omega_dt: f64) {
+        let w = f64::from(w);
+        if !PLAUSIBLE_M.contains(&w) || omega_dt <= 0.0 {
+            return;
+        }
+        // Young estimates are not clipped: the population spreads by more than the clip.
+        let young = self.seconds < PRIOR_S + 0.5;
+        let clip = if young {
+            f64::INFINITY
+        } else {
+            CLIP * self.estimate
+        };
+        self.seconds = (self.seconds + omega_dt).min(MEMORY_S);
+        let innovation = (w - self.estimate).clamp(-clip, clip);
+        self.estimate += innovation * (omega_dt / self.seconds).min(1.0);
+    }
+
+    /// The estimate in metres.
+    #[must_use]
+    pub fn get(&self) -> f32 {
+        self.estimate as f32
+    }
+
+    /// Forgets the person.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.prior as f32);
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::geometry::Vector;
+
+    /// A flat toy face with round numbers: eye corners 30 mm apart.
+    pub(crate) fn toy_face() -> [Point; LANDMARKS] {
+        let mut p = [Point::origin(); LANDMARKS];
+        let mm = |x: f32, y: f32, z: f32| Point::new(x * 1e-3, y * 1e-3, z * 1e-3);
+        for (i, x) in [(7, -10.0), (8, 0.0), (9, 10.0)] {
+            p[i] = mm(x, 90.0, 0.0);
+        }
+        for k in 0..5 {
+            p[17 + k] = mm(-55.0 + 10.0 * k as f32, -20.0, 0.0);
+            p[22 + k] = mm(15.0 + 10.0 * k as f32, -20.0, 0.0);
+        }
+        (p[36], p[39], p[42], p[45]) = (
+            mm(-45.0, 0.0, 6.0),
+            mm(-15.0, 0.0, 0.0),
+            mm(15.0, 0.0, 0.0),
+            mm(45.0, 0.0, 6.0),
+        );
+        for (upper, lower, x) in [
+            (37, 41, -35.0),
+            (38, 40, -25.0),
+            (43, 47, 25.0),
+            (44, 46, 35.0),
+        ] {
+            (p[upper], p[lower]) = (mm(x, -5.0, 0.0), mm(x, 5.0, 0.0));
+        }
+        for (i, x) in [(31, -12.0), (32, -6.0), (33, 0.0), (34, 6.0), (35, 12.0)] {
+            p[i] = mm(x, 40.0, -10.0);
+        }
+        (p[48], p[54]) = (mm(-25.0, 60.0, -5.0), mm(25.0, 60.0, -5.0));
+        for k in 0..3 {
+            let x = 8.0 * (k as f32 - 1.0);
+            p[50 + k] = mm(x, 55.0, -12.0);
+            p[58 - k] = mm(x, 68.0, -10.0);
+            p[61 + k] = mm(x, 60.0, -9.0);
+            p[67 - k] = mm(x, 60.0, -9.0);
+        }
+        p
+    }
+
+    fn measured(p: &[Point; LANDMARKS], measure: Measure) -> f32 {
+        raw(p)[measure as usize]
+    }
+
+    #[test]
+    fn known_lengths_of_the_toy_face() {
+        let raw = raw(&toy_face());
+        let expected_mm = [
+            0.0, 50.0, 0.0, -2.0, 11.0, 20.0, 20.0, 10.0, 10.0, 40.0, 40.0, 90.0, 30.0,
+        ];
+        for (measure, expected) in Measure::ALL.into_iter().zip(expected_mm) {
+            let found = raw[measure as usize] * 1e3;
+            assert!(
+                (found - expected).abs() < 1e-4,
+                "{}: {found} mm",
+                measure.name()
+            );
+        }
+        let scaled = scaled(&raw, 0.03);
+        assert!((scaled[Measure::JawDrop as usize] - 3.0).abs() < 1e-6);
+        assert!((scaled[Measure::EyeDistance as usize] - 0.03).abs() < 1e-8);
+    }
+
+    #[test]
+    fn every_sign_is_the_contracts() {
+        // Displacement of some landmarks in mm, and the measure that must rise by exactly so much.
+        let cases: [(&[usize], Vector, Measure, f32); 12] = [
+            (&[65, 66, 67], Vector::y(), Measure::LipGap, 1.0),
+            (&[54], Vector::x(), Measure::MouthWidth, 1.0),
+            (&[56, 57, 58], Vector::x(), Measure::LipShift, 1.0),
+            (&[56, 57, 58], -Vector::z(), Measure::LipThrust, 1.0),
+            (
+                &[50, 51, 52, 56, 57, 58],
+                -Vector::z(),
+                Measure::LipProtrusion,
+                1.0,
+            ),
+            (&[22, 23, 24, 25, 26], -Vector::y(), Measure::BrowL, 1.0),
+            (&[17, 18, 19, 20, 21], -Vector::y(), Measure::BrowR, 1.0),
+            (&[43, 44], Vector::y(), Measure::LidL, -1.0),
+            (&[37, 38], Vector::y(), Measure::LidR, -1.0),
+            (&[34, 35], -Vector::y(), Measure::NostrilL, -1.0),
+            (&[31, 32], -Vector::y(), Measure::NostrilR, -1.0),
+            (&[7, 8, 9], Vector::y(), Measure::JawDrop, 1.0),
+        ];
+        for (points, direction, measure, rise_mm) in cases {
+            let mut p = toy_face();
+            let before = measured(&p, measure);
+            for &i in points {
+                p[i] += direction * 1e-3;
+            }
+            let rise = (measured(&p, measure) - before) * 1e3;
+            assert!(
+                (rise - rise_mm).abs() < 1e-3,
+                "{} rose by {rise} mm",
+                measure.name()
+            );
+        }
+    }
+
+    #[test]
+    fn each_measure_depends_on_its_landmarks_only() {
+        for measure in Measure::ALL {
+            for i in 0..LANDMARKS {
+                let mut p = toy_face();
+                p[i] += Vector::new(1e-3, 2e-3, 3e-3);
+                let moved = (measured(&p, measure) - measured(&toy_face(), measure)).abs() > 1e-7;
+                assert_eq!(
+                    moved,
+                    measure.landmarks().contains(&i),
+                    "{} and point {i}",
+                    measure.name()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sizes_cancel_and_shifts_do_not_matter() {
+        let p = toy_face();
+        let q = p.map(|p| Point::from(p.coords * 1.2 + Vector::new(0.01, 0.02, 0.03)));
+        let (a, b) = (raw(&p), raw(&q));
+        let (a, b) = (scaled(&a, a[12]), scaled(&b, b[12]));
+        for measure in Measure::ALL
+            .into_iter()
+            .filter(|&m| m != Measure::EyeDistance)
+        {
+            let i = measure as usize;
+            assert!(
+                (a[i] - b[i]).abs() < 1e-5,
+                "{}: {} and {}",
+                measure.name(),
+                a[i],
+                b[i]
+            );
+        }
+    }
+
+    #[test]
+    fn eye_distance_is_learnt_within_a_second_and_shrugs_off_outliers() {
+        let mut w = EyeDistance::new(0.031);
+        let dt = 1.0 / 30.0;
+        for frame in 0..900 {
+            let outlier = frame % 20 == 19;
+            w.observe(if outlier { 0.05 } else { 0.035 }, dt);
+            if frame == 10 {
+                assert!(
+                    (w.get() - 0.035).abs() < 0.0012,
+                    "after a third of a second: {}",
+                    w.get()
+                );
+            }
+        }
+        // A plain mean would sit at 0.03575.
+        assert!((w.get() - 0.035).abs() < 0.00015, "{}", w.get());
+        w.observe(f32::NAN, dt);
+        w.observe(0.0, dt);
+        assert!(w.get().is_finite());
+        w.reset();
+        assert!((w.get() - 0.031).abs() < 1e-7);
+    }
+}

@@ -1,0 +1,146 @@
+//! Is this still the same person? An expression moves a few measures, another face moves most of them.
+//!
+//! The share of measures whose median over the last ten seconds is off the learnt rest by more than half a standard
+//! deviation over people: natural behaviour stays under 0.11, a held smile under 0.22, another person has 0.39 to 0.94
+//! (simulated, 14 persons). More than half of them for ten seconds is another person; after the face was lost for over two
+//! seconds, when a change is likely, a third within two and a half seconds is enough.
+//! No method learns its way out of a change of person within a minute, so this asks for a reset.
+//!
+//! Memory: 32 values a measure. Cost: a copy three times a second. Degenerate: poor samples (ω < 0.6) are not judged; rests
+//! that are not known yet say nothing.
+//! Limitation: a person with the same proportions goes unnoticed, and harmlessly so.
+
+use crate::capacity::LEARNT_MEASURES;
+
+const SLOTS: usize = 32;
+/// Seconds between two samples: 32 cover ten seconds.
+const EVERY_S: f64 = 10.0 / SLOTS as f64;
+/// Samples that do after a loss: two and a half seconds.
+const SLOTS_AFTER_LOSS: usize = 8;
+const SHARE: f64 = 0.5;
+const SHARE_AFTER_LOSS: f64 = 1.0 / 3.0;
+/// How long the shorter rule holds after a loss, in samples.
+const SUSPICIOUS_SLOTS: usize = 16;
+/// Samples under this weight say more about the pose than about the person.
+const LEAST_WEIGHT: f64 = 0.6;
+
+/// Watches for a change of person.
+#[derive(Clone, Debug)]
+pub struct Newcomer {
+    history: [[f32; LEARNT_MEASURES]; SLOTS],
+    filled: usize,
+    next: usize,
+    waited_s: f64,
+    suspicious: usize,
+}
+
+impl Default for Newcomer {
+    fn default() -> Self {
+        Self {
+            history: [[0.0; LEARNT_MEASURES]; SLOTS],
+            filled: 0,
+            next: 0,
+            waited_s: 0.0,
+            suspicious: 0,
+        }
+    }
+}
+
+impl Newcomer {
+    /// The face was away: whoever comes is judged sooner and by a lower bar.
+    pub fn after_loss(&mut self) {
+        *self = Self {
+            suspicious: SUSPICIOUS_SLOTS,
+            ..Self::default()
+        };
+    }
+
+    /// Takes a frame's measures of weight ω; true if this is somebody else. `rest` is the learnt rest of a measure, `None`
+    /// while unknown, and `sd` its deviation over people.
+    pub fn observe(
+        &mut self,
+        values: &[f64; LEARNT_MEASURES],
+        omega: f64,
+        dt: f64,
+        rest: impl Fn(usize) -> Option<f64>,
+        sd: impl Fn(usize) -> f64,
+    ) -> bool {
+        self.waited_s += dt;
+        if omega < LEAST_WEIGHT || self.waited_s < EVERY_S {
+            return false;
+        }
+        self.waited_s = 0.0;
+        self.history[self.next] = values.map(|v| v as f32);
+        self.next = (self.next + 1) % SLOTS;
+        self.filled = (self.filled + 1).min(SLOTS);
+        self.suspicious = self.suspicious.saturating_sub(1);
+        let (needed, most) = if self.suspicious > 0 {
+            (SLOTS_AFTER_LOSS, SHARE_AFTER_LOSS)
+        } else {
+            (SLOTS, SHARE)
+        };
+        if self.filled < needed {
+            return false;
+        }
+        let (mut known, mut off) = (0, 0);
+        for measure in 0..LEARNT_MEASURES {
+            let Some(rest) = rest(measure) else { continue };
+            known += 1;
+            let median = f64::from(self.median(measure));
+            off += usize::from((median - rest).abs() > 0.5 * sd(measure));
+        }
+        2 * known > LEARNT_MEASURES && off as f64 > most * known as f64
+    }
+
+    fn median(&self, measure: usize) -> f32 {
+        let mut values = [0.0; SLOTS];
+        for (value, row) in values.iter_mut().zip(&self.history[..self.filled]) {
+            *value = row[measure];
+        }
+        let values = &mut values[..self.filled];
+        values.sort_unstable_by(f32::total_cmp);
+        values[self.filled / 2]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 1.0 / 30.0;
+
+    /// Seconds until somebody else is seen, with the first `off` measures one deviation off rest.
+    fn seconds_to_notice(newcomer: &mut Newcomer, off: usize) -> Option<f64> {
+        let values = std::array::from_fn(|m| if m < off { 1.1 } else { 1.0 });
+        (1..900)
+            .find(|_| newcomer.observe(&values, 0.95, DT, |_| Some(1.0), |_| 0.1))
+            .map(|frame| f64::from(frame) * DT)
+    }
+
+    #[test]
+    fn a_held_surprise_is_no_newcomer_but_another_face_is() {
+        assert_eq!(seconds_to_notice(&mut Newcomer::default(), 6), None);
+        let seconds = seconds_to_notice(&mut Newcomer::default(), 8).unwrap();
+        assert!((9.0..12.0).contains(&seconds), "{seconds}");
+    }
+
+    #[test]
+    fn after_a_loss_it_is_noticed_soon() {
+        let mut newcomer = Newcomer::default();
+        newcomer.after_loss();
+        let seconds = seconds_to_notice(&mut newcomer, 5).unwrap();
+        assert!((2.0..3.5).contains(&seconds), "{seconds}");
+        newcomer.after_loss();
+        assert_eq!(seconds_to_notice(&mut newcomer, 3), None);
+    }
+
+    #[test]
+    fn unknown_rests_and_poor_samples_say_nothing() {
+        let mut newcomer = Newcomer::default();
+        let values = [2.0; LEARNT_MEASURES];
+        for _ in 0..900 {
+            assert!(!newcomer.observe(&values, 0.95, DT, |m| (m < 3).then_some(1.0), |_| 0.1));
+            assert!(!Newcomer::default().observe(&values, 0.5, DT, |_| Some(1.0), |_| 0.1));
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Where a measure rests: the mode of its history, held to the population.
+//!
+//! A person's rest is the value they return to. The mode finds it where mean, median and quantiles follow a long smile.
+//! score(v) = [W within v ± h + 0.3 s × the prior's mass there] × exp(−½ ((v − r0)/(2 s0))²): W in seconds (a held pose
+//! counts less the longer it lasts), N(r0, s0²) rest over people. The best node is refined by mean shift (Fukunaga &
+//! Hostetler 1975). Rest leaves its present place for one more than 2.5 h away only if that wins by 1.3.
+//! Units of the measure. Memory: none. Cost: N² comparisons, run twice a second. Degenerate: an empty store gives r0.
+//! Limitation: an expression worn from the first frame on is taken for rest until it ends, as nothing tells them apart.
+
+use super::nodes::Node;
+use super::units::Prior;
+
+/// Seconds that the population's mass is worth.
+const PRIOR_S: f64 = 0.3;
+/// A far competitor must win by this factor.
+const HYSTERESIS: f64 = 1.3;
+/// Far is beyond so many half-widths.
+const FAR: f64 = 2.5;
+/// Steps of mean shift: enough to stand still within a window.
+const SHIFTS: usize = 6;
+
+/// Rest and the seconds of evidence within its window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// In units of the measure.
+    pub value: f64,
+    /// W within the window, seconds.
+    pub seconds: f64,
+}
+
+/// Finds the mode of `nodes` (weights divided by `growth` are seconds) with window half-width `h`, from the present rest.
+#[must_use]
+pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) -> Mode {
+    let weight_within = |v: f64| {
+        let first = nodes.partition_point(|node| node.value < v - h);
+        nodes[first..]
+            .iter()
+            .take_while(|node| node.value <= v + h)
+            .map(|node| node.rest)
+            .sum::<f64>()
+            / growth
+    };
+    let score = |v: f64| {
+        let z = (v - prior.rest) / prior.rest_sd;
+        let density = (-0.5 * z * z).exp() / (prior.rest_sd * (2.0 * core::f64::consts::PI).sqrt());
+        let mass = (2.0 * h * density).min(1.0);
+        (weight_within(v) + PRIOR_S * mass) * (-0.125 * z * z).exp()
+    };
+    let shifted = |mut v: f64| {
+        for _ in 0..SHIFTS {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for node in nodes.iter().filter(|node| (node.value - v).abs() <= h) {
+                sum += node.value * node.rest;
+                weight += node.rest;
+            }
+            if weight <= 0.0 {
+                break;
+            }
+            v = sum / weight;
+        }
+        v
+    };
+    let mut best = (prior.rest, score(prior.rest));
+    for node in nodes {
+        let score = score(node.value);
+        if score > best.1 {
+            best = (node.value, score);
+        }
+    }
+    let here = shifted(present);
+    let stays = (best.0 - present).abs() > FAR * h && best.1 < HYSTERESIS * score(here);
+    let value = if stays { here } else { shifted(best.0) };
+    Mode {
+        value,
+        seconds: weight_within(value),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::nodes::Nodes;
+    use crate::expression::units::Kind;
+
+    const PRIOR: Prior = Prior {
+        kind: Kind::TwoWay,
+        rest: 1.0,
+        rest_sd: 0.2,
+        up: 0.5,
+        down: 0.2,
+    };
+    const H: f64 = 0.05;
+
+    fn find(nodes: &Nodes<64>, present: f64) -> Mode {
+        mode(nodes.as_slice(), nodes.growth(), H, &PRIOR, present)
+    }
+
+    #[test]
+    fn without_data_it_is_the_population() {
+        assert_eq!(
+            find(&Nodes::new(), 1.0),
+            Mode {
+                value: 1.0,
+                seconds: 0.0
+            }
+        );
+    }
+
+    #[test]
+    fn the_crowd_wins_over_tails_and_prior() {
+        let mut nodes = Nodes::new();
+        for i in 0..100 {
+            nodes.push(1.2 + 0.0004 * f64::from(i % 11) - 0.002, 0.03, 0.03);
+            nodes.push(1.3 + 0.005 * f64::from(i), 0.01, 0.03);
+        }
+        let mode = find(&nodes, 1.0);
+        assert!((mode.value - 1.2).abs() < 0.002, "{mode:?}");
+        assert!((mode.seconds - 3.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_far_competitor_must_win_clearly() {
+        let mut nodes = Nodes::new();
+        nodes.push(0.9, 10.0, 10.0);
+        // Same distance from the population's mean, so the prior is neutral.
+        nodes.push(1.1, 12.0, 12.0);
+        nodes.push(1.3, 0.1, 0.1);
+        assert!((find(&nodes, 0.9).value - 0.9).abs() < 1e-9);
+        nodes.push(1.1, 2.0, 2.0);
+        assert!((find(&nodes, 0.9).value - 1.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_population_decides_between_equals() {
+        let mut nodes = Nodes::new();
+        nodes.push(1.1, 5.0, 5.0);
+        nodes.push(1.6, 6.0, 6.0);
+        assert!(
+            (find(&nodes, 1.35).value - 1.1).abs() < 1e-9,
+            "1.6 is three deviations away"
+        );
+    }
+}

@@ -1,0 +1,242 @@
+//! A bounded, sorted set of weighted samples of one measure that merges instead of dropping.
+//!
+//! Method: Jiang Na et al., section 2.4. While there is room a sample is kept as it is. When the set is full, a new sample
+//! s1 is merged with its nearest neighbour s2: v3 = (v1 ω1 + v2 ω2)/(ω1 + ω2) (6), ω3 = ω1 + ω2 (7), and s3 replaces s2.
+//! The count stays, the total weight and the mean are those of everything ever pushed.
+//!
+//! Weights grow for as long as the appliance runs: 30 Hz for a year is 10⁹, where f32 had stopped adding within days, so
+//! values and weights are f64 (at that weight a step of 1 is still exact to 10⁻⁷). Exact is not yet adaptive; [`SampleSet::decay`]
+//! divides all weights, which bounds them and lets the past fade. Merging depends on weight ratios only, so decaying
+//! everything and growing what comes in are the same.
+//!
+//! Units: those of the measure. Memory: 16 N + 8 bytes. Cost of a push: a binary search and a shift, N log N never.
+//! Policy when full: merge. Degenerate: non-finite values and weights ≤ 0 are refused.
+//! Limitation: merging with the nearest only moves what exists; an expression first shown after the set is full is drawn
+//! into the topmost resting sample. The robust method's store (`nodes`) merges the cheapest pair instead.
+
+/// One weighted value.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Sample {
+    /// In units of the measure.
+    pub value: f64,
+    /// ω, or a sum of them after merging.
+    pub weight: f64,
+}
+
+impl Sample {
+    /// Equations (6) and (7).
+    #[must_use]
+    pub fn merged(self, other: Self) -> Self {
+        let weight = self.weight + other.weight;
+        Self {
+            value: (self.value * self.weight + other.value * other.weight) / weight,
+            weight,
+        }
+    }
+}
+
+/// A sample that decayed below this part of a fresh one is forgotten, which also keeps weights from underflowing to 0.
+const FORGOTTEN: f64 = 1e-3;
+
+/// At most `N` samples, ascending by value.
+#[derive(Clone, Debug)]
+pub struct SampleSet<const N: usize> {
+    samples: heapless::Vec<Sample, N>,
+}
+
+impl<const N: usize> Default for SampleSet<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> SampleSet<N> {
+    /// Empty.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            samples: heapless::Vec::new(),
+        }
+    }
+
+    /// Ascending by value.
+    #[must_use]
+    pub fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// Sum of all weights.
+    #[must_use]
+    pub fn total_weight(&self) -> f64 {
+        self.samples.iter().map(|s| s.weight).sum()
+    }
+
+    /// Weighted mean, if there is any sample.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        let total = self.total_weight();
+        (total > 0.0).then(|| self.samples.iter().map(|s| s.value * s.weight).sum::<f64>() / total)
+    }
+
+    /// Takes a sample; when full it is merged with its nearest neighbour (the lower one of two equally near).
+    pub fn push(&mut self, sample: Sample) {
+        if !sample.value.is_finite() || !sample.weight.is_finite() || sample.weight <= 0.0 {
+            return;
+        }
+        let place = self.samples.partition_point(|s| s.value < sample.value);
+        if self.samples.insert(place, sample).is_ok() {
+            return;
+        }
+        let gap = |i: usize| (self.samples[i].value - sample.value).abs();
+        let nearest = match (place.checked_sub(1), place < self.samples.len()) {
+            (Some(below), true) if gap(below) <= gap(place) => below,
+            (Some(below), false) => below,
+            (_, true) => place,
+            // Only a set of capacity 0 has neither neighbour.
+            (None, false) => return,
+        };
+        // The merged value lies between two neighbours' values, so the order holds.
+        self.samples[nearest] = self.samples[nearest].merged(sample);
+    }
+
+    /// Multiplies all weights, 0 < factor ≤ 1, and drops what is then forgotten.
+    pub fn decay(&mut self, factor: f64) {
+        for sample in &mut self.samples {
+            sample.weight *= factor;
+        }
+        self.samples.retain(|sample| sample.weight >= FORGOTTEN);
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.samples.clear();
+    }
+
+    /// Merges the nearest two neighbours, again and again, until `count` are left (the lower pair of two equally near).
+    pub fn merge_down_to(&mut self, count: usize) {
+        while self.samples.len() > count.max(1) {
+            let mut nearest = 0;
+            for i in 1..self.samples.len() - 1 {
+                let gap = |i: usize| self.samples[i + 1].value - self.samples[i].value;
+                if gap(i) < gap(nearest) {
+                    nearest = i;
+                }
+            }
+            self.samples[nearest] = self.samples[nearest].merged(self.samples[nearest + 1]);
+            self.samples.remove(nearest + 1);
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn set<const N: usize>(samples: &[(f64, f64)]) -> SampleSet<N> {
+        let mut set = SampleSet::new();
+        for &(value, weight) in samples {
+            set.push(Sample { value, weight });
+        }
+        set
+    }
+
+    #[test]
+    fn equations_6_and_7() {
+        // Full at two; 2.0 is nearer to 3.0: (2·1 + 3·3)/4 = 2.75, weight 4.
+        let set = set::<2>(&[(0.0, 1.0), (3.0, 3.0), (2.0, 1.0)]);
+        assert_eq!(
+            set.samples(),
+            &[
+                Sample {
+                    value: 0.0,
+                    weight: 1.0
+                },
+                Sample {
+                    value: 2.75,
+                    weight: 4.0
+                }
+            ]
+        );
+    }
+
+    #[test]
+    fn merging_preserves_total_weight_mean_and_order() {
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut set = SampleSet::<16>::new();
+        let (mut total, mut sum) = (0.0, 0.0);
+        for _ in 0..20_000 {
+            let sample = Sample {
+                value: random.f64() * random.f64() - 0.3,
+                weight: 0.4 + 0.6 * random.f64(),
+            };
+            set.push(sample);
+            total += sample.weight;
+            sum += sample.weight * sample.value;
+        }
+        assert_eq!(set.samples().len(), 16);
+        assert!(set.samples().windows(2).all(|p| p[0].value <= p[1].value));
+        assert!((set.total_weight() - total).abs() < 1e-9 * total);
+        assert!((set.mean().unwrap() - sum / total).abs() < 1e-12);
+        let mean = set.mean().unwrap();
+        set.merge_down_to(3);
+        assert_eq!(set.samples().len(), 3);
+        assert!(
+            (set.mean().unwrap() - mean).abs() < 1e-12
+                && (set.total_weight() - total).abs() < 1e-9 * total
+        );
+    }
+
+    #[test]
+    fn a_year_of_samples_still_adds_exactly() {
+        // A year at 30 Hz on one sample, then one more sample 0.1 away must still move it by its exact share.
+        let year = 30.0 * 86_400.0 * 365.0;
+        let mut set = set::<1>(&[(0.5, year)]);
+        let before = set.samples()[0];
+        for _ in 0..30_000 {
+            set.push(Sample {
+                value: 0.6,
+                weight: 0.95,
+            });
+        }
+        let after = set.samples()[0];
+        let added = 30_000.0 * 0.95;
+        assert!(
+            (after.weight - before.weight - added).abs() < 1e-6 * added,
+            "{}",
+            after.weight - before.weight
+        );
+        let expected = 0.1 * added / (year + added);
+        let moved = after.value - before.value;
+        assert!(
+            (moved - expected).abs() < 1e-3 * expected,
+            "{moved} for {expected}"
+        );
+    }
+
+    #[test]
+    fn decay_keeps_values_and_bounds_weights() {
+        let mut set = SampleSet::<4>::new();
+        // Half-life of 1000 pushes: the total never passes 1000/ln 2.
+        let factor = 0.5f64.powf(1e-3);
+        for i in 0..100_000 {
+            set.decay(factor);
+            set.push(Sample {
+                value: f64::from(i % 7),
+                weight: 1.0,
+            });
+        }
+        assert!(set.total_weight() < 1001.0 / 2f64.ln());
+    }
+
+    #[test]
+    fn refuses_what_is_no_sample() {
+        let set = set::<4>(&[
+            (f64::NAN, 1.0),
+            (1.0, 0.0),
+            (1.0, -1.0),
+            (1.0, f64::NAN),
+            (f64::INFINITY, 1.0),
+        ]);
+        assert!(set.samples().is_empty() && set.mean().is_none());
+    }
+}

@@ -1,0 +1,150 @@
+//! What was learnt of a person, to text and back: plain, and untrusted until checked.
+//!
+//! One line per measure, `measure low rest high`, after a header with the version and the eye distance in metres:
+//! ```text
+//! mien-ranges 1 0.0372
+//! lip_gap 0.0213 0.0213 0.7961
+//! ```
+//! Units: inner-eye-corner distances. Memory: fixed. Degenerate: a file that misses a measure, is out of order, or holds a
+//! non-finite or absurd number, is refused with one sentence; the caller then starts from the population.
+
+use core::fmt::Write;
+
+use super::measures::Measure;
+use super::range::Range;
+use crate::capacity::LEARNT_MEASURES;
+
+const HEADER: &str = "mien-ranges 1";
+/// No measure of a face is larger, in eye distances.
+const LARGEST: f64 = 20.0;
+
+/// One person's ranges.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learned {
+    /// Inner-eye-corner distance, metres.
+    pub eye_distance_m: f32,
+    /// By learnt measure.
+    pub ranges: [Range; LEARNT_MEASURES],
+}
+
+/// Why saved ranges are refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SavedError {
+    /// Not this format.
+    #[error(
+        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start anew"
+    )]
+    Header,
+    /// A line is not what it should be.
+    #[error(
+        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start anew"
+    )]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// The measure due there.
+        measure: &'static str,
+    },
+}
+
+impl Learned {
+    /// As text.
+    ///
+    /// # Errors
+    /// If the writer fails.
+    pub fn write(&self, text: &mut impl Write) -> core::fmt::Result {
+        writeln!(text, "{HEADER} {:.6}", self.eye_distance_m)?;
+        for (measure, range) in Measure::ALL.iter().zip(&self.ranges) {
+            let Range { low, rest, high } = range;
+            writeln!(text, "{} {low:.6} {rest:.6} {high:.6}", measure.name())?;
+        }
+        Ok(())
+    }
+
+    /// From text.
+    ///
+    /// # Errors
+    /// If anything is missing, out of order or absurd.
+    pub fn read(text: &str) -> Result<Self, SavedError> {
+        let mut lines = text.lines();
+        let eye_distance_m = lines
+            .next()
+            .and_then(|line| line.strip_prefix(HEADER)?.trim().parse().ok())
+            .filter(|w| (0.015..0.06).contains(w))
+            .ok_or(SavedError::Header)?;
+        let mut ranges = [Range::default(); LEARNT_MEASURES];
+        for (m, range) in ranges.iter_mut().enumerate() {
+            let measure = Measure::ALL[m].name();
+            let parse = |line: &str| {
+                let mut words = line.split_ascii_whitespace();
+                (words.next()? == measure).then_some(())?;
+                let mut number = || words.next()?.parse::<f64>().ok();
+                let (low, rest, high) = (number()?, number()?, number()?);
+                let ordered = low <= rest && rest <= high && low >= -LARGEST && high <= LARGEST;
+                (ordered && words.next().is_none()).then_some(Range { low, rest, high })
+            };
+            *range = lines.next().and_then(parse).ok_or(SavedError::Line {
+                line: m + 2,
+                measure,
+            })?;
+        }
+        Ok(Self {
+            eye_distance_m,
+            ranges,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn person() -> Learned {
+        Learned {
+            eye_distance_m: 0.0371,
+            ranges: core::array::from_fn(|m| {
+                let rest = 0.25 * m as f64;
+                Range {
+                    low: rest - 0.125,
+                    rest,
+                    high: rest + 0.5,
+                }
+            }),
+        }
+    }
+
+    fn text() -> String {
+        let mut text = String::new();
+        person().write(&mut text).unwrap();
+        text
+    }
+
+    #[test]
+    fn reading_what_was_written_is_the_identity() {
+        assert_eq!(Learned::read(&text()), Ok(person()));
+    }
+
+    #[test]
+    fn refuses_what_is_damaged() {
+        let whole = text();
+        assert_eq!(Learned::read(""), Err(SavedError::Header));
+        assert_eq!(
+            Learned::read(&whole.replace("0.0371", "nan")),
+            Err(SavedError::Header)
+        );
+        for (from, to, line) in [
+            ("lip_gap -0.125", "lip_gap nan", 2),
+            ("lip_gap -0.125", "lip_gap 7", 2),
+            ("mouth_width", "mouth", 3),
+        ] {
+            match Learned::read(&whole.replacen(from, to, 1)) {
+                Err(SavedError::Line { line: found, .. }) => assert_eq!(found, line),
+                other => panic!("{other:?}"),
+            }
+        }
+        // Any cut but the last line's end is noticed or harmless, never a panic.
+        for end in 0..whole.len() {
+            let _ = Learned::read(&whole[..end]);
+        }
+    }
+}

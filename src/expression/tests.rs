@@ -1,0 +1,212 @@
+//! The stage as a whole, on a toy face; sessions with known truth are in `tests/learns_a_range.rs`.
+
+use super::measures::tests::toy_face;
+use super::*;
+use crate::capacity::LANDMARKS;
+use crate::geometry::Point;
+
+fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
+    Landmarks {
+        head,
+        pixels: [[0.0; 2]; LANDMARKS],
+        point_confidence: [1.0; LANDMARKS],
+        confidence: 1.0,
+    }
+}
+
+fn facing() -> Rigid {
+    Rigid::translation(0.0, 0.0, 0.7)
+}
+
+fn frame(n: u64) -> Timestamp {
+    Timestamp::from_us(n * 33_333)
+}
+
+/// The toy face with its mouth corners drawn out, in mm.
+fn grin(mm: f32) -> Landmarks {
+    let mut head = toy_face();
+    head[54].x += 0.5e-3 * mm;
+    head[48].x -= 0.5e-3 * mm;
+    landmarks(head)
+}
+
+fn column(expression: &Expression, name: &str) -> usize {
+    expression
+        .unit_names()
+        .iter()
+        .position(|n| n == name)
+        .unwrap()
+}
+
+#[test]
+fn one_person_fits_the_memory_budget() {
+    assert!(
+        size_of::<Expression>() <= 64 * 1024,
+        "{} bytes",
+        size_of::<Expression>()
+    );
+}
+
+#[test]
+fn a_two_way_measure_moves_one_column_at_a_time() {
+    for method in [Method::Robust, Method::Paper] {
+        let mut expression = Expression::new(
+            Settings {
+                method,
+                ..Settings::default()
+            },
+            Units::shipped(),
+        );
+        let (grins, pouts) = (column(&expression, "AU20"), column(&expression, "AU18"));
+        let (mut most_grin, mut most_pout) = (0f32, 0f32);
+        for n in 0..1200 {
+            let mm = match n % 300 {
+                200..230 => 12.0,
+                250..280 => -8.0,
+                _ => 0.0,
+            };
+            let weights = expression.observe(&grin(mm), &facing(), frame(n));
+            let (grin, pout) = (weights.units()[grins], weights.units()[pouts]);
+            assert!(grin == 0.0 || pout == 0.0);
+            assert!(weights.units().iter().all(|w| w.is_finite() && *w >= 0.0));
+            (most_grin, most_pout) = (most_grin.max(grin), most_pout.max(pout));
+        }
+        assert!(
+            most_grin > 0.5 && most_pout > 0.5,
+            "{method:?}: {most_grin} {most_pout}"
+        );
+    }
+}
+
+#[test]
+fn the_response_rises_with_the_measure() {
+    let mut expression = Expression::new(
+        Settings {
+            smoothing_hz: 0.0,
+            ..Settings::default()
+        },
+        Units::shipped(),
+    );
+    for n in 0..300 {
+        expression.observe(&grin(0.0), &facing(), frame(n));
+    }
+    expression.freeze(true);
+    let grins = column(&expression, "AU20");
+    let mut last = 0.0;
+    for n in 0..50 {
+        let w = expression
+            .observe(&grin(n as f32 * 0.5), &facing(), frame(300 + n))
+            .units()[grins];
+        assert!(w >= last);
+        last = w;
+    }
+    assert!(last > 1.0, "exaggerated is kept: {last}");
+}
+
+#[test]
+fn a_still_face_is_neutral_from_the_first_frame_and_warms_up() {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut warm_after = None;
+    for n in 0..300 {
+        let weights = expression.observe(&grin(0.0), &facing(), frame(n));
+        assert!(
+            weights.units().iter().all(|&w| w < 0.1),
+            "frame {n}: {:?}",
+            weights.units()
+        );
+        if !weights.warming {
+            warm_after.get_or_insert(n);
+        }
+    }
+    assert!((30..200).contains(&warm_after.unwrap()), "{warm_after:?}");
+}
+
+#[test]
+fn frozen_and_doubtful_frames_teach_nothing() {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let before = expression.ranges();
+    let mut doubtful = grin(5.0);
+    doubtful.confidence = 0.1;
+    for n in 0..100 {
+        expression.observe(&doubtful, &facing(), frame(n));
+    }
+    assert_eq!(expression.ranges(), before);
+    // Turned away: ω < 1/3.
+    let away = Rigid::from_parts(
+        nalgebra::Translation3::new(0.0, 0.0, 0.7),
+        crate::geometry::rotation_from_yaw_pitch_roll(1.5, 0.0, 0.0),
+    );
+    for n in 100..200 {
+        expression.observe(&grin(5.0), &away, frame(n));
+    }
+    assert_eq!(expression.ranges(), before);
+    expression.freeze(true);
+    for n in 200..300 {
+        assert!(expression.observe(&grin(5.0), &facing(), frame(n)).frozen);
+    }
+    assert_eq!(expression.ranges(), before);
+}
+
+#[test]
+fn a_broken_frame_repeats_the_last_weights() {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    for n in 0..100 {
+        expression.observe(&grin(if n > 60 { 12.0 } else { 0.0 }), &facing(), frame(n));
+    }
+    let before = expression.weights().units().to_vec();
+    let mut broken = grin(0.0);
+    broken.head[48].x = f32::NAN;
+    assert_eq!(
+        expression.observe(&broken, &facing(), frame(100)).units(),
+        before
+    );
+    assert!(before.iter().any(|&w| w > 0.3));
+}
+
+#[test]
+fn somebody_else_after_a_loss_starts_from_the_population() {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    for n in 0..900 {
+        expression.observe(&grin(0.0), &facing(), frame(n));
+    }
+    let learned = expression.learned();
+    // Everything but the eyes drawn out by a fifth.
+    let other = landmarks(toy_face().map(|p| Point::new(p.x, p.y * 1.2, p.z)));
+    for n in 1000..1200 {
+        expression.observe(&other, &facing(), frame(n));
+    }
+    assert_eq!(expression.resets(), 1);
+    let jaw = Measure::JawDrop as usize;
+    assert!((expression.ranges()[jaw].rest - 1.2 * learned.ranges[jaw].rest).abs() < 0.02);
+
+    let mut same = Expression::new(Settings::default(), Units::shipped());
+    same.restore(&learned);
+    for (restored, learned) in same.ranges().iter().zip(&learned.ranges) {
+        assert!((restored.rest - learned.rest).abs() < 1e-9);
+    }
+    for n in 0..300 {
+        let weights = same.observe(&grin(0.0), &facing(), frame(n));
+        assert!(weights.units().iter().all(|&w| w < 0.05));
+    }
+    assert_eq!(same.resets(), 0);
+}
+
+#[test]
+fn the_present_face_can_be_declared_neutral() {
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    for n in 0..100 {
+        expression.observe(&grin(0.0), &facing(), frame(n));
+    }
+    let grins = column(&expression, "AU20");
+    for n in 100..130 {
+        expression.observe(&grin(6.0), &facing(), frame(n));
+    }
+    assert!(expression.weights().units()[grins] > 0.2);
+    expression.take_neutral();
+    assert!(
+        expression
+            .observe(&grin(6.0), &facing(), frame(130))
+            .units()[grins]
+            < 0.05
+    );
+}

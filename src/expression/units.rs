@@ -1,0 +1,384 @@
+//! The table of units: which measure drives which FACS action unit, in which direction, and the prior of its range.
+//!
+//! Read from `config/units.toml`, which is built in ([`Units::shipped`]). One-way and two-way units are those of Jiang Na
+//! et al., sections 2.5 and 2.6; the names are FACS (Ekman & Friesen 1978). Values are in units of the inner-eye-corner
+//! distance w. Memory: about 2 KiB. Degenerate: a table that misses a measure, repeats one, names a direction without its
+//! unit or range, or holds a range that is not above 0, is refused with one sentence.
+
+use serde::Deserialize;
+
+use super::measures::Measure;
+use crate::capacity::{LEARNT_MEASURES, UNITS};
+
+/// FACS unit with its side, such as `AU12L`.
+pub type UnitName = heapless::String<8>;
+
+/// Directions in which a measure is an expression.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// One-way: acts as the measure rises.
+    Rising,
+    /// One-way: acts as the measure falls.
+    Falling,
+    /// Two-way: one unit each way.
+    TwoWay,
+}
+
+impl Kind {
+    /// Is there a unit above rest?
+    #[must_use]
+    pub const fn rises(self) -> bool {
+        !matches!(self, Self::Falling)
+    }
+
+    /// Is there a unit below rest?
+    #[must_use]
+    pub const fn falls(self) -> bool {
+        !matches!(self, Self::Rising)
+    }
+}
+
+/// What is assumed about a person's range before it was seen; in w.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Directions.
+    pub kind: Kind,
+    /// Neutral.
+    pub rest: f64,
+    /// Standard deviation of neutral over people.
+    pub rest_sd: f64,
+    /// Rest to the full rising expression; 0 if there is none.
+    pub up: f64,
+    /// Rest to the full falling expression; 0 if there is none.
+    pub down: f64,
+}
+
+impl Prior {
+    /// Sum of both sides.
+    #[must_use]
+    pub fn span(&self) -> f64 {
+        self.up + self.down
+    }
+}
+
+/// How another measure moves this one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Explained {
+    /// The other measure.
+    pub by: Measure,
+    /// Change of this measure per rise of the other above its rest.
+    pub share: f64,
+}
+
+/// One row: a measure and its units.
+#[derive(Clone, Debug)]
+pub struct Unit {
+    /// What drives it.
+    pub measure: Measure,
+    /// Prior, with the kind of the robust method.
+    pub prior: Prior,
+    /// Kind for the paper's method.
+    pub paper_kind: Kind,
+    /// FACS unit when the measure rises.
+    pub rises: Option<UnitName>,
+    /// FACS unit when it falls.
+    pub falls: Option<UnitName>,
+    /// Cross-talk to take out.
+    pub explained: heapless::Vec<Explained, 2>,
+}
+
+/// The whole table, one row for each measure but the eye distance, in the order of [`Measure::ALL`].
+#[derive(Clone, Debug)]
+pub struct Units {
+    /// Rows.
+    pub rows: [Unit; LEARNT_MEASURES],
+    /// Population mean of the inner-eye-corner distance in metres.
+    pub eye_distance_m: f32,
+    /// Its standard deviation in metres.
+    pub eye_distance_sd_m: f32,
+}
+
+/// Why a table of units is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum UnitsError {
+    /// Not TOML, or unknown or missing keys.
+    #[error("units table: {0}")]
+    Syntax(#[from] toml::de::Error),
+    /// No such measure, or one without units.
+    #[error("units table: expected a measure such as lip_gap, found {found:?}")]
+    UnknownMeasure {
+        /// As written.
+        found: heapless::String<32>,
+    },
+    /// Each measure needs exactly one row.
+    #[error("units table: expected exactly one [[unit]] for measure {measure}, found {found}")]
+    Rows {
+        /// The measure.
+        measure: &'static str,
+        /// How many rows there are.
+        found: usize,
+    },
+    /// A direction without its name or range.
+    #[error("units table: measure {measure} is {kind:?} and needs {needs}")]
+    Incomplete {
+        /// The measure.
+        measure: &'static str,
+        /// Its kind.
+        kind: Kind,
+        /// What is missing or out of range.
+        needs: &'static str,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    eye_distance_m: f32,
+    eye_distance_sd_m: f32,
+    unit: Vec<Row>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    measure: String,
+    kind: Kind,
+    paper: Option<Kind>,
+    rises: Option<String>,
+    falls: Option<String>,
+    rest: f64,
+    rest_sd: f64,
+    up: Option<f64>,
+    down: Option<f64>,
+    #[serde(default)]
+    explained: Vec<ExplainedRow>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ExplainedRow {
+    by: String,
+    share: f64,
+}
+
+fn measure_named(name: &str) -> Result<Measure, UnitsError> {
+    Measure::named(name)
+        .filter(|&measure| measure != Measure::EyeDistance)
+        .ok_or_else(|| UnitsError::UnknownMeasure {
+            found: name.chars().take(16).filter(char::is_ascii).collect(),
+        })
+}
+
+impl Row {
+    fn unit(&self, measure: Measure) -> Result<Unit, UnitsError> {
+        let refuse = |needs| UnitsError::Incomplete {
+            measure: measure.name(),
+            kind: self.kind,
+            needs,
+        };
+        let name = |name: &Option<String>| -> Result<Option<UnitName>, UnitsError> {
+            let Some(name) = name else { return Ok(None) };
+            let fits = name.starts_with("AU") && name.bytes().all(|b| b.is_ascii_alphanumeric());
+            let name = UnitName::try_from(name.as_str()).ok().filter(|_| fits);
+            name.map(Some)
+                .ok_or_else(|| refuse("unit names such as AU12 or AU12L"))
+        };
+        let side = |range: Option<f64>, active: bool, needs| match range {
+            Some(range) if active && range > 0.0 && range < 10.0 => Ok(range),
+            None if !active => Ok(0.0),
+            _ => Err(refuse(needs)),
+        };
+        let (rises, falls) = (name(&self.rises)?, name(&self.falls)?);
+        if rises.is_some() != self.kind.rises() || falls.is_some() != self.kind.falls() {
+            return Err(refuse(
+                "`rises` for what acts as it rises, `falls` for what acts as it falls",
+            ));
+        }
+        let positive = self.rest_sd > 0.0 && self.rest_sd < 10.0 && self.rest.abs() < 10.0;
+        if !positive {
+            return Err(refuse("`rest` within ±10 w and `rest_sd` above 0"));
+        }
+        let paper_kind = self.paper.unwrap_or(self.kind);
+        if self.kind != Kind::TwoWay && paper_kind != self.kind {
+            return Err(refuse("`paper` to be one of its own directions"));
+        }
+        let explained = self
+            .explained
+            .iter()
+            .map(|row| {
+                let by = measure_named(&row.by)?;
+                if by == measure || !row.share.is_finite() {
+                    return Err(refuse(
+                        "`explained` by another measure, with a finite share",
+                    ));
+                }
+                Ok(Explained {
+                    by,
+                    share: row.share,
+                })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Unit {
+            measure,
+            prior: Prior {
+                kind: self.kind,
+                rest: self.rest,
+                rest_sd: self.rest_sd,
+                up: side(
+                    self.up,
+                    self.kind.rises(),
+                    "`up` above 0 exactly if it rises",
+                )?,
+                down: side(
+                    self.down,
+                    self.kind.falls(),
+                    "`down` above 0 exactly if it falls",
+                )?,
+            },
+            paper_kind,
+            rises,
+            falls,
+            explained: heapless::Vec::from_slice(&explained)
+                .map_err(|_| refuse("at most two `explained`"))?,
+        })
+    }
+}
+
+impl Units {
+    /// The built-in table, `config/units.toml`.
+    #[must_use]
+    pub fn shipped() -> Self {
+        Self::read(include_str!("../../config/units.toml"))
+            .expect("the shipped table is read by a test")
+    }
+
+    /// Reads a table.
+    ///
+    /// # Errors
+    /// If it is not TOML, or a row is missing, doubled or inconsistent.
+    pub fn read(text: &str) -> Result<Self, UnitsError> {
+        let table: Table = toml::from_str(text)?;
+        for row in &table.unit {
+            measure_named(&row.measure)?;
+        }
+        let row_of = |measure: Measure| {
+            let mut rows = table
+                .unit
+                .iter()
+                .filter(|row| row.measure == measure.name());
+            match (rows.next(), rows.count()) {
+                (Some(row), 0) => row.unit(measure),
+                (first, more) => Err(UnitsError::Rows {
+                    measure: measure.name(),
+                    found: usize::from(first.is_some()) + more,
+                }),
+            }
+        };
+        let rows: heapless::Vec<Unit, LEARNT_MEASURES> = Measure::ALL
+            .into_iter()
+            .filter(|&measure| measure != Measure::EyeDistance)
+            .map(row_of)
+            .collect::<Result<_, _>>()?;
+        let Ok(rows) = rows.into_array() else {
+            return Err(UnitsError::Rows {
+                measure: "any",
+                found: table.unit.len(),
+            });
+        };
+        if !(0.015..0.06).contains(&table.eye_distance_m) || !(table.eye_distance_sd_m > 0.0) {
+            return Err(UnitsError::Incomplete {
+                measure: Measure::EyeDistance.name(),
+                kind: Kind::TwoWay,
+                needs: "eye_distance_m within 0.015 to 0.06 m and eye_distance_sd_m above 0",
+            });
+        }
+        Ok(Self {
+            rows,
+            eye_distance_m: table.eye_distance_m,
+            eye_distance_sd_m: table.eye_distance_sd_m,
+        })
+    }
+
+    /// Names of the weight columns, by row, the rising unit first. With `paper`, only what the paper's method delivers.
+    #[must_use]
+    pub fn columns(&self, paper: bool) -> heapless::Vec<UnitName, UNITS> {
+        let mut columns = heapless::Vec::new();
+        for row in &self.rows {
+            let kind = row.kind(paper);
+            let rises = row.rises.as_ref().filter(|_| kind.rises());
+            let falls = row.falls.as_ref().filter(|_| kind.falls());
+            for name in rises.into_iter().chain(falls) {
+                // There are at most two names a row, and UNITS is twice the rows.
+                let _ = columns.push(name.clone());
+            }
+        }
+        columns
+    }
+}
+
+impl Unit {
+    /// Directions under the paper's method or the robust one.
+    #[must_use]
+    pub fn kind(&self, paper: bool) -> Kind {
+        if paper {
+            self.paper_kind
+        } else {
+            self.prior.kind
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHIPPED: &str = include_str!("../../config/units.toml");
+
+    #[test]
+    fn the_shipped_table_names_the_contracts_units() {
+        let units = Units::shipped();
+        let expected = "AU25 AU20 AU18 AU30L AU30R AU29 AU22 AU28 AU2L AU4L AU2R AU4R AU5L AU43L AU5R AU43R AU9L AU9R AU26";
+        assert_eq!(units.columns(false).join(" "), expected);
+        let paper = units.columns(true).join(" ");
+        assert_eq!(paper, expected.replace("AU5L ", "").replace("AU5R ", ""));
+    }
+
+    #[test]
+    fn refuses_what_does_not_fit_together_with_one_sentence() {
+        let cases = [
+            (
+                SHIPPED.replace("\"brow_R\"", "\"brow_L\""),
+                "exactly one [[unit]] for measure brow_L, found 2",
+            ),
+            (
+                SHIPPED.replace("\"brow_R\"", "\"nose\""),
+                "such as lip_gap, found \"nose\"",
+            ),
+            (
+                SHIPPED.replace("up = 0.80", "up = -1.0"),
+                "measure lip_gap is Rising and needs `up`",
+            ),
+            (
+                SHIPPED.replace("falls = \"AU18\"", ""),
+                "measure mouth_width is TwoWay and needs `rises`",
+            ),
+            (
+                SHIPPED.replace("rest_sd = 0.13", "rest_sd = nan"),
+                "mouth_width is TwoWay and needs `rest`",
+            ),
+            (
+                SHIPPED.replace("AU18", "pucker"),
+                "needs unit names such as",
+            ),
+            (
+                SHIPPED.replace("rest_sd = 0.13", "width = 3"),
+                "unknown field `width`",
+            ),
+        ];
+        for (text, expected) in cases {
+            let message = Units::read(&text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}

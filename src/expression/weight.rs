@@ -1,0 +1,106 @@
+//! Weight ω of a sample: how far the face stands from the best distance and how squarely it faces the camera.
+//!
+//! Method: Jiang Na et al., section 2.2, equations (4) and (5). Units: metres in, 0…1 out. No state, no memory.
+//! Degenerate: a face at the camera's own position has no line of sight and weighs 0; further than 5 m from the best
+//! distance equation (4) turns negative and is cut to 0.
+//! Our reading: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
+//! picture's edge that looks at the camera counts as facing it.
+
+use crate::geometry::{Rigid, face_normal};
+
+/// Fall of ω_t per metre from the best distance, equation (4).
+const FALL_PER_M: f64 = 0.2;
+/// α of equation (5).
+const ALPHA: f64 = 0.5;
+
+/// Equation (4): ω_t = 1 − |t_z − z_opt| · 0.2, cut at 0. Metres.
+#[must_use]
+pub fn distance_weight(t_z: f64, z_opt: f64) -> f64 {
+    (1.0 - (t_z - z_opt).abs() * FALL_PER_M).max(0.0)
+}
+
+/// Equation (5): ω_R = max(n_c · n_f, 0)^α with α = 0.5, from the cosine n_c · n_f.
+#[must_use]
+pub fn facing_weight(cosine: f64) -> f64 {
+    cosine.clamp(0.0, 1.0).powf(ALPHA)
+}
+
+/// ω = ω_t · ω_R of a pose; `z_opt` is the best distance in metres (the paper's: 0.5).
+#[must_use]
+pub fn sample_weight(sensor_from_head: &Rigid, z_opt: f64) -> f64 {
+    let t = sensor_from_head.translation.vector;
+    let length = t.norm();
+    // Also false for NaN, so a broken pose weighs nothing.
+    if !(length > 1e-3) {
+        return 0.0;
+    }
+    let cosine = f64::from(face_normal(sensor_from_head).dot(&(-t / length)));
+    distance_weight(f64::from(t.z), z_opt) * facing_weight(cosine)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use nalgebra::Translation3;
+
+    fn pose(z: f32, yaw_deg: f32) -> Rigid {
+        Rigid::from_parts(
+            Translation3::new(0.0, 0.0, z),
+            rotation_from_yaw_pitch_roll(yaw_deg.to_radians(), 0.0, 0.0),
+        )
+    }
+
+    #[test]
+    fn equation_4() {
+        for (z, expected) in [
+            (0.5, 1.0),
+            (1.0, 0.9),
+            (0.4, 0.98),
+            (2.0, 0.7),
+            (5.5, 0.0),
+            (9.0, 0.0),
+        ] {
+            assert!((distance_weight(z, 0.5) - expected).abs() < 1e-12, "{z} m");
+        }
+    }
+
+    #[test]
+    fn equation_5() {
+        for (cosine, expected) in [
+            (1.0, 1.0),
+            (0.25, 0.5),
+            (0.81, 0.9),
+            (0.0, 0.0),
+            (-0.7, 0.0),
+        ] {
+            assert!((facing_weight(cosine) - expected).abs() < 1e-12, "{cosine}");
+        }
+    }
+
+    #[test]
+    fn both_together() {
+        assert!((sample_weight(&pose(0.5, 0.0), 0.5) - 1.0).abs() < 1e-6);
+        // cos 60° = 0.5: 0.9 · √0.5.
+        assert!((sample_weight(&pose(1.0, 60.0), 0.5) - 0.9 * 0.5f64.sqrt()).abs() < 1e-6);
+        assert!(sample_weight(&pose(0.5, 120.0), 0.5).abs() < 1e-9);
+        // 28° at 2 m.
+        assert!((sample_weight(&pose(2.0, 28.0), 0.5) - 0.658).abs() < 1e-3);
+    }
+
+    #[test]
+    fn looking_at_the_camera_from_the_side_is_facing_it() {
+        // At the left edge, turned towards the camera: 30° to the image right, so the nose leaves −x: negative yaw.
+        let pose = Rigid::from_parts(
+            Translation3::new(-0.5 * 0.577_350_3, 0.0, 0.5),
+            rotation_from_yaw_pitch_roll(-30f32.to_radians(), 0.0, 0.0),
+        );
+        assert!((sample_weight(&pose, 0.5) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn degenerate_poses_weigh_nothing() {
+        assert_eq!(sample_weight(&pose(0.0, 0.0), 0.5), 0.0);
+        assert_eq!(sample_weight(&pose(f32::NAN, 0.0), 0.5), 0.0);
+    }
+}
