@@ -41,8 +41,7 @@ pub fn compensation(omega: f64, spread: f64) -> Validity {
     if omega >= 1.0 {
         return Validity::Certain;
     }
-    // Written so that NaN falls here.
-    if !(omega >= LEAST_WEIGHT) {
+    if omega.is_nan() || omega < LEAST_WEIGHT {
         return Validity::Invalid;
     }
     let sigma = -omega.ln() * spread;

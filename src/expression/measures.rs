@@ -180,7 +180,7 @@ const PLAUSIBLE_M: core::ops::Range<f64> = 0.015..0.06;
 /// One frame moves the estimate as if it were at most this far off, as a share of it: an outlier counts like the edge.
 const CLIP: f64 = 0.06;
 /// Seconds that the population's mean is worth: people differ by ten times the noise of one frame.
-const PRIOR_S: f64 = 0.005;
+const PRIOR_S: f64 = 0.0005;
 /// Seconds over which the estimate follows once it is old: slow enough to be a constant of the person.
 const MEMORY_S: f64 = 60.0;
 

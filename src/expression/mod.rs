@@ -359,6 +359,10 @@ impl Expression {
         let Learners::Robust(learners) = &self.learners else {
             return;
         };
+        // Departures mean nothing before rest is placed.
+        if self.present_s <= FADE_S.start {
+            return;
+        }
         let departure = |by: Measure| {
             let learner = &learners[by as usize];
             let dead_zone = self.settings.dead_zone * learner.sigma();

@@ -7,7 +7,7 @@
 //!
 //! Weights: C = ω dt teaches the ends. W = ω² dt/(1 + τ/3 s) teaches rest; τ is how long the measure has stood still, so a
 //! pose held for a minute counts as nine seconds, and squared since rest should come from frontal faces.
-//! Motion: the first quarter second is free (the output is still faded out then), then rest moves by at most 2 R/s for 3 s,
+//! Motion: the first 0.3 s are free (the output is still faded out then), then rest moves by at most 2 R/s for 3 s,
 //! 0.25 R/s till 20 s, 0.05 R/s after (R: mean of the sides); ranges by 25 % a second, 5 % after 20 s.
 //!
 //! Units: those of the measure; seconds of presence. Memory: [`RANGE_NODES`] nodes of 32 bytes. Cost: about a microsecond
@@ -29,9 +29,9 @@ const ASSUMED_NOISE: f64 = 0.006;
 const HOLD_S: f64 = 3.0;
 /// Seconds between two estimates, and during the first two seconds.
 const ESTIMATE_EVERY_S: f64 = 0.5;
-const ESTIMATE_EARLY_S: f64 = 0.1;
+const ESTIMATE_EARLY_S: f64 = 0.05;
 /// Until then nodes are set, not moved.
-const FREE_S: f64 = 0.25;
+const FREE_S: f64 = 0.3;
 
 /// What the learner needs beside the prior.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +116,7 @@ impl RobustLearner {
 
     /// Takes a frame's finite value of weight ω, `dt` seconds after the last. Without `ends` it teaches rest only.
     pub fn observe(&mut self, g: f64, omega: f64, dt: f64, teaches_ends: bool) {
-        if !(omega >= LEAST_WEIGHT) || !g.is_finite() {
+        if omega.is_nan() || omega < LEAST_WEIGHT || !g.is_finite() {
             self.interrupt();
             return;
         }

@@ -286,11 +286,13 @@ impl Units {
                 found: table.unit.len(),
             });
         };
-        if !(0.015..0.06).contains(&table.eye_distance_m) || !(table.eye_distance_sd_m > 0.0) {
+        if !(0.015..0.06).contains(&table.eye_distance_m)
+            || !(0.0005..0.02).contains(&table.eye_distance_sd_m)
+        {
             return Err(UnitsError::Incomplete {
                 measure: Measure::EyeDistance.name(),
                 kind: Kind::TwoWay,
-                needs: "eye_distance_m within 0.015 to 0.06 m and eye_distance_sd_m above 0",
+                needs: "eye_distance_m within 0.015 to 0.06 m and eye_distance_sd_m within 0.0005 to 0.02 m",
             });
         }
         Ok(Self {

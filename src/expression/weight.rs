@@ -30,8 +30,7 @@ pub fn facing_weight(cosine: f64) -> f64 {
 pub fn sample_weight(sensor_from_head: &Rigid, z_opt: f64) -> f64 {
     let t = sensor_from_head.translation.vector;
     let length = t.norm();
-    // Also false for NaN, so a broken pose weighs nothing.
-    if !(length > 1e-3) {
+    if length.is_nan() || length < 1e-3 {
         return 0.0;
     }
     let cosine = f64::from(face_normal(sensor_from_head).dot(&(-t / length)));
