@@ -50,7 +50,7 @@ use newcomer::Newcomer;
 use paper::{PaperLearner, PaperSettings};
 use robust::{RobustLearner, RobustSettings};
 use smooth::OneEuro;
-use units::Explained;
+use units::{Explained, Kind};
 
 /// How ranges are learnt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -429,10 +429,11 @@ impl Expression {
                 Learners::Robust(learners) => {
                     let learner = &learners[m];
                     let (range, kind) = (learner.range(), row.prior.kind);
-                    let side = if g >= range.rest || !kind.falls() {
-                        range.high - range.rest
-                    } else {
-                        range.rest - range.low
+                    // The smaller side moves fastest, in ranges a second.
+                    let side = match kind {
+                        Kind::Rising => range.high - range.rest,
+                        Kind::Falling => range.rest - range.low,
+                        Kind::TwoWay => (range.high - range.rest).min(range.rest - range.low),
                     };
                     let g = self.filters[m].filter(g, side, self.settings.smoothing_hz, dt);
                     let (up, down) = learner.readiness();

@@ -3,7 +3,8 @@
 //! Method: Casiez, Roussel, Vogel, *1 € filter: a simple speed-based low-pass filter for noisy input*, CHI 2012. The cutoff
 //! rises with the measure's speed, here in ranges per second so that one setting serves all measures.
 //! Latency: at rest about 1/(2π f_c), 50 ms at 3 Hz; at two ranges a second under 10 ms. Memory: two numbers. Degenerate:
-//! the first value passes as it is; a cutoff of 0 switches the filter off.
+//! the first value passes as it is; a cutoff or range of 0 switches the
+//! filter off.
 
 /// Hz of cutoff per range per second of speed.
 const CUTOFF_PER_SPEED: f64 = 3.0;
@@ -25,11 +26,14 @@ fn share(cutoff_hz: f64, dt: f64) -> f64 {
 impl OneEuro {
     /// Filters the next value; `range` is what counts as a full expression, `cutoff_hz` the cutoff at rest.
     pub fn filter(&mut self, g: f64, range: f64, cutoff_hz: f64, dt: f64) -> f64 {
-        let Some(last) = self.last.filter(|_| cutoff_hz > 0.0 && dt > 0.0) else {
+        let Some(last) = self
+            .last
+            .filter(|_| cutoff_hz > 0.0 && dt > 0.0 && range > 0.0)
+        else {
             self.last = Some(g);
             return g;
         };
-        let speed = (g - last) / (dt * range.max(f64::MIN_POSITIVE));
+        let speed = (g - last) / (dt * range);
         self.speed += (speed - self.speed) * share(SPEED_CUTOFF_HZ, dt);
         let cutoff = cutoff_hz + CUTOFF_PER_SPEED * self.speed.abs();
         let filtered = last + (g - last) * share(cutoff, dt);

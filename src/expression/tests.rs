@@ -210,3 +210,52 @@ fn the_present_face_can_be_declared_neutral() {
             < 0.05
     );
 }
+
+#[test]
+fn every_column_answers_to_its_own_movement() {
+    // One measure after another is moved by its whole prior range, up and down; only its columns must answer.
+    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut n = 0;
+    let mut play = |expression: &mut Expression, face: &Landmarks, frames: u64| {
+        for _ in 0..frames {
+            expression.observe(face, &facing(), frame(n));
+            n += 1;
+        }
+    };
+    play(&mut expression, &grin(0.0), 150);
+    for (points, axis, sign, name) in [
+        (&[65, 66, 67][..], 1, 1.0, "AU25"),
+        (&[56, 57, 58], 0, 1.0, "AU30L"),
+        (&[56, 57, 58], 0, -1.0, "AU30R"),
+        (&[56, 57, 58], 2, -1.0, "AU29"),
+        (&[22, 23, 24, 25, 26], 1, -1.0, "AU2L"),
+        (&[22, 23, 24, 25, 26], 1, 1.0, "AU4L"),
+        (&[17, 18, 19, 20, 21], 1, -1.0, "AU2R"),
+        (&[17, 18, 19, 20, 21], 1, 1.0, "AU4R"),
+        (&[43, 44], 1, -1.0, "AU5L"),
+        (&[43, 44], 1, 1.0, "AU43L"),
+        (&[37, 38], 1, 1.0, "AU43R"),
+        (&[34, 35], 1, -1.0, "AU9L"),
+        (&[31, 32], 1, -1.0, "AU9R"),
+        (&[7, 8, 9], 1, 1.0, "AU26"),
+    ] {
+        let mut face = grin(0.0);
+        for &i in points {
+            face.head[i][axis] += sign * 4e-3;
+        }
+        play(&mut expression, &face, 12);
+        let weights = expression.weights().units();
+        let own = column(&expression, name);
+        assert!(weights[own] > 0.1, "{name}: {weights:?}");
+        for (other, &w) in weights.iter().enumerate().filter(|&(i, _)| i != own) {
+            // The lips' middle moves with the lower lip, and an open jaw's expected pull on the lips does not come.
+            let related = expression.unit_names()[other].starts_with("AU2") && other != own;
+            assert!(
+                w < 0.3 * weights[own].max(0.5) || related,
+                "{name} and {}: {weights:?}",
+                expression.unit_names()[other]
+            );
+        }
+        play(&mut expression, &grin(0.0), 60);
+    }
+}
