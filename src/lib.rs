@@ -16,6 +16,7 @@
 //! (`_mm`, `_deg`, `_px`, `_us`).
 
 pub mod capacity;
+pub mod checksum;
 pub mod geometry;
 pub mod time;
 

@@ -1,1 +1,189 @@
-//! The face model: standard head, shape modes, appearance; one file, read at start-up.
+//! The face model: 3D shape modes, the fitting cascade, the standard head; one file, read at start-up.
+//!
+//! **Shape.** `X = mean + Σ b_i σ_i m_i`: 68 points in the head frame of [`crate::geometry`], metres, rigid motion and size
+//! removed on the [`scheme::STABLE`] points; modes `m_i` orthonormal over all 204 coordinates, `σ_i` their standard
+//! deviation in the training population, `b_i` therefore about N(0, 1). The population holds every face with its mirror
+//! image, so each mode is even or odd under left-right mirroring. Principal component analysis of 3D shape as in the combined
+//! 2D+3D active appearance models (Xiao, Baker, Matthews, Kanade 2004).
+//!
+//! **Cascade.** Update matrices of the stages of [`crate::landmarks`], quantised to 8 bits in blocks of one patch.
+//!
+//! Memory: 0.4 MB per stage; all of it is allocated while reading and never after. Limits: see [`file`].
+
+pub mod file;
+pub mod scheme;
+
+pub use file::ModelError;
+
+use crate::capacity::LANDMARKS;
+use crate::geometry::{Point, Vector};
+
+/// Most shape modes a model may have.
+pub const MAX_MODES: usize = 48;
+/// Parameters of the view: log scale, rotation vector (3), shift (2).
+pub const VIEW_PARAMETERS: usize = 6;
+/// Most parameters a stage updates.
+pub const MAX_PARAMETERS: usize = VIEW_PARAMETERS + MAX_MODES;
+/// Orientations of the gradient that are told apart.
+pub const ORIENTATIONS: usize = 8;
+/// Cells along one side of a patch.
+pub const PATCH_CELLS: usize = 4;
+/// Values of one patch: cells × orientations.
+pub const PATCH: usize = PATCH_CELLS * PATCH_CELLS * ORIENTATIONS;
+/// Values of all patches of a face.
+pub const FEATURES: usize = LANDMARKS * PATCH;
+/// Most stages of one schedule.
+pub const MAX_STAGES: usize = 8;
+
+/// 3D shape of faces: mean and modes of variation, head frame, metres.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ShapeModel {
+    /// Mean shape, 68 points.
+    pub mean: Vec<Point>,
+    /// Orthonormal modes, 68 directions each.
+    pub modes: Vec<Vec<Vector>>,
+    /// Standard deviation along each mode, metres, falling.
+    pub deviations: Vec<f32>,
+}
+
+impl ShapeModel {
+    /// Shape for coefficients in standard deviations; coefficients beyond the modes are ignored.
+    pub fn shape(&self, coefficients: &[f32], out: &mut [Point; LANDMARKS]) {
+        out.copy_from_slice(&self.mean);
+        for ((mode, deviation), b) in self.modes.iter().zip(&self.deviations).zip(coefficients) {
+            let b = b * deviation;
+            for (point, direction) in out.iter_mut().zip(mode) {
+                *point += direction * b;
+            }
+        }
+    }
+
+    /// Coefficients (standard deviations) of the nearest shape of the model.
+    pub fn coefficients(&self, shape: &[Point; LANDMARKS], out: &mut [f32]) {
+        for ((mode, deviation), b) in self.modes.iter().zip(&self.deviations).zip(out) {
+            let along: f32 = mode
+                .iter()
+                .zip(shape.iter().zip(&self.mean))
+                .map(|(direction, (point, mean))| direction.dot(&(point - mean)))
+                .sum();
+            *b = along / deviation.max(1e-9);
+        }
+    }
+}
+
+/// One stage of a cascade: a linear map from what the picture shows around the landmarks to an update of all parameters.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CascadeStage {
+    /// Distance of neighbouring cells of a patch, window pixels.
+    pub cell_px: f32,
+    /// Mean features, [`FEATURES`] values.
+    pub mean: Vec<f32>,
+    /// Update matrix, one row of [`FEATURES`] per parameter, in units of `scales`.
+    pub weights: Vec<i8>,
+    /// Size of one step of `weights`, per row and landmark.
+    pub scales: Vec<f32>,
+    /// Columns for what is known beside the picture: the way from the start in the view parameters, then the shape
+    /// coefficients; one row of as many columns as there are parameters, per parameter.
+    pub prior: Vec<f32>,
+    /// Update at the mean features.
+    pub bias: Vec<f32>,
+}
+
+/// How well a fit is believed: linear discriminants over the last stage's features.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ConfidenceModel {
+    /// Distance of neighbouring cells of a patch, window pixels.
+    pub cell_px: f32,
+    /// Mean features, [`FEATURES`] values.
+    pub mean: Vec<f32>,
+    /// Direction per landmark in feature space, [`FEATURES`] values.
+    pub weights: Vec<f32>,
+    /// Logistic slope and offset per landmark, on its own discriminant and on the whole face's: 68 × 3.
+    pub landmark: Vec<f32>,
+    /// Logistic slope and offset of the whole face on the mean discriminant.
+    pub face: [f32; 2],
+}
+
+/// The anchor of the pose stage: points of a generic head with outward unit normals, head frame, metres.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StandardHead {
+    /// Surface points.
+    pub points: Vec<Point>,
+    /// Outward unit normals, one per point.
+    pub normals: Vec<Vector>,
+}
+
+/// All that is learnt offline, read once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaceModel {
+    /// Checksum of the file: names the model in logs and reports.
+    pub id: u32,
+    /// Where the model comes from: data sets, their licences, the training command.
+    pub provenance: String,
+    /// 3D shape.
+    pub shape: ShapeModel,
+    /// Stages from a cold start: pose from depth, mean shape.
+    pub cold: Vec<CascadeStage>,
+    /// Stages from the last frame's shape.
+    pub warm: Vec<CascadeStage>,
+    /// Confidence.
+    pub confidence: ConfidenceModel,
+    /// Anchor of the pose stage.
+    pub standard_head: StandardHead,
+    /// The paper's own active appearance model, as its module writes it; empty if the model has none.
+    pub paper_aam: Vec<u8>,
+}
+
+/// The model built into the binary, as a file.
+pub const SHIPPED: &[u8] = include_bytes!("../../config/face.model");
+
+impl FaceModel {
+    /// Parses a model file.
+    ///
+    /// # Errors
+    /// If it is no model, of another version, damaged or inconsistent; the text says what to do.
+    pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
+        file::parse(bytes)
+    }
+
+    /// The model built into the binary.
+    #[must_use]
+    pub fn shipped() -> Self {
+        Self::read(SHIPPED).expect("the shipped model is read by a test")
+    }
+
+    /// Parameters that a stage updates: view and shape.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        VIEW_PARAMETERS + self.shape.modes.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_model_reads() {
+        let model = FaceModel::read(SHIPPED).expect("valid");
+        assert_eq!(model.shape.mean.len(), LANDMARKS);
+        assert!(SHIPPED.len() <= 3_000_000);
+        let eyes = nalgebra::center(&model.shape.mean[39], &model.shape.mean[42]);
+        assert!(eyes.coords.norm() < 0.01, "origin off by {eyes}");
+    }
+
+    #[test]
+    fn coefficients_invert_shape() {
+        let model = FaceModel::shipped();
+        let planted: Vec<f32> = (0..model.shape.modes.len())
+            .map(|i| (i as f32 * 0.7).sin())
+            .collect();
+        let mut shape = [Point::origin(); LANDMARKS];
+        model.shape.shape(&planted, &mut shape);
+        let mut found = vec![0.0; planted.len()];
+        model.shape.coefficients(&shape, &mut found);
+        for (a, b) in planted.iter().zip(&found) {
+            assert!((a - b).abs() < 1e-2, "{a} {b}");
+        }
+    }
+}

@@ -3,4 +3,5 @@
 pub mod heads;
 pub mod ict;
 pub mod priors;
+pub mod split;
 pub mod train;

@@ -1,0 +1,526 @@
+//! The model file: parse and emit.
+//!
+//! ```text
+//! "MIENFACE"  version u32  length of the whole file u64
+//! sections:   tag [u8; 4]  length u32  payload          SHAP COLD WARM CONF HEAD PROV PAAM
+//! CRC-32 of everything before it
+//! ```
+//! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
+//! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
+//! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
+
+use crate::capacity::LANDMARKS;
+use crate::checksum::crc32;
+use crate::geometry::{Point, Vector};
+
+use super::{
+    CascadeStage, ConfidenceModel, FEATURES, FaceModel, MAX_MODES, MAX_STAGES, ShapeModel,
+    StandardHead, VIEW_PARAMETERS,
+};
+
+/// First bytes of a model file.
+pub const MAGIC: [u8; 8] = *b"MIENFACE";
+/// Version of the format that is written and read.
+pub const VERSION: u32 = 1;
+const HEADER: usize = 20;
+const CHECKSUM: usize = 4;
+
+/// Why a file is no usable model.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ModelError {
+    /// Not a model at all.
+    #[error(
+        "expected a face model (first bytes \"MIENFACE\"), found {found:?}; give a file written by `mien-studio train`"
+    )]
+    NotAModel {
+        /// The first bytes.
+        found: Vec<u8>,
+    },
+    /// Another version of the format.
+    #[error("expected a face model of version {expected}, found version {found}; train it again with this mien-studio")]
+    Version {
+        /// What this program reads.
+        expected: u32,
+        /// What the file says.
+        found: u32,
+    },
+    /// Too short or too long.
+    #[error("expected a face model of {expected} bytes, found {found}; copy the file again")]
+    Length {
+        /// What the header says.
+        expected: u64,
+        /// What is there.
+        found: u64,
+    },
+    /// A byte is wrong.
+    #[error("expected face model checksum {expected:08x}, found {found:08x}: the file is damaged; copy it again")]
+    Damaged {
+        /// What the file says.
+        expected: u32,
+        /// What its bytes give.
+        found: u32,
+    },
+    /// A section is not there.
+    #[error("expected a section {section} in the face model, found none; train it again with this mien-studio")]
+    Missing {
+        /// Tag of the section.
+        section: &'static str,
+    },
+    /// A section says something impossible.
+    #[error("section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio")]
+    Malformed {
+        /// Tag of the section.
+        section: &'static str,
+        /// What should be there.
+        expected: &'static str,
+        /// What is there.
+        found: u64,
+    },
+}
+
+/// Reads little-endian values of one section.
+struct Reader<'a> {
+    section: &'static str,
+    bytes: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], ModelError> {
+        if count > self.bytes.len() {
+            return Err(ModelError::Malformed {
+                section: self.section,
+                expected: "more bytes",
+                found: self.bytes.len() as u64,
+            });
+        }
+        let (head, tail) = self.bytes.split_at(count);
+        self.bytes = tail;
+        Ok(head)
+    }
+
+    fn u32(&mut self) -> Result<u32, ModelError> {
+        let bytes = self.take(4)?;
+        Ok(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+    }
+
+    /// A count that may be at most `most`.
+    fn count(&mut self, most: usize, expected: &'static str) -> Result<usize, ModelError> {
+        let found = self.u32()?;
+        if found as usize > most {
+            return Err(ModelError::Malformed {
+                section: self.section,
+                expected,
+                found: found.into(),
+            });
+        }
+        Ok(found as usize)
+    }
+
+    fn floats(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
+        let bytes = self.take(count.saturating_mul(4))?;
+        let values: Vec<f32> = bytes
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            .collect();
+        match values.iter().position(|v| !v.is_finite()) {
+            None => Ok(values),
+            Some(at) => Err(ModelError::Malformed {
+                section: self.section,
+                expected: "finite numbers",
+                found: at as u64,
+            }),
+        }
+    }
+
+    fn points(&mut self, count: usize) -> Result<Vec<Vector>, ModelError> {
+        Ok(self
+            .floats(count.saturating_mul(3))?
+            .chunks_exact(3)
+            .map(|c| Vector::new(c[0], c[1], c[2]))
+            .collect())
+    }
+
+    fn end(&self) -> Result<(), ModelError> {
+        if self.bytes.is_empty() {
+            return Ok(());
+        }
+        Err(ModelError::Malformed {
+            section: self.section,
+            expected: "no bytes after its end",
+            found: self.bytes.len() as u64,
+        })
+    }
+}
+
+/// Parses a model file; see [`FaceModel::read`].
+///
+/// # Errors
+/// If it is no model, of another version, damaged or inconsistent.
+pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
+    let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
+    if !is_model {
+        return Err(ModelError::NotAModel {
+            found: bytes[..bytes.len().min(MAGIC.len())].to_vec(),
+        });
+    }
+    let too_short = ModelError::Length {
+        expected: (HEADER + CHECKSUM) as u64,
+        found: bytes.len() as u64,
+    };
+    if bytes.len() < HEADER + CHECKSUM {
+        return Err(too_short);
+    }
+    let u32_at = |at: usize| {
+        u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+    };
+    let version = u32_at(8);
+    if version != VERSION {
+        return Err(ModelError::Version {
+            expected: VERSION,
+            found: version,
+        });
+    }
+    let stated = u64::from(u32_at(12)) | u64::from(u32_at(16)) << 32;
+    if stated != bytes.len() as u64 {
+        return Err(ModelError::Length {
+            expected: stated,
+            found: bytes.len() as u64,
+        });
+    }
+    let body = bytes.len() - CHECKSUM;
+    let (expected, found) = (u32_at(body), crc32(&bytes[..body]));
+    if expected != found {
+        return Err(ModelError::Damaged { expected, found });
+    }
+
+    let mut model = FaceModel {
+        id: found,
+        ..FaceModel::default()
+    };
+    let (mut cold, mut warm, mut confidence) = (None, None, None);
+    let mut sections = Reader {
+        section: "header",
+        bytes: &bytes[HEADER..body],
+    };
+    while !sections.bytes.is_empty() {
+        let tag = sections.take(4)?;
+        let length = sections.u32()? as usize;
+        let payload = sections.take(length)?;
+        let section = |section| Reader {
+            section,
+            bytes: payload,
+        };
+        match tag {
+            b"PROV" => model.provenance = String::from_utf8_lossy(payload).into_owned(),
+            b"PAAM" => model.paper_aam = payload.to_vec(),
+            b"SHAP" => model.shape = parse_shape(section("SHAP"))?,
+            b"HEAD" => model.standard_head = parse_head(section("HEAD"))?,
+            b"COLD" => cold = Some(section("COLD")),
+            b"WARM" => warm = Some(section("WARM")),
+            b"CONF" => confidence = Some(section("CONF")),
+            _ => {}
+        }
+    }
+    if model.shape.mean.is_empty() {
+        return Err(ModelError::Missing { section: "SHAP" });
+    }
+    if model.standard_head.points.is_empty() {
+        return Err(ModelError::Missing { section: "HEAD" });
+    }
+    let parameters = model.parameters();
+    model.cold = parse_stages(
+        cold.ok_or(ModelError::Missing { section: "COLD" })?,
+        parameters,
+    )?;
+    model.warm = parse_stages(
+        warm.ok_or(ModelError::Missing { section: "WARM" })?,
+        parameters,
+    )?;
+    model.confidence =
+        parse_confidence(confidence.ok_or(ModelError::Missing { section: "CONF" })?)?;
+    Ok(model)
+}
+
+fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
+    let modes = reader.count(MAX_MODES, "at most 48 shape modes")?;
+    let mean = reader
+        .points(LANDMARKS)?
+        .into_iter()
+        .map(Point::from)
+        .collect();
+    let deviations = reader.floats(modes)?;
+    if let Some(at) = deviations.iter().position(|d| *d <= 0.0) {
+        return Err(ModelError::Malformed {
+            section: "SHAP",
+            expected: "deviations above 0",
+            found: at as u64,
+        });
+    }
+    let modes = (0..modes)
+        .map(|_| reader.points(LANDMARKS))
+        .collect::<Result<_, _>>()?;
+    reader.end()?;
+    Ok(ShapeModel {
+        mean,
+        modes,
+        deviations,
+    })
+}
+
+fn parse_head(mut reader: Reader) -> Result<StandardHead, ModelError> {
+    let count = reader.count(1_000_000, "at most a million points")?;
+    let points = reader
+        .points(count)?
+        .into_iter()
+        .map(Point::from)
+        .collect();
+    let normals = reader.points(count)?;
+    reader.end()?;
+    Ok(StandardHead { points, normals })
+}
+
+fn parse_stages(mut reader: Reader, parameters: usize) -> Result<Vec<CascadeStage>, ModelError> {
+    let count = reader.count(MAX_STAGES, "at most 8 stages")?;
+    let mut stages = Vec::with_capacity(count);
+    for _ in 0..count {
+        let rows = reader.u32()? as usize;
+        if rows != parameters {
+            return Err(ModelError::Malformed {
+                section: reader.section,
+                expected: "one row per parameter of the shape model",
+                found: rows as u64,
+            });
+        }
+        stages.push(CascadeStage {
+            cell_px: reader.floats(1)?[0],
+            mean: reader.floats(FEATURES)?,
+            weights: reader
+                .take(rows * FEATURES)?
+                .iter()
+                .map(|&b| i8::from_le_bytes([b]))
+                .collect(),
+            scales: reader.floats(rows * LANDMARKS)?,
+            prior: reader.floats(rows * rows)?,
+            bias: reader.floats(rows)?,
+        });
+    }
+    reader.end()?;
+    Ok(stages)
+}
+
+fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
+    let model = ConfidenceModel {
+        cell_px: reader.floats(1)?[0],
+        mean: reader.floats(FEATURES)?,
+        weights: reader.floats(FEATURES)?,
+        landmark: reader.floats(3 * LANDMARKS)?,
+        face: {
+            let f = reader.floats(2)?;
+            [f[0], f[1]]
+        },
+    };
+    reader.end()?;
+    Ok(model)
+}
+
+fn put_floats(out: &mut Vec<u8>, values: impl IntoIterator<Item = f32>) {
+    for value in values {
+        out.extend_from_slice(&value.to_le_bytes());
+    }
+}
+
+fn put_count(out: &mut Vec<u8>, count: usize) {
+    let count = u32::try_from(count).expect("counts of a model fit 32 bits");
+    out.extend_from_slice(&count.to_le_bytes());
+}
+
+fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
+    let mut out = Vec::new();
+    put_count(&mut out, stages.len());
+    for stage in stages {
+        put_count(&mut out, stage.bias.len());
+        put_floats(&mut out, [stage.cell_px]);
+        put_floats(&mut out, stage.mean.iter().copied());
+        out.extend(stage.weights.iter().map(|w| w.to_le_bytes()[0]));
+        put_floats(&mut out, stage.scales.iter().copied());
+        put_floats(&mut out, stage.prior.iter().copied());
+        put_floats(&mut out, stage.bias.iter().copied());
+    }
+    out
+}
+
+/// Writes a model; its `id` is not written, it follows from the bytes.
+#[must_use]
+pub fn emit(model: &FaceModel) -> Vec<u8> {
+    let mut shape = Vec::new();
+    put_count(&mut shape, model.shape.modes.len());
+    put_floats(
+        &mut shape,
+        model.shape.mean.iter().flat_map(|p| [p.x, p.y, p.z]),
+    );
+    put_floats(&mut shape, model.shape.deviations.iter().copied());
+    for mode in &model.shape.modes {
+        put_floats(&mut shape, mode.iter().flat_map(|v| [v.x, v.y, v.z]));
+    }
+    let mut head = Vec::new();
+    put_count(&mut head, model.standard_head.points.len());
+    put_floats(
+        &mut head,
+        model
+            .standard_head
+            .points
+            .iter()
+            .flat_map(|p| [p.x, p.y, p.z]),
+    );
+    put_floats(
+        &mut head,
+        model
+            .standard_head
+            .normals
+            .iter()
+            .flat_map(|v| [v.x, v.y, v.z]),
+    );
+    let mut confidence = Vec::new();
+    put_floats(&mut confidence, [model.confidence.cell_px]);
+    put_floats(&mut confidence, model.confidence.mean.iter().copied());
+    put_floats(&mut confidence, model.confidence.weights.iter().copied());
+    put_floats(&mut confidence, model.confidence.landmark.iter().copied());
+    put_floats(&mut confidence, model.confidence.face);
+
+    let mut out = Vec::new();
+    out.extend_from_slice(&MAGIC);
+    out.extend_from_slice(&VERSION.to_le_bytes());
+    out.extend_from_slice(&[0; 8]);
+    for (tag, payload) in [
+        (b"PROV", model.provenance.as_bytes()),
+        (b"SHAP", &shape),
+        (b"HEAD", &head),
+        (b"COLD", &put_stages(&model.cold)),
+        (b"WARM", &put_stages(&model.warm)),
+        (b"CONF", &confidence),
+        (b"PAAM", &model.paper_aam),
+    ] {
+        out.extend_from_slice(tag);
+        put_count(&mut out, payload.len());
+        out.extend_from_slice(payload);
+    }
+    let length = (out.len() + CHECKSUM) as u64;
+    out[12..20].copy_from_slice(&length.to_le_bytes());
+    let checksum = crc32(&out);
+    out.extend_from_slice(&checksum.to_le_bytes());
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> FaceModel {
+        let mut random = fastrand::Rng::with_seed(7);
+        let mut floats =
+            |count: usize| -> Vec<f32> { (0..count).map(|_| random.f32() - 0.5).collect() };
+        let vectors = |f: Vec<f32>| -> Vec<Vector> {
+            f.chunks_exact(3)
+                .map(|c| Vector::new(c[0], c[1], c[2]))
+                .collect()
+        };
+        let shape = ShapeModel {
+            mean: vectors(floats(3 * LANDMARKS))
+                .into_iter()
+                .map(Point::from)
+                .collect(),
+            modes: (0..2).map(|_| vectors(floats(3 * LANDMARKS))).collect(),
+            deviations: vec![0.2, 0.1],
+        };
+        let rows = VIEW_PARAMETERS + 2;
+        let mut stage = || CascadeStage {
+            cell_px: 5.5,
+            mean: floats(FEATURES),
+            weights: floats(rows * FEATURES)
+                .iter()
+                .map(|f| (f * 250.0) as i8)
+                .collect(),
+            scales: floats(rows * LANDMARKS),
+            prior: floats(rows * rows),
+            bias: floats(rows),
+        };
+        let mut model = FaceModel {
+            provenance: "a test".into(),
+            shape,
+            cold: vec![stage(), stage()],
+            warm: vec![stage()],
+            ..FaceModel::default()
+        };
+        model.confidence = ConfidenceModel {
+            cell_px: 5.0,
+            mean: floats(FEATURES),
+            weights: floats(FEATURES),
+            landmark: floats(3 * LANDMARKS),
+            face: [1.0, 2.0],
+        };
+        model.standard_head = StandardHead {
+            points: vectors(floats(30)).into_iter().map(Point::from).collect(),
+            normals: vectors(floats(30)),
+        };
+        model.paper_aam = vec![1, 2, 3];
+        model
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let model = example();
+        let bytes = emit(&model);
+        let mut read = parse(&bytes).expect("valid");
+        assert_eq!(emit(&read), bytes);
+        read.id = 0;
+        assert!(read == model);
+    }
+
+    #[test]
+    fn every_damage_is_named() {
+        let bytes = emit(&example());
+        assert!(matches!(parse(b""), Err(ModelError::NotAModel { .. })));
+        assert!(matches!(
+            parse(b"P5 640 480 255 pixels"),
+            Err(ModelError::NotAModel { .. })
+        ));
+        let mut other = bytes.clone();
+        other[8] = 9;
+        assert_eq!(
+            parse(&other),
+            Err(ModelError::Version {
+                expected: VERSION,
+                found: 9
+            })
+        );
+        for length in [8, 19, 23, 100, bytes.len() - 1] {
+            assert!(
+                matches!(parse(&bytes[..length]), Err(ModelError::Length { .. })),
+                "{length}"
+            );
+        }
+        for at in [30, 1000, bytes.len() - 2] {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1;
+            assert!(
+                matches!(parse(&flipped), Err(ModelError::Damaged { .. })),
+                "{at}"
+            );
+        }
+    }
+
+    #[test]
+    fn wrong_counts_behind_a_right_checksum_do_not_panic() {
+        let bytes = emit(&example());
+        let mut random = fastrand::Rng::with_seed(11);
+        for _ in 0..60 {
+            let mut bad = bytes.clone();
+            let at = HEADER + random.usize(..4000);
+            bad[at] ^= 1 << random.u32(..8);
+            let body = bad.len() - CHECKSUM;
+            let checksum = crc32(&bad[..body]);
+            bad[body..].copy_from_slice(&checksum.to_le_bytes());
+            let _ = parse(&bad);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! The 68 landmarks of iBUG / Multi-PIE, 0-based: which belong to what, which mirror which, which stay still.
+//!
+//! Sides are the subject's own: L is at the right of the picture.
+
+use std::ops::Range;
+
+use crate::capacity::LANDMARKS;
+
+/// Right ear to left ear along the jaw; 8 is the chin. Fixed points of the head, not the silhouette.
+pub const JAW: Range<usize> = 0..17;
+/// Right brow, outer to inner.
+pub const BROW_R: Range<usize> = 17..22;
+/// Left brow, inner to outer.
+pub const BROW_L: Range<usize> = 22..27;
+/// Bridge of the nose (27–30), then the nostrils (31–35).
+pub const NOSE: Range<usize> = 27..36;
+/// Right eye from its outer corner: 36 outer, 39 inner corner.
+pub const EYE_R: Range<usize> = 36..42;
+/// Left eye from its inner corner: 42 inner, 45 outer corner.
+pub const EYE_L: Range<usize> = 42..48;
+/// Both lips: outer contour 48–59, inner contour 60–67.
+pub const MOUTH: Range<usize> = 48..68;
+/// All but the jaw.
+pub const INNER: Range<usize> = 17..68;
+/// Inner corners of the right and left eye.
+pub const INNER_EYE_CORNERS: [usize; 2] = [39, 42];
+/// Outer corners of the right and left eye: their distance is the unit in which landmark errors are given.
+pub const OUTER_EYE_CORNERS: [usize; 2] = [36, 45];
+
+/// The regions by name, in order of their points; they cover all 68 without overlap.
+pub const REGIONS: [(&str, Range<usize>); 5] = [
+    ("jaw", JAW),
+    ("brows", 17..27),
+    ("nose", NOSE),
+    ("eyes", 36..48),
+    ("mouth", MOUTH),
+];
+
+/// Points that hardly move with expression: eye corners, bridge of the nose and its base. They carry the head frame.
+pub const STABLE: [usize; 9] = [27, 28, 29, 30, 33, 36, 39, 42, 45];
+
+/// Landmark that `MIRROR[i]` becomes when the face is mirrored left to right.
+pub const MIRROR: [usize; LANDMARKS] = mirror();
+
+const fn mirror() -> [usize; LANDMARKS] {
+    let mut permutation = [0; LANDMARKS];
+    let mut i = 0;
+    while i < LANDMARKS {
+        permutation[i] = match i {
+            0..17 => 16 - i,
+            17..27 => 43 - i,
+            31..36 => 66 - i,
+            36..40 | 42..46 => 81 - i,
+            40..42 | 46..48 => 87 - i,
+            48..55 => 102 - i,
+            55..60 => 114 - i,
+            60..65 => 124 - i,
+            65..68 => 132 - i,
+            _ => i,
+        };
+        i += 1;
+    }
+    permutation
+}
+
+/// Distance of the outer eye corners in a flat picture, in the unit of the points.
+#[must_use]
+pub fn outer_eye_distance(points: &[[f32; 2]; LANDMARKS]) -> f32 {
+    let [r, l] = OUTER_EYE_CORNERS;
+    (points[r][0] - points[l][0]).hypot(points[r][1] - points[l][1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirroring_twice_changes_nothing() {
+        for i in 0..LANDMARKS {
+            assert_eq!(MIRROR[MIRROR[i]], i, "landmark {i}");
+        }
+    }
+
+    #[test]
+    fn mirroring_swaps_the_sides() {
+        for (right, left) in [
+            (0, 16),
+            (17, 26),
+            (21, 22),
+            (31, 35),
+            (36, 45),
+            (37, 44),
+            (38, 43),
+            (39, 42),
+            (40, 47),
+            (41, 46),
+            (48, 54),
+            (59, 55),
+            (60, 64),
+            (67, 65),
+        ] {
+            assert_eq!(MIRROR[right], left);
+        }
+        for middle in [8, 27, 28, 29, 30, 33, 51, 57, 62, 66] {
+            assert_eq!(MIRROR[middle], middle);
+        }
+    }
+
+    #[test]
+    fn regions_cover_all_points_once() {
+        let mut next = 0;
+        for (name, range) in REGIONS {
+            assert_eq!(range.start, next, "{name}");
+            next = range.end;
+        }
+        assert_eq!(next, LANDMARKS);
+    }
+}

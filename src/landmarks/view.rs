@@ -1,0 +1,90 @@
+//! How a 3D shape appears in the head window: scaled perspective view and its six parameters.
+//!
+//! `w = shift + e^log_scale (R X)_xy / (1 + q (R X)_z)` with `X` in metres (head frame), `w` in window pixels and `q` the
+//! inverse distance of the head in 1/m: weak perspective (`q = 0`) with the first-order effect of nearness kept, because at
+//! half a metre the nose is a fifth nearer than the ears. `q` is known from depth and not fitted.
+//! Degenerate: points behind the camera (`1 + q z <= 0.2`) are projected as if at that limit.
+
+use crate::face_model::VIEW_PARAMETERS;
+use crate::geometry::{Point, Rotation, Vector};
+
+/// Size of one unit of each view parameter: log scale, rotation (3, radians), shift (2, window pixels).
+pub const UNITS: [f32; VIEW_PARAMETERS] = [0.05, 0.1, 0.1, 0.1, 5.0, 5.0];
+
+/// A view of a shape in window pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// Natural logarithm of window pixels per metre.
+    pub log_scale: f32,
+    /// Head frame to window axes (x right, y down, z away).
+    pub rotation: Rotation,
+    /// Where the head's origin appears, window pixels.
+    pub shift: [f32; 2],
+    /// One over the head's distance, 1/m.
+    pub inverse_distance: f32,
+}
+
+impl View {
+    /// Window pixel of a point of the head, metres.
+    #[must_use]
+    pub fn project(&self, point: &Point) -> [f32; 2] {
+        let turned = self.rotation * point;
+        let scale =
+            self.log_scale.exp() / (1.0 + self.inverse_distance * turned.z).max(0.2);
+        [
+            self.shift[0] + scale * turned.x,
+            self.shift[1] + scale * turned.y,
+        ]
+    }
+
+    /// The view changed by `step` in [`UNITS`]; the rotation is applied after the present one.
+    #[must_use]
+    pub fn moved(&self, step: &[f32]) -> Self {
+        Self {
+            log_scale: self.log_scale + step[0] * UNITS[0],
+            rotation: Rotation::from_scaled_axis(Vector::new(
+                step[1] * UNITS[1],
+                step[2] * UNITS[2],
+                step[3] * UNITS[3],
+            )) * self.rotation,
+            shift: [
+                self.shift[0] + step[4] * UNITS[4],
+                self.shift[1] + step[5] * UNITS[5],
+            ],
+            inverse_distance: self.inverse_distance,
+        }
+    }
+
+    /// The step that takes `from` to `self`, in [`UNITS`].
+    #[must_use]
+    pub fn step_from(&self, from: &Self) -> [f32; VIEW_PARAMETERS] {
+        let turn = (self.rotation * from.rotation.inverse()).scaled_axis();
+        [
+            (self.log_scale - from.log_scale) / UNITS[0],
+            turn.x / UNITS[1],
+            turn.y / UNITS[2],
+            turn.z / UNITS[3],
+            (self.shift[0] - from.shift[0]) / UNITS[4],
+            (self.shift[1] - from.shift[1]) / UNITS[5],
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_undone_by_its_reading() {
+        let view = View {
+            log_scale: 6.5,
+            rotation: crate::geometry::rotation_from_yaw_pitch_roll(0.3, -0.2, 0.05),
+            shift: [90.0, 70.0],
+            inverse_distance: 1.4,
+        };
+        let step = [0.5, -0.3, 1.1, 0.4, 2.0, -1.5];
+        for (a, b) in view.moved(&step).step_from(&view).iter().zip(step) {
+            assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Who is trained on and who is not: a fixed split of the portraits by person.
+
+/// What a person's pictures may be used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Training.
+    Train,
+    /// Choosing settings; part of the training of the shipped model.
+    Dev,
+    /// Figures that are reported. Never trained on, never tuned on.
+    Test,
+}
+
+impl Split {
+    /// Split of the person at this place of the list sorted by (set, person).
+    #[must_use]
+    pub fn of(index: usize) -> Self {
+        match index % 5 {
+            0 => Self::Test,
+            1 => Self::Dev,
+            _ => Self::Train,
+        }
+    }
+
+    /// Split of each (set, person), in the order given; equal entries get the same one.
+    #[must_use]
+    pub fn of_persons<S: AsRef<str>>(persons: &[(S, S)]) -> Vec<Self> {
+        let names: Vec<(&str, &str)> = persons
+            .iter()
+            .map(|(set, person)| (set.as_ref(), person.as_ref()))
+            .collect();
+        let mut sorted = names.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        names
+            .iter()
+            .map(|name| Self::of(sorted.binary_search(name).unwrap_or(0)))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_person_stays_on_one_side() {
+        let persons = [("b", "1"), ("a", "2"), ("a", "1"), ("b", "1"), ("c", "0")];
+        let splits = Split::of_persons(&persons);
+        assert_eq!(
+            splits,
+            [
+                Split::Train,
+                Split::Dev,
+                Split::Test,
+                Split::Train,
+                Split::Train
+            ]
+        );
+    }
+}
