@@ -231,13 +231,15 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
     model.cold = parse_stages(
         cold.ok_or(ModelError::Missing { section: "COLD" })?,
         parameters,
-    )?;
+    )?
+    .into();
     model.warm = parse_stages(
         warm.ok_or(ModelError::Missing { section: "WARM" })?,
         parameters,
-    )?;
+    )?
+    .into();
     model.confidence =
-        parse_confidence(confidence.ok_or(ModelError::Missing { section: "CONF" })?)?;
+        parse_confidence(confidence.ok_or(ModelError::Missing { section: "CONF" })?)?.into();
     Ok(model)
 }
 
@@ -447,8 +449,8 @@ mod tests {
         let mut model = FaceModel {
             provenance: "a test".into(),
             shape,
-            cold: vec![stage(), stage()],
-            warm: vec![stage()],
+            cold: vec![stage(), stage()].into(),
+            warm: vec![stage()].into(),
             ..FaceModel::default()
         };
         model.confidence = ConfidenceModel {
@@ -457,7 +459,8 @@ mod tests {
             weights: floats(FEATURES),
             landmark: floats(3 * LANDMARKS),
             face: [1.0, 2.0],
-        };
+        }
+        .into();
         model.standard_head = StandardHead {
             points: vectors(floats(30)).into_iter().map(Point::from).collect(),
             normals: vectors(floats(30)),

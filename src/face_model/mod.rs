@@ -15,6 +15,8 @@ pub mod scheme;
 
 pub use file::ModelError;
 
+use std::sync::Arc;
+
 use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
 
@@ -113,7 +115,7 @@ pub struct StandardHead {
     pub normals: Vec<Vector>,
 }
 
-/// All that is learnt offline, read once.
+/// All that is learnt offline, read once; the big parts are shared by the fitters of all users.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaceModel {
     /// Checksum of the file: names the model in logs and reports.
@@ -123,11 +125,11 @@ pub struct FaceModel {
     /// 3D shape.
     pub shape: ShapeModel,
     /// Stages from a cold start: pose from depth, mean shape.
-    pub cold: Vec<CascadeStage>,
+    pub cold: Arc<[CascadeStage]>,
     /// Stages from the last frame's shape.
-    pub warm: Vec<CascadeStage>,
+    pub warm: Arc<[CascadeStage]>,
     /// Confidence.
-    pub confidence: ConfidenceModel,
+    pub confidence: Arc<ConfidenceModel>,
     /// Anchor of the pose stage.
     pub standard_head: StandardHead,
     /// The paper's own active appearance model, as its module writes it; empty if the model has none.

@@ -1,5 +1,14 @@
 //! Luma and head pose to 68 landmarks in the head frame, with confidence (paper section 1.2).
 
+pub mod cascade;
+pub mod features;
+pub mod fit;
+pub mod steady;
+pub mod view;
+pub mod window;
+
+pub use fit::{LandmarkFitter, Settings};
+
 use crate::capacity::LANDMARKS;
 use crate::geometry::Point;
 
@@ -14,4 +23,14 @@ pub struct Landmarks {
     pub point_confidence: [f32; LANDMARKS],
     /// 0…1 for the whole face.
     pub confidence: f32,
+}
+
+/// Landmarks before the first fit: all at the origin, confidence 0.
+fn empty_landmarks() -> Landmarks {
+    Landmarks {
+        head: [Point::origin(); LANDMARKS],
+        pixels: [[0.0; 2]; LANDMARKS],
+        point_confidence: [0.0; LANDMARKS],
+        confidence: 0.0,
+    }
 }

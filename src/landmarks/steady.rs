@@ -1,0 +1,114 @@
+//! Temporal filter of the shape: a still face stands still, a moving one is followed at once.
+//!
+//! Each shape coefficient has its own first-order filter whose gain grows with the speed of the coefficient (the one-euro
+//! filter of Casiez, Roussel, Vogel 2012). Parameters are filtered and not points, so the filtered face is still a face.
+//! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
+//! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter starts anew.
+
+use crate::face_model::MAX_MODES;
+use crate::time::Timestamp;
+
+/// Longest gap the filter bridges, seconds.
+const GAP_S: f64 = 0.5;
+
+/// Settings of the filter.
+#[derive(Clone, Copy, Debug)]
+pub struct Steadiness {
+    /// Cut-off of a still coefficient, Hz. Lower is steadier.
+    pub still_hz: f32,
+    /// Growth of the cut-off with speed, Hz per (deviation / s). Higher follows faster.
+    pub follow: f32,
+    /// Cut-off of the speed itself, Hz.
+    pub speed_hz: f32,
+}
+
+impl Default for Steadiness {
+    fn default() -> Self {
+        Self {
+            still_hz: 1.0,
+            follow: 2.0,
+            speed_hz: 3.0,
+        }
+    }
+}
+
+/// The filter's state.
+#[derive(Clone, Debug)]
+pub struct ShapeFilter {
+    settings: Steadiness,
+    shape: [f32; MAX_MODES],
+    speed: [f32; MAX_MODES],
+    last: Option<Timestamp>,
+}
+
+/// Gain of a first-order low-pass for one step.
+fn gain(cutoff_hz: f32, step_s: f32) -> f32 {
+    let r = std::f32::consts::TAU * cutoff_hz * step_s;
+    r / (1.0 + r)
+}
+
+impl ShapeFilter {
+    /// A filter without history.
+    #[must_use]
+    pub fn new(settings: Steadiness) -> Self {
+        Self {
+            settings,
+            shape: [0.0; MAX_MODES],
+            speed: [0.0; MAX_MODES],
+            last: None,
+        }
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        self.last = None;
+    }
+
+    /// Takes in a measured shape and returns the filtered one.
+    pub fn follow(&mut self, measured: &[f32; MAX_MODES], at: Timestamp) -> [f32; MAX_MODES] {
+        let step = self.last.map(|last| at.seconds_since(last));
+        self.last = Some(at);
+        let Some(step) = step.filter(|s| *s > 0.0 && *s < GAP_S) else {
+            self.shape = *measured;
+            self.speed = [0.0; MAX_MODES];
+            return self.shape;
+        };
+        let step = step as f32;
+        let speed_gain = gain(self.settings.speed_hz, step);
+        for ((b, speed), measured) in self.shape.iter_mut().zip(&mut self.speed).zip(measured) {
+            *speed += speed_gain * ((measured - *b) / step - *speed);
+            let cutoff = self.settings.still_hz + self.settings.follow * speed.abs();
+            *b += gain(cutoff, step) * (measured - *b);
+        }
+        self.shape
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_still_shape_is_steadied_and_a_step_followed() {
+        let mut random = fastrand::Rng::with_seed(3);
+        let mut filter = ShapeFilter::new(Steadiness::default());
+        let (mut squares_in, mut squares_out) = (0.0, 0.0);
+        let mut after_step = 0.0;
+        for frame in 0..330u64 {
+            let truth = if frame >= 300 { 2.0 } else { 0.0 };
+            let noise = 0.1 * (random.f32() + random.f32() + random.f32() + random.f32() - 2.0);
+            let mut measured = [0.0; MAX_MODES];
+            measured[0] = truth + noise;
+            let b = filter.follow(&measured, Timestamp::from_us(frame * 33_333))[0];
+            if (30..300).contains(&frame) {
+                squares_in += noise * noise;
+                squares_out += b * b;
+            }
+            if frame == 301 {
+                after_step = b;
+            }
+        }
+        assert!(squares_out < 0.3 * squares_in, "{squares_out} {squares_in}");
+        assert!(after_step > 1.5, "{after_step}");
+    }
+}
