@@ -15,7 +15,7 @@ use crate::geometry::{Point, Vector};
 
 use super::{
     CascadeStage, ConfidenceModel, FEATURES, FaceModel, MAX_MODES, MAX_STAGES, ShapeModel,
-    StandardHead, VIEW_PARAMETERS,
+    StandardHead,
 };
 
 /// First bytes of a model file.
@@ -37,7 +37,9 @@ pub enum ModelError {
         found: Vec<u8>,
     },
     /// Another version of the format.
-    #[error("expected a face model of version {expected}, found version {found}; train it again with this mien-studio")]
+    #[error(
+        "expected a face model of version {expected}, found version {found}; train it again with this mien-studio"
+    )]
     Version {
         /// What this program reads.
         expected: u32,
@@ -53,7 +55,9 @@ pub enum ModelError {
         found: u64,
     },
     /// A byte is wrong.
-    #[error("expected face model checksum {expected:08x}, found {found:08x}: the file is damaged; copy it again")]
+    #[error(
+        "expected face model checksum {expected:08x}, found {found:08x}: the file is damaged; copy it again"
+    )]
     Damaged {
         /// What the file says.
         expected: u32,
@@ -61,13 +65,17 @@ pub enum ModelError {
         found: u32,
     },
     /// A section is not there.
-    #[error("expected a section {section} in the face model, found none; train it again with this mien-studio")]
+    #[error(
+        "expected a section {section} in the face model, found none; train it again with this mien-studio"
+    )]
     Missing {
         /// Tag of the section.
         section: &'static str,
     },
     /// A section says something impossible.
-    #[error("section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio")]
+    #[error(
+        "section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio"
+    )]
     Malformed {
         /// Tag of the section.
         section: &'static str,
@@ -170,9 +178,8 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
     if bytes.len() < HEADER + CHECKSUM {
         return Err(too_short);
     }
-    let u32_at = |at: usize| {
-        u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-    };
+    let u32_at =
+        |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
     let version = u32_at(8);
     if version != VERSION {
         return Err(ModelError::Version {
@@ -271,11 +278,7 @@ fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
 
 fn parse_head(mut reader: Reader) -> Result<StandardHead, ModelError> {
     let count = reader.count(1_000_000, "at most a million points")?;
-    let points = reader
-        .points(count)?
-        .into_iter()
-        .map(Point::from)
-        .collect();
+    let points = reader.points(count)?.into_iter().map(Point::from).collect();
     let normals = reader.points(count)?;
     reader.end()?;
     Ok(StandardHead { points, normals })
@@ -416,6 +419,8 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    use crate::face_model::VIEW_PARAMETERS;
 
     fn example() -> FaceModel {
         let mut random = fastrand::Rng::with_seed(7);

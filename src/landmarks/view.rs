@@ -29,8 +29,7 @@ impl View {
     #[must_use]
     pub fn project(&self, point: &Point) -> [f32; 2] {
         let turned = self.rotation * point;
-        let scale =
-            self.log_scale.exp() / (1.0 + self.inverse_distance * turned.z).max(0.2);
+        let scale = self.log_scale.exp() / (1.0 + self.inverse_distance * turned.z).max(0.2);
         [
             self.shift[0] + scale * turned.x,
             self.shift[1] + scale * turned.y,

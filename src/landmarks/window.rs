@@ -1,12 +1,13 @@
 //! The head window: the face resampled upright and at a fixed scale from the whole colour picture.
 //!
 //! The depth pose says where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
-//! there (2×3 Jacobian by central differences). The Jacobian splits into a camera that looks straight at the head and a 2×2
-//! map, so a head at the edge of the picture appears as if it were in the middle. Roll is taken out of the rotation and
-//! put into that map. Pixels, metres, radians. One bilinear look-up per window pixel, 34 k in all.
+//! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a camera that looks straight at the head;
+//! the window is that camera's picture, turned upright, and a homography (from four points of the plane through the head's
+//! origin) takes it to the colour picture, so a head at the edge of the picture appears as if it were in the middle.
+//! Pixels, metres, radians. One bilinear look-up per window pixel, 34 k in all.
 //! Degenerate: a Jacobian without rank (head at the camera) gives no placement. Outside the picture its edge is repeated.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::view::View;
 use crate::capacity::{HEIGHT, WIDTH};
@@ -52,12 +53,49 @@ impl Picture<'_> {
 /// Where a window lies in a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
-    /// Picture pixel of the window's [`ORIGIN`].
-    pub centre: Vector2<f32>,
-    /// Picture pixels per window pixel.
-    pub picture_from_window: Matrix2<f32>,
+    /// Homography from window pixels about [`ORIGIN`] to picture pixels.
+    pub picture_from_window: Matrix3<f32>,
+    window_from_picture: Matrix3<f32>,
+    /// Turn of the window against the picture or the viewing camera, radians.
+    pub roll: f32,
     /// The view in the window that the depth pose says: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
     pub start: View,
+}
+
+/// The rotation split into a turn in the picture and an upright rest: `(roll, rest)`, `rotation = Rz(roll) rest`.
+fn upright(rotation: &Rotation) -> (f32, Rotation) {
+    let down = rotation * Vector::y();
+    let roll = (-down.x).atan2(down.y);
+    (
+        roll,
+        Rotation::from_axis_angle(&Vector::z_axis(), -roll) * rotation,
+    )
+}
+
+/// Homography that takes four points to four others; `None` if three of them are in line.
+fn homography(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<Matrix3<f32>> {
+    let mut rows = SMatrix::<f64, 8, 8>::zeros();
+    let mut right = SVector::<f64, 8>::zeros();
+    for k in 0..4 {
+        let [x, y] = from[k].map(f64::from);
+        for axis in 0..2 {
+            let u = f64::from(to[k][axis]);
+            let row = 2 * k + axis;
+            for (column, value) in [(3 * axis, x), (3 * axis + 1, y), (3 * axis + 2, 1.0)] {
+                rows[(row, column)] = value;
+            }
+            rows[(row, 6)] = -x * u;
+            rows[(row, 7)] = -y * u;
+            right[row] = u;
+        }
+    }
+    let h = rows.lu().solve(&right)?;
+    Some(Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0).cast())
+}
+
+fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
+    let p = map * Vector::new(x, y, 1.0);
+    [p.x / p.z, p.y / p.z]
 }
 
 impl Placement {
@@ -68,62 +106,74 @@ impl Placement {
         let slope = |axis: Vector| {
             let [x1, y1] = camera.colour_pixel(&(origin + axis * DIFFERENCE));
             let [x0, y0] = camera.colour_pixel(&(origin - axis * DIFFERENCE));
-            Vector2::new(x1 - x0, y1 - y0) / (2.0 * DIFFERENCE)
+            [
+                (x1 - x0) / (2.0 * DIFFERENCE),
+                (y1 - y0) / (2.0 * DIFFERENCE),
+            ]
         };
         let (dx, dy, dz) = (slope(Vector::x()), slope(Vector::y()), slope(Vector::z()));
-        let rows = [
-            Vector::new(dx.x, dy.x, dz.x),
-            Vector::new(dx.y, dy.y, dz.y),
-        ];
-        let ray = rows[0].cross(&rows[1]).try_normalize(1e-3)?;
-        let right = rows[0].try_normalize(1e-3)?;
+        let across = Vector::new(dx[0], dy[0], dz[0]);
+        let ray = across
+            .cross(&Vector::new(dx[1], dy[1], dz[1]))
+            .try_normalize(1e-3)?;
+        let right = across.try_normalize(1e-3)?;
         let down = ray.cross(&right);
-        let picture_from_view = Matrix2::new(
-            rows[0].dot(&right),
-            rows[0].dot(&down),
-            rows[1].dot(&right),
-            rows[1].dot(&down),
-        );
-        let view_from_sensor = Rotation::from_rotation_matrix(
-            &nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&[
-                right.transpose(),
-                down.transpose(),
-                ray.transpose(),
-            ])),
-        );
-        let [x, y] = camera.colour_pixel(&origin);
-        let valid = x.is_finite() && y.is_finite() && picture_from_view.determinant() > 1.0;
-        valid.then(|| {
-            Self::of_view(
-                Vector2::new(x, y),
-                picture_from_view,
-                view_from_sensor * sensor_from_head.rotation,
-                1.0 / origin.coords.norm().max(0.1),
-            )
+        let axes = Matrix3::from_rows(&[right.transpose(), down.transpose(), ray.transpose()]);
+        let view_from_sensor =
+            Rotation::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(axes));
+        let (roll, rotation) = upright(&(view_from_sensor * sensor_from_head.rotation));
+        let (sin, cos) = roll.sin_cos();
+        let corners = [[-60.0, -50.0], [60.0, -50.0], [60.0, 80.0], [-60.0, 80.0]];
+        let seen = corners.map(|[x, y]: [f32; 2]| {
+            let along = right * (x * cos - y * sin) + down * (x * sin + y * cos);
+            camera.colour_pixel(&(origin + along / PIXELS_PER_METRE))
+        });
+        if seen.iter().flatten().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let picture_from_window = homography(&corners, &seen)?;
+        Some(Self {
+            picture_from_window,
+            window_from_picture: picture_from_window.try_inverse()?,
+            roll,
+            start: View {
+                log_scale: PIXELS_PER_METRE.ln(),
+                rotation,
+                shift: ORIGIN,
+                inverse_distance: 1.0 / origin.coords.norm().max(0.1),
+            },
         })
     }
 
-    /// From a camera that looks straight at the head: picture pixel of the head's origin, picture pixels per metre as a
-    /// 2×2 map, rotation of the head as that camera sees it, inverse distance in 1/m.
+    /// In a picture of a camera that looks straight at the head: from the head's view in picture pixels.
     #[must_use]
-    pub fn of_view(
-        centre: Vector2<f32>,
-        pixels_per_metre: Matrix2<f32>,
-        rotation: Rotation,
-        inverse_distance: f32,
-    ) -> Self {
-        let down = rotation * Vector::y();
-        let roll = (-down.x).atan2(down.y);
+    pub fn of_view(view: &View) -> Self {
+        let (roll, rotation) = upright(&view.rotation);
         let (sin, cos) = roll.sin_cos();
+        let scale = view.log_scale.exp().max(1e-3) / PIXELS_PER_METRE;
+        let [x, y] = view.shift;
+        let picture_from_window = Matrix3::new(
+            scale * cos,
+            -scale * sin,
+            x,
+            scale * sin,
+            scale * cos,
+            y,
+            0.0,
+            0.0,
+            1.0,
+        );
         Self {
-            centre,
-            picture_from_window: pixels_per_metre * Matrix2::new(cos, -sin, sin, cos)
-                / PIXELS_PER_METRE,
+            picture_from_window,
+            window_from_picture: picture_from_window
+                .try_inverse()
+                .unwrap_or_else(Matrix3::identity),
+            roll,
             start: View {
                 log_scale: PIXELS_PER_METRE.ln(),
-                rotation: Rotation::from_axis_angle(&Vector::z_axis(), -roll) * rotation,
+                rotation,
                 shift: ORIGIN,
-                inverse_distance,
+                inverse_distance: view.inverse_distance,
             },
         }
     }
@@ -131,32 +181,26 @@ impl Placement {
     /// Window pixel to picture pixel.
     #[must_use]
     pub fn picture_pixel(&self, window: [f32; 2]) -> [f32; 2] {
-        let p = self.centre
-            + self.picture_from_window
-                * Vector2::new(window[0] - ORIGIN[0], window[1] - ORIGIN[1]);
-        [p.x, p.y]
+        mapped(
+            &self.picture_from_window,
+            window[0] - ORIGIN[0],
+            window[1] - ORIGIN[1],
+        )
     }
 
     /// Picture pixel to window pixel.
     #[must_use]
     pub fn window_pixel(&self, picture: [f32; 2]) -> [f32; 2] {
-        let inverse = self
-            .picture_from_window
-            .try_inverse()
-            .unwrap_or_else(Matrix2::identity);
-        let w = inverse * (Vector2::from(picture) - self.centre);
-        [w.x + ORIGIN[0], w.y + ORIGIN[1]]
+        let [x, y] = mapped(&self.window_from_picture, picture[0], picture[1]);
+        [x + ORIGIN[0], y + ORIGIN[1]]
     }
 
     /// Resamples the window, row by row.
     pub fn resample(&self, picture: &Picture, window: &mut [f32]) {
         for (row, line) in window.chunks_exact_mut(WINDOW).take(WINDOW).enumerate() {
-            let [mut x, mut y] = self.picture_pixel([0.0, row as f32]);
-            let step = self.picture_from_window.column(0);
-            for value in line {
+            for (column, value) in line.iter_mut().enumerate() {
+                let [x, y] = self.picture_pixel([column as f32, row as f32]);
                 *value = picture.at(x, y);
-                x += step.x;
-                y += step.y;
             }
         }
     }
@@ -199,7 +243,7 @@ mod tests {
                 let seen = camera.colour_pixel(&(pose * point));
                 let said = placement.picture_pixel(placement.start.project(&point));
                 let off = (seen[0] - said[0]).hypot(seen[1] - said[1]);
-                assert!(off < 0.8, "{seen:?} {said:?} at {x} {y} {z}");
+                assert!(off < 0.35, "{seen:?} {said:?} at {x} {y} {z}");
             }
         }
     }

@@ -1,0 +1,268 @@
+//! Annotated pictures: folders with `landmarks68.csv` or `.pts` beside PNG, JPEG or PGM files.
+//!
+//! Columns of the CSV are found by name (`file`, `x0`, `y0`, … and, if there, `set`, `person`, `expression`), others are
+//! ignored; a row without points is not annotated. A `.pts` file holds 68 lines `x y` between braces. Pixels, pixel
+//! centres are integers.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::capacity::LANDMARKS;
+
+/// Why pictures cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// A file or folder is not readable.
+    #[error(
+        "cannot read {path}: {source}; expected a folder of pictures with landmarks68.csv or .pts files"
+    )]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A picture does not decode.
+    #[error("cannot decode {path}: {source}; expected a PNG, JPEG or PGM picture")]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// The table has the wrong columns or a row is not readable.
+    #[error(
+        "{path}, line {line}: expected {expected}, found {found:?}; mend the line or remove it"
+    )]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What should be there.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// There is nothing to work on.
+    #[error("{path}: expected pictures (PNG, JPEG or PGM), found none; give another folder")]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+/// One picture of a data set, not loaded yet.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// File name as in the table.
+    pub file: String,
+    /// Where the picture is.
+    pub path: PathBuf,
+    /// Data set within the table, or empty.
+    pub set: String,
+    /// Who it is, or the file name.
+    pub person: String,
+    /// `neutral`, `smile`, …, or empty.
+    pub expression: String,
+    /// The 68 points in pixels, if annotated.
+    pub points: Option<[[f32; 2]; LANDMARKS]>,
+}
+
+/// A grey picture.
+#[derive(Clone, Debug)]
+pub struct GreyPicture {
+    /// Luma, row by row.
+    pub luma: Vec<u8>,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// Loads a picture as luma, scaled by `scale` (at most 1 is useful) with area averaging.
+///
+/// # Errors
+/// If it does not decode.
+pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
+    let mut grey = image::open(path)
+        .map_err(|source| DatasetError::Picture {
+            path: path.into(),
+            source,
+        })?
+        .to_luma8();
+    if scale < 0.99 {
+        let width = (grey.width() as f32 * scale).round().max(2.0) as u32;
+        let height = (grey.height() as f32 * scale).round().max(2.0) as u32;
+        grey = image::imageops::resize(&grey, width, height, image::imageops::FilterType::Triangle);
+    }
+    Ok(GreyPicture {
+        width: grey.width() as usize,
+        height: grey.height() as usize,
+        luma: grey.into_raw(),
+    })
+}
+
+fn read(path: &Path) -> Result<String, DatasetError> {
+    fs::read_to_string(path).map_err(|source| DatasetError::Unreadable {
+        path: path.into(),
+        source,
+    })
+}
+
+fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
+    let text = read(path)?;
+    let mut lines = text.lines().enumerate();
+    let header: Vec<&str> = lines
+        .next()
+        .map(|(_, line)| line.split(',').map(str::trim).collect())
+        .unwrap_or_default();
+    let column = |name: &str| header.iter().position(|&h| h == name);
+    let missing = |expected, found: &str| DatasetError::Malformed {
+        path: path.into(),
+        line: 1,
+        expected,
+        found: found.into(),
+    };
+    let file = column("file").ok_or_else(|| missing("a column named file", &header.join(",")))?;
+    let mut xy = Vec::with_capacity(2 * LANDMARKS);
+    for i in 0..LANDMARKS {
+        for axis in ["x", "y"] {
+            xy.push(
+                column(&format!("{axis}{i}"))
+                    .ok_or_else(|| missing("columns x0,y0 to x67,y67", &format!("no {axis}{i}")))?,
+            );
+        }
+    }
+    let (set, person, expression) = (column("set"), column("person"), column("expression"));
+    let folder_of = |file: &str| {
+        let inner = folder.join("img").join(file);
+        if inner.exists() {
+            inner
+        } else {
+            folder.join(file)
+        }
+    };
+    let mut entries = Vec::new();
+    for (number, line) in lines {
+        if line.trim().is_empty() {
+            continue;
+        }
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        let text = |at: Option<usize>| {
+            at.and_then(|at| fields.get(at))
+                .map_or(String::new(), |s| (*s).to_owned())
+        };
+        let name = text(Some(file));
+        let values: Vec<&str> = xy
+            .iter()
+            .map(|&at| fields.get(at).copied().unwrap_or(""))
+            .collect();
+        let points = if values.iter().all(|v| v.is_empty()) {
+            None
+        } else {
+            let mut points = [[0.0; 2]; LANDMARKS];
+            for (k, value) in values.iter().enumerate() {
+                points[k / 2][k % 2] = value
+                    .parse()
+                    .ok()
+                    .filter(|v: &f32| v.is_finite())
+                    .ok_or_else(|| DatasetError::Malformed {
+                        path: path.into(),
+                        line: number + 1,
+                        expected: "136 numbers or none",
+                        found: (*value).to_owned(),
+                    })?;
+            }
+            Some(points)
+        };
+        let person = text(person);
+        entries.push(Entry {
+            path: folder_of(&name),
+            set: text(set),
+            person: if person.is_empty() {
+                name.clone()
+            } else {
+                person
+            },
+            expression: text(expression),
+            points,
+            file: name,
+        });
+    }
+    Ok(entries)
+}
+
+fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {
+    let text = read(path)?;
+    let inside = text
+        .split_once('{')
+        .and_then(|(_, rest)| rest.split_once('}'))
+        .map_or(text.as_str(), |(inside, _)| inside);
+    let numbers: Vec<f32> = inside
+        .split_ascii_whitespace()
+        .filter_map(|w| w.parse().ok())
+        .collect();
+    if numbers.len() != 2 * LANDMARKS {
+        return Err(DatasetError::Malformed {
+            path: path.into(),
+            line: 1,
+            expected: "68 lines of x and y between braces",
+            found: format!("{} numbers", numbers.len()),
+        });
+    }
+    Ok(std::array::from_fn(|i| {
+        [numbers[2 * i], numbers[2 * i + 1]]
+    }))
+}
+
+/// All pictures of a folder, with their points where there are any; sorted as in the table, else by name.
+///
+/// # Errors
+/// If the folder or its table is not readable or it holds no picture.
+pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, DatasetError> {
+    let table = folder.join("landmarks68.csv");
+    if table.exists() {
+        return read_csv(folder, &table);
+    }
+    let unreadable = |source| DatasetError::Unreadable {
+        path: folder.into(),
+        source,
+    };
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .map_err(unreadable)?
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| {
+            path.extension().is_some_and(|e| {
+                ["png", "jpg", "jpeg", "pgm"]
+                    .iter()
+                    .any(|known| e.eq_ignore_ascii_case(known))
+            })
+        })
+        .collect();
+    paths.sort();
+    if paths.is_empty() {
+        return Err(DatasetError::Empty {
+            path: folder.into(),
+        });
+    }
+    paths
+        .into_iter()
+        .map(|path| {
+            let file = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let pts = path.with_extension("pts");
+            Ok(Entry {
+                points: pts.exists().then(|| read_pts(&pts)).transpose()?,
+                person: file.clone(),
+                set: String::new(),
+                expression: String::new(),
+                file,
+                path,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,269 @@
+//! The 3D shape model: a population of faces, rigid motion and size removed, principal components.
+//!
+//! Faces are the 68 landmark vertices of the ICT head under random identity, expression and smooth warps (what its 40
+//! identity modes cannot do), each with its mirror image. The head set has no outer brow raiser, so brows also move as
+//! curves: raised, tilted, bent. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
+//! Metres, head frame. Seeded. Limits: expressions add linearly; no correction for combinations.
+
+use nalgebra::{DMatrix, Matrix3, SymmetricEigen};
+
+use crate::capacity::LANDMARKS;
+use crate::face_model::{ShapeModel, scheme};
+use crate::geometry::{Point, Vector};
+use crate::studio::ict::IctHead;
+
+/// 68 points of one face.
+pub type Face = [Point; LANDMARKS];
+
+/// A number about N(0, 1).
+pub fn normal(random: &mut fastrand::Rng) -> f32 {
+    let u = random.f32().max(1e-7);
+    (-2.0 * u.ln()).sqrt() * (std::f32::consts::TAU * random.f32()).cos()
+}
+
+/// The mirror image of a face.
+#[must_use]
+pub fn mirrored(face: &Face) -> Face {
+    std::array::from_fn(|i| {
+        let p = face[scheme::MIRROR[i]];
+        Point::new(-p.x, p.y, p.z)
+    })
+}
+
+/// Random weights of the head set's expressions: several at once, sides alike but for an eighth, often one strong one.
+fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
+    let mut weights = vec![0.0; ict.expressions.len()];
+    if random.f32() < 0.2 {
+        return weights;
+    }
+    let count = 1 + random.usize(..5);
+    for _ in 0..count {
+        let k = random.usize(..weights.len());
+        let strength = random.f32().sqrt() * 1.1;
+        let name = &ict.expressions[k].name;
+        let stem = name.trim_end_matches("_L").trim_end_matches("_R");
+        let both = random.f32() < 0.75;
+        for (other, weight) in ict.expressions.iter().zip(&mut weights) {
+            let same = other.name == *name;
+            let sibling = both && other.name.trim_end_matches("_L").trim_end_matches("_R") == stem;
+            if same || sibling {
+                *weight = strength * (1.0 + 0.12 * normal(random));
+            }
+        }
+    }
+    if random.f32() < 0.2 {
+        let blink = random.f32() * 1.05;
+        for (other, weight) in ict.expressions.iter().zip(&mut weights) {
+            if other.name.starts_with("eyeBlink") {
+                *weight = blink;
+            }
+        }
+    }
+    if random.f32() < 0.2 {
+        if let Some(k) = ict.expression("jawOpen") {
+            weights[k] = random.f32() * 1.05;
+        }
+    }
+    // The pair opens and closes the lips over the jaw: the second alone would cross the lips.
+    if let (Some(jaw), Some(close)) = (ict.expression("jawOpen"), ict.expression("mouthClose")) {
+        weights[close] = weights[close].min(weights[jaw] * 0.95);
+    }
+    weights
+}
+
+/// Raises, tilts and bends a brow given by its landmarks in the order outer to inner.
+fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both: [f32; 3]) {
+    let own = [
+        both[0] + 0.0012 * normal(random),
+        both[1] + 0.0010 * normal(random),
+        both[2] + 0.0008 * normal(random),
+    ];
+    for (k, i) in brow.into_iter().enumerate() {
+        let t = k as f32 / 2.0 - 1.0;
+        face[i].y -= own[0] + own[1] * t + own[2] * (0.5 - t * t);
+    }
+}
+
+/// A random population with its mirror images: `2 * count` faces.
+#[must_use]
+pub fn population(ict: &IctHead, count: usize, seed: u64) -> Vec<Face> {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut faces = Vec::with_capacity(2 * count);
+    for _ in 0..count {
+        let identity: Vec<f32> = ict
+            .identities
+            .iter()
+            .map(|_| normal(&mut random).clamp(-2.5, 2.5))
+            .collect();
+        let weights = expression_weights(ict, &mut random);
+        let mut face: Face = std::array::from_fn(|i| {
+            let v = ict.landmarks[i];
+            let mut p = ict.neutral[v];
+            for (delta, c) in ict.identities.iter().zip(&identity) {
+                p += delta.offsets[v] * *c;
+            }
+            for (delta, w) in ict.expressions.iter().zip(&weights) {
+                p += delta.offsets[v] * *w;
+            }
+            p
+        });
+        let stretch = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(&mut random));
+        // Smooth quadratic warp: coefficients for displacements of about a millimetre at 5 cm.
+        let bend: Vec<f32> = (0..18).map(|_| 0.0012 * normal(&mut random)).collect();
+        for p in &mut face {
+            let u = Vector::new(p.x, p.y - 0.03, p.z) / 0.05;
+            let terms = [
+                u.x * u.x,
+                u.y * u.y,
+                u.z * u.z,
+                u.x * u.y,
+                u.y * u.z,
+                u.z * u.x,
+            ];
+            for axis in 0..3 {
+                p[axis] *= stretch[axis];
+                for (k, term) in terms.iter().enumerate() {
+                    p[axis] += bend[axis * 6 + k] * term * 0.5;
+                }
+            }
+        }
+        let lively = random.f32() < 0.5;
+        let both = if lively {
+            [
+                0.0045 * normal(&mut random),
+                0.0020 * normal(&mut random),
+                0.0012 * normal(&mut random),
+            ]
+        } else {
+            [0.0; 3]
+        };
+        move_brow(&mut face, [17, 18, 19, 20, 21], &mut random, both);
+        move_brow(&mut face, [26, 25, 24, 23, 22], &mut random, both);
+        faces.push(face);
+        faces.push(mirrored(&face));
+    }
+    faces
+}
+
+/// The face moved, turned and scaled so that its stable points lie best on those of `target`.
+#[must_use]
+pub fn aligned(face: &Face, target: &Face) -> Face {
+    let mean = |f: &Face| {
+        scheme::STABLE
+            .iter()
+            .fold(Vector::zeros(), |sum, &i| sum + f[i].coords)
+            / scheme::STABLE.len() as f32
+    };
+    let (from, to) = (mean(face), mean(target));
+    let mut covariance = Matrix3::zeros();
+    let mut spread = 0.0;
+    for &i in &scheme::STABLE {
+        let (a, b) = (face[i].coords - from, target[i].coords - to);
+        covariance += b * a.transpose();
+        spread += a.norm_squared();
+    }
+    let svd = covariance.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return *face;
+    };
+    let sign = (u.determinant() * v_t.determinant()).signum();
+    let flip = Matrix3::from_diagonal(&Vector::new(1.0, 1.0, sign));
+    let rotation = u * flip * v_t;
+    let scale = (Matrix3::from_diagonal(&svd.singular_values) * flip).trace() / spread;
+    face.map(|p| Point::from(to + rotation * (p.coords - from) * scale))
+}
+
+/// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.
+#[must_use]
+pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> ShapeModel {
+    let mut mean = *reference;
+    let mut fitted: Vec<Face> = Vec::new();
+    for _ in 0..3 {
+        fitted = faces.iter().map(|face| aligned(face, &mean)).collect();
+        let mut next = [Vector::zeros(); LANDMARKS];
+        for face in &fitted {
+            for (sum, p) in next.iter_mut().zip(face) {
+                *sum += p.coords;
+            }
+        }
+        let next = next.map(|sum| Point::from(sum / fitted.len() as f32));
+        mean = aligned(&next, reference);
+    }
+    let dimensions = 3 * LANDMARKS;
+    let rows = DMatrix::<f64>::from_fn(fitted.len(), dimensions, |row, k| {
+        f64::from(fitted[row][k / 3][k % 3] - mean[k / 3][k % 3])
+    });
+    let covariance = rows.transpose() * &rows / fitted.len() as f64;
+    let eigen = SymmetricEigen::new(covariance);
+    let mut order: Vec<usize> = (0..dimensions).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    order.truncate(modes);
+    let origin = nalgebra::center(&mean[39], &mean[42]).coords;
+    ShapeModel {
+        mean: mean.iter().map(|p| p - origin).collect(),
+        deviations: order
+            .iter()
+            .map(|&k| eigen.eigenvalues[k].max(1e-12).sqrt() as f32)
+            .collect(),
+        modes: order
+            .iter()
+            .map(|&k| {
+                let column = eigen.eigenvectors.column(k);
+                (0..LANDMARKS)
+                    .map(|i| {
+                        Vector::new(
+                            column[3 * i] as f32,
+                            column[3 * i + 1] as f32,
+                            column[3 * i + 2] as f32,
+                        )
+                    })
+                    .collect()
+            })
+            .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rotation_from_yaw_pitch_roll;
+
+    fn face(seed: u64) -> Face {
+        let mut random = fastrand::Rng::with_seed(seed);
+        std::array::from_fn(|_| {
+            Point::new(
+                0.05 * normal(&mut random),
+                0.05 * normal(&mut random),
+                0.03 * normal(&mut random),
+            )
+        })
+    }
+
+    #[test]
+    fn alignment_undoes_a_planted_motion() {
+        let a = face(1);
+        let rotation = rotation_from_yaw_pitch_roll(0.4, 0.3, -0.2);
+        let b = a.map(|p| rotation * p * 1.3 + Vector::new(0.1, 0.2, 0.3));
+        for (p, q) in aligned(&b, &a).iter().zip(&a) {
+            assert!((p - q).norm() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn components_find_the_planted_mode() {
+        let base = face(2);
+        let mut random = fastrand::Rng::with_seed(5);
+        let faces: Vec<Face> = (0..200)
+            .map(|_| {
+                let mut f = base;
+                let b = 0.004 * normal(&mut random);
+                f[48].x += b;
+                f[54].x -= b;
+                f
+            })
+            .collect();
+        let model = principal_components(&faces, &base, 2);
+        assert!((model.modes[0][48].x.abs() - std::f32::consts::FRAC_1_SQRT_2).abs() < 1e-2);
+        assert!(model.deviations[1] < 0.01 * model.deviations[0]);
+    }
+}
