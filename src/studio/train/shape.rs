@@ -59,10 +59,10 @@ fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
             }
         }
     }
-    if random.f32() < 0.2 {
-        if let Some(k) = ict.expression("jawOpen") {
-            weights[k] = random.f32() * 1.05;
-        }
+    if random.f32() < 0.2
+        && let Some(k) = ict.expression("jawOpen")
+    {
+        weights[k] = random.f32() * 1.05;
     }
     // The pair opens and closes the lips over the jaw: the second alone would cross the lips.
     if let (Some(jaw), Some(close)) = (ict.expression("jawOpen"), ict.expression("mouthClose")) {
