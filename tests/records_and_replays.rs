@@ -84,7 +84,8 @@ fn the_files_are_those_of_fakenect() {
 
 #[test]
 fn damaged_and_missing_files_skip_their_frame_only() {
-    let damages: [(&str, fn(&Path)); 8] = [
+    type Damage = fn(&Path);
+    let damages: [(&str, Damage); 8] = [
         ("missing", |file| fs::remove_file(file).unwrap()),
         ("empty", |file| fs::write(file, b"").unwrap()),
         ("header only", |file| {

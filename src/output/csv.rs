@@ -1,0 +1,123 @@
+//! CSV: a header, then one row per frame and user.
+//!
+//! Numbers have a fixed count of decimals, so that equal values give equal bytes. A value that is absent, or not a number,
+//! is an empty field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
+
+use std::io::Write;
+
+use super::{Output, OutputError, Report};
+use crate::capacity::LANDMARKS;
+use crate::landmarks::Landmarks;
+
+/// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, and finer than any of them is known.
+const FINE: usize = 6;
+/// Decimals of pixels and confidences.
+const COARSE: usize = 4;
+/// Longest field: the largest f32 in full, with its comma.
+const FIELD_BYTES: usize = 52;
+
+/// A CSV that is being written.
+pub struct Csv<W> {
+    to: W,
+    row: Vec<u8>,
+    measures: usize,
+    units: usize,
+}
+
+impl<W: Write> Csv<W> {
+    /// Writes the header. `measures` and `units` are names without `w_`; an `m_` the measures' names may have.
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn new(to: W, measures: &[&str], units: &[&str]) -> Result<Self, OutputError> {
+        let mut row = Vec::new();
+        row.extend_from_slice(b"frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
+        let mut name =
+            |name: std::fmt::Arguments| row.write_fmt(name).expect("a Vec takes everything");
+        (0..LANDMARKS).for_each(|i| name(format_args!(",x{i},y{i}")));
+        (0..LANDMARKS).for_each(|i| name(format_args!(",c{i}")));
+        for measure in measures {
+            name(format_args!(
+                ",m_{}",
+                measure.strip_prefix("m_").unwrap_or(measure)
+            ));
+        }
+        for unit in units {
+            name(format_args!(",w_{unit}"));
+        }
+        row.push(b'\n');
+        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len();
+        row.reserve(fields * FIELD_BYTES);
+        let mut csv = Self {
+            to,
+            row,
+            measures: measures.len(),
+            units: units.len(),
+        };
+        csv.write_row()?;
+        Ok(csv)
+    }
+
+    fn write_row(&mut self) -> Result<(), OutputError> {
+        // One write for the row, so that a reader never sees half of one for long.
+        let written = self.to.write_all(&self.row).and_then(|()| self.to.flush());
+        written.map_err(|source| OutputError::Csv { source })
+    }
+
+    /// Appends a field.
+    fn number(&mut self, value: Option<f32>, decimals: usize) {
+        self.row.push(b',');
+        let start = self.row.len();
+        if let Some(value) = value.filter(|value| value.is_finite()) {
+            write!(self.row, "{value:.decimals$}").expect("a Vec takes everything");
+        }
+        // What rounds to zero has no sign.
+        if let Some((b'-', digits)) = self.row[start..].split_first()
+            && digits.iter().all(|digit| matches!(digit, b'0' | b'.'))
+        {
+            self.row.remove(start);
+        }
+    }
+}
+
+impl<W: Write> Output for Csv<W> {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.row.clear();
+        let row = &mut self.row;
+        write!(row, "{},{},", report.frame, report.at.as_us()).expect("a Vec takes everything");
+        if let Some(user) = report.user {
+            write!(row, "{user}").expect("a Vec takes everything");
+        }
+        write!(row, ",{}", report.state.name()).expect("a Vec takes everything");
+        self.number(Some(report.confidence), COARSE);
+
+        // Lost and absent users have no values, whatever is handed in.
+        let present = report.state.is_present();
+        let pose = report.sensor_from_head.filter(|_| present);
+        let place = pose.map(|pose| pose.translation.vector);
+        (0..3).for_each(|i| self.number(place.map(|place| place[i]), FINE));
+        // nalgebra keeps quaternions as x, y, z, w.
+        let turn = pose.map(|pose| pose.rotation.coords);
+        (0..4).for_each(|i| self.number(turn.map(|turn| turn[i]), FINE));
+
+        let points =
+            |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| present).map(value);
+        for i in 0..LANDMARKS {
+            self.number(points(&|face| face.pixels[i][0]), COARSE);
+            self.number(points(&|face| face.pixels[i][1]), COARSE);
+        }
+        for i in 0..LANDMARKS {
+            self.number(points(&|face| face.point_confidence[i]), COARSE);
+        }
+        let value = |values: &[f32], i: usize| values.get(i).copied().filter(|_| present);
+        (0..self.measures).for_each(|i| self.number(value(report.measures, i), FINE));
+        for i in 0..self.units {
+            // Never below 0; `max` would turn what is not a number into 0.
+            let weight =
+                value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
+            self.number(weight, FINE);
+        }
+        self.row.push(b'\n');
+        self.write_row()
+    }
+}

@@ -1,0 +1,391 @@
+//! OSC over UDP, schema `native`: who is there, pose and weights, for each user.
+//!
+//! | address | arguments | when |
+//! | --- | --- | --- |
+//! | `/face/<u>/frame` | number, time ms, state, confidence | every report, first of its datagram |
+//! | `/face/<u>/au` | all weights in the order of the schema | every report (styles vector, both) |
+//! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
+//! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
+//! | `/face/<u>/present` | 0 or 1 | on change and once a second |
+//! | `/face/schema` | version, names of the units | at the start and every 5 s |
+//! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
+//!
+//! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. The socket does not
+//! block: what it cannot take is dropped and counted. A receiver that is not there changes nothing. A target given by name
+//! is looked up on a thread of its own, again and again until it is found.
+
+mod packet;
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use super::{
+    Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, WireWeights,
+    unit_range,
+};
+use crate::capacity::USERS;
+use packet::{Argument, Packet};
+
+/// How often the names of the units are repeated, for receivers that come later; seconds.
+const SCHEMA_PERIOD_S: f64 = 5.0;
+/// How often presence and life are told; seconds.
+const ALIVE_PERIOD_S: f64 = 1.0;
+/// Pause between two look-ups of a name that is not found.
+const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
+
+/// How weights are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Style {
+    /// All in one message, in the order of the schema.
+    Vector,
+    /// Each under its own address, as patching programs like it.
+    Scalar,
+    /// Both ways.
+    #[default]
+    Both,
+}
+
+/// Where and how OSC goes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Whether anything is sent.
+    pub enabled: bool,
+    /// `host:port`.
+    pub target: String,
+    /// What every address starts with.
+    pub prefix: String,
+    /// How weights are sent.
+    pub style: Style,
+    /// What is sent of a face that is lost.
+    pub loss: LossPolicy,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            target: "127.0.0.1:9130".to_owned(),
+            prefix: "/face".to_owned(),
+            style: Style::default(),
+            loss: LossPolicy::default(),
+        }
+    }
+}
+
+/// An OSC sender.
+pub struct Osc {
+    wire: Wire,
+    style: Style,
+    units: Box<[String]>,
+    users: [User; USERS],
+    schema: Every,
+    alive: Every,
+    alive_count: i32,
+}
+
+/// What was sent of one user.
+struct User {
+    count: i32,
+    /// Whether any report has named this user.
+    known: bool,
+    present: bool,
+    presence: Every,
+    weights: WireWeights,
+}
+
+/// The socket and the datagram being filled.
+struct Wire {
+    socket: UdpSocket,
+    target: Arc<OnceLock<SocketAddr>>,
+    packet: Packet,
+    prefix: String,
+    sent: u64,
+    dropped: u64,
+}
+
+impl Osc {
+    /// Opens the socket. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If the settings are unusable, or there is no socket to be had.
+    pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let Settings {
+            target,
+            prefix,
+            style,
+            loss,
+            ..
+        } = settings;
+        let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
+        if !prefix.starts_with('/')
+            || prefix.ends_with('/')
+            || prefix.len() > 64
+            || !prefix.chars().all(plain)
+        {
+            return Err(OutputError::Prefix { prefix });
+        }
+        // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
+        let bytes = units.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
+        if bytes > packet::LARGEST {
+            return Err(OutputError::Names {
+                units: units.len(),
+                bytes,
+                most: packet::LARGEST,
+            });
+        }
+        let target = look_up(target)?;
+        let any = match target.get() {
+            Some(SocketAddr::V6(_)) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+            _ => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+        };
+        let socket = UdpSocket::bind(any)
+            .and_then(|socket| {
+                socket.set_nonblocking(true)?;
+                // Only for targets that are broadcast addresses; those that are not do not need it.
+                socket.set_broadcast(true).ok();
+                Ok(socket)
+            })
+            .map_err(|source| OutputError::Socket { source })?;
+        Ok(Self {
+            wire: Wire {
+                socket,
+                target,
+                packet: Packet::new(),
+                prefix,
+                sent: 0,
+                dropped: 0,
+            },
+            style,
+            units: units.iter().map(|&name| name.to_owned()).collect(),
+            users: std::array::from_fn(|_| User {
+                count: 0,
+                known: false,
+                present: false,
+                presence: Every::default(),
+                weights: WireWeights::new(units.len(), loss),
+            }),
+            schema: Every::default(),
+            alive: Every::default(),
+            alive_count: 0,
+        })
+    }
+
+    /// Datagrams sent.
+    #[must_use]
+    pub fn sent(&self) -> u64 {
+        self.wire.sent
+    }
+
+    /// Datagrams the system did not take, or for which the target's name is not found yet.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.wire.dropped
+    }
+
+    /// Everything about one user, from here on in the present datagram.
+    fn send_user(&mut self, slot: usize, report: &Report, state: TrackingState) {
+        let (wire, user) = (&mut self.wire, &mut self.users[slot]);
+        let (present, confidence) = (state.is_present(), unit_range(report.confidence));
+        let head = [
+            Argument::Int(user.count),
+            Argument::Int(milliseconds(report)),
+            Argument::Int(state.code().into()),
+            Argument::Float(if present { confidence } else { 0.0 }),
+        ];
+        user.count = next(user.count);
+        wire.message(format_args!("/{slot}/frame"), head.into_iter());
+        let (vector, scalar) = (self.style != Style::Scalar, self.style != Style::Vector);
+        if user.known && vector {
+            wire.message(
+                format_args!("/{slot}/au"),
+                user.weights.shown().map(Argument::Float),
+            );
+        }
+        if user.known && scalar {
+            for (name, weight) in self.units.iter().zip(user.weights.shown()) {
+                wire.message(
+                    format_args!("/{slot}/au/{name}"),
+                    std::iter::once(Argument::Float(weight)),
+                );
+            }
+        }
+        if let Some(pose) = report.sensor_from_head.filter(|_| present) {
+            let place = pose.translation.vector;
+            // nalgebra keeps quaternions as x, y, z, w.
+            let turn = pose.rotation.coords;
+            let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
+            if numbers.iter().all(|number| number.is_finite()) {
+                wire.message(
+                    format_args!("/{slot}/pose"),
+                    numbers.into_iter().map(Argument::Float),
+                );
+            }
+        }
+        let changed = user.present != present;
+        user.present = present;
+        // Asked in any case: a change starts the second anew.
+        if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
+            wire.message(
+                format_args!("/{slot}/present"),
+                std::iter::once(Argument::Int(present.into())),
+            );
+        }
+    }
+
+    fn send_schema(&mut self) {
+        let names = self.units.iter().map(|name| Argument::Text(name));
+        let arguments = std::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
+        self.wire.message(format_args!("/schema"), arguments);
+        self.wire.flush();
+    }
+
+    fn send_alive(&mut self, report: &Report) {
+        let arguments = [
+            Argument::Int(self.alive_count),
+            Argument::Text(env!("CARGO_PKG_VERSION")),
+            Argument::Float(report.at.as_us() as f32 * 1e-6),
+        ];
+        self.alive_count = next(self.alive_count);
+        self.wire
+            .message(format_args!("/alive"), arguments.into_iter());
+        self.wire.flush();
+    }
+}
+
+impl Output for Osc {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if self.schema.due(report.at, SCHEMA_PERIOD_S) {
+            self.send_schema();
+        }
+        if self.alive.due(report.at, ALIVE_PERIOD_S) {
+            self.send_alive(report);
+        }
+        match report.user {
+            Some(slot) if slot < USERS => {
+                let user = &mut self.users[slot];
+                user.known = true;
+                user.weights.observe(report);
+                self.send_user(slot, report, report.state);
+            }
+            _ => {
+                // Nobody: whoever was there fades out; the first slot's number goes on so that silence is not loss.
+                for slot in 0..USERS {
+                    let user = &mut self.users[slot];
+                    let fading = user.present || !user.weights.is_neutral();
+                    user.weights.observe(report);
+                    if fading || slot == 0 {
+                        self.send_user(slot, report, TrackingState::Absent);
+                    }
+                }
+            }
+        }
+        self.wire.flush();
+        Ok(())
+    }
+}
+
+impl Drop for Osc {
+    /// Neutral and absent, for every user there has been.
+    fn drop(&mut self) {
+        for slot in 0..USERS {
+            if slot == 0 || self.users[slot].known {
+                let user = &mut self.users[slot];
+                (user.known, user.present) = (true, true);
+                user.weights.reset();
+                let at = user.presence.last.unwrap_or_default();
+                self.send_user(
+                    slot,
+                    &Report {
+                        at,
+                        ..Report::default()
+                    },
+                    TrackingState::Absent,
+                );
+                self.wire.flush();
+            }
+        }
+    }
+}
+
+impl Wire {
+    /// Puts a message in the datagram; sends what is there before, if there is no room. One that does not fit an empty
+    /// datagram is dropped and counted; the check of the names at the start leaves none such.
+    fn message<'a>(
+        &mut self,
+        address: std::fmt::Arguments,
+        arguments: impl Iterator<Item = Argument<'a>> + Clone,
+    ) {
+        if self.packet.push(&self.prefix, address, arguments.clone()) {
+            return;
+        }
+        self.flush();
+        if !self.packet.push(&self.prefix, address, arguments) {
+            self.dropped += 1;
+        }
+    }
+
+    /// Sends the datagram, if there is anything in it.
+    fn flush(&mut self) {
+        if self.packet.is_empty() {
+            return;
+        }
+        let taken = self
+            .target
+            .get()
+            .is_some_and(|target| self.socket.send_to(self.packet.bytes(), target).is_ok());
+        *(if taken {
+            &mut self.sent
+        } else {
+            &mut self.dropped
+        }) += 1;
+        self.packet.clear();
+    }
+}
+
+/// The count after `count`; starts again from 0 before it would become negative.
+fn next(count: i32) -> i32 {
+    count.checked_add(1).unwrap_or(0)
+}
+
+/// Capture time in whole milliseconds, starting again from 0 every 24.8 days.
+fn milliseconds(report: &Report) -> i32 {
+    ((report.at.as_us() / 1000) & 0x7fff_ffff) as i32
+}
+
+/// The address of `target`: at once if it is one, else as soon as its name is found.
+fn look_up(target: String) -> Result<Arc<OnceLock<SocketAddr>>, OutputError> {
+    let found = Arc::new(OnceLock::new());
+    if let Ok(address) = target.parse() {
+        found.get_or_init(|| address);
+        return Ok(found);
+    }
+    let host_and_port = target
+        .rsplit_once(':')
+        .map(|(host, port)| (host.is_empty(), port.parse::<u16>()));
+    let Some((false, Ok(_))) = host_and_port else {
+        return Err(OutputError::Target { target });
+    };
+    let result = Arc::downgrade(&found);
+    let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
+    thread
+        .spawn(move || {
+            // Ends with the output that wants to know.
+            while let Some(found) = result.upgrade() {
+                // The socket is made for IPv4 before the name is known.
+                let address = target
+                    .to_socket_addrs()
+                    .ok()
+                    .and_then(|mut all| all.find(SocketAddr::is_ipv4));
+                if let Some(address) = address {
+                    found.get_or_init(|| address);
+                    return;
+                }
+                tracing::warn!("OSC target {target} is not found, trying again");
+                drop(found);
+                std::thread::sleep(LOOK_UP_PAUSE);
+            }
+        })
+        .map_err(|source| OutputError::Thread { source })?;
+    Ok(found)
+}

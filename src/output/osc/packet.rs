@@ -1,0 +1,188 @@
+//! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings end in 1 to 4 zeros, up to a
+//! multiple of four; numbers are 32 bits, big endian; each message stands behind its length. Nothing allocates.
+
+use std::fmt::Write;
+
+/// Bytes a datagram may have to cross an Ethernet in one piece: 1500 less the headers of IP and UDP.
+pub(super) const LARGEST: usize = 1472;
+/// What every bundle starts with; the time tag 1 means "immediately": clocks need not agree.
+const HEADER: [u8; 16] = *b"#bundle\0\0\0\0\0\0\0\0\x01";
+
+/// An argument of a message.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Argument<'a> {
+    Int(i32),
+    Float(f32),
+    Text(&'a str),
+}
+
+/// A bundle being filled.
+pub(super) struct Packet {
+    bytes: [u8; LARGEST],
+    length: usize,
+}
+
+impl Packet {
+    pub(super) fn new() -> Self {
+        let mut packet = Self {
+            bytes: [0; LARGEST],
+            length: 0,
+        };
+        packet.clear();
+        packet
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.bytes[..HEADER.len()].copy_from_slice(&HEADER);
+        self.length = HEADER.len();
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.length == HEADER.len()
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
+    /// Appends a message to `prefix` + `address`; `false`, and nothing appended, if there is no room.
+    pub(super) fn push<'a>(
+        &mut self,
+        prefix: &str,
+        address: std::fmt::Arguments,
+        arguments: impl Iterator<Item = Argument<'a>> + Clone,
+    ) -> bool {
+        let start = self.length;
+        let fits = self.append(prefix, address, arguments).is_ok();
+        if fits {
+            let length = (self.length - start - 4) as u32;
+            self.bytes[start..start + 4].copy_from_slice(&length.to_be_bytes());
+        } else {
+            self.length = start;
+        }
+        fits
+    }
+
+    fn append<'a>(
+        &mut self,
+        prefix: &str,
+        address: std::fmt::Arguments,
+        arguments: impl Iterator<Item = Argument<'a>> + Clone,
+    ) -> std::fmt::Result {
+        // The length goes here when it is known.
+        self.put(&[0; 4])?;
+        let start = self.length;
+        self.write_str(prefix)?;
+        self.write_fmt(address)?;
+        self.end_string(start)?;
+        let start = self.length;
+        self.put(b",")?;
+        for argument in arguments.clone() {
+            self.put(match argument {
+                Argument::Int(_) => b"i",
+                Argument::Float(_) => b"f",
+                Argument::Text(_) => b"s",
+            })?;
+        }
+        self.end_string(start)?;
+        for argument in arguments {
+            match argument {
+                Argument::Int(value) => self.put(&value.to_be_bytes())?,
+                Argument::Float(value) => self.put(&value.to_be_bytes())?,
+                Argument::Text(text) => {
+                    let start = self.length;
+                    self.put(text.as_bytes())?;
+                    self.end_string(start)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn end_string(&mut self, start: usize) -> std::fmt::Result {
+        let zeros = 4 - (self.length - start) % 4;
+        self.put(&[0; 4][..zeros])
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> std::fmt::Result {
+        let end = self.length + bytes.len();
+        let room = self
+            .bytes
+            .get_mut(self.length..end)
+            .ok_or(std::fmt::Error)?;
+        room.copy_from_slice(bytes);
+        self.length = end;
+        Ok(())
+    }
+}
+
+impl Write for Packet {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        self.put(text.as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bytes(hex: &str) -> Vec<u8> {
+        hex.split_whitespace()
+            .map(|byte| u8::from_str_radix(byte, 16).unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn one_weight_is_the_reference_message() {
+        let mut packet = Packet::new();
+        assert!(packet.push(
+            "/face",
+            format_args!("/0/au/AU12"),
+            [Argument::Float(0.5)].into_iter()
+        ));
+        let message =
+            bytes("2f 66 61 63 65 2f 30 2f 61 75 2f 41 55 31 32 00 2c 66 00 00 3f 00 00 00");
+        assert_eq!(packet.bytes()[16..20], [0, 0, 0, 24]);
+        assert_eq!(packet.bytes()[20..], message);
+    }
+
+    #[test]
+    fn a_bundle_is_the_reference_bundle() {
+        let mut packet = Packet::new();
+        let arguments = [Argument::Text("jawOpen"), Argument::Float(0.25)];
+        assert!(packet.push(
+            "/VMC",
+            format_args!("/Ext/Blend/Val"),
+            arguments.into_iter()
+        ));
+        assert!(packet.push("/VMC", format_args!("/Ext/Blend/Apply"), std::iter::empty()));
+        let expected = bytes(
+            "23 62 75 6e 64 6c 65 00 00 00 00 00 00 00 00 01 00 00 00 24 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 6e 64 2f 56 \
+             61 6c 00 00 2c 73 66 00 6a 61 77 4f 70 65 6e 00 3e 80 00 00 00 00 00 1c 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 \
+             6e 64 2f 41 70 70 6c 79 00 00 00 00 2c 00 00 00",
+        );
+        assert_eq!(packet.bytes(), expected);
+    }
+
+    #[test]
+    fn what_does_not_fit_leaves_no_trace() {
+        let mut packet = Packet::new();
+        let mut count = 0;
+        while packet.push(
+            "/face",
+            format_args!("/0/frame"),
+            [Argument::Int(count)].into_iter(),
+        ) {
+            count += 1;
+        }
+        // 16 + 28 n ≤ 1472: length 4, address 16, tags 4, number 4.
+        assert_eq!((count, packet.bytes().len()), (52, 16 + 52 * 28));
+        let before = packet.bytes().to_vec();
+        assert!(!packet.push(
+            "/face",
+            format_args!("/0/frame"),
+            std::iter::repeat_n(Argument::Int(1), 400)
+        ));
+        assert_eq!(packet.bytes(), before);
+    }
+}

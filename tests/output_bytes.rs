@@ -1,0 +1,592 @@
+//! What goes over the wires, byte for byte, and what the wires do when nobody is at the other end.
+
+use std::io::{Read, Write};
+use std::net::UdpSocket;
+use std::time::{Duration, Instant};
+
+use mien::capacity::LANDMARKS;
+use mien::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien::landmarks::Landmarks;
+use mien::output::csv::Csv;
+use mien::output::osc::{self, Osc, Style};
+use mien::output::serial::{self, PortState, SerialText};
+use mien::output::{Output, OutputError, Report, TrackingState};
+use mien::time::Timestamp;
+use rosc::{OscMessage, OscPacket, OscType};
+use serialport::{SerialPort, TTYPort};
+
+const MEASURES: [&str; 2] = ["lip_gap", "eye_distance"];
+const UNITS: [&str; 3] = ["AU25", "AU12L", "AU12R"];
+
+fn landmarks() -> Landmarks {
+    Landmarks {
+        head: [Point::origin(); LANDMARKS],
+        pixels: std::array::from_fn(|i| [i as f32 + 0.5, -0.00001 * i as f32]),
+        point_confidence: [0.75; LANDMARKS],
+        confidence: 0.9,
+    }
+}
+
+fn pose() -> Rigid {
+    Rigid::from_parts(
+        Vector::new(0.1, -0.25, 0.75).into(),
+        rotation_from_yaw_pitch_roll(0.5, 0.0, 0.0),
+    )
+}
+
+/// A report of `user` at `ms`.
+fn report<'a>(ms: u64, user: usize, state: TrackingState, weights: &'a [f32]) -> Report<'a> {
+    Report {
+        frame: ms / 33,
+        at: Timestamp::from_us(1000 * ms),
+        user: Some(user),
+        state,
+        confidence: 0.8,
+        weights,
+        ..Report::default()
+    }
+}
+
+fn nobody(ms: u64) -> Report<'static> {
+    Report {
+        frame: ms / 33,
+        at: Timestamp::from_us(1000 * ms),
+        ..Report::default()
+    }
+}
+
+#[test]
+fn csv_has_the_columns_in_their_order_and_stable_numbers() {
+    let (landmarks, pose) = (landmarks(), pose());
+    let mut bytes = Vec::new();
+    {
+        let mut csv = Csv::new(&mut bytes, &MEASURES, &UNITS).unwrap();
+        let weights = [1.25, f32::NAN, -0.1];
+        let full = Report {
+            sensor_from_head: Some(&pose),
+            landmarks: Some(&landmarks),
+            measures: &[0.1, 0.032_5],
+            ..report(33, 2, TrackingState::Warming, &weights)
+        };
+        csv.send(&full).unwrap();
+        csv.send(&Report {
+            state: TrackingState::Lost,
+            confidence: 0.0,
+            ..full
+        })
+        .unwrap();
+        csv.send(&nobody(99)).unwrap();
+    }
+    let text = String::from_utf8(bytes).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let points: String = (0..68).map(|i| format!(",x{i},y{i}")).collect();
+    let confidences: String = (0..68).map(|i| format!(",c{i}")).collect();
+    assert_eq!(
+        lines[0],
+        format!(
+            "frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw{points}{confidences},\
+             m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R"
+        )
+    );
+    let points: String = (0..68)
+        .map(|i| {
+            // What rounds to zero has no sign: -0.00005 does, -0.00006 does not.
+            let y = if i < 6 {
+                "0.0000".into()
+            } else {
+                format!("{:.4}", -0.00001 * i as f32)
+            };
+            format!(",{i}.5000,{y}")
+        })
+        .collect();
+    assert_eq!(
+        lines[1],
+        format!(
+            "1,33000,2,warming,0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912{points}{},\
+             0.100000,0.032500,1.250000,,0.000000",
+            ",0.7500".repeat(68)
+        )
+    );
+    assert_eq!(
+        lines[2],
+        format!("1,33000,2,lost,0.0000{}", ",".repeat(7 + 3 * 68 + 5))
+    );
+    assert_eq!(
+        lines[3],
+        format!("3,99000,,absent,0.0000{}", ",".repeat(7 + 3 * 68 + 5))
+    );
+    assert_eq!((lines.len(), text.ends_with('\n')), (4, true));
+}
+
+#[test]
+fn csv_on_a_full_disk_is_an_error_in_one_sentence() {
+    struct Full;
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            Err(std::io::ErrorKind::StorageFull.into())
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    let error = Csv::new(Full, &MEASURES, &UNITS).err().unwrap();
+    assert_eq!(
+        error.to_string(),
+        "cannot write the CSV: no storage space; check the path and the space left"
+    );
+}
+
+/// A receiver, and settings to send to it.
+fn receiver(style: Style) -> (UdpSocket, osc::Settings) {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket
+        .set_read_timeout(Some(Duration::from_millis(300)))
+        .unwrap();
+    let target = socket.local_addr().unwrap().to_string();
+    (
+        socket,
+        osc::Settings {
+            target,
+            style,
+            ..osc::Settings::default()
+        },
+    )
+}
+
+/// All messages that have arrived, datagram by datagram; checks what holds for every datagram.
+fn received(socket: &UdpSocket) -> Vec<Vec<OscMessage>> {
+    let mut datagrams = Vec::new();
+    let mut bytes = [0; 65_536];
+    while let Ok(length) = socket.recv(&mut bytes) {
+        assert!(length <= 1472, "{length} bytes");
+        let (rest, packet) = rosc::decoder::decode_udp(&bytes[..length]).unwrap();
+        assert!(rest.is_empty());
+        let OscPacket::Bundle(bundle) = packet else {
+            panic!("not a bundle")
+        };
+        assert_eq!((bundle.timetag.seconds, bundle.timetag.fractional), (0, 1));
+        let messages = bundle.content.into_iter().map(|packet| match packet {
+            OscPacket::Message(message) => message,
+            OscPacket::Bundle(_) => panic!("bundle in a bundle"),
+        });
+        datagrams.push(messages.collect());
+    }
+    datagrams
+}
+
+fn find<'a>(datagrams: &'a [Vec<OscMessage>], address: &str) -> Vec<&'a [OscType]> {
+    let messages = datagrams.iter().flatten();
+    messages
+        .filter(|message| message.addr == address)
+        .map(|message| &message.args[..])
+        .collect()
+}
+
+use OscType::{Float, Int, String as Text};
+
+#[test]
+fn osc_tells_everything_of_a_face() {
+    let (socket, settings) = receiver(Style::Both);
+    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    let pose = pose();
+    let weights = [0.5, f32::NAN, 1.5];
+    osc.send(&Report {
+        sensor_from_head: Some(&pose),
+        ..report(33, 1, TrackingState::Tracking, &weights)
+    })
+    .unwrap();
+    let datagrams = received(&socket);
+    let names = UNITS.map(|name| Text(name.into()));
+    assert_eq!(
+        find(&datagrams, "/face/schema"),
+        [[&[Int(1)][..], &names].concat()]
+    );
+    let alive = [Int(0), Text(env!("CARGO_PKG_VERSION").into()), Float(0.033)];
+    assert_eq!(find(&datagrams, "/face/alive"), [alive]);
+    assert_eq!(datagrams[2][0].addr, "/face/1/frame", "first in its bundle");
+    assert_eq!(datagrams[2][0].args, [Int(0), Int(33), Int(2), Float(0.8)]);
+    assert_eq!(
+        find(&datagrams, "/face/1/au"),
+        [[Float(0.5), Float(0.0), Float(1.0)]]
+    );
+    assert_eq!(find(&datagrams, "/face/1/au/AU25"), [[Float(0.5)]]);
+    assert_eq!(find(&datagrams, "/face/1/au/AU12R"), [[Float(1.0)]]);
+    let turn = pose.rotation.coords;
+    let numbers = [0.1, -0.25, 0.75, turn.x, turn.y, turn.z, turn.w].map(Float);
+    assert_eq!(find(&datagrams, "/face/1/pose"), [numbers]);
+    assert_eq!(find(&datagrams, "/face/1/present"), [[Int(1)]]);
+    assert_eq!((osc.sent(), osc.dropped()), (3, 0));
+}
+
+#[test]
+fn osc_repeats_counts_fades_and_closes() {
+    let (socket, settings) = receiver(Style::Vector);
+    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    // Two seconds of a face, then two of nobody, at 30 frames a second.
+    for i in 0..60 {
+        osc.send(&report(
+            i * 100 / 3,
+            0,
+            TrackingState::Tracking,
+            &[0.4, 0.0, 0.0],
+        ))
+        .unwrap();
+    }
+    for i in 60..120 {
+        osc.send(&nobody(i * 100 / 3)).unwrap();
+    }
+    drop(osc);
+    let datagrams = received(&socket);
+    let numbers: Vec<i32> = find(&datagrams, "/face/0/frame")
+        .iter()
+        .map(|args| args[0].clone().int().unwrap())
+        .collect();
+    assert_eq!(numbers, (0..121).collect::<Vec<_>>());
+    assert_eq!(find(&datagrams, "/face/schema").len(), 1);
+    assert_eq!(find(&datagrams, "/face/alive").len(), 4);
+    let present: Vec<i32> = find(&datagrams, "/face/0/present")
+        .iter()
+        .map(|args| args[0].clone().int().unwrap())
+        .collect();
+    assert_eq!(
+        present,
+        [1, 1, 0, 0, 0],
+        "each second, on change and at the end"
+    );
+    let weights: Vec<f32> = find(&datagrams, "/face/0/au")
+        .iter()
+        .map(|args| args[0].clone().float().unwrap())
+        .collect();
+    assert!(
+        weights.windows(2).all(|pair| pair[1] <= pair[0]),
+        "only falls: {weights:?}"
+    );
+    // 0.2 s held, 0.4 s of fading, and neutral once more at the end.
+    assert!(weights[..65].iter().all(|&weight| weight == 0.4));
+    assert!((weights[71] - 0.2).abs() < 0.02, "{}", weights[71]);
+    assert_eq!(weights.last(), Some(&0.0));
+    assert!(
+        find(&datagrams, "/face/0/au/AU25").is_empty(),
+        "style vector"
+    );
+    let last = datagrams.last().unwrap();
+    assert_eq!(last[0].args[2], Int(0));
+    assert_eq!(last[1].args, [Float(0.0), Float(0.0), Float(0.0)]);
+    assert_eq!(
+        (last[2].addr.as_str(), &last[2].args[..]),
+        ("/face/0/present", &[Int(0)][..])
+    );
+}
+
+#[test]
+fn osc_splits_what_is_too_long_for_a_datagram_between_messages() {
+    let (socket, settings) = receiver(Style::Both);
+    let names: Vec<String> = (0..80).map(|i| format!("AU{i}L")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut osc = Osc::new(settings, &names).unwrap();
+    osc.send(&report(0, 3, TrackingState::Held, &[0.25; 80]))
+        .unwrap();
+    let datagrams = received(&socket);
+    assert!(datagrams.len() > 3, "{} datagrams", datagrams.len());
+    for name in names {
+        assert_eq!(
+            find(&datagrams, &format!("/face/3/au/{name}")),
+            [[Float(0.25)]]
+        );
+    }
+}
+
+#[test]
+fn osc_without_a_receiver_goes_on() {
+    let port = UdpSocket::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    for target in [
+        format!("127.0.0.1:{port}"),
+        "240.0.0.1:9".into(),
+        "no-such-host.invalid:9".into(),
+    ] {
+        let mut osc = Osc::new(
+            osc::Settings {
+                target,
+                ..osc::Settings::default()
+            },
+            &UNITS,
+        )
+        .unwrap();
+        for ms in 0..50 {
+            osc.send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
+                .unwrap();
+        }
+        assert_eq!(osc.sent() + osc.dropped(), 52);
+    }
+}
+
+#[test]
+fn osc_settings_that_cannot_work_are_told() {
+    let refused = |target: &str, prefix: &str| {
+        let settings = osc::Settings {
+            target: target.into(),
+            prefix: prefix.into(),
+            ..osc::Settings::default()
+        };
+        Osc::new(settings, &UNITS).err().unwrap().to_string()
+    };
+    assert!(
+        refused("nowhere", "/face").starts_with("OSC target is \"nowhere\", expected host:port")
+    );
+    assert!(refused(":9130", "/face").starts_with("OSC target is "));
+    assert!(refused("localhost:99999", "/face").starts_with("OSC target is "));
+    for prefix in ["face", "/face/", "/f#", "/a b", ""] {
+        assert!(
+            refused("127.0.0.1:9", prefix).starts_with("OSC prefix is "),
+            "{prefix}"
+        );
+    }
+    let long = "x".repeat(2000);
+    let names = Osc::new(osc::Settings::default(), &[&long]).err().unwrap();
+    assert!(matches!(names, OutputError::Names { units: 1, .. }));
+}
+
+fn serial_settings(path: &str) -> serial::Settings {
+    serial::Settings {
+        port: path.to_owned(),
+        ..serial::Settings::default()
+    }
+}
+
+/// A pseudo-terminal: the end to read from, the other end, and its path. Once the other end is closed everywhere, what it
+/// left behind cannot be read any more; so a test keeps it.
+fn terminal() -> (TTYPort, TTYPort, String) {
+    let (mut reader, port) = TTYPort::pair().unwrap();
+    reader.set_timeout(Duration::from_millis(200)).unwrap();
+    let path = port.name().unwrap();
+    (reader, port, path)
+}
+
+/// Reads until `enough` or two seconds have gone by.
+fn read_until(port: &mut TTYPort, enough: impl Fn(&str) -> bool) -> String {
+    let (start, mut text, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
+    while !enough(&text) && start.elapsed() < Duration::from_secs(2) {
+        if let Ok(length) = port.read(&mut bytes) {
+            text.push_str(std::str::from_utf8(&bytes[..length]).unwrap());
+        } else {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+    text
+}
+
+/// The sentences of whole lines; each must check.
+fn sentences(text: &str) -> Vec<&str> {
+    let lines = text
+        .split_inclusive("\r\n")
+        .filter(|line| line.ends_with("\r\n"));
+    lines
+        .map(|line| {
+            let (sentence, checksum) = line
+                .trim_end()
+                .strip_prefix('$')
+                .unwrap()
+                .split_once('*')
+                .unwrap();
+            let sum = sentence.bytes().fold(0, |sum, byte| sum ^ byte);
+            assert_eq!(checksum, format!("{sum:02X}"), "{line}");
+            sentence
+        })
+        .collect()
+}
+
+fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < Duration::from_secs(20), "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn serial_lines_are_the_references() {
+    let (mut reader, _port, path) = terminal();
+    let mut serial = SerialText::new(
+        &serial::Settings {
+            pose: true,
+            ..serial_settings(&path)
+        },
+        &UNITS,
+    )
+    .unwrap();
+    wait_for("open", || serial.state() == PortState::Open);
+    let pose = pose();
+    let weights = [0.0, 0.5, 1.7];
+    let first = Report {
+        confidence: 0.784,
+        ..report(33, 0, TrackingState::Tracking, &weights)
+    };
+    serial
+        .send(&Report {
+            sensor_from_head: Some(&pose),
+            ..first
+        })
+        .unwrap();
+    let mut text = read_until(&mut reader, |text| {
+        text.contains("$AUP") && text.ends_with('\n')
+    });
+    serial
+        .send(&report(66, 0, TrackingState::Lost, &[]))
+        .unwrap();
+    text += &read_until(&mut reader, |text| text.ends_with('\n'));
+    drop(serial);
+    text += &read_until(&mut reader, |text| text.ends_with('\n'));
+    assert_eq!(
+        sentences(&text),
+        [
+            "AUH,1,1,AU25,AU12L,AU12R",
+            "AU,0,33,2,78,0,50,100",
+            "AUP,0,100,-250,750,286,0,0",
+            "AU,1,66,4,0,0,50,100",
+            "AU,2,66,0,0,0,0,0",
+        ]
+    );
+    assert!(text.starts_with("$AUH,1,1,AU25,AU12L,AU12R*"));
+}
+
+#[test]
+fn serial_follows_one_face_until_it_is_lost() {
+    let (mut reader, _port, path) = terminal();
+    let mut serial = SerialText::new(&serial_settings(&path), &UNITS).unwrap();
+    wait_for("open", || serial.state() == PortState::Open);
+    let mut shown = |report: &Report| {
+        serial.send(report).unwrap();
+        let text = read_until(&mut reader, |text| {
+            text.ends_with('\n') && text.contains("$AU,")
+        });
+        sentences(&text)
+            .last()
+            .map(|line| line.split(',').skip(3).collect::<Vec<_>>().join(" "))
+    };
+    let tracking = TrackingState::Tracking;
+    assert_eq!(
+        shown(&report(0, 0, tracking, &[0.1; 3])).unwrap(),
+        "2 79 10 10 10"
+    );
+    assert_eq!(
+        shown(&report(0, 1, tracking, &[0.2; 3])),
+        None,
+        "another face is not on the line"
+    );
+    assert_eq!(
+        shown(&report(33, 0, TrackingState::Lost, &[])).unwrap(),
+        "4 0 10 10 10"
+    );
+    assert_eq!(
+        shown(&report(33, 1, tracking, &[0.2; 3])).unwrap(),
+        "2 79 20 20 20"
+    );
+    assert_eq!(shown(&report(66, 0, TrackingState::Lost, &[])), None);
+    assert_eq!(shown(&nobody(99)).unwrap(), "0 0 20 20 20");
+}
+
+#[test]
+fn serial_port_that_is_absent_or_unplugged_is_found_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("by-id");
+    let mut serial = SerialText::new(&serial_settings(path.to_str().unwrap()), &UNITS).unwrap();
+    for plugged in 0..2 {
+        assert_eq!(serial.state(), PortState::Absent);
+        let start = Instant::now();
+        for ms in 0..100 {
+            serial
+                .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
+                .unwrap();
+        }
+        assert!(
+            start.elapsed() < Duration::from_millis(100),
+            "an absent port holds nothing up"
+        );
+        let (mut reader, _, port) = terminal();
+        std::os::unix::fs::symlink(port, &path).unwrap();
+        wait_for("opened", || serial.state() == PortState::Open);
+        let text = read_until(&mut reader, |text| {
+            text.contains("$AU,") && text.ends_with('\n')
+        });
+        let lines = sentences(&text);
+        assert_eq!(lines[0], "AUH,1,1,AU25,AU12L,AU12R", "plugged {plugged}");
+        assert!(
+            lines[1].contains(",99,2,79,10,10,10"),
+            "the newest frame waited: {}",
+            lines[1]
+        );
+        assert!(serial.dropped() >= 99);
+        std::fs::remove_file(&path).unwrap();
+        drop(reader);
+        wait_for("lost", || {
+            serial
+                .send(&report(200, 0, TrackingState::Tracking, &[0.1; 3]))
+                .unwrap();
+            serial.state() == PortState::Absent
+        });
+    }
+}
+
+#[test]
+fn serial_port_that_takes_nothing_holds_nothing_up() {
+    let (reader, _port, path) = terminal();
+    let settings = serial::Settings {
+        baud: 921_600,
+        ..serial_settings(&path)
+    };
+    let mut serial = SerialText::new(&settings, &["AU25"; 60]).unwrap();
+    wait_for("open", || serial.state() == PortState::Open);
+    // Nobody reads; a pseudo-terminal takes some tens of kB, then no more.
+    let mut longest = Duration::ZERO;
+    for ms in 0..600 {
+        let start = Instant::now();
+        serial
+            .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
+            .unwrap();
+        longest = longest.max(start.elapsed());
+        std::thread::sleep(Duration::from_millis(3));
+    }
+    println!(
+        "longest call {longest:?}, {} frames replaced",
+        serial.dropped()
+    );
+    assert!(longest < Duration::from_secs(1));
+    assert!(serial.dropped() > 100);
+    let start = Instant::now();
+    drop(serial);
+    assert!(
+        start.elapsed() < Duration::from_secs(1),
+        "closing does not wait for ever"
+    );
+    drop(reader);
+}
+
+#[test]
+fn serial_keeps_to_the_baud_rate() {
+    let (mut reader, _port, path) = terminal();
+    let settings = serial::Settings {
+        baud: 9600,
+        ..serial_settings(&path)
+    };
+    let mut serial = SerialText::new(&settings, &UNITS).unwrap();
+    wait_for("open", || serial.state() == PortState::Open);
+    let start = Instant::now();
+    let mut bytes = 0;
+    while start.elapsed() < Duration::from_secs(1) {
+        let ms = start.elapsed().as_millis() as u64;
+        serial
+            .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
+            .unwrap();
+        let mut some = [0; 256];
+        bytes += reader.read(&mut some).unwrap_or(0);
+    }
+    let budget = start.elapsed().as_secs_f64() * 960.0;
+    println!("{bytes} bytes, budget {budget:.0}");
+    // The header and a line may be on their way.
+    assert!((bytes as f64) < budget + 70.0);
+    assert!((bytes as f64) > 0.5 * budget);
+}
