@@ -156,7 +156,7 @@ fn receiver(style: Style) -> (UdpSocket, osc::Settings) {
 /// All messages that have arrived, datagram by datagram; checks what holds for every datagram.
 fn received(socket: &UdpSocket) -> Vec<Vec<OscMessage>> {
     let mut datagrams = Vec::new();
-    let mut bytes = [0; 65_536];
+    let mut bytes = vec![0; 65_536];
     while let Ok(length) = socket.recv(&mut bytes) {
         assert!(length <= 1472, "{length} bytes");
         let (rest, packet) = rosc::decoder::decode_udp(&bytes[..length]).unwrap();
