@@ -91,9 +91,9 @@ impl Default for Settings {
             best_distance_m: 0.5,
             half_life_s: 300.0,
             range_prior: 8.0,
-            dead_zone: 1.25,
+            dead_zone: 1.5,
             smoothing_hz: 3.0,
-            compensation_scale: 0.25,
+            compensation_scale: 0.0,
         }
     }
 }

@@ -2,12 +2,12 @@
 //!
 //! Method: Casiez, Roussel, Vogel, *1 € filter: a simple speed-based low-pass filter for noisy input*, CHI 2012. The cutoff
 //! rises with the measure's speed, here in ranges per second so that one setting serves all measures.
-//! Latency: at rest about 1/(2π f_c), 50 ms at 3 Hz; at two ranges a second under 10 ms. Memory: two numbers. Degenerate:
+//! Latency: at rest about 1/(2π f_c), 50 ms at 3 Hz; at two ranges a second half of that. Memory: two numbers. Degenerate:
 //! the first value passes as it is; a cutoff or range of 0 switches the
 //! filter off.
 
 /// Hz of cutoff per range per second of speed.
-const CUTOFF_PER_SPEED: f64 = 3.0;
+const CUTOFF_PER_SPEED: f64 = 1.5;
 /// Cutoff of the speed's own low-pass, Hz.
 const SPEED_CUTOFF_HZ: f64 = 1.5;
 
