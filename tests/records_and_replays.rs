@@ -64,6 +64,39 @@ fn a_recording_replays_bit_for_bit() {
 }
 
 #[test]
+fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut source = Source::simulated(Some("acted")).unwrap();
+    let mut recorder = Recorder::create(directory.path(), source.registration(), 1.7e9).unwrap();
+    let mut originals = vec![Frame::default(); 5];
+    for frame in &mut originals {
+        assert!(source.next_frame(frame).unwrap());
+        recorder.write(frame).unwrap();
+    }
+    let mut replay = Source::recording(directory.path()).unwrap();
+    assert_eq!(replay.registration(), source.registration());
+    let mut frame = Frame::default();
+    for original in &originals {
+        assert!(replay.next_frame(&mut frame).unwrap());
+        assert!(
+            frame.depth == original.depth
+                && frame.luma == original.luma
+                && frame.bayer == original.bayer
+        );
+        assert_eq!(
+            (frame.index, frame.at, frame.ticks),
+            (original.index, original.at, original.ticks)
+        );
+    }
+    assert!(!replay.next_frame(&mut frame).unwrap());
+    let refused = Source::simulated(Some("opera")).err().unwrap().to_string();
+    assert!(
+        refused.starts_with("simulated scene is \"opera\", expected one of acted, "),
+        "{refused}"
+    );
+}
+
+#[test]
 fn the_files_are_those_of_fakenect() {
     let directory = tempfile::tempdir().unwrap();
     let names = record(directory.path(), 1);

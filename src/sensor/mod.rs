@@ -6,11 +6,12 @@ pub mod device;
 pub mod packet;
 pub mod pairing;
 pub mod recording;
+pub mod simulated;
 pub mod stream;
 pub mod unpack;
 pub mod virtual_head;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -18,6 +19,7 @@ use crate::capacity::PIXELS;
 use crate::time::Timestamp;
 use camera::Registration;
 use recording::{Recording, RecordingError};
+use simulated::Simulated;
 
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
@@ -123,15 +125,42 @@ pub enum SourceError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// No such scene.
+    #[error(
+        "simulated scene is {name:?}, expected one of {}",
+        simulated::scene_names()
+    )]
+    Scene {
+        /// What was asked for.
+        name: String,
+    },
 }
 
 /// Where frames come from.
 pub enum Source {
     /// A recording that is played.
     Recording(Recording),
+    /// The simulated sensor.
+    Simulated(Box<Simulated>),
 }
 
 impl Source {
+    /// The simulated sensor, by the name of a scene.
+    ///
+    /// # Errors
+    /// If there is no such scene.
+    pub fn simulated(scene: Option<&str>) -> Result<Self, SourceError> {
+        Simulated::new(scene).map(|simulated| Self::Simulated(Box::new(simulated)))
+    }
+
+    /// The recording in a directory.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn recording(directory: &Path) -> Result<Self, SourceError> {
+        Ok(Self::Recording(Recording::open(directory)?))
+    }
+
     /// Fills `frame` with the next one; `false` if there are no more.
     ///
     /// # Errors
@@ -139,6 +168,10 @@ impl Source {
     pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         match self {
             Self::Recording(recording) => Ok(recording.next_frame(frame)),
+            Self::Simulated(simulated) => {
+                simulated.next_frame(frame);
+                Ok(true)
+            }
         }
     }
 
@@ -147,6 +180,7 @@ impl Source {
     pub fn registration(&self) -> &Registration {
         match self {
             Self::Recording(recording) => recording.registration(),
+            Self::Simulated(simulated) => simulated.simulator().camera().registration(),
         }
     }
 
@@ -155,6 +189,7 @@ impl Source {
     pub fn skipped(&self) -> u64 {
         match self {
             Self::Recording(recording) => recording.skipped(),
+            Self::Simulated(_) => 0,
         }
     }
 }

@@ -7,6 +7,7 @@
 
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "studio")]
 use mien::sensor::camera::Camera;
 use mien::sensor::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
 
