@@ -1,15 +1,22 @@
 //! Where frames come from: a recording, the simulated sensor, the Kinect. All deliver the same [`Frame`].
 
+pub mod calibration;
 pub mod camera;
 pub mod colour;
+pub mod command;
 pub mod device;
+pub mod faults;
+pub mod kinect;
+pub mod motor;
 pub mod packet;
 pub mod pairing;
+pub mod picture_clock;
 pub mod recording;
 pub mod simulated;
 pub mod stream;
 pub mod unpack;
 pub mod virtual_head;
+pub mod virtual_kinect;
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

@@ -1,0 +1,273 @@
+//! Promise: the driver says to the camera what the camera needs, survives its silence, and reads its calibration.
+
+use std::time::Duration;
+
+use mien::sensor::Frame;
+use mien::sensor::camera::{Registration, RegistrationTable};
+use mien::sensor::command::{Command, image_sensor, register};
+use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::faults::{Faulty, Rates};
+use mien::sensor::kinect::{Kinect, KinectError, Settings};
+use mien::sensor::motor::Light;
+use mien::sensor::pairing::RawPair;
+use mien::sensor::virtual_kinect::VirtualKinect;
+
+const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
+
+fn grey() -> impl FnMut(&mut Frame) -> bool {
+    let mut number = 0u32;
+    move |frame| {
+        frame.ticks = number.wrapping_mul(2_000_000);
+        frame.colour_ticks = frame.ticks;
+        number += 1;
+        true
+    }
+}
+
+fn virtual_kinect(model: Model) -> VirtualKinect<impl FnMut(&mut Frame) -> bool> {
+    VirtualKinect::new(model, "A00366A08793039A", grey())
+}
+
+fn pairs_in<S: PacketSource>(
+    kinect: &mut Kinect<S>,
+    milliseconds: u64,
+) -> Result<u64, KinectError> {
+    let mut pair = RawPair::default();
+    let mut pairs = 0;
+    for _ in 0..milliseconds {
+        kinect.poll(Duration::from_millis(1), &mut pair, |_| pairs += 1)?;
+    }
+    Ok(pairs)
+}
+
+#[test]
+fn starts_streams_and_stops_every_model() {
+    for model in MODELS {
+        let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
+        assert_eq!(*kinect.registration(), Registration::default());
+        let _ = RegistrationTable::new(kinect.registration());
+        assert_eq!(pairs_in(&mut kinect, 100), Ok(0));
+        kinect.start().unwrap();
+        let camera = kinect.source().camera();
+        assert!(camera.streams(Stream::Depth) && camera.streams(Stream::Colour));
+        assert!((29..=31).contains(&pairs_in(&mut kinect, 1010).unwrap()));
+        kinect.stop();
+        let camera = kinect.source().camera();
+        assert!(!camera.streams(Stream::Depth) && !camera.streams(Stream::Colour));
+        // On again, as if nothing had been.
+        kinect.start().unwrap();
+        assert!((29..=31).contains(&pairs_in(&mut kinect, 1010).unwrap()));
+    }
+}
+
+#[test]
+fn near_mode_is_of_the_windows_model_only() {
+    for (model, near_mode, expected) in [
+        (Model::Windows1517, true, [0x07, 0]),
+        (Model::Windows1517, false, [0x1e, 0x190]),
+        (Model::Xbox1414, true, [0, 0]),
+    ] {
+        let settings = Settings {
+            near_mode,
+            ..Settings::default()
+        };
+        let mut kinect = Kinect::open(virtual_kinect(model), settings).unwrap();
+        kinect.start().unwrap();
+        let camera = kinect.source().camera();
+        assert_eq!(
+            [register::DEPTH_GAIN, register::NEAR_MODE].map(|r| camera.register(r)),
+            expected
+        );
+    }
+}
+
+#[test]
+fn exposure_is_held_while_a_face_is_tracked_if_asked() {
+    const BOTH: u16 = image_sensor::AUTO_EXPOSURE | image_sensor::AUTO_WHITE_BALANCE;
+    for freeze_exposure in [false, true] {
+        let settings = Settings {
+            freeze_exposure,
+            ..Settings::default()
+        };
+        let mut kinect = Kinect::open(virtual_kinect(Model::Xbox1473), settings).unwrap();
+        kinect.start().unwrap();
+        let automatic =
+            |kinect: &Kinect<VirtualKinect<_>>| kinect.source().camera().automatic() & BOTH;
+        assert_eq!(automatic(&kinect), BOTH);
+        kinect.show_tracking(true);
+        assert_eq!(automatic(&kinect), if freeze_exposure { 0 } else { BOTH });
+        kinect.show_tracking(false);
+        assert_eq!(automatic(&kinect), BOTH);
+    }
+}
+
+#[test]
+fn light_tilt_and_posture_of_both_kinds_of_motor() {
+    for (model, red) in [
+        (Model::Xbox1414, 2),
+        (Model::Xbox1473, 4),
+        (Model::Windows1517, 4),
+    ] {
+        let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
+        kinect.set_light(Light::Red).unwrap();
+        assert_eq!(kinect.source().camera().light(), red);
+        kinect.tilt(-12.0).unwrap();
+        let posture = kinect.posture().unwrap();
+        assert_eq!(posture.tilt_deg, Some(-12.0));
+        assert!((posture.acceleration_g[1] - 1.0).abs() < 1e-3);
+        kinect.tilt(80.0).unwrap();
+        assert_eq!(kinect.posture().unwrap().tilt_deg, Some(31.0));
+    }
+}
+
+#[test]
+fn a_stream_that_falls_silent_is_restarted() {
+    let rates = Rates {
+        stall: 1e-4,
+        ..Rates::default()
+    };
+    let source = Faulty::new(virtual_kinect(Model::Xbox1414), rates, 3);
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    let pairs = pairs_in(&mut kinect, 60_000).unwrap();
+    let stalls: u64 = kinect
+        .source()
+        .injected()
+        .iter()
+        .map(|done| done.stalls)
+        .sum();
+    let restarts = kinect.health().restarts;
+    assert!(stalls > 10, "{stalls}");
+    assert!(
+        restarts > 5 && restarts <= stalls,
+        "{restarts} restarts, {stalls} stalls"
+    );
+    assert!(pairs > 600, "{pairs}");
+}
+
+/// Swallows everything after the start, or spoils replies.
+struct Sick<S> {
+    inner: S,
+    mute: bool,
+    silent: bool,
+    spoil_every: u32,
+    replies: u32,
+}
+
+impl<S: PacketSource> PacketSource for Sick<S> {
+    fn model(&self) -> Model {
+        self.inner.model()
+    }
+    fn serial(&self) -> &str {
+        self.inner.serial()
+    }
+    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
+        self.inner.send(command)
+    }
+    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
+        let n = self.inner.receive(reply)?;
+        if self.mute {
+            return Ok(0);
+        }
+        if n > 0 {
+            self.replies += 1;
+            if self.spoil_every > 0 && self.replies.is_multiple_of(self.spoil_every) {
+                reply[self.replies as usize % n.min(8)] ^= 0x55;
+            }
+        }
+        Ok(n)
+    }
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
+        self.inner.start(stream)
+    }
+    fn stop(&mut self, stream: Stream) {
+        self.inner.stop(stream);
+    }
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError> {
+        let silent = self.silent;
+        self.inner.poll(wait, &mut |received| {
+            if !silent {
+                sink(received);
+            }
+        })
+    }
+    fn clock(&self) -> Duration {
+        self.inner.clock()
+    }
+    fn sleep(&mut self, time: Duration) {
+        self.inner.sleep(time);
+    }
+}
+
+fn sick(model: Model) -> Sick<VirtualKinect<impl FnMut(&mut Frame) -> bool>> {
+    Sick {
+        inner: virtual_kinect(model),
+        mute: false,
+        silent: false,
+        spoil_every: 0,
+        replies: 0,
+    }
+}
+
+#[test]
+fn a_camera_that_does_not_reply_is_given_up_in_seconds() {
+    let mut source = sick(Model::Xbox1414);
+    source.mute = true;
+    let Err(problem) = Kinect::open(source, Settings::default()) else {
+        panic!("opened a mute camera");
+    };
+    assert_eq!(
+        problem,
+        KinectError::NoReply {
+            command: Command::SetParameter as u16
+        }
+    );
+}
+
+#[test]
+fn spoilt_replies_are_asked_again() {
+    let mut source = sick(Model::Xbox1414);
+    source.spoil_every = 3;
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    assert_eq!(*kinect.registration(), Registration::default());
+
+    let mut source = sick(Model::Xbox1414);
+    source.spoil_every = 1;
+    assert!(matches!(
+        Kinect::open(source, Settings::default()),
+        Err(KinectError::BadReply { .. })
+    ));
+}
+
+#[test]
+fn silence_in_spite_of_restarts_asks_to_be_opened_anew() {
+    let mut source = sick(Model::Xbox1414);
+    source.silent = true;
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    assert!(matches!(
+        pairs_in(&mut kinect, 5000),
+        Err(KinectError::Silent { .. })
+    ));
+    assert_eq!(kinect.health().restarts, 2);
+}
+
+#[test]
+fn the_end_of_the_scene_is_an_unplugged_camera() {
+    let mut left = 10;
+    let scene = move |frame: &mut Frame| {
+        frame.ticks = frame.ticks.wrapping_add(2_000_000);
+        frame.colour_ticks = frame.ticks;
+        left -= 1;
+        left > 0
+    };
+    let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    assert_eq!(pairs_in(&mut kinect, 5000), Err(DeviceError::Gone.into()));
+}
