@@ -4,6 +4,8 @@
 //! back of the head, inside of the mouth) a vertex has a colour of its own, and `photo_share` says how much the
 //! photograph counts: 1 in the middle of the face, 0 behind the ears, smooth between, so that there is no seam.
 
+use std::sync::Arc;
+
 use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
 
@@ -119,29 +121,55 @@ impl Texture {
         }
         colour
     }
+
+    /// Half the size, means of four.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mut rgb = Vec::with_capacity(width * height * 3);
+        for row in 0..height {
+            for col in 0..width {
+                for k in 0..3 {
+                    let at = |r: usize, c: usize| {
+                        u32::from(self.rgb[((2 * row + r) * self.width + 2 * col + c) * 3 + k])
+                    };
+                    rgb.push(((at(0, 0) + at(0, 1) + at(1, 0) + at(1, 1) + 2) / 4) as u8);
+                }
+            }
+        }
+        Self { width, height, rgb }
+    }
+
+    /// The picture at full, half and quarter size, for drawing it smaller without aliasing.
+    #[must_use]
+    pub fn levels(self) -> Vec<Self> {
+        let half = self.halved();
+        let quarter = half.halved();
+        vec![self, half, quarter]
+    }
 }
 
-/// One person's head.
+/// One person's head. What all people share is shared in memory.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct HeadAsset {
     /// Vertices of the neutral face, the person's own shape applied.
     pub neutral: Vec<Point>,
     /// Corners of the triangles; a triangle whose corners run clockwise in the picture faces the camera.
-    pub triangles: Vec<[u32; 3]>,
+    pub triangles: Arc<[[u32; 3]]>,
     /// What each triangle shows.
-    pub parts: Vec<Part>,
+    pub parts: Arc<[Part]>,
     /// Place of each vertex in the photograph, pixels (pixel centres are integers).
-    pub photo: Vec<[f32; 2]>,
+    pub photo: Arc<[[f32; 2]]>,
     /// How far the photograph counts at each vertex, 0…1; the rest is the vertex's own colour.
-    pub photo_share: Vec<f32>,
+    pub photo_share: Arc<[f32]>,
     /// Own colour of each vertex, RGB 0…255.
-    pub colour: Vec<[f32; 3]>,
-    /// The photograph.
-    pub texture: Texture,
+    pub colour: Arc<[[f32; 3]]>,
+    /// The photograph, by [`Texture::levels`]; empty if there is none.
+    pub texture: Arc<[Texture]>,
     /// Expressions, by name ascending.
-    pub expressions: Vec<Expression>,
+    pub expressions: Arc<[Expression]>,
     /// The 68 points.
-    pub landmarks: Vec<Site>,
+    pub landmarks: Arc<[Site]>,
 }
 
 impl HeadAsset {
@@ -149,6 +177,16 @@ impl HeadAsset {
     #[must_use]
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|e| e.name == name)
+    }
+
+    /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
+    pub fn centre(&mut self) {
+        if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {
+            let origin = nalgebra::center(&right.on(&self.neutral), &left.on(&self.neutral)).coords;
+            for p in &mut self.neutral {
+                *p -= origin;
+            }
+        }
     }
 
     /// Writes the vertices of the face with these expression weights (one per expression) into `out`, which must be as

@@ -3,7 +3,7 @@
 //! Light is ambient plus one direction (Lambert 1760), evaluated at vertices and interpolated (Gouraud 1971). All buffers are
 //! made once per mesh; drawing allocates nothing. Units and frames: vertices in the sensor frame, metres; corners in pixels.
 
-use super::asset::{HeadAsset, Part, Texture};
+use super::asset::{HeadAsset, Part};
 use super::body::Shape;
 use super::raster::{Corner, DepthBuffer, Window};
 use crate::geometry::{Point, Rigid, Vector};
@@ -52,6 +52,16 @@ impl Canvas {
             rgb: vec![[0; 3]; width * height],
         }
     }
+
+    /// Another size, empty depth; keeps its memory.
+    #[cfg(feature = "studio")]
+    pub(crate) fn resize(&mut self, width: usize, height: usize) {
+        self.depth.width = width;
+        self.depth.height = height;
+        self.depth.inverse.clear();
+        self.depth.inverse.resize(width * height, 0.0);
+        self.rgb.resize(width * height, [0; 3]);
+    }
 }
 
 fn grey(value: f32) -> u8 {
@@ -60,8 +70,6 @@ fn grey(value: f32) -> u8 {
 
 /// Work space for one head.
 pub(crate) struct HeadPainter {
-    /// The photograph at full, half and quarter size.
-    levels: Vec<Texture>,
     /// Deformed vertices, head frame.
     pub(crate) deformed: Vec<Point>,
     /// Deformed vertices, sensor frame.
@@ -71,6 +79,8 @@ pub(crate) struct HeadPainter {
     corners: Vec<Corner>,
     /// How far each vertex stays with the shoulders when the head turns, 0…1.
     neck: Vec<f32>,
+    /// The deformed vertices are a mirror image, so triangles turn the other way round.
+    pub(crate) mirrored: bool,
 }
 
 /// Height below the eyes at which the neck begins to stay behind, and at which it does so fully, metres.
@@ -79,10 +89,7 @@ const NECK_M: [f32; 2] = [0.125, 0.21];
 impl HeadPainter {
     pub(crate) fn new(asset: &HeadAsset) -> Self {
         let n = asset.neutral.len();
-        let half = halved(&asset.texture);
-        let quarter = halved(&half);
         Self {
-            levels: vec![asset.texture.clone(), half, quarter],
             deformed: asset.neutral.clone(),
             placed: asset.neutral.clone(),
             normals: vec![Vector::zeros(); n],
@@ -93,6 +100,7 @@ impl HeadPainter {
                 .iter()
                 .map(|p| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0))
                 .collect(),
+            mirrored: false,
         }
     }
 
@@ -116,8 +124,8 @@ impl HeadPainter {
     /// Lights the placed vertices.
     pub(crate) fn light(&mut self, asset: &HeadAsset, light: &Light) {
         self.normals.fill(Vector::zeros());
-        for &[a, b, c] in &asset.triangles {
-            let [a, b, c] = [a, b, c].map(|k| k as usize);
+        for &triangle in asset.triangles.iter() {
+            let [a, b, c] = self.turned(triangle);
             let p = self.placed[a];
             // Clockwise in a picture whose y points down, and z away: outwards is this way round.
             let normal = (self.placed[c] - p).cross(&(self.placed[b] - p));
@@ -128,6 +136,14 @@ impl HeadPainter {
         for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
             let length = normal.norm_squared().sqrt();
             *bright = light.on(&(normal / length.max(1e-12)));
+        }
+    }
+
+    fn turned(&self, [a, b, c]: [u32; 3]) -> [usize; 3] {
+        if self.mirrored {
+            [a as usize, c as usize, b as usize]
+        } else {
+            [a as usize, b as usize, c as usize]
         }
     }
 
@@ -149,8 +165,8 @@ impl HeadPainter {
     ) -> Window {
         self.project(pixel);
         let mut window = Window::NOTHING;
-        for triangle in &asset.triangles {
-            let corners = triangle.map(|k| self.corners[k as usize]);
+        for &triangle in asset.triangles.iter() {
+            let corners = self.turned(triangle).map(|k| self.corners[k]);
             window.include(buffer.triangle(corners, |_, _, _| {}));
         }
         window
@@ -166,13 +182,13 @@ impl HeadPainter {
     ) -> Window {
         self.project(pixel);
         let level = self.level(asset);
-        let texture = &self.levels[level];
+        let texture = asset.texture.get(level);
         let shrink = 1.0 / (1 << level) as f32;
         let shift = (shrink - 1.0) * 0.5;
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
-        for (triangle, &part) in asset.triangles.iter().zip(&asset.parts) {
-            let [a, b, c] = triangle.map(|k| k as usize);
+        for (&triangle, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
+            let [a, b, c] = self.turned(triangle);
             let corners = [self.corners[a], self.corners[b], self.corners[c]];
             let gain = light.tint.map(|t| t * light.parts[part as usize]);
             let (ca, cb, cc) = (asset.colour[a], asset.colour[b], asset.colour[c]);
@@ -183,12 +199,12 @@ impl HeadPainter {
             );
             let (ba, bb, bc) = (self.bright[a], self.bright[b], self.bright[c]);
             let (pa, pb, pc) = (asset.photo[a], asset.photo[b], asset.photo[c]);
-            let painted = sa + sb + sc > 0.0;
+            let photograph = texture.filter(|_| sa + sb + sc > 0.0);
             window.include(depth.triangle(corners, |index, u, v| {
                 let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
                 let bright = mix(ba, bb, bc);
                 let mut colour = [0, 1, 2].map(|k| mix(ca[k], cb[k], cc[k]));
-                if painted {
+                if let Some(texture) = photograph {
                     let share = mix(sa, sb, sc);
                     let x = mix(pa[0], pb[0], pc[0]) * shrink + shift;
                     let y = mix(pa[1], pb[1], pc[1]) * shrink + shift;
@@ -231,23 +247,6 @@ pub(crate) fn shoulders_below(sensor_from_head: &Rigid) -> Rigid {
     let pivot = Vector::new(0.0, 0.08, 0.09);
     let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * pivot - pivot;
     Rigid::translation(shift.x, shift.y, shift.z)
-}
-
-/// Half the size, means of four.
-fn halved(texture: &Texture) -> Texture {
-    let (width, height) = (texture.width / 2, texture.height / 2);
-    let mut rgb = Vec::with_capacity(width * height * 3);
-    for row in 0..height {
-        for col in 0..width {
-            for k in 0..3 {
-                let at = |r: usize, c: usize| {
-                    u32::from(texture.rgb[((2 * row + r) * texture.width + 2 * col + c) * 3 + k])
-                };
-                rgb.push(((at(0, 0) + at(0, 1) + at(1, 0) + at(1, 1) + 2) / 4) as u8);
-            }
-        }
-    }
-    Texture { width, height, rgb }
 }
 
 /// Work space for one simple shape.

@@ -9,8 +9,8 @@
 //! head, no cast shadows of the room's light, eyes that do not turn, shoulders that do not move.
 
 mod asset;
-mod body;
-mod draw;
+pub(crate) mod body;
+pub(crate) mod draw;
 mod noise;
 mod raster;
 mod script;

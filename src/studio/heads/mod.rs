@@ -1,13 +1,82 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
 
+pub mod dress;
 pub mod expressions;
+pub mod fit;
+pub mod portraits;
+pub mod tps;
+
+use std::path::Path;
+
+use rayon::prelude::*;
 
 use crate::geometry::Vector;
-use crate::sensor::virtual_head::{Expression, HeadAsset, Part, Site, Texture};
-use crate::studio::ict::{IctHead, part};
+use crate::sensor::virtual_head::{Expression, HeadAsset, Part, Site};
+use crate::studio::ict::{IctError, IctHead, part};
 
 /// Offsets below this are dropped from sparse expressions, metres.
 const STILL_M: f32 = 2e-5;
+
+/// Why heads could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum HeadsError {
+    /// The mesh.
+    #[error(transparent)]
+    Mesh(#[from] IctError),
+    /// The portraits.
+    #[error(transparent)]
+    Portraits(#[from] portraits::PortraitError),
+}
+
+/// A head with a photograph, and whose it is.
+#[derive(Clone)]
+pub struct PersonHead {
+    /// Place of the person in the list of all persons of the collection: decides the split.
+    pub person: usize,
+    /// Collection the photograph belongs to.
+    pub set: String,
+    /// The head.
+    pub asset: HeadAsset,
+}
+
+/// Heads of all annotated portraits under `data` (the folder of the data sets) whose person number `keep` accepts, in the
+/// order of the table.
+///
+/// # Errors
+/// If mesh or portraits cannot be read.
+pub fn textured_heads(
+    data: &Path,
+    keep: impl Fn(usize) -> bool,
+) -> Result<Vec<PersonHead>, HeadsError> {
+    let mut ict = IctHead::read(&data.join("ict_facekit"))?;
+    let usable = usable_in_portraits(&mut ict);
+    let mut portraits = portraits::read(&data.join("faces_frl189"))?;
+    portraits.retain(|portrait| keep(portrait.person));
+    let plain = plain_head(&ict);
+    let wardrobe = dress::Wardrobe::new(plain.clone());
+    portraits
+        .par_iter()
+        .map(|portrait| {
+            let photograph = portrait.photograph()?;
+            let fit = fit::fit(&ict, &plain.landmarks, &portrait.points, &usable);
+            Ok(PersonHead {
+                person: portrait.person,
+                set: portrait.set.clone(),
+                asset: wardrobe.dress(&ict, &fit, &portrait.points, &photograph),
+            })
+        })
+        .collect()
+}
+
+/// Completes the expressions; tells which of them may be used to explain a portrait (those of the source).
+pub fn usable_in_portraits(ict: &mut IctHead) -> Vec<bool> {
+    let own: Vec<String> = ict.expressions.iter().map(|e| e.name.clone()).collect();
+    expressions::complete(ict);
+    ict.expressions
+        .iter()
+        .map(|e| own.contains(&e.name))
+        .collect()
+}
 
 /// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
 #[must_use]
@@ -39,16 +108,20 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
             parts.push(part);
         }
     }
-    let colour = (0..drawn)
-        .map(|v| match part_of(v) {
-            Some(Part::MouthSocket | Part::EyeSocket) => [90.0, 40.0, 40.0],
-            Some(Part::Gums) => [165.0, 85.0, 85.0],
-            Some(Part::Teeth) => [215.0, 210.0, 195.0],
+    // Little light reaches the back of a mouth: colours fall off behind the lips.
+    let lips = ict.neutral[ict.landmarks[62]].z;
+    let colour: Vec<_> = (0..drawn)
+        .map(|v| (v, (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0)))
+        .map(|(v, lit)| match part_of(v) {
+            Some(Part::MouthSocket) => [110.0, 50.0, 50.0].map(|c| c * lit),
+            Some(Part::EyeSocket) => [90.0, 50.0, 45.0],
+            Some(Part::Gums) => [160.0, 85.0, 85.0].map(|c| c * lit),
+            Some(Part::Teeth) => [215.0, 210.0, 195.0].map(|c| c * lit),
             Some(Part::Eye) => [225.0, 220.0, 220.0],
             _ => [205.0, 160.0, 135.0],
         })
         .collect();
-    let expressions = ict
+    let expressions: Vec<_> = ict
         .expressions
         .iter()
         .map(|delta| {
@@ -67,13 +140,17 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
         .collect();
     HeadAsset {
         neutral: ict.neutral[..drawn].to_vec(),
-        triangles,
-        parts,
-        photo: vec![[0.0; 2]; drawn],
-        photo_share: vec![0.0; drawn],
-        colour,
-        texture: Texture::default(),
-        expressions,
-        landmarks: ict.landmarks.map(|v| Site::vertex(v as u32)).to_vec(),
+        triangles: triangles.into(),
+        parts: parts.into(),
+        photo: vec![[0.0; 2]; drawn].into(),
+        photo_share: vec![0.0; drawn].into(),
+        colour: colour.into(),
+        texture: Vec::new().into(),
+        expressions: expressions.into(),
+        landmarks: ict
+            .landmarks
+            .map(|v| Site::vertex(v as u32))
+            .to_vec()
+            .into(),
     }
 }

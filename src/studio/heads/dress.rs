@@ -1,0 +1,343 @@
+//! Puts a portrait on the mesh: identity from the fit, every vertex's place in the photograph, and colours of their own for
+//! what the photograph does not show.
+//!
+//! The fit leaves a residual, so the projected mesh is bent by a thin-plate spline until every landmark falls exactly on its
+//! annotated point: what is called the lip corner in the truth is the lip corner in the picture. The photograph counts
+//! where a vertex faces the camera, is not hidden and does not fall on the backdrop; elsewhere colours spread over the mesh from
+//! where it does (a membrane: the mean of the neighbours, relaxed).
+
+use std::collections::HashMap;
+
+use nalgebra::{Point3, Vector3};
+
+use super::fit::PortraitFit;
+use super::tps::ThinPlate;
+use crate::capacity::LANDMARKS;
+use crate::sensor::virtual_head::{HeadAsset, Part, Texture};
+use crate::studio::ict::{IctHead, part};
+
+/// Facing (cosine) from which the photograph begins to count, and from which it counts fully.
+const FACING: [f32; 2] = [0.22, 0.55];
+/// A vertex this far behind the front surface is hidden, metres.
+const HIDDEN_M: f32 = 0.0025;
+/// Colour distance below which a vertex of the outline shows the backdrop, grey levels.
+const BACKDROP: f32 = 34.0;
+/// Landmarks closer than this in the picture are one for the bending, metres on the face.
+const DISTINCT_M: f32 = 0.003;
+/// Rings of vertices around the backdrop that may show its fringe.
+const FRINGE: usize = 2;
+/// Sweeps of the relaxation: colours travel about as many vertices.
+const SWEEPS: usize = 300;
+
+fn smooth(x: f32, [from, to]: [f32; 2]) -> f32 {
+    let f = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    f * f * (3.0 - 2.0 * f)
+}
+
+/// What all heads share, made once.
+pub struct Wardrobe {
+    plain: HeadAsset,
+    /// Vertices joined to each vertex by an edge, those at the same place counted as one.
+    neighbours: Vec<Vec<u32>>,
+}
+
+impl Wardrobe {
+    /// From the plain head with its final landmark sites.
+    #[must_use]
+    pub fn new(plain: HeadAsset) -> Self {
+        let n = plain.neutral.len();
+        let mut places: HashMap<[u32; 3], Vec<u32>> = HashMap::new();
+        for (v, p) in plain.neutral.iter().enumerate() {
+            places
+                .entry([p.x, p.y, p.z].map(f32::to_bits))
+                .or_default()
+                .push(v as u32);
+        }
+        let mut neighbours = vec![Vec::new(); n];
+        for t in plain.triangles.iter() {
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                neighbours[t[a] as usize].push(t[b]);
+                neighbours[t[b] as usize].push(t[a]);
+            }
+        }
+        for same in places.values().filter(|same| same.len() > 1) {
+            let all: Vec<u32> = same
+                .iter()
+                .flat_map(|&v| neighbours[v as usize].clone())
+                .collect();
+            for &v in same {
+                neighbours[v as usize] = all.clone();
+            }
+        }
+        for list in &mut neighbours {
+            list.sort_unstable();
+            list.dedup();
+        }
+        Self { plain, neighbours }
+    }
+
+    /// One person's head.
+    #[must_use]
+    pub fn dress(
+        &self,
+        ict: &IctHead,
+        fit: &PortraitFit,
+        points: &[[f32; 2]; LANDMARKS],
+        photograph: &Texture,
+    ) -> HeadAsset {
+        let n = self.plain.neutral.len();
+        let mut neutral = self.plain.neutral.clone();
+        for (mode, &weight) in ict.identities.iter().zip(&fit.identity) {
+            for (p, offset) in neutral.iter_mut().zip(&mode.offsets) {
+                *p += offset * weight;
+            }
+        }
+        let mut expressed = neutral.clone();
+        for (mode, &weight) in ict.expressions.iter().zip(&fit.expression) {
+            for (p, offset) in expressed.iter_mut().zip(&mode.offsets) {
+                *p += offset * weight;
+            }
+        }
+        let projected: Vec<([f32; 2], f32)> = expressed.iter().map(|p| fit.project(p)).collect();
+        let from = self
+            .plain
+            .landmarks_on(&expressed)
+            .map(|p| fit.project(&p).0);
+        let bent: Vec<[f32; 2]> = match ThinPlate::new(&from, points, DISTINCT_M * fit.scale) {
+            Some(spline) => projected.iter().map(|(p, _)| spline.warp(*p)).collect(),
+            None => projected.iter().map(|(p, _)| *p).collect(),
+        };
+        let share = self.share(fit, &expressed, &projected, &bent, photograph);
+        let colour = self.colours(&share, &bent, photograph);
+        let (photo, texture) = cropped(&bent, &share, photograph);
+        debug_assert_eq!(photo.len(), n);
+        let mut asset = HeadAsset {
+            neutral,
+            photo: photo.into(),
+            photo_share: share.into(),
+            colour: colour.into(),
+            texture: texture.levels().into(),
+            ..self.plain.clone()
+        };
+        asset.centre();
+        asset
+    }
+
+    fn share(
+        &self,
+        fit: &PortraitFit,
+        expressed: &[Point3<f32>],
+        projected: &[([f32; 2], f32)],
+        bent: &[[f32; 2]],
+        photograph: &Texture,
+    ) -> Vec<f32> {
+        let n = expressed.len();
+        let mut normals = vec![Vector3::zeros(); n];
+        for t in self.plain.triangles.iter() {
+            let [a, b, c] = t.map(|k| k as usize);
+            let normal = (expressed[c] - expressed[a]).cross(&(expressed[b] - expressed[a]));
+            for v in [a, b, c] {
+                normals[v] += normal;
+            }
+        }
+        let front = front_surface(&self.plain.triangles, bent, projected, photograph);
+        let backdrop = backdrop(photograph);
+        let (right, bottom) = (
+            photograph.width as f32 - 4.0,
+            photograph.height as f32 - 4.0,
+        );
+        let mut share: Vec<f32> = (0..n)
+            .map(|v| {
+                let [x, y] = bent[v];
+                let inside = x > 3.0 && y > 3.0 && x < right && y < bottom;
+                let drawn = matches!(super::part_of(v), Some(Part::Skin | Part::Eye));
+                if !inside || !drawn {
+                    return 0.0;
+                }
+                let pixel = y.round() as usize * photograph.width + x.round() as usize;
+                if projected[v].1 > front[pixel] + HIDDEN_M {
+                    return 0.0;
+                }
+                let facing = -(fit.rotation * normals[v].normalize()).z;
+                let outline = !part::NARROW_FACE.contains(&v) || facing < 0.7;
+                if outline && super::part_of(v) == Some(Part::Skin) {
+                    let c = photograph.at(x, y);
+                    let distance = (0..3)
+                        .map(|k| (c[k] - backdrop[k]).powi(2))
+                        .sum::<f32>()
+                        .sqrt();
+                    if distance < BACKDROP {
+                        return f32::NEG_INFINITY;
+                    }
+                }
+                if super::part_of(v) == Some(Part::Eye) {
+                    1.0
+                } else {
+                    smooth(facing, FACING)
+                }
+            })
+            .collect();
+        for _ in 0..FRINGE {
+            let before = share.clone();
+            for v in 0..n {
+                let beside = |k: &u32| before[*k as usize] == f32::NEG_INFINITY;
+                if !part::NARROW_FACE.contains(&v) && self.neighbours[v].iter().any(beside) {
+                    share[v] = f32::NEG_INFINITY;
+                }
+            }
+        }
+        for s in &mut share {
+            *s = s.max(0.0);
+        }
+        // Soft towards what is not known, without spreading into it.
+        for _ in 0..3 {
+            let before = share.clone();
+            for v in 0..n {
+                let around = &self.neighbours[v];
+                if !around.is_empty() && before[v] > 0.0 && super::part_of(v) == Some(Part::Skin) {
+                    let mean = around.iter().map(|&k| before[k as usize]).sum::<f32>()
+                        / around.len() as f32;
+                    share[v] = before[v].min(mean + 0.12);
+                }
+            }
+        }
+        share
+    }
+
+    fn colours(&self, share: &[f32], bent: &[[f32; 2]], photograph: &Texture) -> Vec<[f32; 3]> {
+        let known: Vec<[f32; 3]> = bent.iter().map(|&[x, y]| photograph.at(x, y)).collect();
+        let mut skin = [0.0; 3];
+        let mut count = 0.0;
+        for v in part::NARROW_FACE.filter(|&v| share[v] > 0.9) {
+            for k in 0..3 {
+                skin[k] += known[v][k];
+            }
+            count += 1.0;
+        }
+        let skin = skin.map(|s| s / f32::max(count, 1.0));
+        let mut colour: Vec<[f32; 3]> = (0..share.len())
+            .map(|v| match super::part_of(v) {
+                Some(Part::Skin | Part::Eye) => {
+                    [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k]))
+                }
+                _ => self.plain.colour[v],
+            })
+            .collect();
+        let spread: Vec<usize> = (0..share.len())
+            .filter(|&v| {
+                share[v] < 0.98 && matches!(super::part_of(v), Some(Part::Skin | Part::Eye))
+            })
+            .collect();
+        for sweep in 0..SWEEPS {
+            // There and back, so that colours travel as fast both ways through the numbering.
+            let visit = |i: usize| {
+                if sweep % 2 == 0 {
+                    spread[i]
+                } else {
+                    spread[spread.len() - 1 - i]
+                }
+            };
+            for i in 0..spread.len() {
+                let v = visit(i);
+                let around = &self.neighbours[v];
+                let mut sum = [0.0; 3];
+                for &k in around {
+                    for c in 0..3 {
+                        sum[c] += colour[k as usize][c];
+                    }
+                }
+                let s = share[v];
+                let count = around.len().max(1) as f32;
+                colour[v] = [0, 1, 2].map(|c| s * known[v][c] + (1.0 - s) * sum[c] / count);
+            }
+        }
+        colour
+    }
+}
+
+/// Distance of the front surface behind the head's origin at each pixel of the photograph; infinite where there is none.
+fn front_surface(
+    triangles: &[[u32; 3]],
+    bent: &[[f32; 2]],
+    projected: &[([f32; 2], f32)],
+    photograph: &Texture,
+) -> Vec<f32> {
+    let (width, height) = (photograph.width, photograph.height);
+    let mut front = vec![f32::INFINITY; width * height];
+    for t in triangles {
+        let [a, b, c] = t.map(|k| k as usize);
+        let (pa, pb, pc) = (bent[a], bent[b], bent[c]);
+        let area = (pb[0] - pa[0]) * (pc[1] - pa[1]) - (pb[1] - pa[1]) * (pc[0] - pa[0]);
+        if area.abs() < 1e-6 {
+            continue;
+        }
+        let range = |k: usize, limit: usize| {
+            let low = pa[k].min(pb[k]).min(pc[k]).ceil().max(0.0) as usize;
+            let high = pa[k].max(pb[k]).max(pc[k]).floor().max(-1.0) + 1.0;
+            low..(high as usize).min(limit)
+        };
+        for y in range(1, height) {
+            for x in range(0, width) {
+                let (dx, dy) = (x as f32 - pa[0], y as f32 - pa[1]);
+                let u = (dx * (pc[1] - pa[1]) - dy * (pc[0] - pa[0])) / area;
+                let v = (dy * (pb[0] - pa[0]) - dx * (pb[1] - pa[1])) / area;
+                if u >= 0.0 && v >= 0.0 && u + v <= 1.0 {
+                    let (za, zb, zc) = (projected[a].1, projected[b].1, projected[c].1);
+                    let z = za + u * (zb - za) + v * (zc - za);
+                    let pixel = &mut front[y * width + x];
+                    *pixel = pixel.min(z);
+                }
+            }
+        }
+    }
+    front
+}
+
+/// Median colour of the upper corners: the studio's backdrop.
+fn backdrop(photograph: &Texture) -> [f32; 3] {
+    [0, 1, 2].map(|k| {
+        let mut values: Vec<u8> = (4..24)
+            .flat_map(|y| (4..24).map(move |i| (y, i)))
+            .flat_map(|(y, i)| [(y, i), (y, photograph.width - 1 - i)])
+            .map(|(y, x)| photograph.rgb[(y * photograph.width + x) * 3 + k])
+            .collect();
+        values.sort_unstable();
+        f32::from(values[values.len() / 2])
+    })
+}
+
+/// The part of the photograph that is used, and the vertices' places in it.
+fn cropped(bent: &[[f32; 2]], share: &[f32], photograph: &Texture) -> (Vec<[f32; 2]>, Texture) {
+    let mut low = [photograph.width as f32, photograph.height as f32];
+    let mut high = [0.0f32; 2];
+    for (p, _) in bent.iter().zip(share).filter(|(_, s)| **s > 0.0) {
+        for k in 0..2 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    }
+    // A margin for the coarser levels, and a multiple of four for exact halving.
+    let start = low.map(|v| (v.max(12.0) as usize - 12).min(100_000));
+    let limit = [photograph.width, photograph.height];
+    let size = [0, 1].map(|k| {
+        let end = (high[k] as usize + 12).min(limit[k]);
+        end.saturating_sub(start[k]).max(4) / 4 * 4
+    });
+    let mut rgb = Vec::with_capacity(size[0] * size[1] * 3);
+    for row in start[1]..start[1] + size[1] {
+        let at = (row * photograph.width + start[0]) * 3;
+        rgb.extend_from_slice(&photograph.rgb[at..at + size[0] * 3]);
+    }
+    let moved = bent
+        .iter()
+        .map(|p| [p[0] - start[0] as f32, p[1] - start[1] as f32])
+        .collect();
+    (
+        moved,
+        Texture {
+            width: size[0],
+            height: size[1],
+            rgb,
+        },
+    )
+}

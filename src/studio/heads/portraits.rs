@@ -1,0 +1,126 @@
+//! Annotated portraits: photograph, 68 points, and who it is.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::capacity::LANDMARKS;
+use crate::sensor::virtual_head::Texture;
+
+/// Why portraits could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum PortraitError {
+    /// The table of points cannot be read.
+    #[error("cannot read {path}: {source}; expected the table of the portraits' points")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A photograph cannot be decoded.
+    #[error("cannot decode {path}: {source}; expected a JPEG or PNG photograph")]
+    Undecodable {
+        /// The file.
+        path: PathBuf,
+        /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// The table has the wrong columns.
+    #[error(
+        "{path}: expected columns file, set, person, expression, x0, y0, … x67, y67, found {found:?}"
+    )]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// Its first line.
+        found: String,
+    },
+}
+
+/// One annotated photograph.
+#[derive(Clone, Debug)]
+pub struct Portrait {
+    /// Where the photograph is.
+    pub path: PathBuf,
+    /// Place of the person in the list of all persons sorted by (set, person): decides the split.
+    pub person: usize,
+    /// Collection the photograph belongs to.
+    pub set: String,
+    /// The 68 points, pixels (pixel centres are integers).
+    pub points: [[f32; 2]; LANDMARKS],
+}
+
+impl Portrait {
+    /// Decodes the photograph.
+    ///
+    /// # Errors
+    /// If it cannot be decoded.
+    pub fn photograph(&self) -> Result<Texture, PortraitError> {
+        let picture = image::open(&self.path)
+            .map_err(|source| PortraitError::Undecodable {
+                path: self.path.clone(),
+                source,
+            })?
+            .to_rgb8();
+        Ok(Texture {
+            width: picture.width() as usize,
+            height: picture.height() as usize,
+            rgb: picture.into_raw(),
+        })
+    }
+}
+
+/// Reads the table of a folder (`landmarks68.csv`, photographs in `img/`); photographs without points are left out.
+///
+/// # Errors
+/// If the table cannot be read or lacks a column.
+pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
+    let path = folder.join("landmarks68.csv");
+    let text = fs::read_to_string(&path).map_err(|source| PortraitError::Unreadable {
+        path: path.clone(),
+        source,
+    })?;
+    let mut lines = text.lines();
+    let header = lines.next().unwrap_or_default();
+    let columns: Vec<&str> = header.split(',').collect();
+    let column = |name: &str| {
+        columns
+            .iter()
+            .position(|c| *c == name)
+            .ok_or_else(|| PortraitError::Columns {
+                path: path.clone(),
+                found: header.chars().take(80).collect(),
+            })
+    };
+    let (file, set, person, first) = (
+        column("file")?,
+        column("set")?,
+        column("person")?,
+        column("x0")?,
+    );
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let cell = |row: &[&str], k: usize| row.get(k).copied().unwrap_or_default().to_owned();
+    let mut persons: Vec<(String, String)> = rows
+        .iter()
+        .map(|row| (cell(row, set), cell(row, person)))
+        .collect();
+    persons.sort_unstable();
+    persons.dedup();
+    let mut portraits = Vec::new();
+    for row in &rows {
+        let numbers: Vec<f32> = (0..2 * LANDMARKS)
+            .filter_map(|k| row.get(first + k)?.parse().ok())
+            .filter(|x: &f32| x.is_finite())
+            .collect();
+        if numbers.len() == 2 * LANDMARKS {
+            let name = (cell(row, set), cell(row, person));
+            portraits.push(Portrait {
+                path: folder.join("img").join(cell(row, file)),
+                person: persons.binary_search(&name).unwrap_or(0),
+                set: name.0,
+                points: std::array::from_fn(|k| [numbers[2 * k], numbers[2 * k + 1]]),
+            });
+        }
+    }
+    Ok(portraits)
+}

@@ -1,0 +1,527 @@
+//! Training pictures: dressed heads with random shape, expression, pose, light and camera, cropped around the face, with
+//! everything known about them.
+//!
+//! What varies: identity (noise of half a sigma per mode, 3.5 % of scale per axis, a smooth quadratic warp), expression
+//! (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a
+//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, things in front.
+//! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
+//! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
+//! fixed places of the mesh, hidden ones included, with a flag. Limitation: no hair of its own but painted strips.
+
+use std::ops::Range;
+use std::path::Path;
+
+use fastrand::Rng;
+use nalgebra::{Translation3, Vector3};
+use rayon::prelude::*;
+
+use crate::capacity::LANDMARKS;
+use crate::face_model::scheme::MIRROR;
+use crate::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::sensor::camera::Camera;
+use crate::sensor::colour::luma_of;
+use crate::sensor::virtual_head::body::Shape;
+use crate::sensor::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
+use crate::sensor::virtual_head::{HeadAsset, Light, Part};
+use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
+use crate::studio::ict::IctHead;
+
+/// One picture with its truth.
+#[derive(Clone, Debug)]
+pub struct TrainingSample {
+    /// Columns of the crop.
+    pub width: usize,
+    /// Rows of the crop.
+    pub height: usize,
+    /// Luma, row by row.
+    pub luma: Vec<u8>,
+    /// Colour pixel of the crop's first pixel: crop pixel + origin = `Camera::colour_pixel` of the point.
+    pub origin: [f32; 2],
+    /// The 68 points, crop pixels.
+    pub points: [[f32; 2]; LANDMARKS],
+    /// The 68 points in the head frame, metres, expression included.
+    pub head: [Point; LANDMARKS],
+    /// The 68 points of the same head without expression.
+    pub neutral: [Point; LANDMARKS],
+    /// Whether nothing stands before the point.
+    pub visible: [bool; LANDMARKS],
+    /// Pose of the head.
+    pub sensor_from_head: Rigid,
+    /// Weight of each expression, in the order of [`Renderer::expression_names`].
+    pub weights: Vec<f32>,
+    /// Whose photograph it is: number of the person in the collection.
+    pub person: usize,
+}
+
+/// Draws training pictures of a set of people.
+pub struct Renderer {
+    heads: Vec<PersonHead>,
+    identities: Vec<Vec<Vector>>,
+    /// Position of the opposite side's expression.
+    opposite: Vec<usize>,
+    camera: Camera,
+}
+
+struct Scratch {
+    painter: HeadPainter,
+    bust: (Shape, ShapePainter),
+    canvas: Canvas,
+    neutral: Vec<Point>,
+    grey: Vec<f32>,
+    spare: Vec<f32>,
+}
+
+impl Renderer {
+    /// Dresses the heads of all persons that `keep` accepts; `data` is the folder of the data sets.
+    ///
+    /// # Errors
+    /// If mesh or portraits cannot be read.
+    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, HeadsError> {
+        let heads = textured_heads(data, keep)?;
+        let ict = IctHead::read(&data.join("ict_facekit"))?;
+        let n = heads.first().map_or(0, |head| head.asset.neutral.len());
+        let identities = ict.identities.into_iter().map(|mode| mode.offsets[..n].to_vec()).collect();
+        let names: Vec<String> = heads
+            .first()
+            .map(|head| head.asset.expressions.iter().map(|e| e.name.clone()).collect())
+            .unwrap_or_default();
+        let opposite = names
+            .iter()
+            .enumerate()
+            .map(|(k, name)| {
+                let other = match name.strip_suffix("_L") {
+                    Some(stem) => format!("{stem}_R"),
+                    None => match name.strip_suffix("_R") {
+                        Some(stem) => format!("{stem}_L"),
+                        None if name == "jawLeft" => "jawRight".into(),
+                        None if name == "jawRight" => "jawLeft".into(),
+                        None => name.clone(),
+                    },
+                };
+                names.iter().position(|n| *n == other).unwrap_or(k)
+            })
+            .collect();
+        Ok(Self { heads, identities, opposite, camera: Camera::nominal() })
+    }
+
+    /// The people.
+    #[must_use]
+    pub fn heads(&self) -> &[PersonHead] {
+        &self.heads
+    }
+
+    /// Names of the expressions, in the order of the weights.
+    #[must_use]
+    pub fn expression_names(&self) -> Vec<&str> {
+        self.heads
+            .first()
+            .map(|head| head.asset.expressions.iter().map(|e| e.name.as_str()).collect())
+            .unwrap_or_default()
+    }
+
+    /// Draws the samples with these numbers, on all threads. None if there are no heads.
+    #[must_use]
+    pub fn samples(&self, numbers: Range<u64>, seed: u64) -> Vec<TrainingSample> {
+        let Some(first) = self.heads.first() else {
+            return Vec::new();
+        };
+        numbers
+            .into_par_iter()
+            .map_init(
+                || Scratch::new(&first.asset),
+                |scratch, number| self.sample(number, seed, scratch),
+            )
+            .collect()
+    }
+
+    fn sample(&self, number: u64, seed: u64, scratch: &mut Scratch) -> TrainingSample {
+        let mut rng = Rng::with_seed(seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let head = &self.heads[rng.usize(..self.heads.len())];
+        let asset = &head.asset;
+        let mut weights = self.expression(asset, &mut rng);
+        self.shape(asset, &mut rng, &mut scratch.neutral);
+        let mut neutral_points = asset.landmarks_on(&scratch.neutral);
+        let painter = &mut scratch.painter;
+        painter.deformed.copy_from_slice(&scratch.neutral);
+        for (expression, &weight) in asset.expressions.iter().zip(&weights) {
+            if weight != 0.0 {
+                for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
+                    painter.deformed[v as usize] += offset * weight;
+                }
+            }
+        }
+        let mut points_head = asset.landmarks_on(&painter.deformed);
+        painter.mirrored = rng.bool();
+        if painter.mirrored {
+            for p in &mut painter.deformed {
+                p.x = -p.x;
+            }
+            let flipped = |points: &[Point; LANDMARKS]| {
+                std::array::from_fn(|k| {
+                    let p = points[MIRROR[k]];
+                    Point::new(-p.x, p.y, p.z)
+                })
+            };
+            points_head = flipped(&points_head);
+            neutral_points = flipped(&neutral_points);
+            weights = self.opposite.iter().map(|&k| weights[k]).collect();
+        }
+        let sensor_from_head = pose(&mut rng);
+        painter.place_deformed(&sensor_from_head);
+        let light = light(&mut rng);
+        painter.light(asset, &light);
+
+        let seen = points_head.map(|p| self.camera.colour_pixel(&(sensor_from_head * p)));
+        let (origin, width, height) = crop(&seen, &mut rng);
+        let pixel = |p: &Point| {
+            let [x, y] = self.camera.colour_pixel(p);
+            [x - origin[0], y - origin[1]]
+        };
+        let canvas = &mut scratch.canvas;
+        canvas.resize(width, height);
+        painter.draw_colour(asset, &light, pixel, canvas);
+        if rng.f32() < 0.75 {
+            let (shape, bust) = &mut scratch.bust;
+            bust.place(shape, &shoulders_below(&sensor_from_head));
+            let mut clothes = light;
+            let dye = rng.f32() * 2.2;
+            clothes.tint = light.tint.map(|t| t * dye * (0.7 + 0.6 * rng.f32()));
+            bust.draw_colour(shape, &clothes, pixel, canvas);
+        }
+        let points = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
+        let mut visible = std::array::from_fn(|k| {
+            let z = (sensor_from_head * points_head[k]).z;
+            let (col, row) = (points[k][0].round() as usize, points[k][1].round() as usize);
+            let nearest = canvas.depth.inverse[row.min(height - 1) * width + col.min(width - 1)];
+            nearest <= 1.0 / (z - 0.006)
+        });
+
+        backdrop(&mut rng, width, height, &mut scratch.grey);
+        for (grey, (rgb, &inverse)) in scratch.grey.iter_mut().zip(canvas.rgb.iter().zip(&canvas.depth.inverse)) {
+            if inverse > 0.0 {
+                *grey = f32::from(luma_of(*rgb));
+            }
+        }
+        if rng.f32() < 0.18 {
+            hair(&mut rng, &points, width, height, &mut scratch.grey);
+        }
+        if rng.f32() < 0.15 {
+            block(&mut rng, &points, width, height, &mut scratch.grey, &mut visible);
+        }
+        let luma = develop(&mut rng, width, height, &mut scratch.grey, &mut scratch.spare);
+        TrainingSample {
+            width,
+            height,
+            luma,
+            origin,
+            points,
+            head: points_head,
+            neutral: neutral_points,
+            visible,
+            sensor_from_head,
+            weights,
+            person: head.person,
+        }
+    }
+
+    /// The person's shape, varied; origin between the inner eye corners again.
+    fn shape(&self, asset: &HeadAsset, rng: &mut Rng, out: &mut [Point]) {
+        out.copy_from_slice(&asset.neutral);
+        for mode in &self.identities {
+            let weight = 0.5 * normal(rng);
+            for (p, offset) in out.iter_mut().zip(mode) {
+                *p += offset * weight;
+            }
+        }
+        let scale = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(rng));
+        // Quadratic in the place, 1.2 mm of each term at 10 cm; x-odd terms included, for faces are not symmetric.
+        let bend: [[f32; 6]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| 0.12 * normal(rng)));
+        for p in out.iter_mut() {
+            let q = p.coords;
+            let terms = [q.x * q.x, q.y * q.y, q.z * q.z, q.x * q.y, q.y * q.z, q.z * q.x];
+            for axis in 0..3 {
+                let warp: f32 = bend[axis].iter().zip(terms).map(|(b, t)| b * t).sum();
+                p[axis] = q[axis] * scale[axis] + warp;
+            }
+        }
+        let corners = [39, 42].map(|k| asset.landmarks[k].on(out));
+        let origin = nalgebra::center(&corners[0], &corners[1]).coords;
+        for p in out.iter_mut() {
+            *p -= origin;
+        }
+    }
+
+    /// Weights of a random expression.
+    fn expression(&self, asset: &HeadAsset, rng: &mut Rng) -> Vec<f32> {
+        let mut weights = vec![0.0f32; asset.expressions.len()];
+        let mut set = |name: &str, weight: f32| {
+            if let Some(k) = asset.expression(name) {
+                weights[k] = f32::max(weights[k], weight.clamp(0.0, 1.15));
+            }
+        };
+        let mut both = |stem: &str, weight: f32, rng: &mut Rng| {
+            let uneven = 0.12 * normal(rng);
+            let (mut left, mut right) = (weight * (1.0 + uneven), weight * (1.0 - uneven));
+            match rng.u8(..20) {
+                0 => left = 0.0,
+                1 => right = 0.0,
+                _ => {}
+            }
+            set(&format!("{stem}_L"), left);
+            set(&format!("{stem}_R"), right);
+            // Those without sides.
+            set(stem, weight);
+        };
+        if rng.f32() < 0.2 {
+            if rng.f32() < 0.3 {
+                both("jawOpen", 0.06 * rng.f32(), rng);
+                both("mouthSmile", 0.1 * rng.f32(), rng);
+            }
+            return weights;
+        }
+        match rng.u8(..10) {
+            0 | 1 => {
+                both("browInnerUp", rng.f32(), rng);
+                both("browOuterUp", 1.2 * rng.f32(), rng);
+            }
+            2 => both("browInnerUp", 0.5 + 0.6 * rng.f32(), rng),
+            3 => both("browOuterUp", 0.5 + 0.6 * rng.f32(), rng),
+            4 => both("browDown", 0.6 + 0.5 * rng.f32(), rng),
+            5 => both("browDown", rng.f32(), rng),
+            _ => {}
+        }
+        match rng.u8(..20) {
+            0..=3 => both("eyeBlink", 0.95 + 0.05 * rng.f32(), rng),
+            4..=6 => both("eyeBlink", rng.f32(), rng),
+            7 | 8 => both("eyeWide", rng.f32() * 1.1, rng),
+            9 | 10 => both("eyeSquint", rng.f32(), rng),
+            11 => both("eyeLookDown", rng.f32(), rng),
+            12 => both("eyeLookUp", rng.f32(), rng),
+            _ => {}
+        }
+        let jaw = match rng.u8(..10) {
+            0 | 1 => 0.6 + 0.5 * rng.f32(),
+            2..=4 => 0.6 * rng.f32(),
+            5 | 6 => 0.25 * rng.f32(),
+            _ => 0.0,
+        };
+        both("jawOpen", jaw, rng);
+        if jaw > 0.1 && rng.f32() < 0.15 {
+            both("mouthClose", jaw * rng.f32(), rng);
+        }
+        for _ in 0..1 + rng.usize(..2) {
+            let weight = rng.f32().sqrt();
+            match rng.u8(..15) {
+                0..=2 => {
+                    both("mouthSmile", weight, rng);
+                    both("cheekRaiser", 0.6 * weight * rng.f32(), rng);
+                }
+                3 => both("mouthFunnel", weight, rng),
+                4 => both("mouthPucker", weight, rng),
+                5 | 6 => both("mouthStretch", weight, rng),
+                7 => both("mouthUpperUp", weight, rng),
+                8 => both("mouthLowerDown", weight, rng),
+                9 => {
+                    both("mouthShrugLower", weight, rng);
+                    both("mouthShrugUpper", rng.f32() * weight, rng);
+                }
+                10 => both("cheekPuff", weight, rng),
+                11 => both("noseSneer", weight, rng),
+                12 => both(if rng.bool() { "jawLeft" } else { "jawRight" }, weight, rng),
+                13 => both("jawForward", weight, rng),
+                _ => {}
+            }
+        }
+        weights
+    }
+}
+
+impl Scratch {
+    fn new(asset: &HeadAsset) -> Self {
+        let shape = Shape::bust([110.0, 115.0, 120.0]);
+        let bust = ShapePainter::new(&shape);
+        Self {
+            painter: HeadPainter::new(asset),
+            bust: (shape, bust),
+            canvas: Canvas::new(1, 1),
+            neutral: asset.neutral.clone(),
+            grey: Vec::new(),
+            spare: Vec::new(),
+        }
+    }
+}
+
+/// A number of mean 0 and deviation 1.
+fn normal(rng: &mut Rng) -> f32 {
+    let sum: f32 = (0..6).map(|_| rng.f32()).sum();
+    (sum - 3.0) * std::f32::consts::SQRT_2
+}
+
+/// A number in −1…1.
+fn either(rng: &mut Rng) -> f32 {
+    2.0 * rng.f32() - 1.0
+}
+
+fn pose(rng: &mut Rng) -> Rigid {
+    // The middle of the range somewhat denser than its ends.
+    let mut angle = |range: f32| (range * either(rng) * (0.45 + 0.55 * rng.f32())).to_radians();
+    let (yaw, pitch, roll) = (angle(44.0), angle(28.0), angle(22.0));
+    let limit = |a: f32, degrees: f32| a.clamp(-degrees.to_radians(), degrees.to_radians());
+    let z = 0.5 * 3.0f32.powf(rng.f32() * (0.6 + 0.4 * rng.f32()));
+    Rigid::from_parts(
+        Translation3::new(0.25 * z * either(rng), 0.18 * z * either(rng), z),
+        rotation_from_yaw_pitch_roll(limit(yaw, 40.0), limit(pitch, 25.0), limit(roll, 20.0)),
+    )
+}
+
+fn light(rng: &mut Rng) -> Light {
+    let towards = Vector3::new(either(rng), 0.9 * rng.f32() * either(rng) - 0.3, -0.25 - rng.f32()).normalize();
+    let warm = 0.15 * normal(rng);
+    let mut parts = [1.0; Part::COUNT];
+    parts[Part::MouthSocket as usize] = 0.15 + 1.2 * rng.f32();
+    parts[Part::Gums as usize] = 0.35 + 1.0 * rng.f32();
+    parts[Part::Teeth as usize] = 0.4 + 0.75 * rng.f32();
+    parts[Part::Eye as usize] = 0.85 + 0.3 * rng.f32();
+    parts[Part::EyeSocket as usize] = 0.5 + 0.7 * rng.f32();
+    Light { towards, ambient: 0.35 + 0.65 * rng.f32(), tint: [1.0 + warm, 1.0, 1.0 - warm], parts }
+}
+
+/// Window around the points, wide enough for a start that is off by a third of a face.
+fn crop(points: &[[f32; 2]; LANDMARKS], rng: &mut Rng) -> ([f32; 2], usize, usize) {
+    let low = [0, 1].map(|k| points.iter().map(|p| p[k]).fold(f32::INFINITY, f32::min));
+    let high = [0, 1].map(|k| points.iter().map(|p| p[k]).fold(f32::NEG_INFINITY, f32::max));
+    let size = (high[0] - low[0]).max(high[1] - low[1]);
+    let mut margin = || size * (0.42 + 0.08 * rng.f32());
+    let origin = [low[0] - margin(), low[1] - margin() - 0.1 * size].map(f32::floor);
+    let end = [high[0] + margin(), high[1] + margin()];
+    let [width, height] = [0, 1].map(|k| ((end[k] - origin[k]) as usize).clamp(16, 1024));
+    (origin, width, height)
+}
+
+/// Random noise at several scales, so that nothing can be learned from a backdrop.
+fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
+    let base = 20.0 + 215.0 * rng.f32();
+    let slope = [either(rng), either(rng)].map(|s| 60.0 * s / width.max(height) as f32);
+    grey.clear();
+    for row in 0..height {
+        for col in 0..width {
+            let (x, y) = (col as f32 - width as f32 * 0.5, row as f32 - height as f32 * 0.5);
+            grey.push(base + slope[0] * x + slope[1] * y);
+        }
+    }
+    let loud = rng.f32() * 60.0;
+    for cell in [61.0f32, 23.0, 8.0] {
+        let amplitude = loud * rng.f32();
+        let (columns, rows) = ((width as f32 / cell) as usize + 2, (height as f32 / cell) as usize + 2);
+        let lattice: Vec<f32> = (0..columns * rows).map(|_| amplitude * either(rng)).collect();
+        // Hard cells now and then: shelves, windows, door frames.
+        let hard = rng.f32() < 0.3;
+        for row in 0..height {
+            let y = row as f32 / cell;
+            let fy = if hard { 0.0 } else { y.fract() };
+            let at = (y as usize) * columns;
+            for col in 0..width {
+                let x = col as f32 / cell;
+                let fx = if hard { 0.0 } else { x.fract() };
+                let k = at + x as usize;
+                let upper = lattice[k] + fx * (lattice[k + 1] - lattice[k]);
+                let lower = lattice[k + columns] + fx * (lattice[k + columns + 1] - lattice[k + columns]);
+                grey[row * width + col] += upper + fy * (lower - upper);
+            }
+        }
+    }
+}
+
+/// A fringe: strips over forehead and temples.
+fn hair(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], width: usize, height: usize, grey: &mut [f32]) {
+    let face = (points[16][0] - points[0][0]).abs().max((points[8][1] - points[27][1]).abs()).max(8.0);
+    let colour = 15.0 + 140.0 * rng.f32() * rng.f32();
+    let brow = points[17..27].iter().map(|p| p[1]).sum::<f32>() / 10.0;
+    let left = points[17][0].min(points[26][0]) - 0.15 * face;
+    for _ in 0..4 + rng.usize(..16) {
+        let start = left + rng.f32() * 1.3 * face;
+        let lean = 0.5 * either(rng);
+        let thick = face * (0.008 + 0.03 * rng.f32());
+        let end = brow + face * (0.35 * rng.f32() - 0.15);
+        let shade = colour * (0.7 + 0.6 * rng.f32());
+        let top = (brow - 0.5 * face).max(0.0) as usize;
+        for row in top..(end.max(0.0) as usize).min(height) {
+            let centre = start + lean * (row as f32 - top as f32);
+            let (from, to) = ((centre - thick).max(0.0) as usize, (centre + thick).max(0.0) as usize);
+            for col in from.min(width)..to.min(width) {
+                grey[row * width + col] = shade;
+            }
+        }
+    }
+}
+
+/// Something in front of the face: a hand's or a cup's worth of flat or noisy grey.
+fn block(
+    rng: &mut Rng,
+    points: &[[f32; 2]; LANDMARKS],
+    width: usize,
+    height: usize,
+    grey: &mut [f32],
+    visible: &mut [bool; LANDMARKS],
+) {
+    let face = (points[16][0] - points[0][0]).abs().max((points[8][1] - points[27][1]).abs()).max(8.0);
+    let at = points[rng.usize(..LANDMARKS)];
+    let half = [0, 1].map(|_| face * (0.08 + 0.22 * rng.f32()));
+    let (round, base, rough) = (rng.bool(), 20.0 + 210.0 * rng.f32(), 40.0 * rng.f32() * rng.f32());
+    let covers = |x: f32, y: f32| {
+        let (u, v) = ((x - at[0]) / half[0], (y - at[1]) / half[1]);
+        if round { u * u + v * v < 1.0 } else { u.abs() < 1.0 && v.abs() < 1.0 }
+    };
+    for row in 0..height {
+        for col in 0..width {
+            if covers(col as f32, row as f32) {
+                grey[row * width + col] = base + rough * either(rng);
+            }
+        }
+    }
+    for (point, visible) in points.iter().zip(visible) {
+        *visible &= !covers(point[0], point[1]);
+    }
+}
+
+/// Blur, exposure, gamma, noise.
+fn develop(rng: &mut Rng, width: usize, height: usize, grey: &mut [f32], spare: &mut Vec<f32>) -> Vec<u8> {
+    let sigma = 0.25 + 1.0 * rng.f32() * rng.f32();
+    spare.clear();
+    spare.resize(grey.len(), 0.0);
+    let side = (-0.5 / (sigma * sigma)).exp();
+    let far = (-2.0 / (sigma * sigma)).exp();
+    let total = 1.0 + 2.0 * (side + far);
+    let (middle, side, far) = (1.0 / total, side / total, far / total);
+    for row in 0..height {
+        let line = &grey[row * width..(row + 1) * width];
+        let at = |k: usize| line[k.min(width - 1)];
+        for col in 0..width {
+            spare[row * width + col] = middle * line[col]
+                + side * (at(col.saturating_sub(1)) + at(col + 1))
+                + far * (at(col.saturating_sub(2)) + at(col + 2));
+        }
+    }
+    let gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
+    let gamma = 0.75 + 0.55 * rng.f32();
+    let curve: Vec<f32> =
+        (0..=1023).map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain).collect();
+    let noise = 0.5 + 5.5 * rng.f32() * rng.f32();
+    let mut luma = Vec::with_capacity(width * height);
+    for row in 0..height {
+        let line = |k: usize| k.min(height - 1) * width;
+        let (a, b, c) = (line(row.saturating_sub(2)), line(row.saturating_sub(1)), row * width);
+        let (d, e) = (line(row + 1), line(row + 2));
+        for col in 0..width {
+            let value = middle * spare[c + col]
+                + side * (spare[b + col] + spare[d + col])
+                + far * (spare[a + col] + spare[e + col]);
+            let level = (value.max(0.0) * (1023.0 / 255.0 / 1.6)) as usize;
+            // Two uniforms: near enough to normal for noise, and cheap.
+            let bits = rng.u32(..);
+            let n = ((bits & 0xffff) as f32 + (bits >> 16) as f32) / 65536.0 - 1.0;
+            luma.push((curve[level.min(1023)] + noise * 2.45 * n + 0.5).clamp(0.0, 255.0) as u8);
+        }
+    }
+    luma
+}
