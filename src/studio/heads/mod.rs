@@ -111,7 +111,12 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
     // Little light reaches the back of a mouth: colours fall off behind the lips.
     let lips = ict.neutral[ict.landmarks[62]].z;
     let colour: Vec<_> = (0..drawn)
-        .map(|v| (v, (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0)))
+        .map(|v| {
+            (
+                v,
+                (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0),
+            )
+        })
         .map(|(v, lit)| match part_of(v) {
             Some(Part::MouthSocket) => [110.0, 50.0, 50.0].map(|c| c * lit),
             Some(Part::EyeSocket) => [90.0, 50.0, 45.0],

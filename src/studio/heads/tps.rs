@@ -73,9 +73,9 @@ impl ThinPlate {
 fn merged(from: &[[f32; 2]], to: &[[f32; 2]], distinct: f32) -> (Vec<[f32; 2]>, Vec<[f32; 2]>) {
     let mut groups: Vec<([f32; 2], [f32; 2], f32)> = Vec::new();
     for (f, t) in from.iter().zip(to) {
-        let near = groups.iter_mut().find(|(g, _, n)| {
-            (g[0] / n - f[0]).hypot(g[1] / n - f[1]) < distinct
-        });
+        let near = groups
+            .iter_mut()
+            .find(|(g, _, n)| (g[0] / n - f[0]).hypot(g[1] / n - f[1]) < distinct);
         match near {
             Some((g, h, n)) => {
                 for k in 0..2 {
@@ -87,7 +87,10 @@ fn merged(from: &[[f32; 2]], to: &[[f32; 2]], distinct: f32) -> (Vec<[f32; 2]>, 
             None => groups.push((*f, *t, 1.0)),
         }
     }
-    groups.iter().map(|(f, t, n)| (f.map(|v| v / n), t.map(|v| v / n))).unzip()
+    groups
+        .iter()
+        .map(|(f, t, n)| (f.map(|v| v / n), t.map(|v| v / n)))
+        .unzip()
 }
 
 #[cfg(test)]
@@ -109,7 +112,7 @@ mod tests {
         assert!((got[0] - expected[0]).abs() < 1e-3 && (got[1] - expected[1]).abs() < 1e-3);
         let mut to = from.map(affine);
         to[4] = [60.0, 30.0];
-        let got = ThinPlate::new(&from, &to)
+        let got = ThinPlate::new(&from, &to, 1.0)
             .expect("in a plane")
             .warp(from[4]);
         assert!((got[0] - 60.0).abs() < 0.01 && (got[1] - 30.0).abs() < 0.01);

@@ -7,5 +7,6 @@
 
 pub mod dataset;
 pub mod points;
+pub mod render;
 pub mod shape;
 pub mod standard_head;

@@ -80,10 +80,20 @@ impl Renderer {
         let heads = textured_heads(data, keep)?;
         let ict = IctHead::read(&data.join("ict_facekit"))?;
         let n = heads.first().map_or(0, |head| head.asset.neutral.len());
-        let identities = ict.identities.into_iter().map(|mode| mode.offsets[..n].to_vec()).collect();
+        let identities = ict
+            .identities
+            .into_iter()
+            .map(|mode| mode.offsets[..n].to_vec())
+            .collect();
         let names: Vec<String> = heads
             .first()
-            .map(|head| head.asset.expressions.iter().map(|e| e.name.clone()).collect())
+            .map(|head| {
+                head.asset
+                    .expressions
+                    .iter()
+                    .map(|e| e.name.clone())
+                    .collect()
+            })
             .unwrap_or_default();
         let opposite = names
             .iter()
@@ -101,7 +111,12 @@ impl Renderer {
                 names.iter().position(|n| *n == other).unwrap_or(k)
             })
             .collect();
-        Ok(Self { heads, identities, opposite, camera: Camera::nominal() })
+        Ok(Self {
+            heads,
+            identities,
+            opposite,
+            camera: Camera::nominal(),
+        })
     }
 
     /// The people.
@@ -115,7 +130,13 @@ impl Renderer {
     pub fn expression_names(&self) -> Vec<&str> {
         self.heads
             .first()
-            .map(|head| head.asset.expressions.iter().map(|e| e.name.as_str()).collect())
+            .map(|head| {
+                head.asset
+                    .expressions
+                    .iter()
+                    .map(|e| e.name.as_str())
+                    .collect()
+            })
             .unwrap_or_default()
     }
 
@@ -197,7 +218,11 @@ impl Renderer {
         });
 
         backdrop(&mut rng, width, height, &mut scratch.grey);
-        for (grey, (rgb, &inverse)) in scratch.grey.iter_mut().zip(canvas.rgb.iter().zip(&canvas.depth.inverse)) {
+        for (grey, (rgb, &inverse)) in scratch
+            .grey
+            .iter_mut()
+            .zip(canvas.rgb.iter().zip(&canvas.depth.inverse))
+        {
             if inverse > 0.0 {
                 *grey = f32::from(luma_of(*rgb));
             }
@@ -206,9 +231,22 @@ impl Renderer {
             hair(&mut rng, &points, width, height, &mut scratch.grey);
         }
         if rng.f32() < 0.15 {
-            block(&mut rng, &points, width, height, &mut scratch.grey, &mut visible);
+            block(
+                &mut rng,
+                &points,
+                width,
+                height,
+                &mut scratch.grey,
+                &mut visible,
+            );
         }
-        let luma = develop(&mut rng, width, height, &mut scratch.grey, &mut scratch.spare);
+        let luma = develop(
+            &mut rng,
+            width,
+            height,
+            &mut scratch.grey,
+            &mut scratch.spare,
+        );
         TrainingSample {
             width,
             height,
@@ -235,10 +273,18 @@ impl Renderer {
         }
         let scale = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(rng));
         // Quadratic in the place, 1.2 mm of each term at 10 cm; x-odd terms included, for faces are not symmetric.
-        let bend: [[f32; 6]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| 0.12 * normal(rng)));
+        let bend: [[f32; 6]; 3] =
+            std::array::from_fn(|_| std::array::from_fn(|_| 0.12 * normal(rng)));
         for p in out.iter_mut() {
             let q = p.coords;
-            let terms = [q.x * q.x, q.y * q.y, q.z * q.z, q.x * q.y, q.y * q.z, q.z * q.x];
+            let terms = [
+                q.x * q.x,
+                q.y * q.y,
+                q.z * q.z,
+                q.x * q.y,
+                q.y * q.z,
+                q.z * q.x,
+            ];
             for axis in 0..3 {
                 let warp: f32 = bend[axis].iter().zip(terms).map(|(b, t)| b * t).sum();
                 p[axis] = q[axis] * scale[axis] + warp;
@@ -375,7 +421,12 @@ fn pose(rng: &mut Rng) -> Rigid {
 }
 
 fn light(rng: &mut Rng) -> Light {
-    let towards = Vector3::new(either(rng), 0.9 * rng.f32() * either(rng) - 0.3, -0.25 - rng.f32()).normalize();
+    let towards = Vector3::new(
+        either(rng),
+        0.9 * rng.f32() * either(rng) - 0.3,
+        -0.25 - rng.f32(),
+    )
+    .normalize();
     let warm = 0.15 * normal(rng);
     let mut parts = [1.0; Part::COUNT];
     parts[Part::MouthSocket as usize] = 0.15 + 1.2 * rng.f32();
@@ -383,13 +434,23 @@ fn light(rng: &mut Rng) -> Light {
     parts[Part::Teeth as usize] = 0.4 + 0.75 * rng.f32();
     parts[Part::Eye as usize] = 0.85 + 0.3 * rng.f32();
     parts[Part::EyeSocket as usize] = 0.5 + 0.7 * rng.f32();
-    Light { towards, ambient: 0.35 + 0.65 * rng.f32(), tint: [1.0 + warm, 1.0, 1.0 - warm], parts }
+    Light {
+        towards,
+        ambient: 0.35 + 0.65 * rng.f32(),
+        tint: [1.0 + warm, 1.0, 1.0 - warm],
+        parts,
+    }
 }
 
 /// Window around the points, wide enough for a start that is off by a third of a face.
 fn crop(points: &[[f32; 2]; LANDMARKS], rng: &mut Rng) -> ([f32; 2], usize, usize) {
     let low = [0, 1].map(|k| points.iter().map(|p| p[k]).fold(f32::INFINITY, f32::min));
-    let high = [0, 1].map(|k| points.iter().map(|p| p[k]).fold(f32::NEG_INFINITY, f32::max));
+    let high = [0, 1].map(|k| {
+        points
+            .iter()
+            .map(|p| p[k])
+            .fold(f32::NEG_INFINITY, f32::max)
+    });
     let size = (high[0] - low[0]).max(high[1] - low[1]);
     let mut margin = || size * (0.42 + 0.08 * rng.f32());
     let origin = [low[0] - margin(), low[1] - margin() - 0.1 * size].map(f32::floor);
@@ -405,15 +466,23 @@ fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
     grey.clear();
     for row in 0..height {
         for col in 0..width {
-            let (x, y) = (col as f32 - width as f32 * 0.5, row as f32 - height as f32 * 0.5);
+            let (x, y) = (
+                col as f32 - width as f32 * 0.5,
+                row as f32 - height as f32 * 0.5,
+            );
             grey.push(base + slope[0] * x + slope[1] * y);
         }
     }
     let loud = rng.f32() * 60.0;
     for cell in [61.0f32, 23.0, 8.0] {
         let amplitude = loud * rng.f32();
-        let (columns, rows) = ((width as f32 / cell) as usize + 2, (height as f32 / cell) as usize + 2);
-        let lattice: Vec<f32> = (0..columns * rows).map(|_| amplitude * either(rng)).collect();
+        let (columns, rows) = (
+            (width as f32 / cell) as usize + 2,
+            (height as f32 / cell) as usize + 2,
+        );
+        let lattice: Vec<f32> = (0..columns * rows)
+            .map(|_| amplitude * either(rng))
+            .collect();
         // Hard cells now and then: shelves, windows, door frames.
         let hard = rng.f32() < 0.3;
         for row in 0..height {
@@ -425,7 +494,8 @@ fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
                 let fx = if hard { 0.0 } else { x.fract() };
                 let k = at + x as usize;
                 let upper = lattice[k] + fx * (lattice[k + 1] - lattice[k]);
-                let lower = lattice[k + columns] + fx * (lattice[k + columns + 1] - lattice[k + columns]);
+                let lower =
+                    lattice[k + columns] + fx * (lattice[k + columns + 1] - lattice[k + columns]);
                 grey[row * width + col] += upper + fy * (lower - upper);
             }
         }
@@ -433,8 +503,17 @@ fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
 }
 
 /// A fringe: strips over forehead and temples.
-fn hair(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], width: usize, height: usize, grey: &mut [f32]) {
-    let face = (points[16][0] - points[0][0]).abs().max((points[8][1] - points[27][1]).abs()).max(8.0);
+fn hair(
+    rng: &mut Rng,
+    points: &[[f32; 2]; LANDMARKS],
+    width: usize,
+    height: usize,
+    grey: &mut [f32],
+) {
+    let face = (points[16][0] - points[0][0])
+        .abs()
+        .max((points[8][1] - points[27][1]).abs())
+        .max(8.0);
     let colour = 15.0 + 140.0 * rng.f32() * rng.f32();
     let brow = points[17..27].iter().map(|p| p[1]).sum::<f32>() / 10.0;
     let left = points[17][0].min(points[26][0]) - 0.15 * face;
@@ -447,7 +526,10 @@ fn hair(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], width: usize, height: usi
         let top = (brow - 0.5 * face).max(0.0) as usize;
         for row in top..(end.max(0.0) as usize).min(height) {
             let centre = start + lean * (row as f32 - top as f32);
-            let (from, to) = ((centre - thick).max(0.0) as usize, (centre + thick).max(0.0) as usize);
+            let (from, to) = (
+                (centre - thick).max(0.0) as usize,
+                (centre + thick).max(0.0) as usize,
+            );
             for col in from.min(width)..to.min(width) {
                 grey[row * width + col] = shade;
             }
@@ -464,13 +546,24 @@ fn block(
     grey: &mut [f32],
     visible: &mut [bool; LANDMARKS],
 ) {
-    let face = (points[16][0] - points[0][0]).abs().max((points[8][1] - points[27][1]).abs()).max(8.0);
+    let face = (points[16][0] - points[0][0])
+        .abs()
+        .max((points[8][1] - points[27][1]).abs())
+        .max(8.0);
     let at = points[rng.usize(..LANDMARKS)];
     let half = [0, 1].map(|_| face * (0.08 + 0.22 * rng.f32()));
-    let (round, base, rough) = (rng.bool(), 20.0 + 210.0 * rng.f32(), 40.0 * rng.f32() * rng.f32());
+    let (round, base, rough) = (
+        rng.bool(),
+        20.0 + 210.0 * rng.f32(),
+        40.0 * rng.f32() * rng.f32(),
+    );
     let covers = |x: f32, y: f32| {
         let (u, v) = ((x - at[0]) / half[0], (y - at[1]) / half[1]);
-        if round { u * u + v * v < 1.0 } else { u.abs() < 1.0 && v.abs() < 1.0 }
+        if round {
+            u * u + v * v < 1.0
+        } else {
+            u.abs() < 1.0 && v.abs() < 1.0
+        }
     };
     for row in 0..height {
         for col in 0..width {
@@ -485,7 +578,13 @@ fn block(
 }
 
 /// Blur, exposure, gamma, noise.
-fn develop(rng: &mut Rng, width: usize, height: usize, grey: &mut [f32], spare: &mut Vec<f32>) -> Vec<u8> {
+fn develop(
+    rng: &mut Rng,
+    width: usize,
+    height: usize,
+    grey: &mut [f32],
+    spare: &mut Vec<f32>,
+) -> Vec<u8> {
     let sigma = 0.25 + 1.0 * rng.f32() * rng.f32();
     spare.clear();
     spare.resize(grey.len(), 0.0);
@@ -504,13 +603,18 @@ fn develop(rng: &mut Rng, width: usize, height: usize, grey: &mut [f32], spare: 
     }
     let gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
     let gamma = 0.75 + 0.55 * rng.f32();
-    let curve: Vec<f32> =
-        (0..=1023).map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain).collect();
+    let curve: Vec<f32> = (0..=1023)
+        .map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain)
+        .collect();
     let noise = 0.5 + 5.5 * rng.f32() * rng.f32();
     let mut luma = Vec::with_capacity(width * height);
     for row in 0..height {
         let line = |k: usize| k.min(height - 1) * width;
-        let (a, b, c) = (line(row.saturating_sub(2)), line(row.saturating_sub(1)), row * width);
+        let (a, b, c) = (
+            line(row.saturating_sub(2)),
+            line(row.saturating_sub(1)),
+            row * width,
+        );
         let (d, e) = (line(row + 1), line(row + 2));
         for col in 0..width {
             let value = middle * spare[c + col]
