@@ -26,7 +26,7 @@ fn record(directory: &Path, count: u64) -> Vec<String> {
 
 /// Numbers and times (µs) of the frames that play, and how many were skipped. Each must be the one recorded.
 fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
-    let mut source = Source::Recording(Recording::open(directory).unwrap());
+    let mut source = Source::recording(directory).unwrap();
     let mut frame = Frame::default();
     let mut played = Vec::new();
     while source.next_frame(&mut frame).unwrap() {

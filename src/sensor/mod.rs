@@ -146,7 +146,7 @@ pub enum SourceError {
 /// Where frames come from.
 pub enum Source {
     /// A recording that is played.
-    Recording(Recording),
+    Recording(Box<Recording>),
     /// The simulated sensor.
     Simulated(Box<Simulated>),
 }
@@ -165,7 +165,7 @@ impl Source {
     /// # Errors
     /// If it cannot be opened.
     pub fn recording(directory: &Path) -> Result<Self, SourceError> {
-        Ok(Self::Recording(Recording::open(directory)?))
+        Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 
     /// Fills `frame` with the next one; `false` if there are no more.

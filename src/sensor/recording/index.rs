@@ -228,6 +228,17 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_that_comes_after_its_time_is_marked_and_moves_nothing() {
+        let index = Index::parse(
+            "d-0-10000000.pgm\nd-1-14000000.pgm\nd-2-12000000.pgm\nd-3-16000000.pgm\n",
+        );
+        assert_eq!(
+            times(&index),
+            [Some(0), Some(4_000_000), None, Some(6_000_000)]
+        );
+    }
+
+    #[test]
     fn what_cannot_be_understood_keeps_its_number() {
         let text = "a-0-5.dump\n\nd-0-nonsense.pgm\nd-0-5.pgm\r\nd-0-5.pgm\nd-0-4294967296.pgm\nd-0-x/../9.pgm\nd-\nd";
         let index = Index::parse(text);
