@@ -9,7 +9,7 @@ use mien::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien::landmarks::Landmarks;
 use mien::output::csv::Csv;
 use mien::output::osc::{self, Osc, Style};
-use mien::output::serial::{self, PortState, SerialText};
+use mien::output::serial::{self, PortState, Serial};
 use mien::output::{Output, OutputError, Report, TrackingState};
 use mien::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
@@ -410,7 +410,7 @@ fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
 #[test]
 fn serial_lines_are_the_references() {
     let (mut reader, _port, path) = terminal();
-    let mut serial = SerialText::new(
+    let mut serial = Serial::new(
         &serial::Settings {
             pose: true,
             ..serial_settings(&path)
@@ -454,9 +454,48 @@ fn serial_lines_are_the_references() {
 }
 
 #[test]
+fn serial_styles_plot_and_cobs_are_the_references() {
+    for (style, expected) in [
+        (
+            serial::Style::Plot,
+            &b"AU25:0,AU12L:50,AU12R:100\r\nAU25:0,AU12L:0,AU12R:0\r\n"[..],
+        ),
+        // The names first.
+        (
+            serial::Style::Cobs,
+            b"\x17\x10\x01\x03\x04AU25\x05AU12L\x05AU12R",
+        ),
+    ] {
+        let (mut reader, _port, path) = terminal();
+        let settings = serial::Settings {
+            style,
+            ..serial_settings(&path)
+        };
+        let mut serial = Serial::new(&settings, &UNITS).unwrap();
+        wait_for("open", || serial.state() == PortState::Open);
+        let mut bytes = Vec::new();
+        let mut read = |enough: usize| {
+            wait_for("bytes", || {
+                let mut some = [0; 512];
+                let length = reader.read(&mut some).unwrap_or(0);
+                bytes.extend_from_slice(&some[..length]);
+                bytes.len() >= enough
+            });
+        };
+        serial
+            .send(&report(0, 0, TrackingState::Tracking, &[0.0, 0.5, 1.0]))
+            .unwrap();
+        read(27);
+        drop(serial);
+        read(expected.len());
+        assert_eq!(&bytes[..expected.len()], expected, "{style:?}");
+    }
+}
+
+#[test]
 fn serial_follows_one_face_until_it_is_lost() {
     let (mut reader, _port, path) = terminal();
-    let mut serial = SerialText::new(&serial_settings(&path), &UNITS).unwrap();
+    let mut serial = Serial::new(&serial_settings(&path), &UNITS).unwrap();
     wait_for("open", || serial.state() == PortState::Open);
     let mut shown = |report: &Report| {
         serial.send(report).unwrap();
@@ -493,7 +532,7 @@ fn serial_follows_one_face_until_it_is_lost() {
 fn serial_port_that_is_absent_or_unplugged_is_found_again() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("by-id");
-    let mut serial = SerialText::new(&serial_settings(path.to_str().unwrap()), &UNITS).unwrap();
+    let mut serial = Serial::new(&serial_settings(path.to_str().unwrap()), &UNITS).unwrap();
     for plugged in 0..2 {
         assert_eq!(serial.state(), PortState::Absent);
         let start = Instant::now();
@@ -538,7 +577,7 @@ fn serial_port_that_takes_nothing_holds_nothing_up() {
         baud: 921_600,
         ..serial_settings(&path)
     };
-    let mut serial = SerialText::new(&settings, &["AU25"; 60]).unwrap();
+    let mut serial = Serial::new(&settings, &["AU25"; 60]).unwrap();
     wait_for("open", || serial.state() == PortState::Open);
     // Nobody reads; a pseudo-terminal takes some tens of kB, then no more.
     let mut longest = Duration::ZERO;
@@ -572,7 +611,7 @@ fn serial_keeps_to_the_baud_rate() {
         baud: 9600,
         ..serial_settings(&path)
     };
-    let mut serial = SerialText::new(&settings, &UNITS).unwrap();
+    let mut serial = Serial::new(&settings, &UNITS).unwrap();
     wait_for("open", || serial.state() == PortState::Open);
     let start = Instant::now();
     let mut bytes = 0;

@@ -70,6 +70,8 @@ pub struct Report<'a> {
     pub state: TrackingState,
     /// 0…1, the whole face.
     pub confidence: f32,
+    /// Whether the user's ranges are kept from learning.
+    pub frozen: bool,
     /// Pose of the head; `None` when lost or absent.
     pub sensor_from_head: Option<&'a Rigid>,
     /// The 68 points; `None` when lost or absent.

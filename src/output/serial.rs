@@ -1,4 +1,6 @@
-//! Serial line, style `text`: one line of whole numbers per frame that any serial monitor, microcontroller or script reads.
+//! Serial line, in one of three styles. `text`: one line of whole numbers per frame that any serial monitor, microcontroller
+//! or script reads. `plot`: `AU25:0,AU12L:34` per frame, as the Arduino plotter draws it. `cobs`: binary frames (see
+//! `serial/cobs.rs`). The style `text`:
 //!
 //! ```text
 //! $AU,<number>,<t_ms>,<state>,<confidence 0…99>,<weights 0…100>*HH      per frame
@@ -12,11 +14,13 @@
 //! port, so that a slow or stuck one holds up nothing: one frame waits, the newest; those it replaces are counted. The
 //! thread keeps to the baud rate itself, because some ports (USB, pseudo-terminals) take more than the line does. A port
 //! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes.
-//! Memory: four lines of 1 kB.
+//! Memory: four buffers of 2 kB.
 
+mod cobs;
 mod line;
 mod port;
 
+use std::fmt::Write;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -24,13 +28,25 @@ use std::time::{Duration, Instant};
 use super::{
     LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, WireWeights, unit_range,
 };
-use crate::geometry::yaw_pitch_roll;
+use crate::geometry::{Rigid, yaw_pitch_roll};
 use line::Line;
 pub use port::PortState;
 use port::Shared;
 
 /// How long closing may take: to send the neutral line and no longer.
 const CLOSING: Duration = Duration::from_millis(500);
+
+/// What is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Style {
+    /// Lines with checksums.
+    #[default]
+    Text,
+    /// Lines for the Arduino plotter.
+    Plot,
+    /// Binary frames.
+    Cobs,
+}
 
 /// Which port, and how it is used.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +55,8 @@ pub struct Settings {
     pub port: String,
     /// Bits per second.
     pub baud: u32,
+    /// What is written.
+    pub style: Style,
     /// Whether poses are sent too.
     pub pose: bool,
     /// What is sent of a face that is lost.
@@ -50,18 +68,22 @@ impl Default for Settings {
         Self {
             port: String::new(),
             baud: 115_200,
+            style: Style::default(),
             pose: false,
             loss: LossPolicy::default(),
         }
     }
 }
 
-/// A sender of text lines.
-pub struct SerialText {
+/// A sender of weights, one face at a time.
+pub struct Serial {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
     lines: Line,
     count: u16,
+    style: Style,
+    /// Names of the units, for the style `plot`.
+    units: Box<[String]>,
     pose: bool,
     weights: WireWeights,
     /// The user whose face is on the line, and whether it is there at present.
@@ -70,23 +92,23 @@ pub struct SerialText {
     last_ms: u32,
 }
 
-impl SerialText {
+impl Serial {
     /// Starts feeding the port. `units` are the names in the order of the weights.
     ///
     /// # Errors
     /// If the names do not fit a line, or no thread can be started. Not if the port is absent.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
         let mut header = Line::new();
-        let bytes = units
-            .iter()
-            .map(|name| name.len().max(3) + 1)
-            .sum::<usize>()
-            + 64;
-        let names_fit = header.sentence(|line| {
-            use std::fmt::Write;
-            write!(line, "AUH,1,{SCHEMA_VERSION}")?;
-            units.iter().try_for_each(|name| write!(line, ",{name}"))
-        });
+        let bytes = units.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
+        let names_fit = match settings.style {
+            Style::Text => header.sentence(|line| {
+                write!(line, "AUH,1,{SCHEMA_VERSION}")?;
+                units.iter().try_for_each(|name| write!(line, ",{name}"))
+            }),
+            // A plotter would take a header for data.
+            Style::Plot => true,
+            Style::Cobs => cobs::hello(units, &mut header),
+        };
         if !names_fit || bytes > line::LARGEST / 2 {
             return Err(OutputError::Names {
                 units: units.len(),
@@ -101,6 +123,8 @@ impl SerialText {
             thread: Some(thread),
             lines: Line::new(),
             count: 0,
+            style: settings.style,
+            units: units.iter().map(|&name| name.to_owned()).collect(),
             pose: settings.pose,
             weights: WireWeights::new(units.len(), settings.loss),
             user: None,
@@ -123,46 +147,67 @@ impl SerialText {
 
     /// Hands the frame to the thread.
     fn put(&mut self, state: TrackingState, report: &Report) {
-        use std::fmt::Write;
         self.lines.clear();
         let confidence = if state.is_present() {
             unit_range(report.confidence)
         } else {
             0.0
         };
-        let (count, ms, weights) = (self.count, self.last_ms, &self.weights);
-        // The names fit half a line; so do the weights and a pose the whole.
-        self.lines.sentence(|line| {
-            write!(
-                line,
-                "AU,{count},{ms},{},{}",
-                state.code(),
-                (confidence * 99.0).round()
-            )?;
-            weights
-                .shown()
-                .try_for_each(|weight| write!(line, ",{}", (weight * 100.0).round()))
-        });
-        if let Some(pose) = report
+        let (count, ms) = (self.count, self.last_ms);
+        let mut weights = self.weights.shown();
+        let pose = report
             .sensor_from_head
-            .filter(|_| self.pose && state.is_present())
-        {
-            let place = pose.translation.vector * 1000.0;
-            let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
-            let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
-            self.lines.sentence(|line| {
-                write!(line, "AUP,{count}")?;
-                let mut numbers = place.iter().chain(&angles);
-                // A cast of what is not a number gives 0.
-                numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))
-            });
+            .filter(|_| self.pose && state.is_present());
+        // The names fit half a buffer; so do the weights and a pose the whole.
+        let line = &mut self.lines;
+        match self.style {
+            Style::Text => {
+                line.sentence(|line| {
+                    write!(
+                        line,
+                        "AU,{count},{ms},{},{}",
+                        state.code(),
+                        (confidence * 99.0).round()
+                    )?;
+                    weights.try_for_each(|weight| write!(line, ",{}", (weight * 100.0).round()))
+                });
+                if let Some(pose) = pose {
+                    line.sentence(|line| write_pose(count, pose, line));
+                }
+            }
+            Style::Plot => {
+                line.all_or_nothing(|line| {
+                    for (i, (name, weight)) in self.units.iter().zip(weights).enumerate() {
+                        let comma = if i > 0 { "," } else { "" };
+                        write!(line, "{comma}{name}:{}", (weight * 100.0).round())?;
+                    }
+                    line.put(b"\r\n")
+                });
+            }
+            Style::Cobs => {
+                cobs::weights(count, ms, state, report, confidence, weights, line);
+                if let Some(pose) = pose {
+                    cobs::pose(count, ms, pose, line);
+                }
+            }
         }
         self.count = self.count.wrapping_add(1);
         self.shared.put(&self.lines);
     }
 }
 
-impl Output for SerialText {
+/// Place in millimetres, angles in tenths of a degree.
+fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> std::fmt::Result {
+    let place = sensor_from_head.translation.vector * 1000.0;
+    let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
+    let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
+    write!(line, "AUP,{count}")?;
+    // A cast of what is not a number gives 0.
+    let mut numbers = place.iter().chain(&angles);
+    numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))
+}
+
+impl Output for Serial {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         let followed = report.user.is_some() && report.user == self.user;
         if report.user.is_some() && !followed {
@@ -186,7 +231,7 @@ impl Output for SerialText {
     }
 }
 
-impl Drop for SerialText {
+impl Drop for Serial {
     /// Neutral and absent, as far as the port takes it in half a second.
     fn drop(&mut self) {
         self.weights.reset();

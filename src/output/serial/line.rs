@@ -1,11 +1,11 @@
-//! Sentences with checksums in a fixed buffer.
+//! What waits to be sent, in a fixed buffer: sentences with checksums, or bytes.
 
 use std::fmt::Write;
 
-/// Bytes there is room for: twice the longest line with 60 units, its pose, and some.
-pub(super) const LARGEST: usize = 1024;
+/// Bytes there is room for: twice what 60 units take in the longest style.
+pub(super) const LARGEST: usize = 2048;
 
-/// Sentences waiting to be sent. A sentence that does not fit leaves no trace.
+/// Bytes waiting to be sent. A sentence that does not fit leaves no trace.
 #[derive(Clone)]
 pub(super) struct Line {
     bytes: [u8; LARGEST],
@@ -28,35 +28,48 @@ impl Line {
         &self.bytes[..self.length]
     }
 
+    /// Appends bytes, if there is room for all.
+    pub(super) fn put(&mut self, bytes: &[u8]) -> std::fmt::Result {
+        let end = self.length + bytes.len();
+        let room = self
+            .bytes
+            .get_mut(self.length..end)
+            .ok_or(std::fmt::Error)?;
+        room.copy_from_slice(bytes);
+        self.length = end;
+        Ok(())
+    }
+
+    /// Appends all that `write` writes, or nothing; which, it tells.
+    pub(super) fn all_or_nothing(
+        &mut self,
+        write: impl FnOnce(&mut Self) -> std::fmt::Result,
+    ) -> bool {
+        let start = self.length;
+        let written = write(self).is_ok();
+        if !written {
+            self.length = start;
+        }
+        written
+    }
+
     /// Appends `$`, what `write` writes, `*`, the checksum and the line's end; `false` if there is no room.
     pub(super) fn sentence(&mut self, write: impl FnOnce(&mut Self) -> std::fmt::Result) -> bool {
         let start = self.length;
-        let written = self
-            .write_str("$")
-            .and_then(|()| write(self))
-            .and_then(|()| {
-                let checksum = self.bytes[start + 1..self.length]
-                    .iter()
-                    .fold(0, |sum, byte| sum ^ byte);
-                write!(self, "*{checksum:02X}\r\n")
-            });
-        if written.is_err() {
-            self.length = start;
-        }
-        written.is_ok()
+        self.all_or_nothing(|line| {
+            line.put(b"$")?;
+            write(line)?;
+            let checksum = line.bytes[start + 1..line.length]
+                .iter()
+                .fold(0, |sum, byte| sum ^ byte);
+            write!(line, "*{checksum:02X}\r\n")
+        })
     }
 }
 
 impl Write for Line {
     fn write_str(&mut self, text: &str) -> std::fmt::Result {
-        let end = self.length + text.len();
-        let room = self
-            .bytes
-            .get_mut(self.length..end)
-            .ok_or(std::fmt::Error)?;
-        room.copy_from_slice(text.as_bytes());
-        self.length = end;
-        Ok(())
+        self.put(text.as_bytes())
     }
 }
 

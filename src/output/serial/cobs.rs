@@ -1,0 +1,263 @@
+//! Style `cobs`: binary frames for microcontrollers. Consistent Overhead Byte Stuffing (Cheshire and Baker, 1999) with a zero
+//! after each frame, and CRC-16/MCRF4XX over the payload, which avr-libc has as `_crc_ccitt_update`.
+//!
+//! | type | payload, little endian |
+//! | --- | --- |
+//! | 1 weights | type, number, time ms (u16, wraps), flags, confidence 0…255, count, weights 0…255, CRC |
+//! | 2 pose | type, number, time ms, x y z in mm, quaternion x y z w × 32767, all i16, CRC |
+//! | 16 hello | type, schema version, count, for each unit the length of its name and the name, CRC |
+//!
+//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot. A weights frame of up to 52
+//! units fits the 64 bytes an AVR keeps of what it has not read yet.
+
+use super::line::{LARGEST, Line};
+use crate::geometry::Rigid;
+use crate::output::{Report, SCHEMA_VERSION, TrackingState};
+
+/// Start of the checksum, and its reflected polynomial.
+const CRC: [u16; 2] = [0xffff, 0x8408];
+
+/// A frame before it is stuffed; leaves room for the stuffing in a line.
+type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
+
+fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(CRC[0], |crc, &byte| {
+        (0..8).fold(crc ^ u16::from(byte), |crc, _| {
+            if crc & 1 == 1 {
+                crc >> 1 ^ CRC[1]
+            } else {
+                crc >> 1
+            }
+        })
+    })
+}
+
+/// Appends the payload with its checksum, stuffed; `false` if there is no room.
+fn append(mut payload: Payload, line: &mut Line) -> bool {
+    let crc = crc(&payload);
+    if payload.extend_from_slice(&crc.to_le_bytes()).is_err() {
+        return false;
+    }
+    line.all_or_nothing(|line| {
+        // Each run without zeros stands behind its length + 1; a run of 254 has no zero after it.
+        let mut rest = &payload[..];
+        loop {
+            let run = rest
+                .iter()
+                .take(254)
+                .position(|&byte| byte == 0)
+                .unwrap_or(rest.len().min(254));
+            line.put(&[run as u8 + 1])?;
+            line.put(&rest[..run])?;
+            if run == rest.len() {
+                return line.put(&[0]);
+            }
+            rest = &rest[run + usize::from(rest[run] == 0 && run < 254)..];
+        }
+    })
+}
+
+/// The names of the units.
+pub(super) fn hello(units: &[&str], line: &mut Line) -> bool {
+    let mut payload = Payload::new();
+    let filled = (|| {
+        payload
+            .extend_from_slice(&[0x10, SCHEMA_VERSION as u8, u8::try_from(units.len()).ok()?])
+            .ok()?;
+        units.iter().try_for_each(|name| {
+            payload.push(u8::try_from(name.len()).ok()?).ok()?;
+            payload.extend_from_slice(name.as_bytes()).ok()
+        })
+    })();
+    filled.is_some() && append(payload, line)
+}
+
+/// Number, state and weights (0…1).
+pub(super) fn weights(
+    number: u16,
+    ms: u32,
+    state: TrackingState,
+    report: &Report,
+    confidence: f32,
+    weights: impl ExactSizeIterator<Item = f32>,
+    line: &mut Line,
+) -> bool {
+    let byte = |value: f32| (value * 255.0).round() as u8;
+    let [ms_low, ms_high, ..] = ms.to_le_bytes();
+    let flags = u8::from(state == TrackingState::Tracking)
+        | u8::from(report.frozen) << 1
+        | u8::from(state == TrackingState::Warming) << 2
+        | u8::from(matches!(state, TrackingState::Held | TrackingState::Lost)) << 3
+        | (report.user.unwrap_or(0) as u8 & 3) << 4;
+    let head = [
+        1,
+        number as u8,
+        ms_low,
+        ms_high,
+        flags,
+        byte(confidence),
+        weights.len() as u8,
+    ];
+    let mut payload = Payload::new();
+    let filled = payload.extend_from_slice(&head).is_ok()
+        && weights
+            .into_iter()
+            .all(|weight| payload.push(byte(weight)).is_ok());
+    filled && append(payload, line)
+}
+
+/// Pose of the head.
+pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Line) -> bool {
+    let place = sensor_from_head.translation.vector * 1000.0;
+    // nalgebra keeps quaternions as x, y, z, w.
+    let turn = sensor_from_head.rotation.coords * 32767.0;
+    let [ms_low, ms_high, ..] = ms.to_le_bytes();
+    let mut payload = Payload::new();
+    let filled = payload
+        .extend_from_slice(&[2, number as u8, ms_low, ms_high])
+        .is_ok()
+        && place.iter().chain(turn.iter()).all(|value| {
+            payload
+                .extend_from_slice(&(value.round() as i16).to_le_bytes())
+                .is_ok()
+        });
+    filled && append(payload, line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Undoes the stuffing, by its definition.
+    fn unstuffed(wire: &[u8]) -> Vec<u8> {
+        let (&end, mut rest) = wire.split_last().unwrap();
+        assert_eq!(end, 0);
+        assert!(!rest.contains(&0));
+        let mut payload = Vec::new();
+        while let Some((&code, after)) = rest.split_first() {
+            let (run, after) = after.split_at(usize::from(code) - 1);
+            payload.extend_from_slice(run);
+            if code < 255 && !after.is_empty() {
+                payload.push(0);
+            }
+            rest = after;
+        }
+        payload
+    }
+
+    #[test]
+    fn the_checksum_is_mcrf4xx() {
+        assert_eq!(crc(b"123456789"), 0x6f91);
+    }
+
+    #[test]
+    fn weights_are_the_reference_frame() {
+        let mut line = Line::new();
+        let report = Report::default();
+        let values = [0.0, 128.0 / 255.0, 1.0];
+        assert!(weights(
+            1,
+            33,
+            TrackingState::Tracking,
+            &report,
+            200.0 / 255.0,
+            values.into_iter(),
+            &mut line
+        ));
+        let wire = [
+            0x04, 1, 1, 0x21, 0x04, 1, 0xc8, 3, 0x05, 0x80, 0xff, 0x17, 0x79, 0,
+        ];
+        assert_eq!(line.bytes(), wire);
+    }
+
+    #[test]
+    fn flags_tell_state_and_slot() {
+        let flags = |state, user, frozen| {
+            let mut line = Line::new();
+            let report = Report {
+                user: Some(user),
+                frozen,
+                ..Report::default()
+            };
+            assert!(weights(
+                7,
+                0x10203,
+                state,
+                &report,
+                0.0,
+                [0.0].into_iter(),
+                &mut line
+            ));
+            let payload = unstuffed(line.bytes());
+            assert_eq!(payload[..4], [1, 7, 3, 2]);
+            payload[4]
+        };
+        assert_eq!(flags(TrackingState::Warming, 0, false), 0b0000_0100);
+        assert_eq!(flags(TrackingState::Tracking, 3, true), 0b0011_0011);
+        assert_eq!(flags(TrackingState::Held, 1, false), 0b0001_1000);
+        assert_eq!(flags(TrackingState::Absent, 0, false), 0);
+    }
+
+    #[test]
+    fn any_payload_comes_back() {
+        let mut random = fastrand::Rng::with_seed(5);
+        for length in 0..500 {
+            for zeros in [0.0, 0.3, 1.0] {
+                let bytes = (0..length).map(|_| {
+                    if random.f32() < zeros {
+                        0
+                    } else {
+                        random.u8(1..)
+                    }
+                });
+                let payload: Payload = bytes.collect();
+                let mut line = Line::new();
+                assert!(append(payload.clone(), &mut line));
+                let back = unstuffed(line.bytes());
+                let (back, checksum) = back.split_at(length);
+                assert_eq!(
+                    (back, checksum),
+                    (&payload[..], &crc(&payload).to_le_bytes()[..])
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn hello_names_the_units_and_a_pose_its_numbers() {
+        let mut line = Line::new();
+        assert!(hello(&["AU25", "AU12L"], &mut line));
+        let payload = unstuffed(line.bytes());
+        assert_eq!(
+            payload[..payload.len() - 2],
+            *b"\x10\x01\x02\x04AU25\x05AU12L"
+        );
+        line.clear();
+        assert!(pose(
+            9,
+            33,
+            &Rigid::translation(0.1, -0.25, 0.75),
+            &mut line
+        ));
+        let payload = unstuffed(line.bytes());
+        assert_eq!(payload[..10], [2, 9, 33, 0, 100, 0, 0x06, 0xff, 0xee, 0x02]);
+        assert_eq!(payload[10..18], [0, 0, 0, 0, 0, 0, 0xff, 0x7f]);
+        assert!(!hello(&["AU"; 300], &mut line));
+    }
+
+    #[test]
+    fn fifty_two_units_fit_the_ring_of_an_avr() {
+        let mut line = Line::new();
+        let values = std::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
+        assert!(weights(
+            0,
+            0,
+            TrackingState::Held,
+            &Report::default(),
+            0.0,
+            values.into_iter(),
+            &mut line
+        ));
+        assert!(line.bytes().len() <= 63, "{}", line.bytes().len());
+    }
+}
