@@ -8,6 +8,9 @@ use mien::capacity::LANDMARKS;
 use mien::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien::landmarks::Landmarks;
 use mien::output::csv::Csv;
+use mien::output::osc::faceosc::{self, FaceOsc};
+use mien::output::osc::vmc::{self, Vmc};
+use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
 use mien::output::serial::{self, PortState, Serial};
 use mien::output::{Output, OutputError, Report, TrackingState};
@@ -348,6 +351,220 @@ fn osc_settings_that_cannot_work_are_told() {
     let long = "x".repeat(2000);
     let names = Osc::new(osc::Settings::default(), &[&long]).err().unwrap();
     assert!(matches!(names, OutputError::Names { units: 1, .. }));
+}
+
+#[test]
+fn vmc_moves_an_avatar() {
+    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let units = ["AU26", "AU12L", "AU12R", "AU43L", "AU43R", "AU99"];
+    let mut vmc = Vmc::new(
+        vmc::Settings {
+            target,
+            ..vmc::Settings::default()
+        },
+        &units,
+    )
+    .unwrap();
+    // The nose turns to the left of the picture: to the subject's right, Unity's +x.
+    let pose = pose();
+    let weights = [0.25, 1.0, 0.0, 0.5, 0.5, 1.0];
+    let face = Report {
+        sensor_from_head: Some(&pose),
+        ..report(1500, 0, TrackingState::Tracking, &weights)
+    };
+    vmc.send(&face).unwrap();
+    // A second person is not on this wire.
+    vmc.send(&report(1500, 1, TrackingState::Tracking, &[0.9; 6]))
+        .unwrap();
+    let datagrams = received(&socket);
+    assert_eq!(datagrams.len(), 1);
+    let addresses: Vec<&str> = datagrams[0]
+        .iter()
+        .map(|message| message.addr.as_str())
+        .collect();
+    let vals = ["/VMC/Ext/Blend/Val"; 5];
+    let frame = [
+        "/VMC/Ext/OK",
+        "/VMC/Ext/T",
+        "/VMC/Ext/Root/Pos",
+        "/VMC/Ext/Bone/Pos",
+    ];
+    assert_eq!(
+        addresses,
+        [&frame[..], &vals, &["/VMC/Ext/Blend/Apply"]].concat()
+    );
+    assert_eq!(find(&datagrams, "/VMC/Ext/T"), [[Float(1.5)]]);
+    let turn = [0.0, 0.25f32.sin(), 0.0, 0.25f32.cos()];
+    let head: Vec<f32> = find(&datagrams, "/VMC/Ext/Bone/Pos")[0][1..]
+        .iter()
+        .map(|arg| arg.clone().float().unwrap())
+        .collect();
+    assert_eq!(head[..3], [0.0; 3]);
+    assert!(
+        head[3..]
+            .iter()
+            .zip(turn)
+            .all(|(found, expected)| (found - expected).abs() < 1e-6),
+        "{head:?}"
+    );
+    let shape = |name: &str, value| [Text(name.into()), Float(value)];
+    assert_eq!(
+        find(&datagrams, "/VMC/Ext/Blend/Val"),
+        [
+            shape("mouthSmileLeft", 1.0),
+            shape("mouthSmileRight", 0.0),
+            shape("jawOpen", 0.25),
+            shape("eyeBlinkLeft", 0.5),
+            shape("eyeBlinkRight", 0.5),
+        ]
+    );
+    drop(vmc);
+    let datagrams = received(&socket);
+    assert!(
+        find(&datagrams, "/VMC/Ext/Blend/Val")
+            .iter()
+            .all(|args| args[1] == Float(0.0))
+    );
+}
+
+#[test]
+fn vmc_with_everything_measured_applies_once_and_last() {
+    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let role = vmc::Role::Assistant;
+    let names: Vec<String> = (0..70)
+        .flat_map(|i| ["", "L", "R"].map(|side| format!("AU{i}{side}")))
+        .collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut vmc = Vmc::new(
+        vmc::Settings {
+            target,
+            role,
+            ..vmc::Settings::default()
+        },
+        &names,
+    )
+    .unwrap();
+    let pose = pose();
+    let face = Report {
+        sensor_from_head: Some(&pose),
+        ..report(0, 0, TrackingState::Tracking, &[1.0; 210])
+    };
+    vmc.send(&face).unwrap();
+    let datagrams = received(&socket);
+    assert_eq!(datagrams.len(), 2);
+    let shapes = find(&datagrams, "/VMC/Ext/Blend/Val");
+    assert_eq!(shapes.len(), 44);
+    assert!(shapes.iter().all(|args| args[1] == Float(1.0)));
+    assert_eq!(
+        find(&datagrams, "/VMC/Ext/Tra/Pos")[0][..4],
+        [Text("Head".into()), Float(-0.1), Float(0.25), Float(-0.75)]
+    );
+    assert_eq!(find(&datagrams, "/VMC/Ext/Blend/Apply").len(), 1);
+    assert_eq!(datagrams[1].last().unwrap().addr, "/VMC/Ext/Blend/Apply");
+}
+
+#[test]
+fn vrchat_hears_what_has_changed() {
+    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let units = ["AU26", "AU12L", "AU43L", "AU5L"];
+    let mut vrchat = VrChat::new(
+        vrchat::Settings {
+            target,
+            ..vrchat::Settings::default()
+        },
+        &units,
+    )
+    .unwrap();
+    vrchat
+        .send(&report(
+            0,
+            0,
+            TrackingState::Tracking,
+            &[0.5, 0.0, 0.0, 0.0],
+        ))
+        .unwrap();
+    vrchat
+        .send(&report(
+            33,
+            0,
+            TrackingState::Tracking,
+            &[0.5, 0.0, 1.0, 0.0],
+        ))
+        .unwrap();
+    vrchat
+        .send(&report(
+            66,
+            0,
+            TrackingState::Tracking,
+            &[0.5, 0.0, 1.0, 0.0],
+        ))
+        .unwrap();
+    vrchat
+        .send(&report(
+            1066,
+            0,
+            TrackingState::Tracking,
+            &[0.5, 0.0, 1.0, 0.0],
+        ))
+        .unwrap();
+    drop(vrchat);
+    let datagrams = received(&socket);
+    let sizes: Vec<usize> = datagrams.iter().map(Vec::len).collect();
+    // Three switches and four parameters; the closed eye; nothing; all again; all at rest.
+    assert_eq!(sizes, [7, 1, 7, 7]);
+    let name = |name: &str| format!("/avatar/parameters/FT/v2/{name}");
+    let lid = find(&datagrams, &name("EyeLidLeft"));
+    assert_eq!(
+        lid,
+        [[Float(0.75)], [Float(0.0)], [Float(0.0)], [Float(0.75)]]
+    );
+    assert_eq!(
+        find(&datagrams, &name("JawOpen")),
+        [[Float(0.5)], [Float(0.5)], [Float(0.0)]]
+    );
+    let active = find(&datagrams, &name("LipTrackingActive"));
+    assert_eq!(
+        active,
+        [
+            [OscType::Bool(true)],
+            [OscType::Bool(true)],
+            [OscType::Bool(false)]
+        ]
+    );
+}
+
+#[test]
+fn faceosc_sends_distances_on_the_face() {
+    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let mut faceosc = FaceOsc::new(faceosc::Settings {
+        target,
+        enabled: true,
+    })
+    .unwrap();
+    let mut face = landmarks();
+    let pose = pose();
+    // A mouth of 50.4 mm is 14 wide, wherever the head is turned.
+    (face.head[48], face.head[54]) = (
+        Point::new(-0.0252, 0.06, 0.0),
+        Point::new(0.0252, 0.06, 0.0),
+    );
+    // Eyes 36 mm apart seem 36 mm × cos(yaw) apart; they are 20 pixels apart in the picture.
+    (face.head[39], face.head[42]) = (Point::new(-0.018, 0.0, 0.0), Point::new(0.018, 0.0, 0.0));
+    (face.pixels[39], face.pixels[42]) = ([300.0, 200.0], [320.0, 200.0]);
+    let whole = Report {
+        sensor_from_head: Some(&pose),
+        landmarks: Some(&face),
+        ..report(0, 0, TrackingState::Tracking, &[0.0; 3])
+    };
+    faceosc.send(&whole).unwrap();
+    faceosc.send(&nobody(33)).unwrap();
+    let datagrams = received(&socket);
+    assert_eq!(find(&datagrams, "/found"), [[Int(1)], [Int(0)]]);
+    assert_eq!(datagrams[1].len(), 11);
+    let number = |address: &str, i: usize| find(&datagrams, address)[0][i].clone().float().unwrap();
+    assert!((number("/gesture/mouth/width", 0) - 14.0).abs() < 1e-4);
+    assert!((number("/pose/scale", 0) - 20.0 / (10.0 * 0.5f32.cos())).abs() < 1e-4);
+    assert!((number("/pose/orientation", 1) - 0.5).abs() < 1e-5);
 }
 
 fn serial_settings(path: &str) -> serial::Settings {

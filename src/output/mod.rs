@@ -214,6 +214,42 @@ impl WireWeights {
     }
 }
 
+/// Chooses the face of a wire that carries one: the first user seen is followed until lost, then whoever comes next.
+struct OneFace {
+    weights: WireWeights,
+    user: Option<usize>,
+    present: bool,
+}
+
+impl OneFace {
+    fn new(units: usize, policy: LossPolicy) -> Self {
+        Self {
+            weights: WireWeights::new(units, policy),
+            user: None,
+            present: false,
+        }
+    }
+
+    /// The state to show, with the weights as they are then; `None` if the report is of a face that is not on this wire.
+    fn follow(&mut self, report: &Report) -> Option<TrackingState> {
+        if report.user.is_some() && report.user != self.user {
+            if self.present || !report.state.is_present() {
+                return None;
+            }
+            // The next face: nothing of the one before may fade into it.
+            self.user = report.user;
+            self.weights.reset();
+        }
+        self.present = report.state.is_present() && report.user.is_some();
+        self.weights.observe(report);
+        Some(if report.user.is_some() {
+            report.state
+        } else {
+            TrackingState::Absent
+        })
+    }
+}
+
 /// Into 0…1; what is not a number becomes 0.
 fn unit_range(value: f32) -> f32 {
     if value.is_nan() {

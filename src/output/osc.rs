@@ -10,29 +10,28 @@
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
 //!
-//! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. The socket does not
-//! block: what it cannot take is dropped and counted. A receiver that is not there changes nothing. A target given by name
-//! is looked up on a thread of its own, again and again until it is found.
+//! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
+//! programmes that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
 
+pub mod faceosc;
 mod packet;
-
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+mod parameters;
+pub mod vmc;
+pub mod vrchat;
+mod wire;
 
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, WireWeights,
     unit_range,
 };
 use crate::capacity::USERS;
-use packet::{Argument, Packet};
+use packet::Argument;
+use wire::Wire;
 
 /// How often the names of the units are repeated, for receivers that come later; seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
 /// How often presence and life are told; seconds.
 const ALIVE_PERIOD_S: f64 = 1.0;
-/// Pause between two look-ups of a name that is not found.
-const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 
 /// How weights are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,16 +93,6 @@ struct User {
     weights: WireWeights,
 }
 
-/// The socket and the datagram being filled.
-struct Wire {
-    socket: UdpSocket,
-    target: Arc<OnceLock<SocketAddr>>,
-    packet: Packet,
-    prefix: String,
-    sent: u64,
-    dropped: u64,
-}
-
 impl Osc {
     /// Opens the socket. `units` are the names in the order of the weights.
     ///
@@ -117,14 +106,6 @@ impl Osc {
             loss,
             ..
         } = settings;
-        let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
-        if !prefix.starts_with('/')
-            || prefix.ends_with('/')
-            || prefix.len() > 64
-            || !prefix.chars().all(plain)
-        {
-            return Err(OutputError::Prefix { prefix });
-        }
         // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
         let bytes = units.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {
@@ -134,28 +115,12 @@ impl Osc {
                 most: packet::LARGEST,
             });
         }
-        let target = look_up(target)?;
-        let any = match target.get() {
-            Some(SocketAddr::V6(_)) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
-            _ => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
-        };
-        let socket = UdpSocket::bind(any)
-            .and_then(|socket| {
-                socket.set_nonblocking(true)?;
-                // Only for targets that are broadcast addresses; those that are not do not need it.
-                socket.set_broadcast(true).ok();
-                Ok(socket)
-            })
-            .map_err(|source| OutputError::Socket { source })?;
+        if prefix.is_empty() {
+            return Err(OutputError::Prefix { prefix });
+        }
+        let wire = Wire::open(target, prefix)?;
         Ok(Self {
-            wire: Wire {
-                socket,
-                target,
-                packet: Packet::new(),
-                prefix,
-                sent: 0,
-                dropped: 0,
-            },
+            wire,
             style,
             units: units.iter().map(|&name| name.to_owned()).collect(),
             users: std::array::from_fn(|_| User {
@@ -174,13 +139,13 @@ impl Osc {
     /// Datagrams sent.
     #[must_use]
     pub fn sent(&self) -> u64 {
-        self.wire.sent
+        self.wire.sent()
     }
 
     /// Datagrams the system did not take, or for which the target's name is not found yet.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        self.wire.dropped
+        self.wire.dropped()
     }
 
     /// Everything about one user, from here on in the present datagram.
@@ -308,41 +273,6 @@ impl Drop for Osc {
     }
 }
 
-impl Wire {
-    /// Puts a message in the datagram; sends what is there before, if there is no room. One that does not fit an empty
-    /// datagram is dropped and counted; the check of the names at the start leaves none such.
-    fn message<'a>(
-        &mut self,
-        address: std::fmt::Arguments,
-        arguments: impl Iterator<Item = Argument<'a>> + Clone,
-    ) {
-        if self.packet.push(&self.prefix, address, arguments.clone()) {
-            return;
-        }
-        self.flush();
-        if !self.packet.push(&self.prefix, address, arguments) {
-            self.dropped += 1;
-        }
-    }
-
-    /// Sends the datagram, if there is anything in it.
-    fn flush(&mut self) {
-        if self.packet.is_empty() {
-            return;
-        }
-        let taken = self
-            .target
-            .get()
-            .is_some_and(|target| self.socket.send_to(self.packet.bytes(), target).is_ok());
-        *(if taken {
-            &mut self.sent
-        } else {
-            &mut self.dropped
-        }) += 1;
-        self.packet.clear();
-    }
-}
-
 /// The count after `count`; starts again from 0 before it would become negative.
 fn next(count: i32) -> i32 {
     count.checked_add(1).unwrap_or(0)
@@ -351,41 +281,4 @@ fn next(count: i32) -> i32 {
 /// Capture time in whole milliseconds, starting again from 0 every 24.8 days.
 fn milliseconds(report: &Report) -> i32 {
     ((report.at.as_us() / 1000) & 0x7fff_ffff) as i32
-}
-
-/// The address of `target`: at once if it is one, else as soon as its name is found.
-fn look_up(target: String) -> Result<Arc<OnceLock<SocketAddr>>, OutputError> {
-    let found = Arc::new(OnceLock::new());
-    if let Ok(address) = target.parse() {
-        found.get_or_init(|| address);
-        return Ok(found);
-    }
-    let host_and_port = target
-        .rsplit_once(':')
-        .map(|(host, port)| (host.is_empty(), port.parse::<u16>()));
-    let Some((false, Ok(_))) = host_and_port else {
-        return Err(OutputError::Target { target });
-    };
-    let result = Arc::downgrade(&found);
-    let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
-    thread
-        .spawn(move || {
-            // Ends with the output that wants to know.
-            while let Some(found) = result.upgrade() {
-                // The socket is made for IPv4 before the name is known.
-                let address = target
-                    .to_socket_addrs()
-                    .ok()
-                    .and_then(|mut all| all.find(SocketAddr::is_ipv4));
-                if let Some(address) = address {
-                    found.get_or_init(|| address);
-                    return;
-                }
-                tracing::warn!("OSC target {target} is not found, trying again");
-                drop(found);
-                std::thread::sleep(LOOK_UP_PAUSE);
-            }
-        })
-        .map_err(|source| OutputError::Thread { source })?;
-    Ok(found)
 }

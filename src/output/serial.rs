@@ -26,7 +26,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::{
-    LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, WireWeights, unit_range,
+    LossPolicy, OneFace, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_range,
 };
 use crate::geometry::{Rigid, yaw_pitch_roll};
 use line::Line;
@@ -85,10 +85,7 @@ pub struct Serial {
     /// Names of the units, for the style `plot`.
     units: Box<[String]>,
     pose: bool,
-    weights: WireWeights,
-    /// The user whose face is on the line, and whether it is there at present.
-    user: Option<usize>,
-    present: bool,
+    face: OneFace,
     last_ms: u32,
 }
 
@@ -126,9 +123,7 @@ impl Serial {
             style: settings.style,
             units: units.iter().map(|&name| name.to_owned()).collect(),
             pose: settings.pose,
-            weights: WireWeights::new(units.len(), settings.loss),
-            user: None,
-            present: false,
+            face: OneFace::new(units.len(), settings.loss),
             last_ms: 0,
         })
     }
@@ -154,7 +149,7 @@ impl Serial {
             0.0
         };
         let (count, ms) = (self.count, self.last_ms);
-        let mut weights = self.weights.shown();
+        let mut weights = self.face.weights.shown();
         let pose = report
             .sensor_from_head
             .filter(|_| self.pose && state.is_present());
@@ -209,23 +204,10 @@ fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> std::fmt
 
 impl Output for Serial {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        let followed = report.user.is_some() && report.user == self.user;
-        if report.user.is_some() && !followed {
-            if self.present || !report.state.is_present() {
-                return Ok(());
-            }
-            // The next face: nothing of the one before may fade into it.
-            self.user = report.user;
-            self.weights.reset();
-        }
-        self.present = report.state.is_present() && report.user.is_some();
-        self.last_ms = (report.at.as_us() / 1000) as u32;
-        self.weights.observe(report);
-        let state = if report.user.is_some() {
-            report.state
-        } else {
-            TrackingState::Absent
+        let Some(state) = self.face.follow(report) else {
+            return Ok(());
         };
+        self.last_ms = (report.at.as_us() / 1000) as u32;
         self.put(state, report);
         Ok(())
     }
@@ -234,7 +216,7 @@ impl Output for Serial {
 impl Drop for Serial {
     /// Neutral and absent, as far as the port takes it in half a second.
     fn drop(&mut self) {
-        self.weights.reset();
+        self.face.weights.reset();
         self.put(TrackingState::Absent, &Report::default());
         self.shared.stop();
         let Some(thread) = self.thread.take() else {

@@ -13,6 +13,7 @@ const HEADER: [u8; 16] = *b"#bundle\0\0\0\0\0\0\0\0\x01";
 pub(super) enum Argument<'a> {
     Int(i32),
     Float(f32),
+    Bool(bool),
     Text(&'a str),
 }
 
@@ -81,6 +82,8 @@ impl Packet {
             self.put(match argument {
                 Argument::Int(_) => b"i",
                 Argument::Float(_) => b"f",
+                Argument::Bool(true) => b"T",
+                Argument::Bool(false) => b"F",
                 Argument::Text(_) => b"s",
             })?;
         }
@@ -89,6 +92,8 @@ impl Packet {
             match argument {
                 Argument::Int(value) => self.put(&value.to_be_bytes())?,
                 Argument::Float(value) => self.put(&value.to_be_bytes())?,
+                // All said in its tag.
+                Argument::Bool(_) => {}
                 Argument::Text(text) => {
                     let start = self.length;
                     self.put(text.as_bytes())?;

@@ -1,0 +1,139 @@
+//! The socket OSC goes out of. It does not block: what it cannot take is dropped and counted. A receiver that is not there
+//! changes nothing. A target given by name is looked up on a thread of its own, again and again until it is found.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use super::packet::{Argument, Packet};
+use crate::output::OutputError;
+
+/// Pause between two look-ups of a name that is not found.
+const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
+/// Longest prefix, so that an address always leaves room for what it carries.
+const LONGEST_PREFIX: usize = 64;
+
+/// The socket and the datagram being filled.
+pub(super) struct Wire {
+    socket: UdpSocket,
+    target: Arc<OnceLock<SocketAddr>>,
+    packet: Packet,
+    prefix: String,
+    sent: u64,
+    dropped: u64,
+}
+
+impl Wire {
+    /// Opens a socket for `target` (`host:port`); every address starts with `prefix`.
+    ///
+    /// # Errors
+    /// If the target or the prefix is unusable, or there is no socket to be had.
+    pub(super) fn open(target: String, prefix: String) -> Result<Self, OutputError> {
+        let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
+        let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
+        if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
+            return Err(OutputError::Prefix { prefix });
+        }
+        let target = look_up(target)?;
+        let any = match target.get() {
+            Some(SocketAddr::V6(_)) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+            _ => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+        };
+        let socket = UdpSocket::bind(any)
+            .and_then(|socket| {
+                socket.set_nonblocking(true)?;
+                // Only for targets that are broadcast addresses; those that are not do not need it.
+                socket.set_broadcast(true).ok();
+                Ok(socket)
+            })
+            .map_err(|source| OutputError::Socket { source })?;
+        Ok(Self {
+            socket,
+            target,
+            packet: Packet::new(),
+            prefix,
+            sent: 0,
+            dropped: 0,
+        })
+    }
+
+    /// Datagrams sent.
+    pub(super) fn sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// Datagrams the system did not take, or for which the target's name is not found yet.
+    pub(super) fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Puts a message in the datagram; sends what is there before, if there is no room. One that does not fit an empty
+    /// datagram is dropped and counted; the check of the names at the start leaves none such.
+    pub(super) fn message<'a>(
+        &mut self,
+        address: std::fmt::Arguments,
+        arguments: impl Iterator<Item = Argument<'a>> + Clone,
+    ) {
+        if self.packet.push(&self.prefix, address, arguments.clone()) {
+            return;
+        }
+        self.flush();
+        if !self.packet.push(&self.prefix, address, arguments) {
+            self.dropped += 1;
+        }
+    }
+
+    /// Sends the datagram, if there is anything in it.
+    pub(super) fn flush(&mut self) {
+        if self.packet.is_empty() {
+            return;
+        }
+        let taken = self
+            .target
+            .get()
+            .is_some_and(|target| self.socket.send_to(self.packet.bytes(), target).is_ok());
+        *(if taken {
+            &mut self.sent
+        } else {
+            &mut self.dropped
+        }) += 1;
+        self.packet.clear();
+    }
+}
+
+/// The address of `target`: at once if it is one, else as soon as its name is found.
+fn look_up(target: String) -> Result<Arc<OnceLock<SocketAddr>>, OutputError> {
+    let found = Arc::new(OnceLock::new());
+    if let Ok(address) = target.parse() {
+        found.get_or_init(|| address);
+        return Ok(found);
+    }
+    let host_and_port = target
+        .rsplit_once(':')
+        .map(|(host, port)| (host.is_empty(), port.parse::<u16>()));
+    let Some((false, Ok(_))) = host_and_port else {
+        return Err(OutputError::Target { target });
+    };
+    let result = Arc::downgrade(&found);
+    let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
+    thread
+        .spawn(move || {
+            // Ends with the output that wants to know.
+            while let Some(found) = result.upgrade() {
+                // The socket is made for IPv4 before the name is known.
+                let address = target
+                    .to_socket_addrs()
+                    .ok()
+                    .and_then(|mut all| all.find(SocketAddr::is_ipv4));
+                if let Some(address) = address {
+                    found.get_or_init(|| address);
+                    return;
+                }
+                tracing::warn!("OSC target {target} is not found, trying again");
+                drop(found);
+                std::thread::sleep(LOOK_UP_PAUSE);
+            }
+        })
+        .map_err(|source| OutputError::Thread { source })?;
+    Ok(found)
+}
