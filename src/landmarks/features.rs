@@ -38,10 +38,21 @@ impl Default for OrientationMaps {
 }
 
 impl OrientationMaps {
+    /// A copy to look up in, without the work space of [`Self::compute`].
+    #[must_use]
+    pub fn kept(&self) -> Self {
+        Self {
+            cells: self.cells.clone(),
+            scratch: Vec::new(),
+            floor: self.floor,
+        }
+    }
+
     /// Computes the maps of a window of `WINDOW` × `WINDOW` grey values.
     pub fn compute(&mut self, window: &[f32]) {
         const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;
         let mut total = 0.0f32;
+        self.scratch.resize(MAP * MAP, [0.0; ORIENTATIONS]);
         self.cells.fill([0.0; ORIENTATIONS]);
         for row in 1..WINDOW - 1 {
             let line = &window[row * WINDOW..(row + 1) * WINDOW];

@@ -2,11 +2,19 @@
 //!
 //! `shape` samples a population of 3D faces and takes its principal components; `points` fits them to annotated
 //! portraits; `samples` cuts head windows with disturbed starts; `cascade` learns the update matrices by ridge regression
-//! where the previous stage really ends; `confidence` learns what a fitted face looks like; `evaluate` measures people who
-//! were not trained on. All of it is seeded.
+//! (`ridge`) where the previous stage really ends; `confidence` learns what a fitted face looks like; `evaluate` measures
+//! people who were not trained on (`fit` does the same for any pictures). All of it is seeded.
 
+pub mod cascade;
+pub mod confidence;
 pub mod dataset;
+pub mod evaluate;
 pub mod points;
 pub mod render;
+pub mod ridge;
+pub mod samples;
+pub mod schedule;
 pub mod shape;
 pub mod standard_head;
+
+pub use schedule::{TrainArgs, TrainError, train};

@@ -5,7 +5,7 @@
 //! curves: raised, tilted, bent. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
 //! Metres, head frame. Seeded. Limits: expressions add linearly; no correction for combinations.
 
-use nalgebra::{DMatrix, Matrix3, SymmetricEigen};
+use nalgebra::{DMatrix, Matrix3, Rotation3, SymmetricEigen};
 
 use crate::capacity::LANDMARKS;
 use crate::face_model::{ShapeModel, scheme};
@@ -145,32 +145,63 @@ pub fn population(ict: &IctHead, count: usize, seed: u64) -> Vec<Face> {
     faces
 }
 
+/// A similarity: `p -> translation + scale * rotation * p`.
+#[derive(Clone, Copy, Debug)]
+pub struct Similarity {
+    /// Size ratio.
+    pub scale: f32,
+    /// Turn.
+    pub rotation: Rotation3<f32>,
+    /// Shift, metres.
+    pub translation: Vector,
+}
+
+impl Similarity {
+    /// The similarity that lays the stable points of `from` best on those of `to`.
+    #[must_use]
+    pub fn between(from: &Face, to: &Face) -> Self {
+        let mean = |f: &Face| {
+            scheme::STABLE
+                .iter()
+                .fold(Vector::zeros(), |sum, &i| sum + f[i].coords)
+                / scheme::STABLE.len() as f32
+        };
+        let (a_mean, b_mean) = (mean(from), mean(to));
+        let mut covariance = Matrix3::zeros();
+        let mut spread = 1e-12;
+        for &i in &scheme::STABLE {
+            let (a, b) = (from[i].coords - a_mean, to[i].coords - b_mean);
+            covariance += b * a.transpose();
+            spread += a.norm_squared();
+        }
+        let svd = covariance.svd(true, true);
+        let (u, v_t) = (
+            svd.u.unwrap_or_else(Matrix3::identity),
+            svd.v_t.unwrap_or_else(Matrix3::identity),
+        );
+        let sign = (u.determinant() * v_t.determinant()).signum();
+        let flip = Matrix3::from_diagonal(&Vector::new(1.0, 1.0, sign));
+        let rotation = Rotation3::from_matrix_unchecked(u * flip * v_t);
+        let scale = (Matrix3::from_diagonal(&svd.singular_values) * flip).trace() / spread;
+        Self {
+            scale,
+            rotation,
+            translation: b_mean - rotation * a_mean * scale,
+        }
+    }
+
+    /// The point moved.
+    #[must_use]
+    pub fn of(&self, p: &Point) -> Point {
+        Point::from(self.rotation * p.coords * self.scale + self.translation)
+    }
+}
+
 /// The face moved, turned and scaled so that its stable points lie best on those of `target`.
 #[must_use]
 pub fn aligned(face: &Face, target: &Face) -> Face {
-    let mean = |f: &Face| {
-        scheme::STABLE
-            .iter()
-            .fold(Vector::zeros(), |sum, &i| sum + f[i].coords)
-            / scheme::STABLE.len() as f32
-    };
-    let (from, to) = (mean(face), mean(target));
-    let mut covariance = Matrix3::zeros();
-    let mut spread = 0.0;
-    for &i in &scheme::STABLE {
-        let (a, b) = (face[i].coords - from, target[i].coords - to);
-        covariance += b * a.transpose();
-        spread += a.norm_squared();
-    }
-    let svd = covariance.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return *face;
-    };
-    let sign = (u.determinant() * v_t.determinant()).signum();
-    let flip = Matrix3::from_diagonal(&Vector::new(1.0, 1.0, sign));
-    let rotation = u * flip * v_t;
-    let scale = (Matrix3::from_diagonal(&svd.singular_values) * flip).trace() / spread;
-    face.map(|p| Point::from(to + rotation * (p.coords - from) * scale))
+    let similarity = Similarity::between(face, target);
+    face.map(|p| similarity.of(&p))
 }
 
 /// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.

@@ -1,0 +1,149 @@
+//! The cascade learnt: each stage by ridge regression where the stages before it really end, then quantised to 8 bits.
+//!
+//! Targets are the remaining way to the truth in all parameters (view units and standard deviations of shape), features
+//! the patches and the prior columns of [`crate::landmarks::cascade`]. After learning, the *quantised* stage moves the
+//! samples on, so that the next one sees what will happen. Supervised descent (Xiong and De la Torre 2013).
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use super::ridge::{Block, LinearMap, ridge};
+use super::samples::Sample;
+use crate::capacity::LANDMARKS;
+use crate::face_model::{
+    CascadeStage, FEATURES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
+};
+use crate::landmarks::cascade::{FaceFit, Solver, prior_columns};
+use crate::landmarks::view::View;
+
+/// Samples of one block.
+const BLOCK: usize = 512;
+/// Scale of the prior columns against the features while learning: they vary ten times as much.
+const PRIOR_SCALE: f32 = 0.2;
+
+/// Where a sample's fit is, and where it started.
+#[derive(Clone, Copy)]
+pub struct Progress {
+    /// Which sample.
+    pub sample: usize,
+    /// Present fit.
+    pub fit: FaceFit,
+    /// The view that the way is measured from.
+    pub anchor: View,
+}
+
+/// What a stage is learnt with.
+#[derive(Clone, Copy, Debug)]
+pub struct StageSettings {
+    /// Distance of neighbouring cells of a patch, window pixels.
+    pub cell_px: f32,
+    /// Penalty of the regression, relative to the mean eigenvalue.
+    pub penalty: f32,
+}
+
+/// The way from `fit` to the truth in all parameters.
+fn way(sample: &Sample, fit: &FaceFit, modes: usize, out: &mut [f32]) {
+    out[..VIEW_PARAMETERS].copy_from_slice(&sample.truth.view.step_from(&fit.view));
+    for k in 0..modes {
+        out[VIEW_PARAMETERS + k] = sample.truth.shape[k] - fit.shape[k];
+    }
+}
+
+fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
+    let mut stage = CascadeStage {
+        cell_px,
+        mean: map.mean.as_slice()[..FEATURES].to_vec(),
+        ..CascadeStage::default()
+    };
+    for row in 0..parameters {
+        for landmark in 0..LANDMARKS {
+            let patch =
+                (0..PATCH).map(|k| map.weights[(row, landmark * PATCH + k)]);
+            let scale = patch.clone().fold(0.0f32, |m, w| m.max(w.abs())) / 127.0;
+            stage.scales.push(scale);
+            stage
+                .weights
+                .extend(patch.map(|w| (w / scale.max(1e-30)).round().clamp(-127.0, 127.0) as i8));
+        }
+        // The prior columns are used as they are: their means go into the bias.
+        let mut bias = map.bias[row];
+        for k in 0..parameters {
+            let w = map.weights[(row, FEATURES + k)];
+            bias -= w * map.mean[FEATURES + k];
+            stage.prior.push(w * PRIOR_SCALE);
+        }
+        stage.bias.push(bias);
+    }
+    stage
+}
+
+/// Learns one stage from where the samples are and moves them on.
+pub fn learn_stage(
+    samples: &[Sample],
+    progress: &mut [Progress],
+    shape: &ShapeModel,
+    settings: StageSettings,
+) -> CascadeStage {
+    let modes = shape.modes.len();
+    let parameters = VIEW_PARAMETERS + modes;
+    let blocks: Vec<Block> = progress
+        .par_chunks(BLOCK)
+        .map(|chunk| {
+            let mut solver = Solver::default();
+            let mut features = DMatrix::zeros(FEATURES + parameters, chunk.len());
+            let mut targets = DMatrix::zeros(parameters, chunk.len());
+            let mut columns = [0.0; MAX_PARAMETERS];
+            for (k, p) in chunk.iter().enumerate() {
+                let sample = &samples[p.sample];
+                let mut column = features.column_mut(k);
+                let patches = solver.features(shape, &sample.maps, &p.fit, settings.cell_px);
+                column.as_mut_slice()[..FEATURES].copy_from_slice(patches);
+                prior_columns(&p.fit, &p.anchor, &mut columns);
+                for (to, c) in column.as_mut_slice()[FEATURES..].iter_mut().zip(&columns) {
+                    *to = c * PRIOR_SCALE;
+                }
+                way(sample, &p.fit, modes, targets.column_mut(k).as_mut_slice());
+            }
+            Block::new(features, targets)
+        })
+        .collect();
+    let map = ridge(blocks, settings.penalty);
+    let stage = quantised(&map, settings.cell_px, parameters);
+    advance(samples, progress, shape, std::slice::from_ref(&stage));
+    stage
+}
+
+/// Runs stages on all samples.
+pub fn advance(
+    samples: &[Sample],
+    progress: &mut [Progress],
+    shape: &ShapeModel,
+    stages: &[CascadeStage],
+) {
+    progress.par_chunks_mut(64).for_each(|chunk| {
+        let mut solver = Solver::default();
+        for p in chunk {
+            p.fit = solver.run(stages, shape, &samples[p.sample].maps, &p.fit, &p.anchor);
+        }
+    });
+}
+
+/// Mean distance to the samples' points, per cent of the outer eye distance, over the inner 51 points.
+#[must_use]
+pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &ShapeModel) -> f32 {
+    let total: f64 = progress
+        .par_iter()
+        .map_init(Solver::default, |solver, p| {
+            solver.project(shape, &p.fit);
+            let points = &samples[p.sample].points;
+            let eye = crate::face_model::scheme::outer_eye_distance(points);
+            let mut sum = 0.0;
+            for i in crate::face_model::scheme::INNER {
+                let (a, b) = (solver.window[i], points[i]);
+                sum += f64::from((a[0] - b[0]).hypot(a[1] - b[1]) / eye);
+            }
+            sum / 51.0
+        })
+        .sum();
+    (100.0 * total / progress.len().max(1) as f64) as f32
+}

@@ -1,0 +1,123 @@
+//! Errors of fitted landmarks against placed ones: per cent of the outer eye distance, by region.
+
+use crate::capacity::LANDMARKS;
+use crate::face_model::scheme;
+
+/// Errors over many faces.
+#[derive(Clone, Debug, Default)]
+pub struct Errors {
+    /// Mean distance per face over all 68, per cent.
+    pub faces: Vec<f32>,
+    /// Mean distance per face over the inner 51, per cent.
+    pub inner: Vec<f32>,
+    /// Sum of distances per landmark, per cent.
+    sums: Vec<f64>,
+}
+
+/// Fitted minus placed in face axes (x along the outer eye corners), in outer eye distances.
+#[must_use]
+pub fn differences(
+    fitted: &[[f32; 2]; LANDMARKS],
+    placed: &[[f32; 2]; LANDMARKS],
+) -> [[f32; 2]; LANDMARKS] {
+    let [r, l] = scheme::OUTER_EYE_CORNERS;
+    let eye = scheme::outer_eye_distance(placed).max(1e-6);
+    let along = [
+        (placed[l][0] - placed[r][0]) / eye,
+        (placed[l][1] - placed[r][1]) / eye,
+    ];
+    std::array::from_fn(|i| {
+        let d = [fitted[i][0] - placed[i][0], fitted[i][1] - placed[i][1]];
+        [
+            (d[0] * along[0] + d[1] * along[1]) / eye,
+            (d[1] * along[0] - d[0] * along[1]) / eye,
+        ]
+    })
+}
+
+impl Errors {
+    /// Takes in one face's differences ([`differences`]).
+    pub fn add(&mut self, differences: &[[f32; 2]; LANDMARKS]) {
+        self.sums.resize(LANDMARKS, 0.0);
+        let percent = differences.map(|d| 100.0 * d[0].hypot(d[1]));
+        for (sum, e) in self.sums.iter_mut().zip(percent) {
+            *sum += f64::from(e);
+        }
+        self.faces.push(percent.iter().sum::<f32>() / LANDMARKS as f32);
+        self.inner.push(percent[scheme::INNER].iter().sum::<f32>() / 51.0);
+    }
+
+    /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.
+    #[must_use]
+    pub fn line(&self) -> String {
+        use std::fmt::Write;
+        if self.faces.is_empty() {
+            return "no annotated faces".into();
+        }
+        let count = self.faces.len() as f32;
+        let mut sorted = self.faces.clone();
+        sorted.sort_by(f32::total_cmp);
+        let at = |share: f32| sorted[((sorted.len() - 1) as f32 * share).round() as usize];
+        let mut line = format!(
+            "{} faces: mean {:.2} %, median {:.2}, p95 {:.2}, inner 51 {:.2}; over 10 %: {:.1} %;",
+            self.faces.len(),
+            self.faces.iter().sum::<f32>() / count,
+            at(0.5),
+            at(0.95),
+            self.inner.iter().sum::<f32>() / count,
+            100.0 * self.faces.iter().filter(|e| **e > 10.0).count() as f32 / count,
+        );
+        for (name, range) in scheme::REGIONS {
+            let size = range.len() as f64 * f64::from(count);
+            let mean = self.sums[range].iter().sum::<f64>() / size;
+            let _ = write!(line, " {name} {mean:.2}");
+        }
+        line
+    }
+}
+
+/// Mean difference per landmark, face axes, in outer eye distances.
+#[must_use]
+pub fn mean_offsets(differences: &[[[f32; 2]; LANDMARKS]]) -> [[f32; 2]; LANDMARKS] {
+    let count = differences.len().max(1) as f32;
+    std::array::from_fn(|i| {
+        let sum = differences
+            .iter()
+            .fold([0.0, 0.0], |s, d| [s[0] + d[i][0], s[1] + d[i][1]]);
+        [sum[0] / count, sum[1] / count]
+    })
+}
+
+/// The differences with offsets taken out.
+#[must_use]
+pub fn without(
+    differences: &[[f32; 2]; LANDMARKS],
+    offsets: &[[f32; 2]; LANDMARKS],
+) -> [[f32; 2]; LANDMARKS] {
+    std::array::from_fn(|i| {
+        [
+            differences[i][0] - offsets[i][0],
+            differences[i][1] - offsets[i][1],
+        ]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_in_face_axes() {
+        let mut placed = [[100.0, 100.0]; LANDMARKS];
+        placed[36] = [100.0, 100.0];
+        placed[45] = [100.0, 150.0];
+        let mut fitted = placed;
+        // The face lies on its side: down in the picture is to the side in the face.
+        fitted[30][1] += 5.0;
+        let d = differences(&fitted, &placed);
+        assert!((d[30][0] - 0.1).abs() < 1e-6 && d[30][1].abs() < 1e-6);
+        let mut errors = Errors::default();
+        errors.add(&without(&d, &d));
+        assert!(errors.faces[0] < 1e-6);
+    }
+}

@@ -1,0 +1,351 @@
+//! Training pictures with their truth, and the starts a fit is learnt from.
+//!
+//! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
+//! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
+
+use crate::capacity::{LANDMARKS, PIXELS};
+use crate::face_model::{MAX_MODES, ShapeModel, scheme};
+use crate::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use crate::landmarks::cascade::FaceFit;
+use crate::landmarks::features::OrientationMaps;
+use crate::landmarks::view::View;
+use crate::landmarks::window::{
+    ORIGIN, PIXELS_PER_METRE, Picture, Placement, WINDOW, sensor_picture,
+};
+use crate::sensor::camera::Camera;
+use crate::sensor::virtual_head::Truth;
+
+use super::dataset::{DatasetError, Entry, GreyPicture, load_grey};
+use super::points::fit_points;
+use super::shape::{Face, Similarity, normal};
+
+/// Inverse distance of a studio camera, 1/m: portraits are taken from about a metre and a half.
+pub const STUDIO_INVERSE_DISTANCE: f32 = 0.7;
+/// Picture pixels per metre that portraits are brought to: a little finer than the head window.
+const PORTRAIT_SCALE: f32 = 900.0;
+
+/// A picture of one face with its truth.
+#[derive(Clone)]
+pub struct TruePicture {
+    /// The picture.
+    pub grey: GreyPicture,
+    /// View in picture pixels, and shape.
+    pub truth: FaceFit,
+    /// The 68 points, picture pixels.
+    pub points: [[f32; 2]; LANDMARKS],
+    /// Whether it is drawn and not photographed.
+    pub drawn: bool,
+}
+
+impl TruePicture {
+    /// The picture to sample from.
+    #[must_use]
+    pub fn picture(&self) -> Picture<'_> {
+        Picture {
+            luma: &self.grey.luma,
+            width: self.grey.width,
+            height: self.grey.height,
+        }
+    }
+
+    /// An annotated portrait, scaled to a common size; `None` if it has no points.
+    ///
+    /// # Errors
+    /// If the picture does not decode.
+    pub fn portrait(entry: &Entry, shape: &ShapeModel) -> Result<Option<Self>, DatasetError> {
+        let Some(points) = entry.points else {
+            return Ok(None);
+        };
+        let rough = fit_points(shape, &points, STUDIO_INVERSE_DISTANCE);
+        let scale = (PORTRAIT_SCALE / rough.view.log_scale.exp()).min(1.0);
+        let grey = load_grey(&entry.path, scale)?;
+        // Pixel centres are integers: scaling is about the corner at -0.5.
+        let points = points.map(|p| p.map(|v| (v + 0.5) * scale - 0.5));
+        Ok(Some(Self {
+            truth: fit_points(shape, &points, STUDIO_INVERSE_DISTANCE),
+            grey,
+            points,
+            drawn: false,
+        }))
+    }
+
+    /// A drawn frame: the surroundings of the head cut out upright, with the truth in that cut.
+    #[must_use]
+    pub fn drawn(
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        truth: &Truth,
+        shape: &ShapeModel,
+    ) -> Option<Self> {
+        const MARGIN: usize = 60;
+        const SIDE: usize = WINDOW + 2 * MARGIN;
+        let placement = Placement::of_pose(camera, &truth.sensor_from_head)?;
+        let picture = sensor_picture(luma);
+        let margin = MARGIN as f32;
+        let grey = GreyPicture {
+            luma: (0..SIDE * SIDE)
+                .map(|k| {
+                    let [x, y] = placement.picture_pixel([
+                        (k % SIDE) as f32 - margin,
+                        (k / SIDE) as f32 - margin,
+                    ]);
+                    picture.at(x, y).round() as u8
+                })
+                .collect(),
+            width: SIDE,
+            height: SIDE,
+        };
+        let points = truth.landmarks_px.map(|p| {
+            let [x, y] = placement.window_pixel(p);
+            [x + margin, y + margin]
+        });
+        let mean: Face = std::array::from_fn(|i| shape.mean[i]);
+        let mut coefficients = [0.0; MAX_MODES];
+        let upright = Similarity::between(&truth.landmarks_head, &mean);
+        let face = truth.landmarks_head.map(|p| upright.of(&p));
+        shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
+        // What the model's shape must undergo to be the head's.
+        let back = Similarity::between(&face, &truth.landmarks_head);
+        let turn = Rotation::from_rotation_matrix(&back.rotation);
+        let start = placement.start;
+        let moved = start.rotation * back.translation * PIXELS_PER_METRE;
+        Some(Self {
+            grey,
+            truth: FaceFit {
+                view: View {
+                    log_scale: start.log_scale + back.scale.ln(),
+                    rotation: start.rotation * turn,
+                    shift: [ORIGIN[0] + margin + moved.x, ORIGIN[1] + margin + moved.y],
+                    inverse_distance: start.inverse_distance,
+                },
+                shape: coefficients,
+            },
+            points,
+            drawn: true,
+        })
+    }
+
+    /// The mirror image.
+    #[must_use]
+    pub fn mirrored(&self, shape: &ShapeModel) -> Self {
+        let width = self.grey.width;
+        let mut luma = self.grey.luma.clone();
+        for row in luma.chunks_exact_mut(width) {
+            row.reverse();
+        }
+        let flip = |x: f32| (width - 1) as f32 - x;
+        let mut head = [Point::origin(); LANDMARKS];
+        shape.shape(&self.truth.shape, &mut head);
+        let face = super::shape::mirrored(&head);
+        let mut coefficients = [0.0; MAX_MODES];
+        shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
+        let axis = self.truth.view.rotation.scaled_axis();
+        Self {
+            grey: GreyPicture {
+                luma,
+                width,
+                height: self.grey.height,
+            },
+            truth: FaceFit {
+                view: View {
+                    rotation: Rotation::from_scaled_axis(Vector::new(axis.x, -axis.y, -axis.z)),
+                    shift: [flip(self.truth.view.shift[0]), self.truth.view.shift[1]],
+                    ..self.truth.view
+                },
+                shape: coefficients,
+            },
+            points: std::array::from_fn(|i| {
+                let p = self.points[scheme::MIRROR[i]];
+                [flip(p[0]), p[1]]
+            }),
+            drawn: self.drawn,
+        }
+    }
+}
+
+/// How far starts lie from the truth: uniform within ± these.
+#[derive(Clone, Copy, Debug)]
+pub struct Disturbance {
+    /// Position, share of the face width.
+    pub position: f32,
+    /// Yaw, pitch and roll, radians.
+    pub angle: f32,
+    /// Logarithm of the scale.
+    pub scale: f32,
+    /// Shape, standard deviations (Gaussian).
+    pub shape: f32,
+}
+
+/// What a depth pose gets wrong.
+pub const COLD: Disturbance = Disturbance {
+    position: 0.10,
+    angle: 0.14,
+    scale: 0.08,
+    shape: 0.0,
+};
+/// What changes from frame to frame.
+pub const WARM: Disturbance = Disturbance {
+    position: 0.025,
+    angle: 0.03,
+    scale: 0.02,
+    shape: 0.35,
+};
+/// Width of a face, metres: the unit of [`Disturbance::position`].
+const FACE_WIDTH_M: f32 = 0.145;
+
+impl Disturbance {
+    /// A view near the true one.
+    pub fn of(&self, view: &View, random: &mut fastrand::Rng) -> View {
+        let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
+        let turn =
+            rotation_from_yaw_pitch_roll(about(self.angle), about(self.angle), about(self.angle));
+        let reach = self.position * FACE_WIDTH_M * view.log_scale.exp();
+        View {
+            log_scale: view.log_scale + about(self.scale),
+            rotation: turn * view.rotation,
+            shift: [view.shift[0] + about(reach), view.shift[1] + about(reach)],
+            inverse_distance: view.inverse_distance,
+        }
+    }
+}
+
+/// One start: the window there and the truth in it.
+pub struct Sample {
+    /// Orientation maps of the window.
+    pub maps: OrientationMaps,
+    /// The view that the disturbed depth pose says.
+    pub depth: View,
+    /// Truth in the window.
+    pub truth: FaceFit,
+    /// The points in the window.
+    pub points: [[f32; 2]; LANDMARKS],
+}
+
+/// The truth seen through a placement.
+#[must_use]
+pub fn truth_in_window(truth: &FaceFit, placement: &Placement) -> FaceFit {
+    let map = &placement.picture_from_window;
+    let scale = map[(0, 0)].hypot(map[(1, 0)]);
+    FaceFit {
+        view: View {
+            log_scale: truth.view.log_scale - scale.ln(),
+            rotation: Rotation::from_axis_angle(&Vector::z_axis(), -placement.roll)
+                * truth.view.rotation,
+            shift: placement.window_pixel(truth.view.shift),
+            inverse_distance: truth.view.inverse_distance,
+        },
+        shape: truth.shape,
+    }
+}
+
+/// Changes light, sharpness and noise of a window.
+fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
+    if random.f32() < 0.4 {
+        // A box blur of three, once or twice.
+        for _ in 0..=random.usize(..2) {
+            let before = window.to_vec();
+            for row in 1..WINDOW - 1 {
+                for column in 1..WINDOW - 1 {
+                    let at = row * WINDOW + column;
+                    let mut sum = 0.0;
+                    for line in [at - WINDOW, at, at + WINDOW] {
+                        sum += before[line - 1] + before[line] + before[line + 1];
+                    }
+                    window[at] = sum / 9.0;
+                }
+            }
+        }
+    }
+    let gain = 0.4 + 0.9 * random.f32();
+    let gamma = 0.75 + 0.55 * random.f32();
+    let slope = 0.5 * (random.f32() - 0.5);
+    let across = random.f32() * std::f32::consts::TAU;
+    let (sin, cos) = across.sin_cos();
+    let noise = 4.0 * random.f32() * random.f32();
+    for (k, value) in window.iter_mut().enumerate() {
+        let (x, y) = ((k % WINDOW) as f32 / 92.0 - 1.0, (k / WINDOW) as f32 / 92.0 - 1.0);
+        let lit = gain * (1.0 + slope * (x * cos + y * sin));
+        let v = 255.0 * (value.max(0.0) / 255.0).powf(gamma) * lit;
+        // Sum of two uniforms: near enough to Gaussian.
+        *value = (v + noise * 1.2 * (random.f32() + random.f32() - 1.0) * 2.0).clamp(0.0, 255.0);
+    }
+}
+
+/// A disturbed start at a picture, the window spoiled if wanted.
+pub fn sample(
+    picture: &TruePicture,
+    disturbance: &Disturbance,
+    spoiled: bool,
+    seed: u64,
+    window: &mut [f32],
+    maps: &mut OrientationMaps,
+) -> Sample {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let view = disturbance.of(&picture.truth.view, &mut random);
+    let placement = Placement::of_view(&view);
+    placement.resample(&picture.picture(), window);
+    if spoiled {
+        spoil(window, &mut random);
+    }
+    maps.compute(window);
+    Sample {
+        maps: maps.kept(),
+        depth: placement.start,
+        truth: truth_in_window(&picture.truth, &placement),
+        points: picture.points.map(|p| placement.window_pixel(p)),
+    }
+}
+
+/// A warm start near the truth: view and shape of the last frame.
+pub fn warm_start(sample: &Sample, modes: usize, random: &mut fastrand::Rng) -> FaceFit {
+    let mut fit = FaceFit {
+        view: WARM.of(&sample.truth.view, random),
+        shape: sample.truth.shape,
+    };
+    for b in &mut fit.shape[..modes] {
+        *b += WARM.shape * normal(random);
+    }
+    fit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn the_truth_lies_on_the_points_in_every_window() {
+        let shape = FaceModel::shipped().shape;
+        let mut truth = FaceFit {
+            view: View {
+                log_scale: 900f32.ln(),
+                rotation: rotation_from_yaw_pitch_roll(0.2, -0.1, 0.3),
+                shift: [250.0, 240.0],
+                inverse_distance: 0.7,
+            },
+            shape: [0.0; MAX_MODES],
+        };
+        truth.shape[0] = 1.0;
+        let mut head = [Point::origin(); LANDMARKS];
+        shape.shape(&truth.shape, &mut head);
+        let picture = TruePicture {
+            grey: GreyPicture {
+                luma: vec![100; 500 * 500],
+                width: 500,
+                height: 500,
+            },
+            points: head.map(|p| truth.view.project(&p)),
+            truth,
+            drawn: false,
+        };
+        let (mut window, mut maps) = (vec![0.0; WINDOW * WINDOW], OrientationMaps::default());
+        for picture in [picture.clone(), picture.mirrored(&shape)] {
+            let sample = sample(&picture, &COLD, false, 5, &mut window, &mut maps);
+            shape.shape(&sample.truth.shape, &mut head);
+            for (p, q) in head.iter().zip(&sample.points) {
+                let p = sample.truth.view.project(p);
+                assert!((p[0] - q[0]).hypot(p[1] - q[1]) < 0.3, "{p:?} {q:?}");
+            }
+        }
+    }
+}
