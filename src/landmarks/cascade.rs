@@ -36,6 +36,8 @@ pub struct Belief {
     pub landmark: [f32; LANDMARKS],
     /// 0…1 for the face.
     pub face: f32,
+    /// The face's log odds: tells two good fits apart where `face` is 1 for both.
+    pub log_odds: f32,
 }
 
 /// Scratch of the cascade; allocated once.
@@ -156,9 +158,11 @@ impl Solver {
         {
             *confidence = logistic(c[0] * d + c[1] * mean + c[2]);
         }
+        let log_odds = model.face[0] * mean + model.face[1];
         Belief {
             landmark,
-            face: logistic(model.face[0] * mean + model.face[1]),
+            face: logistic(log_odds),
+            log_odds,
         }
     }
 

@@ -57,8 +57,7 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
     };
     for row in 0..parameters {
         for landmark in 0..LANDMARKS {
-            let patch =
-                (0..PATCH).map(|k| map.weights[(row, landmark * PATCH + k)]);
+            let patch = (0..PATCH).map(|k| map.weights[(row, landmark * PATCH + k)]);
             let scale = patch.clone().fold(0.0f32, |m, w| m.max(w.abs())) / 127.0;
             stage.scales.push(scale);
             stage

@@ -29,7 +29,11 @@ fn logistic_regression(x: &DMatrix<f64>, y: &[f64]) -> DVector<f64> {
         let mut slope = -&w * 1e-3;
         let mut curvature = DMatrix::identity(x.ncols(), x.ncols()) * 1e-3;
         for (row, &y) in x.row_iter().zip(y) {
-            let weight = if y > 0.5 { 1.0 / positive } else { 1.0 / negative } * 1000.0;
+            let weight = if y > 0.5 {
+                1.0 / positive
+            } else {
+                1.0 / negative
+            } * 1000.0;
             let p = 1.0 / (1.0 + (-row.dot(&w.transpose())).exp());
             slope += row.transpose() * (weight * (y - p));
             curvature += row.transpose() * row * (weight * p * (1.0 - p));
@@ -184,10 +188,8 @@ fn discriminant(
     let mut scatter = DMatrix::<f64>::zeros(PATCH, PATCH);
     for (k, f) in features.iter().enumerate() {
         if let Some(class) = class(k) {
-            let d = DVector::from_iterator(
-                PATCH,
-                f[patch.clone()].iter().map(|v| f64::from(*v)),
-            ) - &means[class];
+            let d = DVector::from_iterator(PATCH, f[patch.clone()].iter().map(|v| f64::from(*v)))
+                - &means[class];
             scatter.ger(1.0 / counts[class].max(1.0), &d, &d, 1.0);
         }
     }

@@ -43,8 +43,10 @@ impl Errors {
         for (sum, e) in self.sums.iter_mut().zip(percent) {
             *sum += f64::from(e);
         }
-        self.faces.push(percent.iter().sum::<f32>() / LANDMARKS as f32);
-        self.inner.push(percent[scheme::INNER].iter().sum::<f32>() / 51.0);
+        self.faces
+            .push(percent.iter().sum::<f32>() / LANDMARKS as f32);
+        self.inner
+            .push(percent[scheme::INNER].iter().sum::<f32>() / 51.0);
     }
 
     /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.

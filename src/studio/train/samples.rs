@@ -3,20 +3,18 @@
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
 
-use crate::capacity::{LANDMARKS, PIXELS};
+use crate::capacity::LANDMARKS;
 use crate::face_model::{MAX_MODES, ShapeModel, scheme};
 use crate::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::landmarks::cascade::FaceFit;
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
-use crate::landmarks::window::{
-    ORIGIN, PIXELS_PER_METRE, Picture, Placement, WINDOW, sensor_picture,
-};
+use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, WINDOW};
 use crate::sensor::camera::Camera;
-use crate::sensor::virtual_head::Truth;
 
 use super::dataset::{DatasetError, Entry, GreyPicture, load_grey};
 use super::points::fit_points;
+use super::render::TrainingSample;
 use super::shape::{Face, Similarity, normal};
 
 /// Inverse distance of a studio camera, 1/m: portraits are taken from about a metre and a half.
@@ -69,52 +67,48 @@ impl TruePicture {
         }))
     }
 
-    /// A drawn frame: the surroundings of the head cut out upright, with the truth in that cut.
+    /// A drawn face: its surroundings cut out upright, with the truth in that cut.
     #[must_use]
-    pub fn drawn(
-        luma: &[u8; PIXELS],
-        camera: &Camera,
-        truth: &Truth,
-        shape: &ShapeModel,
-    ) -> Option<Self> {
+    pub fn drawn(drawn: &TrainingSample, camera: &Camera, shape: &ShapeModel) -> Option<Self> {
         const MARGIN: usize = 60;
         const SIDE: usize = WINDOW + 2 * MARGIN;
-        let placement = Placement::of_pose(camera, &truth.sensor_from_head)?;
-        let picture = sensor_picture(luma);
-        let margin = MARGIN as f32;
-        let grey = GreyPicture {
-            luma: (0..SIDE * SIDE)
-                .map(|k| {
-                    let [x, y] = placement.picture_pixel([
-                        (k % SIDE) as f32 - margin,
-                        (k / SIDE) as f32 - margin,
-                    ]);
-                    picture.at(x, y).round() as u8
-                })
-                .collect(),
-            width: SIDE,
-            height: SIDE,
+        let placement = Placement::of_pose(camera, &drawn.sensor_from_head)?;
+        let picture = Picture {
+            luma: &drawn.luma,
+            width: drawn.width,
+            height: drawn.height,
         };
-        let points = truth.landmarks_px.map(|p| {
-            let [x, y] = placement.window_pixel(p);
+        let margin = MARGIN as f32;
+        let luma = (0..SIDE * SIDE)
+            .map(|k| {
+                let window = [(k % SIDE) as f32 - margin, (k / SIDE) as f32 - margin];
+                let [x, y] = placement.picture_pixel(window);
+                picture.at(x - drawn.origin[0], y - drawn.origin[1]).round() as u8
+            })
+            .collect();
+        let points = drawn.points.map(|[x, y]| {
+            let [x, y] = placement.window_pixel([x + drawn.origin[0], y + drawn.origin[1]]);
             [x + margin, y + margin]
         });
         let mean: Face = std::array::from_fn(|i| shape.mean[i]);
         let mut coefficients = [0.0; MAX_MODES];
-        let upright = Similarity::between(&truth.landmarks_head, &mean);
-        let face = truth.landmarks_head.map(|p| upright.of(&p));
+        let upright = Similarity::between(&drawn.head, &mean);
+        let face = drawn.head.map(|p| upright.of(&p));
         shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
         // What the model's shape must undergo to be the head's.
-        let back = Similarity::between(&face, &truth.landmarks_head);
-        let turn = Rotation::from_rotation_matrix(&back.rotation);
+        let back = Similarity::between(&face, &drawn.head);
         let start = placement.start;
         let moved = start.rotation * back.translation * PIXELS_PER_METRE;
         Some(Self {
-            grey,
+            grey: GreyPicture {
+                luma,
+                width: SIDE,
+                height: SIDE,
+            },
             truth: FaceFit {
                 view: View {
                     log_scale: start.log_scale + back.scale.ln(),
-                    rotation: start.rotation * turn,
+                    rotation: start.rotation * Rotation::from_rotation_matrix(&back.rotation),
                     shift: [ORIGIN[0] + margin + moved.x, ORIGIN[1] + margin + moved.y],
                     inverse_distance: start.inverse_distance,
                 },
@@ -263,7 +257,10 @@ fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
     let (sin, cos) = across.sin_cos();
     let noise = 4.0 * random.f32() * random.f32();
     for (k, value) in window.iter_mut().enumerate() {
-        let (x, y) = ((k % WINDOW) as f32 / 92.0 - 1.0, (k / WINDOW) as f32 / 92.0 - 1.0);
+        let (x, y) = (
+            (k % WINDOW) as f32 / 92.0 - 1.0,
+            (k / WINDOW) as f32 / 92.0 - 1.0,
+        );
         let lit = gain * (1.0 + slope * (x * cos + y * sin));
         let v = 255.0 * (value.max(0.0) / 255.0).powf(gamma) * lit;
         // Sum of two uniforms: near enough to Gaussian.
@@ -271,7 +268,7 @@ fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
     }
 }
 
-/// A disturbed start at a picture, the window spoiled if wanted.
+/// A disturbed start at a picture; the window of a photograph is spoiled if wanted (drawn ones are already).
 pub fn sample(
     picture: &TruePicture,
     disturbance: &Disturbance,
@@ -284,7 +281,7 @@ pub fn sample(
     let view = disturbance.of(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
     placement.resample(&picture.picture(), window);
-    if spoiled {
+    if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }
     maps.compute(window);

@@ -12,17 +12,17 @@ use rayon::prelude::*;
 use super::cascade::{Progress, StageSettings, advance, inner_error_percent, learn_stage};
 use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
-use super::samples::{
-    COLD, Disturbance, Sample, TruePicture, sample, warm_start,
-};
+use super::render::{Renderer, TrainingSample};
+use super::samples::{COLD, Disturbance, Sample, TruePicture, sample, warm_start};
 use super::{confidence, shape, standard_head};
 use crate::capacity::LANDMARKS;
-use crate::face_model::{
-    CascadeStage, FaceModel, MAX_MODES, ShapeModel, StandardHead, file, scheme,
-};
+use crate::face_model::{CascadeStage, FaceModel, MAX_MODES, ShapeModel, StandardHead, file};
+use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::window::WINDOW;
+use crate::sensor::camera::Camera;
+use crate::studio::heads::HeadsError;
 use crate::studio::ict::{IctError, IctHead};
 use crate::studio::split::Split;
 
@@ -31,8 +31,8 @@ use crate::studio::split::Split;
 pub struct TrainArgs {
     /// Folders of annotated portraits.
     pub images: Vec<PathBuf>,
-    /// Folder of the ICT FaceKit head: shapes and drawn faces.
-    pub head: PathBuf,
+    /// Folder of the data sets, for the head to draw (`ict_facekit`) and the photographs it wears (`faces_frl189`).
+    pub data: PathBuf,
     /// Model file to write.
     pub out: PathBuf,
     /// Where to write the mean offsets per landmark.
@@ -55,12 +55,12 @@ impl Default for TrainArgs {
     fn default() -> Self {
         Self {
             images: Vec::new(),
-            head: PathBuf::new(),
+            data: PathBuf::new(),
             out: PathBuf::from("face.model"),
             offsets: None,
-            modes: 34,
-            starts: 14,
-            drawn: 0,
+            modes: 40,
+            starts: 8,
+            drawn: 2600,
             penalty: 0.5,
             hold_out_dev: false,
             seed: 1,
@@ -77,8 +77,13 @@ pub enum TrainError {
     /// The head set.
     #[error(transparent)]
     Head(#[from] IctError),
+    /// The drawn heads.
+    #[error(transparent)]
+    Drawn(#[from] HeadsError),
     /// Too little to learn from.
-    #[error("expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images")]
+    #[error(
+        "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
+    )]
     TooFew {
         /// Least number.
         expected: usize,
@@ -159,7 +164,14 @@ pub fn disturbed(
             || (vec![0.0; WINDOW * WINDOW], OrientationMaps::default()),
             |(window, maps), k| {
                 let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-                sample(&pictures[k / starts], disturbance, spoiled, seed, window, maps)
+                sample(
+                    &pictures[k / starts],
+                    disturbance,
+                    spoiled,
+                    seed,
+                    window,
+                    maps,
+                )
             },
         )
         .collect()
@@ -229,11 +241,26 @@ fn write(path: &PathBuf, bytes: &[u8]) -> Result<(), TrainError> {
 pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, TrainError> {
     let began = Instant::now();
     let since = |began: &Instant| format!("{:5.0} s", began.elapsed().as_secs_f32());
-    let mut ict = IctHead::read(&args.head)?;
+    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
     crate::studio::heads::expressions::complete(&mut ict);
-    let faces = shape::population(&ict, 6000, args.seed);
-    let reference = std::array::from_fn(|i| ict.neutral[ict.landmarks[i]]);
-    let shape = shape::principal_components(&faces, &reference, args.modes.min(MAX_MODES));
+    let sites = crate::studio::heads::plain_head(&ict).landmarks;
+    let mut faces = shape::population(&ict, &sites, 6000, args.seed);
+    let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
+    let modes = args.modes.min(MAX_MODES);
+    let rough = shape::principal_components(&faces, &reference, modes);
+    let habits: Vec<_> = portraits(args, &rough)?
+        .train
+        .iter()
+        .map(|p| shape::left_over(&rough, &p.truth, &p.points))
+        .collect();
+    let mut random = fastrand::Rng::with_seed(args.seed ^ 0x4841_4249);
+    for face in &mut faces {
+        let habit = &habits[random.usize(..habits.len())];
+        for (p, off) in face.iter_mut().zip(habit) {
+            *p += *off;
+        }
+    }
+    let shape = shape::principal_components(&faces, &reference, modes);
     say(&format!(
         "{} shape model: {} modes from {} faces",
         since(&began),
@@ -255,13 +282,32 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         solver.project(&shape, &picture.truth);
         floor.add(&differences(&solver.window, &picture.points));
     }
-    say(&format!("what the shape model leaves of the test portraits: {}", floor.line()));
+    say(&format!(
+        "  what the shape model leaves of the test portraits: {}",
+        floor.line()
+    ));
+    let camera = Camera::nominal();
+    let draw = |keep: &dyn Fn(Split) -> bool, count: usize, seed: u64| {
+        let renderer = Renderer::new(&args.data, |person| keep(Split::of(person)))?;
+        Ok::<_, TrainError>(renderer.samples(0..count as u64, seed))
+    };
+    let as_pictures = |drawn: &[TrainingSample]| -> Vec<TruePicture> {
+        drawn
+            .par_iter()
+            .filter_map(|sample| TruePicture::drawn(sample, &camera, &shape))
+            .collect()
+    };
+    let used = |split| split == Split::Train || (split == Split::Dev && !args.hold_out_dev);
+    let drawn = as_pictures(&draw(&used, args.drawn, args.seed)?);
+    say(&format!("{} {} drawn faces", since(&began), drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &COLD, true, args.seed);
+    samples.extend(disturbed(&drawn, 2, &COLD, false, args.seed + 3));
+    pictures.train.extend(drawn);
     say(&format!("{} {} starts", since(&began), samples.len()));
 
     let mut progress = cold_starts(&samples);
     let mut cold = Vec::new();
-    for (k, cell_px) in [6.5, 5.5, 5.0, 4.5].into_iter().enumerate() {
+    for (k, cell_px) in [6.5, 5.5, 4.7].into_iter().enumerate() {
         let settings = StageSettings {
             cell_px,
             penalty: args.penalty,
@@ -311,16 +357,17 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         shape: 0.0,
     };
     let good = samples.len();
-    let few = pictures.train.len().min(400);
-    pictures.train.truncate(few.max(1));
-    samples.extend(disturbed(&pictures.train, 6, &far, true, args.seed + 1));
+    pictures.train.truncate(500);
+    samples.extend(disturbed(&pictures.train, 4, &far, true, args.seed + 1));
     let first_beside = samples.len();
-    samples.extend(disturbed(&pictures.train, 6, &beside, true, args.seed + 2));
+    samples.extend(disturbed(&pictures.train, 4, &beside, true, args.seed + 2));
     let mut ends = fit_cold(&samples[good..], &shape, &cold, &warm);
     for end in &mut ends {
         end.sample += good;
     }
-    ends.extend_from_slice(&progress);
+    // As many good ends as there are far ones are enough.
+    let every = (progress.len() / 2500).max(1);
+    ends.extend(progress.iter().step_by(every));
     let faceless = |k: usize| {
         // A window beside the face whose face lies outside it.
         k >= first_beside && {
@@ -354,7 +401,11 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         let samples = disturbed(pictures, 10, &COLD, false, args.seed + 7);
         let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
         let (errors, all) = measured(&samples, &ends, &model.shape);
-        say(&format!("{} {name} people, portraits, cold: {}", since(&began), errors.line()));
+        say(&format!(
+            "{} {name} people, portraits, cold: {}",
+            since(&began),
+            errors.line()
+        ));
         let offsets = mean_offsets(&all);
         let mut clean = Errors::default();
         for d in &all {
@@ -366,11 +417,36 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             .iter()
             .map(|end| {
                 solver
-                    .belief(&model.confidence, &model.shape, &samples[end.sample].maps, &end.fit)
+                    .belief(
+                        &model.confidence,
+                        &model.shape,
+                        &samples[end.sample].maps,
+                        &end.fit,
+                    )
                     .face
             })
             .sum();
-        say(&format!("  mean confidence {:.3}", beliefs / ends.len() as f32));
+        say(&format!(
+            "  mean confidence {:.3}",
+            beliefs / ends.len() as f32
+        ));
+    }
+    if args.drawn > 0 {
+        let drawn = draw(&|split| split == Split::Test, 400, args.seed + 11)?;
+        report_drawn(&model, &drawn, &camera, args.seed, say);
+    }
+    if let Some(path) = &args.offsets {
+        // People of the same annotation who are not the test people.
+        let samples = disturbed(
+            &pictures.train[..pictures.train.len().min(150)],
+            4,
+            &COLD,
+            false,
+            args.seed + 13,
+        );
+        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+        let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
+        write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())?;
     }
     let bytes = file::emit(&model);
     model.id = u32::from_le_bytes([
@@ -387,6 +463,91 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         bytes.len(),
         model.id
     ));
-    let _ = scheme::REGIONS;
     Ok(model)
+}
+
+/// Heights and widths that expressions change, in metres of the head frame: brow and lid per side, mouth width, lip gap.
+fn measures(head: &[Point; LANDMARKS]) -> [(&'static str, f32); 6] {
+    let mean =
+        |points: &[usize]| points.iter().map(|&i| head[i].y).sum::<f32>() / points.len() as f32;
+    [
+        ("brow R", mean(&[36, 39]) - mean(&[17, 18, 19, 20, 21])),
+        ("brow L", mean(&[42, 45]) - mean(&[22, 23, 24, 25, 26])),
+        ("lid R", mean(&[40, 41]) - mean(&[37, 38])),
+        ("lid L", mean(&[46, 47]) - mean(&[43, 44])),
+        ("mouth width", (head[48] - head[54]).norm()),
+        ("lip gap", mean(&[65, 66, 67]) - mean(&[61, 62, 63])),
+    ]
+}
+
+fn correlation(pairs: &[(f32, f32)]) -> f32 {
+    let n = pairs.len().max(1) as f32;
+    let mean = pairs
+        .iter()
+        .fold((0.0, 0.0), |s, p| (s.0 + p.0 / n, s.1 + p.1 / n));
+    let (mut ab, mut aa, mut bb) = (0.0, 1e-20, 1e-20);
+    for p in pairs {
+        let (a, b) = (p.0 - mean.0, p.1 - mean.1);
+        ab += a * b;
+        aa += a * a;
+        bb += b * b;
+    }
+    ab / (aa * bb).sqrt()
+}
+
+/// Errors on drawn test people, cold and warm, and how well measures follow the truth.
+fn report_drawn(
+    model: &FaceModel,
+    drawn: &[TrainingSample],
+    camera: &Camera,
+    seed: u64,
+    say: &mut dyn FnMut(&str),
+) {
+    let kept: Vec<(&TrainingSample, TruePicture)> = drawn
+        .iter()
+        .filter_map(|d| Some((d, TruePicture::drawn(d, camera, &model.shape)?)))
+        .collect();
+    let pictures: Vec<TruePicture> = kept.iter().map(|(_, p)| p.clone()).collect();
+    let samples = disturbed(&pictures, 2, &COLD, false, seed + 7);
+    let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+    say(&format!(
+        "test people, drawn, cold: {}",
+        measured(&samples, &ends, &model.shape).0.line()
+    ));
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut warm = cold_starts(&samples);
+    for p in &mut warm {
+        p.fit = warm_start(&samples[p.sample], model.shape.modes.len(), &mut random);
+        p.anchor = p.fit.view;
+    }
+    advance(&samples, &mut warm, &model.shape, &model.warm);
+    say(&format!(
+        "test people, drawn, warm: {}",
+        measured(&samples, &warm, &model.shape).0.line()
+    ));
+    let mean: shape::Face = std::array::from_fn(|i| model.shape.mean[i]);
+    let mut pairs: [Vec<(f32, f32)>; 6] = Default::default();
+    let mut names = [""; 6];
+    let mut head = mean;
+    for end in &ends {
+        let truth = shape::aligned(&kept[end.sample / 2].0.head, &mean);
+        model.shape.shape(&end.fit.shape, &mut head);
+        for (k, (a, b)) in measures(&truth)
+            .into_iter()
+            .zip(measures(&head))
+            .enumerate()
+        {
+            pairs[k].push((a.1, b.1));
+            names[k] = a.0;
+        }
+    }
+    let line: Vec<String> = names
+        .iter()
+        .zip(&pairs)
+        .map(|(name, pairs)| format!("{name} {:.3}", correlation(pairs)))
+        .collect();
+    say(&format!(
+        "  correlation with the truth, cold: {}",
+        line.join(", ")
+    ));
 }

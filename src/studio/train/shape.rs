@@ -1,8 +1,9 @@
 //! The 3D shape model: a population of faces, rigid motion and size removed, principal components.
 //!
 //! Faces are the 68 landmark vertices of the ICT head under random identity, expression and smooth warps (what its 40
-//! identity modes cannot do), each with its mirror image. The head set has no outer brow raiser, so brows also move as
-//! curves: raised, tilted, bent. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
+//! identity modes cannot do), each with its mirror image. Brows also move as curves (raised, tilted, bent), since the head
+//! set has few expressions of them; and what the modes leave of annotated portraits ([`left_over`]) is added to the
+//! population, so that people's own brows, lids and lips can be followed, and the annotators' habits too. Alignment: similarity on the [`scheme::STABLE`] points (Umeyama 1991) to the running mean.
 //! Metres, head frame. Seeded. Limits: expressions add linearly; no correction for combinations.
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, SymmetricEigen};
@@ -10,6 +11,8 @@ use nalgebra::{DMatrix, Matrix3, Rotation3, SymmetricEigen};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{ShapeModel, scheme};
 use crate::geometry::{Point, Vector};
+use crate::landmarks::cascade::FaceFit;
+use crate::sensor::virtual_head::Site;
 use crate::studio::ict::IctHead;
 
 /// 68 points of one face.
@@ -84,9 +87,9 @@ fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both
     }
 }
 
-/// A random population with its mirror images: `2 * count` faces.
+/// A random population with its mirror images: `2 * count` faces, landmarks at `sites` of the mesh.
 #[must_use]
-pub fn population(ict: &IctHead, count: usize, seed: u64) -> Vec<Face> {
+pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec<Face> {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut faces = Vec::with_capacity(2 * count);
     for _ in 0..count {
@@ -96,9 +99,9 @@ pub fn population(ict: &IctHead, count: usize, seed: u64) -> Vec<Face> {
             .map(|_| normal(&mut random).clamp(-2.5, 2.5))
             .collect();
         let weights = expression_weights(ict, &mut random);
-        let mut face: Face = std::array::from_fn(|i| {
-            let v = ict.landmarks[i];
-            let mut p = ict.neutral[v];
+        let vertex = |v: u32| {
+            let v = v as usize;
+            let mut p = ict.neutral[v].coords;
             for (delta, c) in ict.identities.iter().zip(&identity) {
                 p += delta.offsets[v] * *c;
             }
@@ -106,6 +109,17 @@ pub fn population(ict: &IctHead, count: usize, seed: u64) -> Vec<Face> {
                 p += delta.offsets[v] * *w;
             }
             p
+        };
+        let mut face: Face = std::array::from_fn(|i| {
+            let site = &sites[i];
+            let corners = site.vertices.iter().zip(site.shares);
+            Point::from(corners.fold(Vector::zeros(), |sum, (&v, share)| {
+                if share == 0.0 {
+                    sum
+                } else {
+                    sum + vertex(v) * share
+                }
+            }))
         });
         let stretch = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(&mut random));
         // Smooth quadratic warp: coefficients for displacements of about a millimetre at 5 cm.
@@ -195,6 +209,25 @@ impl Similarity {
     pub fn of(&self, p: &Point) -> Point {
         Point::from(self.rotation * p.coords * self.scale + self.translation)
     }
+}
+
+/// What the model leaves of annotated points, brought back to the head frame: picture axes turned by the view, no depth.
+#[must_use]
+pub fn left_over(
+    shape: &ShapeModel,
+    fit: &FaceFit,
+    points: &[[f32; 2]; LANDMARKS],
+) -> [Vector; LANDMARKS] {
+    let mut head = [Point::origin(); LANDMARKS];
+    shape.shape(&fit.shape, &mut head);
+    let scale = fit.view.log_scale.exp();
+    std::array::from_fn(|i| {
+        let [x, y] = fit.view.project(&head[i]);
+        let off = Vector::new(points[i][0] - x, points[i][1] - y, 0.0) / scale;
+        // The jaw is hardly annotated on the same place twice.
+        let share = if scheme::JAW.contains(&i) { 0.3 } else { 1.0 };
+        fit.view.rotation.inverse() * off * share
+    })
 }
 
 /// The face moved, turned and scaled so that its stable points lie best on those of `target`.
