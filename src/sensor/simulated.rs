@@ -29,7 +29,7 @@ impl Simulated {
             })?,
         };
         Ok(Self::from(Simulator::new(
-            HeadAsset::default(),
+            HeadAsset::shipped(),
             scene,
             SEED,
         )))

@@ -10,7 +10,7 @@ use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
 
 /// What a triangle shows; training renders vary the look of each part on its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Part {
     /// Face, head, ears, neck.

@@ -11,12 +11,14 @@
 mod asset;
 pub(crate) mod body;
 pub(crate) mod draw;
+mod file;
 mod noise;
 mod raster;
 mod script;
 
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
+pub use file::HeadFileError;
 pub use script::Scene;
 
 use crate::capacity::{HEIGHT, LANDMARKS, WIDTH};
@@ -257,3 +259,6 @@ fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

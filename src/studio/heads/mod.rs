@@ -1,12 +1,14 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
 
+pub mod average;
 pub mod dress;
 pub mod expressions;
 pub mod fit;
 pub mod portraits;
+pub mod reduce;
 pub mod tps;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
@@ -26,6 +28,14 @@ pub enum HeadsError {
     /// The portraits.
     #[error(transparent)]
     Portraits(#[from] portraits::PortraitError),
+    /// The result cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
 }
 
 /// A head with a photograph, and whose it is.

@@ -23,7 +23,9 @@ use crate::sensor::colour::luma_of;
 use crate::sensor::virtual_head::body::Shape;
 use crate::sensor::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
 use crate::sensor::virtual_head::{HeadAsset, Light, Part};
-use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
+use crate::studio::heads::expressions::complete;
+use crate::studio::heads::reduce::Reduction;
+use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
 use crate::studio::ict::IctHead;
 
 /// One picture with its truth.
@@ -77,13 +79,19 @@ impl Renderer {
     /// # Errors
     /// If mesh or portraits cannot be read.
     pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, HeadsError> {
-        let heads = textured_heads(data, keep)?;
-        let ict = IctHead::read(&data.join("ict_facekit"))?;
-        let n = heads.first().map_or(0, |head| head.asset.neutral.len());
+        let mut heads = textured_heads(data, keep)?;
+        let mut ict = IctHead::read(&data.join("ict_facekit"))?;
+        complete(&mut ict);
+        let plain = plain_head(&ict);
+        let reduction = Reduction::of(&plain);
+        let first = reduction.apply(&plain);
+        for head in &mut heads {
+            head.asset = reduction.apply_like(&head.asset, &first);
+        }
         let identities = ict
             .identities
-            .into_iter()
-            .map(|mode| mode.offsets[..n].to_vec())
+            .iter()
+            .map(|mode| reduction.pick(&mode.offsets))
             .collect();
         let names: Vec<String> = heads
             .first()
@@ -517,10 +525,10 @@ fn hair(
     let colour = 15.0 + 140.0 * rng.f32() * rng.f32();
     let brow = points[17..27].iter().map(|p| p[1]).sum::<f32>() / 10.0;
     let left = points[17][0].min(points[26][0]) - 0.15 * face;
-    for _ in 0..4 + rng.usize(..16) {
+    for _ in 0..6 + rng.usize(..30) {
         let start = left + rng.f32() * 1.3 * face;
-        let lean = 0.5 * either(rng);
-        let thick = face * (0.008 + 0.03 * rng.f32());
+        let lean = 0.35 * either(rng);
+        let thick = face * (0.005 + 0.02 * rng.f32() * rng.f32());
         let end = brow + face * (0.35 * rng.f32() - 0.15);
         let shade = colour * (0.7 + 0.6 * rng.f32());
         let top = (brow - 0.5 * face).max(0.0) as usize;
