@@ -5,4 +5,5 @@ pub mod heads;
 pub mod ict;
 pub mod priors;
 pub mod split;
+pub mod nrsfm;
 pub mod train;

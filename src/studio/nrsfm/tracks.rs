@@ -1,0 +1,321 @@
+//! Tracks and shapes as CSV: `2F x P` image tracks in, `3F x P` shapes out.
+//!
+//! No header; row `2t` holds x, row `2t + 1` holds y of frame t, one column per point; a missing point is empty or `nan` in
+//! either row. Units are the file's own. Everything is checked before use: a bad file is one sentence with the line.
+
+use super::Error;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Image tracks of P points over F frames, possibly with gaps.
+#[derive(Clone, Debug)]
+pub struct Tracks {
+    frames: usize,
+    points: usize,
+    /// `F * P` image points, frame after frame; meaningless where not seen.
+    positions: Vec<[f64; 2]>,
+    seen: Vec<bool>,
+}
+
+impl Tracks {
+    /// Tracks of `frames` x `points` image points, frame after frame; a point with a non-finite coordinate is missing.
+    ///
+    /// # Errors
+    /// Too few frames or points, or a point that is seen in fewer than [`Tracks::LEAST_SIGHTINGS`] frames.
+    pub fn new(frames: usize, points: usize, positions: Vec<[f64; 2]>) -> Result<Self, Error> {
+        if frames < Self::LEAST_FRAMES
+            || points < Self::LEAST_POINTS
+            || positions.len() != frames * points
+        {
+            return Err(Error::TooSmall { frames, points });
+        }
+        let seen: Vec<bool> = positions
+            .iter()
+            .map(|p| p[0].is_finite() && p[1].is_finite())
+            .collect();
+        for point in 0..points {
+            let sightings = (0..frames).filter(|t| seen[t * points + point]).count();
+            if sightings < Self::LEAST_SIGHTINGS {
+                return Err(Error::Unseen {
+                    column: point + 1,
+                    sightings,
+                });
+            }
+        }
+        let positions = positions
+            .into_iter()
+            .zip(&seen)
+            .map(|(p, seen)| if *seen { p } else { [0.0, 0.0] })
+            .collect();
+        Ok(Self {
+            frames,
+            points,
+            positions,
+            seen,
+        })
+    }
+
+    /// Fewest frames from which anything can be recovered.
+    pub const LEAST_FRAMES: usize = 4;
+    /// Fewest points from which anything can be recovered.
+    pub const LEAST_POINTS: usize = 4;
+    /// Fewest frames in which every point must be seen.
+    pub const LEAST_SIGHTINGS: usize = 3;
+
+    /// Number of frames, F.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Number of points, P.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.points
+    }
+
+    /// The image point, or none where it is missing.
+    #[must_use]
+    pub fn position(&self, frame: usize, point: usize) -> Option<[f64; 2]> {
+        let i = frame * self.points + point;
+        self.seen[i].then(|| self.positions[i])
+    }
+
+    /// Whether the point is seen in the frame.
+    #[must_use]
+    pub fn is_seen(&self, frame: usize, point: usize) -> bool {
+        self.seen[frame * self.points + point]
+    }
+
+    /// Number of image points that are seen.
+    #[must_use]
+    pub fn sightings(&self) -> usize {
+        self.seen.iter().filter(|seen| **seen).count()
+    }
+
+    /// The same tracks with every coordinate multiplied by `factor`.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        scaled
+            .positions
+            .iter_mut()
+            .flatten()
+            .for_each(|v| *v *= factor);
+        scaled
+    }
+
+    /// Reads tracks from CSV text; see the module header.
+    ///
+    /// # Errors
+    /// A field that is no number, uneven or odd rows, or too little data.
+    pub fn parse(text: &str) -> Result<Self, Error> {
+        let rows = parse_rows(text)?;
+        if rows.len() % 2 != 0 {
+            return Err(Error::RowCount {
+                rows: rows.len(),
+                multiple: 2,
+            });
+        }
+        let frames = rows.len() / 2;
+        let points = rows.first().map_or(0, Vec::len);
+        let mut positions = Vec::with_capacity(frames * points);
+        for pair in rows.chunks_exact(2) {
+            positions.extend(pair[0].iter().zip(&pair[1]).map(|(x, y)| [*x, *y]));
+        }
+        Self::new(frames, points, positions)
+    }
+
+    /// Reads tracks from a file.
+    ///
+    /// # Errors
+    /// As [`Tracks::parse`], or the file cannot be read; each names the file.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        Self::parse(&text_of(path)?).map_err(|error| error.within(path))
+    }
+}
+
+/// 3D shapes of P points over F frames; the unit is that of the tracks they come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shapes {
+    /// Number of points, P.
+    pub points: usize,
+    /// `F * P` points, frame after frame.
+    pub positions: Vec<[f64; 3]>,
+}
+
+impl Shapes {
+    /// Number of frames, F.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.positions.len() / self.points.max(1)
+    }
+
+    /// The points of one frame.
+    #[must_use]
+    pub fn frame(&self, t: usize) -> &[[f64; 3]] {
+        &self.positions[t * self.points..(t + 1) * self.points]
+    }
+
+    /// Reads `3F x P` rows.
+    ///
+    /// # Errors
+    /// A field that is no number or is missing, uneven rows, or rows that are not a multiple of three.
+    pub fn parse(text: &str) -> Result<Self, Error> {
+        let rows = parse_rows(text)?;
+        if rows.len() % 3 != 0 || rows.is_empty() {
+            return Err(Error::RowCount {
+                rows: rows.len(),
+                multiple: 3,
+            });
+        }
+        let points = rows[0].len();
+        let mut positions = Vec::with_capacity(rows.len() / 3 * points);
+        for (t, triple) in rows.chunks_exact(3).enumerate() {
+            for j in 0..points {
+                let p = [triple[0][j], triple[1][j], triple[2][j]];
+                if let Some(axis) = p.iter().position(|v| !v.is_finite()) {
+                    return Err(Error::NotANumber {
+                        line: 3 * t + axis + 1,
+                        column: j + 1,
+                        found: "nothing".into(),
+                    });
+                }
+                positions.push(p);
+            }
+        }
+        Ok(Self { points, positions })
+    }
+
+    /// Reads shapes from a file.
+    ///
+    /// # Errors
+    /// As [`Shapes::parse`], or the file cannot be read; each names the file.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        Self::parse(&text_of(path)?).map_err(|error| error.within(path))
+    }
+
+    /// `3F x P` CSV text; [`Shapes::parse`] reads it back to the digits written.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut text = String::with_capacity(self.positions.len() * 36);
+        for t in 0..self.frames() {
+            for axis in 0..3 {
+                for (j, p) in self.frame(t).iter().enumerate() {
+                    let comma = if j == 0 { "" } else { "," };
+                    let _ = write!(text, "{comma}{:.9}", p[axis]);
+                }
+                text.push('\n');
+            }
+        }
+        text
+    }
+}
+
+fn text_of(path: &Path) -> Result<String, Error> {
+    std::fs::read_to_string(path).map_err(|source| Error::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// Rows of numbers; missing fields become NaN.
+fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Error> {
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    // A row of one missing point is an empty line; only the end of the file may be blank.
+    for (i, line) in text.trim_end().lines().enumerate() {
+        let mut row = Vec::with_capacity(rows.first().map_or(0, Vec::len));
+        for (j, field) in line.split(',').enumerate() {
+            let field = field.trim();
+            if field.is_empty() || field.eq_ignore_ascii_case("nan") {
+                row.push(f64::NAN);
+                continue;
+            }
+            match field.parse::<f64>() {
+                Ok(value) if value.abs() < LARGEST => row.push(value),
+                _ => {
+                    let found = field.chars().take(24).collect();
+                    return Err(Error::NotANumber {
+                        line: i + 1,
+                        column: j + 1,
+                        found,
+                    });
+                }
+            }
+        }
+        if let Some(first) = rows.first()
+            && first.len() != row.len()
+        {
+            return Err(Error::Uneven {
+                line: i + 1,
+                expected: first.len(),
+                found: row.len(),
+            });
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// Coordinates beyond this are refused: their squares would spoil the sums.
+const LARGEST: f64 = 1e12;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(text: &str) -> String {
+        Tracks::parse(text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn gaps_are_read_as_missing() {
+        let mut text = String::new();
+        for t in 0..4 {
+            text += if t == 1 {
+                "1,,3,4\n5,6,NaN,8\n"
+            } else {
+                "1,2,3,4\n5,6,7,8\n"
+            };
+        }
+        let tracks = Tracks::parse(&text).unwrap();
+        assert_eq!(
+            (tracks.frames(), tracks.points(), tracks.sightings()),
+            (4, 4, 14)
+        );
+        assert_eq!(tracks.position(0, 1), Some([2.0, 6.0]));
+        assert_eq!((tracks.position(1, 1), tracks.position(1, 2)), (None, None));
+    }
+
+    #[test]
+    fn bad_files_get_one_sentence() {
+        assert!(message("1,2\n3,4\n5,6\n").contains("3 rows"));
+        assert!(message("1,2\n3\n").contains("line 2"));
+        assert!(
+            message("1,2\n3,four\n").contains("line 2, column 2: expected a number, found `four`")
+        );
+        assert!(message("1,inf\n3,4\n").contains("found `inf`"));
+        assert!(message("").contains("at least 4 frames"));
+        let unseen = "1,2,3,nan\n1,2,3,4\n".repeat(5);
+        assert!(message(&unseen).contains("column 4"));
+    }
+
+    #[test]
+    fn shapes_survive_the_round_trip() {
+        let shapes = Shapes {
+            points: 2,
+            positions: vec![
+                [1.0, 2.5, -3.0],
+                [4.0, 0.0, 6.0],
+                [7.0, 8.0, 9.0],
+                [0.5, 0.25, 0.125],
+            ],
+        };
+        assert_eq!(Shapes::parse(&shapes.to_csv()).unwrap(), shapes);
+        assert!(
+            Shapes::parse("1,2\n3,\n5,6\n")
+                .unwrap_err()
+                .to_string()
+                .contains("line 2")
+        );
+    }
+}

@@ -1,0 +1,145 @@
+//! Promise: shapes recovered from 2D tracks alone are nearer the truth than any rigid shape. Prints one table.
+//! Needs the sequences under MIEN_DATA (or ../shared/data); says so and passes without them.
+
+use mien::studio::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
+use nalgebra::{Rotation3, Vector3};
+use std::path::{Path, PathBuf};
+
+fn data() -> Option<PathBuf> {
+    let fixed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let path = std::env::var_os("MIEN_DATA").map_or(fixed, PathBuf::from);
+    path.join("nrsfm_bench").is_dir().then_some(path)
+}
+
+/// One row of the table; the share of the rigid mean shape's error that is left.
+fn share(name: &str, tracks: &Tracks, truth: &Shapes) -> f64 {
+    let start = std::time::Instant::now();
+    let recovered = nrsfm(tracks, &Settings::default());
+    let seconds = start.elapsed().as_secs_f64();
+    let rigid = nrsfm(
+        tracks,
+        &Settings {
+            rank: Some(0),
+            ..Settings::default()
+        },
+    );
+    let of = |shapes: &Shapes| shape_error(shapes, truth).expect("same size");
+    let (ours, mean) = (of(&recovered.shapes), of(&rigid_mean_shape(truth)));
+    println!(
+        "{name:<28} {:>4}  {ours:.4}  {:.4}  {mean:.4}  {:.2}  {seconds:.1}",
+        recovered.rank,
+        of(&rigid.shapes),
+        ours / mean
+    );
+    ours / mean
+}
+
+const HEADING: &str =
+    "sequence                     rank  ours    rigid   mean    ours/mean  seconds";
+
+#[test]
+fn standard_sequences_beat_the_rigid_shape() {
+    let Some(data) = data() else {
+        println!("skipped: no nrsfm_bench under MIEN_DATA");
+        return;
+    };
+    println!("{HEADING}");
+    // Bounds are what the method reaches, with room for rounding; 1 is the rigid mean shape.
+    for (name, bound) in [
+        ("shark", 0.5),
+        ("face1", 0.95),
+        ("face37", 0.85),
+        ("yoga", 0.75),
+        ("pickup", 0.4),
+    ] {
+        let file = |what: &str| data.join(format!("nrsfm_bench/{name}_{what}.csv"));
+        let tracks = Tracks::read(&file("W")).unwrap();
+        let truth = Shapes::read(&file("S")).unwrap();
+        let share = share(name, &tracks, &truth);
+        assert!(
+            share < bound,
+            "{name}: {share:.2} of the rigid mean shape's error, expected below {bound}"
+        );
+    }
+}
+
+#[test]
+fn faces_before_a_turning_camera_beat_the_rigid_shape() {
+    let Some(data) = data() else {
+        println!("skipped: no face_mocap41 under MIEN_DATA");
+        return;
+    };
+    println!("{HEADING}");
+    let mut shares = Vec::new();
+    for (file, first) in [("jaw", 600), ("jaw", 1000), ("eyebrows", 300)] {
+        let (tracks, truth) = seen_by_a_turning_camera(&data, file, first, 0.2, 0.01);
+        shares.push(share(
+            &format!("{file} {first}, 20 % missing"),
+            &tracks,
+            &truth,
+        ));
+    }
+    assert!(shares.iter().all(|s| *s < 0.95), "{shares:?}");
+    assert!(
+        shares.iter().sum::<f64>() / shares.len() as f64 <= 0.7,
+        "{shares:?}"
+    );
+}
+
+/// 150 frames of motion capture under yaw ±25°, pitch ±15°; noise as a share of the largest coordinate.
+fn seen_by_a_turning_camera(
+    data: &Path,
+    file: &str,
+    first: usize,
+    missing: f64,
+    noise: f64,
+) -> (Tracks, Shapes) {
+    let text = std::fs::read_to_string(data.join(format!("face_mocap41/{file}.csv"))).unwrap();
+    let mut rng = fastrand::Rng::with_seed(7);
+    let (a, b) = (6.0 * rng.f64(), 6.0 * rng.f64());
+    let (mut image, mut positions) = (Vec::new(), Vec::new());
+    for (t, line) in text.lines().skip(1 + first).take(150).enumerate() {
+        let values: Vec<f64> = line
+            .split(',')
+            .skip(1)
+            .map(|field| field.parse().unwrap())
+            .collect();
+        let points: Vec<[f64; 3]> = values.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        let centre = points
+            .iter()
+            .fold(Vector3::zeros(), |s, p| s + Vector3::from(*p))
+            / points.len() as f64;
+        let seconds = t as f64 / 30.0;
+        let yaw = 25_f64.to_radians() * (1.9 * seconds + a).sin();
+        let pitch = 15_f64.to_radians() * (1.3 * seconds + b).sin();
+        let camera = Rotation3::from_axis_angle(&Vector3::y_axis(), yaw)
+            * Rotation3::from_axis_angle(&Vector3::x_axis(), pitch);
+        let largest = points
+            .iter()
+            .map(|p| (Vector3::from(*p) - centre).amax())
+            .fold(0.0, f64::max);
+        let mut normal = || noise * largest * ((0..12).map(|_| rng.f64()).sum::<f64>() - 6.0);
+        let seen: Vec<[f64; 2]> = points
+            .iter()
+            .map(|p| {
+                let q = camera * (Vector3::from(*p) - centre);
+                [q.x + normal(), q.y + normal()]
+            })
+            .collect();
+        image.extend(seen.into_iter().map(|w| {
+            if rng.f64() < missing {
+                [f64::NAN; 2]
+            } else {
+                w
+            }
+        }));
+        positions.extend(points);
+    }
+    (
+        Tracks::new(150, 41, image).unwrap(),
+        Shapes {
+            points: 41,
+            positions,
+        },
+    )
+}
