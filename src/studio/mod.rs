@@ -3,7 +3,7 @@
 pub mod fit;
 pub mod heads;
 pub mod ict;
+pub mod nrsfm;
 pub mod priors;
 pub mod split;
-pub mod nrsfm;
 pub mod train;
