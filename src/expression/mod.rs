@@ -50,7 +50,7 @@ use newcomer::Newcomer;
 use paper::{PaperLearner, PaperSettings};
 use robust::{RobustLearner, RobustSettings};
 use smooth::OneEuro;
-use units::{Explained, Kind};
+use units::{Explained, Kind, Side};
 
 /// How ranges are learnt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -363,14 +363,18 @@ impl Expression {
         if self.present_s <= FADE_S.start {
             return;
         }
-        let departure = |by: Measure| {
+        let departure = |by: Measure, when: Side| {
             let learner = &learners[by as usize];
             let dead_zone = self.settings.dead_zone * learner.sigma();
-            (f64::from(measures[by as usize]) - learner.range().rest - dead_zone).max(0.0)
+            let e = f64::from(measures[by as usize]) - learner.range().rest;
+            match when {
+                Side::Rises => (e - dead_zone).max(0.0),
+                Side::Falls => (e + dead_zone).min(0.0),
+            }
         };
         for (m, row) in self.units.rows.iter().enumerate() {
-            for &Explained { by, share } in &row.explained {
-                self.corrected[m] -= share * departure(by);
+            for &Explained { by, when, share } in &row.explained {
+                self.corrected[m] -= share * departure(by, when);
             }
         }
     }

@@ -67,8 +67,21 @@ impl Prior {
 pub struct Explained {
     /// The other measure.
     pub by: Measure,
-    /// Change of this measure per rise of the other above its rest.
+    /// On which side of its rest.
+    pub when: Side,
+    /// Change of this measure per change of the other.
     pub share: f64,
+}
+
+/// A side of rest.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Side {
+    /// Above.
+    #[default]
+    Rises,
+    /// Below.
+    Falls,
 }
 
 /// One row: a measure and its units.
@@ -159,6 +172,8 @@ struct Row {
 #[serde(deny_unknown_fields)]
 struct ExplainedRow {
     by: String,
+    #[serde(default)]
+    when: Side,
     share: f64,
 }
 
@@ -215,6 +230,7 @@ impl Row {
                 }
                 Ok(Explained {
                     by,
+                    when: row.when,
                     share: row.share,
                 })
             })
