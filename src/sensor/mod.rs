@@ -7,6 +7,7 @@ pub mod command;
 pub mod device;
 pub mod faults;
 pub mod kinect;
+pub mod live;
 pub mod motor;
 pub mod packet;
 pub mod pairing;
@@ -15,6 +16,8 @@ pub mod recording;
 pub mod simulated;
 pub mod stream;
 pub mod unpack;
+pub mod usb;
+pub mod usb_devices;
 pub mod virtual_head;
 pub mod virtual_kinect;
 

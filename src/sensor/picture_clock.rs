@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::packet::{TICKS_PER_PICTURE, TICKS_PER_SECOND};
+use super::timestamp_from_ticks;
 use crate::time::Timestamp;
 
 /// Numbers the depth pictures and tells their time since the first. Both go on across a restart of the camera.
@@ -22,8 +23,7 @@ impl PictureClock {
             self.advance(u64::from(passed));
         }
         self.last = Some(ticks);
-        let per_us = u64::from(TICKS_PER_SECOND / 1_000_000);
-        (self.index, Timestamp::from_us(self.ticks / per_us))
+        (self.index, timestamp_from_ticks(self.ticks.cast_signed()))
     }
 
     /// The camera's counter can no longer be trusted: the next picture comes `pause` after the last one.

@@ -74,13 +74,13 @@ pub struct Tally {
     pub broken: u64,
     /// Packets with a valid header.
     pub packets: u64,
-    /// Missing from the sequence.
+    /// Missing from the sequence, those with an error of the bus among them.
     pub lost: u64,
     /// Came twice; the second was ignored.
     pub repeated: u64,
     /// Header unreadable.
     pub damaged: u64,
-    /// Reported bad by the bus.
+    /// Microframes that the bus reported bad, with or without a packet in them.
     pub bus_errors: u64,
     /// Header whole, payload of the wrong length; or too short for a header.
     pub wrong_length: u64,
@@ -153,8 +153,8 @@ impl Assembler {
     /// the next call.
     pub fn push(&mut self, intact: bool, bytes: &[u8]) -> Option<u32> {
         if !intact {
+            // Whether the microframe held a packet, and so a number, only the sequence can tell.
             self.tally.bus_errors += 1;
-            self.unreadable = self.unreadable.saturating_add(1);
             return None;
         }
         if bytes.is_empty() {
@@ -397,6 +397,7 @@ mod tests {
                                 intact = false;
                                 bytes.clear();
                                 expected.bus_errors += 1;
+                                expected.lost += 1;
                                 untouched = false;
                             }
                         }

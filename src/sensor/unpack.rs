@@ -19,9 +19,13 @@ pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
         .iter()
         .zip(depth.as_chunks_mut::<8>().0)
     {
-        let [b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10] = *bytes;
-        let head = u64::from_be_bytes([b0, b1, b2, b3, b4, b5, b6, b7]);
-        let tail = u64::from_be_bytes([b3, b4, b5, b6, b7, b8, b9, b10]);
+        // Fixed-size parts, so that each load is one instruction.
+        let word = |at: usize| {
+            let mut eight = [0; 8];
+            eight.copy_from_slice(&bytes[at..at + 8]);
+            u64::from_be_bytes(eight)
+        };
+        let (head, tail) = (word(0), word(3));
         let pixel = |word: u64, shift: u32| (word >> shift & MASK) as u16;
         *pixels = [
             pixel(head, 53),

@@ -19,7 +19,7 @@ use super::command::{self, Command, image_sensor, register};
 use super::device::{DeviceError, Model, PacketSource, Received, Stream};
 use super::motor::{self, Posture, audio};
 use super::packet::LONGEST;
-use super::stream::{Cutter, Layout};
+use super::stream::Cutter;
 use super::unpack::{PACKED_DEPTH, pack_depth};
 
 /// Registers, calibration and motor of a camera, and the reply that waits.
@@ -353,6 +353,13 @@ impl<D: FnMut(&mut Frame) -> bool> VirtualKinect<D> {
         }
     }
 
+    /// One picture per `period` instead: slow hosts cannot carry 30 a second through a virtual machine.
+    #[must_use]
+    pub const fn with_period(mut self, period: Duration) -> Self {
+        self.player.period = period;
+        self
+    }
+
     /// Registers and motor.
     #[must_use]
     pub const fn camera(&self) -> &VirtualCamera {
@@ -459,8 +466,7 @@ impl<D: FnMut(&mut Frame) -> bool> PacketSource for VirtualKinect<D> {
 /// Frames that can be recognised: every pixel follows from the frame's number, so that one comparison tells whether a
 /// frame is whole, wrong, or mixed from two.
 pub mod test_pattern {
-    use super::{Frame, Layout, Stream};
-    use crate::capacity::PIXELS;
+    use super::Frame;
     use crate::sensor::packet::TICKS_PER_PICTURE;
 
     fn mixed(number: u64) -> u64 {
@@ -471,20 +477,22 @@ pub mod test_pattern {
         z ^ z >> 31
     }
 
-    fn depth(number: u64, pixel: usize) -> u16 {
-        (mixed(number ^ (pixel as u64 / 4) << 32) >> (pixel % 4 * 16) & 0x7ff) as u16
+    fn depth(number: u64, group: usize) -> [u16; 4] {
+        let bits = mixed(number ^ (group as u64) << 32);
+        [0, 16, 32, 48].map(|shift| (bits >> shift & 0x7ff) as u16)
     }
 
-    fn bayer(number: u64, pixel: usize) -> u8 {
-        (mixed(!number ^ (pixel as u64 / 8) << 32) >> (pixel % 8 * 8) & 0xff) as u8
+    fn bayer(number: u64, group: usize) -> [u8; 8] {
+        mixed(!number ^ (group as u64) << 32).to_le_bytes()
     }
 
     /// Draws frame `number`: its number in the first four pixels, noise that depends on it behind.
     pub fn draw(number: u64, frame: &mut Frame) {
-        debug_assert_eq!(Layout::of(Stream::Colour).bytes, PIXELS);
-        for pixel in 0..PIXELS {
-            frame.depth[pixel] = depth(number, pixel);
-            frame.bayer[pixel] = bayer(number, pixel);
+        for (group, pixels) in frame.depth.as_chunks_mut().0.iter_mut().enumerate() {
+            *pixels = depth(number, group);
+        }
+        for (group, pixels) in frame.bayer.as_chunks_mut().0.iter_mut().enumerate() {
+            *pixels = bayer(number, group);
         }
         for i in 0..4 {
             frame.depth[i] = (number >> (8 * i) & 0xff) as u16;
@@ -502,12 +510,15 @@ pub mod test_pattern {
             read(&|i| u64::from(frame.depth[i]) & 0xff),
             read(&|i| u64::from(frame.bayer[i])),
         ];
-        let wrong = (4..PIXELS)
-            .map(|pixel| {
-                usize::from(frame.depth[pixel] != depth(numbers[0], pixel))
-                    + usize::from(frame.bayer[pixel] != bayer(numbers[1], pixel))
-            })
-            .sum();
+        let mut wrong = 0;
+        for (group, pixels) in frame.depth.as_chunks::<4>().0.iter().enumerate().skip(1) {
+            let expected = depth(numbers[0], group);
+            wrong += (0..4).filter(|&i| pixels[i] != expected[i]).count();
+        }
+        for (group, pixels) in frame.bayer.as_chunks::<8>().0.iter().enumerate().skip(1) {
+            let expected = bayer(numbers[1], group);
+            wrong += (0..8).filter(|&i| pixels[i] != expected[i]).count();
+        }
         (numbers, wrong)
     }
 }

@@ -1,0 +1,418 @@
+//! Which Kinects are on USB, and how to get hold of one: listing, matching, opening, claiming. No pictures yet, no unsafe.
+//!
+//! A Kinect is a hub with separate devices behind it: camera, audio, and (first series) motor. The parts of one unit are
+//! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of the later models
+//! all say the serial `0000000000000000`: the unit's is then that of its audio device, and if even that cannot be read, the
+//! bus and ports stand for it, which name a socket rather than a unit.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rusb::{Context, Device, DeviceHandle, Speed, UsbContext};
+
+use super::device::{DeviceError, Model, Stream};
+
+const MOTOR: u16 = 0x02b0;
+const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
+/// The hub of the later models.
+const HUB: u16 = 0x02c2;
+/// Where Linux keeps the device nodes.
+const NODES: &str = "/dev/bus/usb";
+/// Where Linux tells the bound drivers.
+const SYSFS: &str = "/sys/bus/usb/devices";
+
+/// Who holds the camera's interface.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Driver {
+    /// Nobody.
+    Free,
+    /// A kernel driver, which is detached when the camera is opened.
+    Kernel(String),
+    /// Another program.
+    Program,
+}
+
+/// One camera on USB.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// Which sensor.
+    pub model: Model,
+    /// Serial for `kinect:SERIAL`; see the module's header.
+    pub serial: String,
+    /// Speed of the connection; the streams need `480 Mbit/s`.
+    pub speed: &'static str,
+    /// Number of the bus.
+    pub bus: u8,
+    /// Address on the bus.
+    pub address: u8,
+    /// Who holds it.
+    pub driver: Driver,
+    /// What would keep it from being opened.
+    pub trouble: Option<DeviceError>,
+    /// A motor device, or an audio device with firmware, goes with it: LED and tilt work.
+    pub motor: bool,
+}
+
+impl core::fmt::Display for Listed {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "{}, serial {}, {}, bus {} address {}, ",
+            self.model, self.serial, self.speed, self.bus, self.address
+        )?;
+        match &self.driver {
+            Driver::Free => f.write_str("free")?,
+            Driver::Kernel(name) => {
+                write!(f, "kernel driver {name} (is detached while mien runs)")?;
+            }
+            Driver::Program => f.write_str("in use by a program")?,
+        }
+        if !self.motor {
+            f.write_str(", no motor")?;
+        }
+        match &self.trouble {
+            Some(trouble) => write!(f, "; {trouble}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// All cameras on USB, by bus and address.
+///
+/// # Errors
+/// [`DeviceError::NoUsb`] where programs have no access to USB at all; [`DeviceError::NoPower`] if parts of a Kinect are
+/// there and no camera.
+pub fn devices() -> Result<Vec<Listed>, DeviceError> {
+    let bus = Bus::scan()?;
+    let cameras: Vec<_> = bus
+        .cameras()
+        .map(|(device, model)| bus.list(device, model))
+        .collect();
+    if cameras.is_empty() && bus.has_parts() {
+        return Err(DeviceError::NoPower);
+    }
+    Ok(cameras)
+}
+
+/// A camera opened and claimed, with what belongs to it.
+pub(super) struct Opened {
+    pub(super) model: Model,
+    pub(super) serial: String,
+    pub(super) camera: DeviceHandle<Context>,
+    pub(super) motor: Option<DeviceHandle<Context>>,
+    pub(super) audio: Option<DeviceHandle<Context>>,
+    pub(super) context: Context,
+}
+
+/// Opens the camera with `serial`, else the first that is not in use, claims it and chooses the setting with the streams.
+pub(super) fn open(serial: Option<&str>) -> Result<Opened, DeviceError> {
+    let bus = Bus::scan()?;
+    let cameras: Vec<_> = bus.cameras().collect();
+    if cameras.is_empty() {
+        return Err(if bus.has_parts() {
+            DeviceError::NoPower
+        } else {
+            DeviceError::Absent
+        });
+    }
+    let found = cameras.len();
+    let mut failure = match serial {
+        Some(wanted) => DeviceError::OtherSerial {
+            wanted: wanted.to_owned(),
+            found,
+        },
+        None => DeviceError::Absent,
+    };
+    for (device, model) in cameras {
+        let own = bus.serial(device, model);
+        if serial.is_some_and(|wanted| wanted != own) {
+            continue;
+        }
+        match bus.claim(device, model) {
+            Ok(camera) => {
+                let motor = bus
+                    .part(device, &[MOTOR])
+                    .and_then(|device| device.open().ok());
+                let audio = bus.audio_with_firmware(device).and_then(|device| {
+                    let handle = device.open().ok()?;
+                    // Fails on hosts without kernel drivers, where there is nothing to detach.
+                    let _ = handle.set_auto_detach_kernel_driver(true);
+                    handle.claim_interface(0).ok()?;
+                    Some(handle)
+                });
+                return Ok(Opened {
+                    model,
+                    serial: own,
+                    camera,
+                    motor,
+                    audio,
+                    context: bus.context.clone(),
+                });
+            }
+            Err(problem) => failure = problem,
+        }
+    }
+    Err(failure)
+}
+
+struct Bus {
+    context: Context,
+    devices: Vec<(Device<Context>, u16, u16)>,
+}
+
+impl Bus {
+    /// A fresh look at what is there. Microsoft's devices only.
+    fn scan() -> Result<Self, DeviceError> {
+        let no_usb = |problem: rusb::Error| {
+            if problem == rusb::Error::Other || !Path::new(NODES).exists() {
+                DeviceError::NoUsb
+            } else {
+                plain(problem)
+            }
+        };
+        let context = Context::new().map_err(no_usb)?;
+        let list = context.devices().map_err(no_usb)?;
+        if list.is_empty() && cfg!(target_os = "linux") && !Path::new(NODES).exists() {
+            return Err(DeviceError::NoUsb);
+        }
+        let mut devices: Vec<_> = list
+            .iter()
+            .filter_map(|device| {
+                let descriptor = device.device_descriptor().ok()?;
+                let version = descriptor.device_version();
+                let release =
+                    u16::from(version.0) << 8 | u16::from(version.1) << 4 | u16::from(version.2);
+                (descriptor.vendor_id() == Model::VENDOR)
+                    .then(|| (device, descriptor.product_id(), release))
+            })
+            .collect();
+        devices.sort_by_key(|(device, ..)| (device.bus_number(), device.address()));
+        Ok(Self { context, devices })
+    }
+
+    fn cameras(&self) -> impl Iterator<Item = (&Device<Context>, Model)> {
+        self.devices
+            .iter()
+            .filter_map(|(device, product, release)| {
+                Some((device, Model::of_camera(*product, *release)?))
+            })
+    }
+
+    fn has_parts(&self) -> bool {
+        self.devices
+            .iter()
+            .any(|(_, product, _)| *product == MOTOR || *product == HUB)
+    }
+
+    /// The device with one of these products that belongs to the camera.
+    fn part(&self, camera: &Device<Context>, products: &[u16]) -> Option<&Device<Context>> {
+        let parts: Vec<_> = self
+            .devices
+            .iter()
+            .filter(|(_, product, _)| products.contains(product))
+            .map(|(device, ..)| device)
+            .collect();
+        let hub = |device: &Device<Context>| {
+            device
+                .get_parent()
+                .map(|hub| (hub.bus_number(), hub.address()))
+        };
+        let only =
+            |parts: &[&Device<Context>]| -> Option<usize> { (parts.len() == 1).then_some(0) };
+        let same_hub = parts
+            .iter()
+            .position(|part| hub(camera).is_some() && hub(part) == hub(camera));
+        if let Some(i) = same_hub {
+            return Some(parts[i]);
+        }
+        let same_bus: Vec<_> = parts
+            .iter()
+            .copied()
+            .filter(|part| part.bus_number() == camera.bus_number())
+            .collect();
+        only(&same_bus)
+            .map(|i| same_bus[i])
+            .or_else(|| only(&parts).map(|i| parts[i]))
+    }
+
+    /// With firmware the audio device has two or more interfaces.
+    fn audio_with_firmware(&self, camera: &Device<Context>) -> Option<&Device<Context>> {
+        self.part(camera, &AUDIO).filter(|device| {
+            device
+                .active_config_descriptor()
+                .is_ok_and(|configuration| configuration.num_interfaces() >= 2)
+        })
+    }
+
+    fn serial(&self, camera: &Device<Context>, model: Model) -> String {
+        let read = |device: &Device<Context>| {
+            let descriptor = device.device_descriptor().ok()?;
+            let serial = device
+                .open()
+                .ok()?
+                .read_serial_number_string_ascii(&descriptor)
+                .ok()?;
+            serial.chars().any(|c| c != '0').then_some(serial)
+        };
+        let own = match model {
+            Model::Xbox1414 => read(camera),
+            _ => read(camera).or_else(|| self.part(camera, &AUDIO).and_then(read)),
+        };
+        own.unwrap_or_else(|| socket(camera))
+    }
+
+    fn list(&self, device: &Device<Context>, model: Model) -> Listed {
+        let (bus, address) = (device.bus_number(), device.address());
+        let trouble = match device.open() {
+            Ok(_) => None,
+            Err(problem) => Some(opening(problem, bus, address)),
+        };
+        Listed {
+            model,
+            serial: self.serial(device, model),
+            speed: speed(device.speed()),
+            bus,
+            address,
+            driver: driver(device),
+            trouble,
+            motor: match model {
+                Model::Xbox1414 => self.part(device, &[MOTOR]).is_some(),
+                _ => self.audio_with_firmware(device).is_some(),
+            },
+        }
+    }
+
+    fn claim(
+        &self,
+        device: &Device<Context>,
+        model: Model,
+    ) -> Result<DeviceHandle<Context>, DeviceError> {
+        let (bus, address) = (device.bus_number(), device.address());
+        let handle = device
+            .open()
+            .map_err(|problem| opening(problem, bus, address))?;
+        // Detaches gspca_kinect now and attaches it again at the end. Fails on hosts without kernel drivers.
+        let _ = handle.set_auto_detach_kernel_driver(true);
+        handle
+            .claim_interface(0)
+            .map_err(|problem| opening(problem, bus, address))?;
+        let alternate = alternate_with_streams(device, model)?;
+        if alternate != 0 {
+            handle
+                .set_alternate_setting(0, alternate)
+                .map_err(|_| DeviceError::NoEndpoint {
+                    model,
+                    endpoint: Stream::Depth.endpoint(),
+                    alternate: 0,
+                })?;
+        }
+        Ok(handle)
+    }
+}
+
+/// The alternate setting of interface 0 in which both streams have an isochronous endpoint, the model's usual one first.
+fn alternate_with_streams(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
+    let usual = model.alternate_setting();
+    let missing = DeviceError::NoEndpoint {
+        model,
+        endpoint: Stream::Depth.endpoint(),
+        alternate: usual,
+    };
+    let Ok(configuration) = device.active_config_descriptor() else {
+        return Err(DeviceError::NotConfigured {
+            bus: device.bus_number(),
+            address: device.address(),
+        });
+    };
+    let interface = configuration
+        .interfaces()
+        .find(|interface| interface.number() == 0);
+    let mut settings: Vec<u8> = interface
+        .iter()
+        .flat_map(rusb::Interface::descriptors)
+        .filter(|setting| {
+            Stream::BOTH.iter().all(|stream| {
+                setting.endpoint_descriptors().any(|endpoint| {
+                    endpoint.address() == stream.endpoint()
+                        && endpoint.transfer_type() == rusb::TransferType::Isochronous
+                })
+            })
+        })
+        .map(|setting| setting.setting_number())
+        .collect();
+    settings.sort_by_key(|&setting| (setting != usual, setting));
+    settings.first().copied().ok_or(missing)
+}
+
+/// Bus and ports, which name the socket a unit without a readable serial sits in.
+fn socket(device: &Device<Context>) -> String {
+    let ports = device.port_numbers().unwrap_or_default();
+    let ports: Vec<_> = ports.iter().map(u8::to_string).collect();
+    format!("{}-{}", device.bus_number(), ports.join("."))
+}
+
+fn driver(device: &Device<Context>) -> Driver {
+    let link = Path::new(SYSFS).join(format!("{}:1.0/driver", socket(device)));
+    let name = std::fs::read_link(link)
+        .ok()
+        .and_then(|target| Some(target.file_name()?.to_string_lossy().into_owned()));
+    match name.as_deref() {
+        None => Driver::Free,
+        Some("usbfs") => Driver::Program,
+        Some("kinect") => Driver::Kernel("gspca_kinect".to_owned()),
+        Some(name) => Driver::Kernel(name.to_owned()),
+    }
+}
+
+const fn speed(speed: Speed) -> &'static str {
+    match speed {
+        Speed::Low => "1.5 Mbit/s",
+        Speed::Full => "12 Mbit/s",
+        Speed::High => "480 Mbit/s",
+        Speed::Super => "5 Gbit/s",
+        Speed::SuperPlus => "10 Gbit/s",
+        _ => "unknown speed",
+    }
+}
+
+/// What a failure to open or claim means.
+fn opening(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {
+    match problem {
+        rusb::Error::Access => DeviceError::Access { bus, address },
+        rusb::Error::Busy => DeviceError::Busy { bus, address },
+        rusb::Error::NotFound => DeviceError::NotConfigured { bus, address },
+        other => plain(other),
+    }
+}
+
+/// What a failed transfer means.
+pub(super) fn plain(problem: rusb::Error) -> DeviceError {
+    match problem {
+        rusb::Error::NoDevice => DeviceError::Gone,
+        rusb::Error::Pipe => DeviceError::Stall,
+        rusb::Error::Timeout => DeviceError::TimedOut,
+        other => DeviceError::Other { code: code(other) },
+    }
+}
+
+/// libusb's number of an error.
+fn code(problem: rusb::Error) -> i32 {
+    match problem {
+        rusb::Error::Io => -1,
+        rusb::Error::InvalidParam => -2,
+        rusb::Error::Access => -3,
+        rusb::Error::NoDevice => -4,
+        rusb::Error::NotFound => -5,
+        rusb::Error::Busy => -6,
+        rusb::Error::Timeout => -7,
+        rusb::Error::Overflow => -8,
+        rusb::Error::Pipe => -9,
+        rusb::Error::Interrupted => -10,
+        rusb::Error::NoMem => -11,
+        rusb::Error::NotSupported => -12,
+        _ => -99,
+    }
+}
+
+/// Longest a request on endpoint 0 or a bulk message may take.
+pub(super) const REQUEST: Duration = Duration::from_millis(500);

@@ -1,0 +1,118 @@
+//! Promise: absent at the start, unplugged, plugged in again, taken by another program: the program waits, says for what, and
+//! streams again by itself.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use mien::sensor::Frame;
+use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::kinect::{KinectError, Settings};
+use mien::sensor::live::LiveKinect;
+use mien::sensor::virtual_kinect::VirtualKinect;
+
+/// The virtual Kinect at the speed of the world.
+struct Paced<S>(S, Instant);
+
+impl<S: PacketSource> PacketSource for Paced<S> {
+    fn model(&self) -> Model {
+        self.0.model()
+    }
+    fn serial(&self) -> &str {
+        self.0.serial()
+    }
+    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
+        self.0.send(command)
+    }
+    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
+        self.0.receive(reply)
+    }
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
+        self.0.start(stream)
+    }
+    fn stop(&mut self, stream: Stream) {
+        self.0.stop(stream);
+    }
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError> {
+        if self.0.clock() > self.1.elapsed() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.0.poll(wait, sink)
+    }
+    fn clock(&self) -> Duration {
+        self.0.clock()
+    }
+    fn sleep(&mut self, time: Duration) {
+        self.0.sleep(time);
+    }
+}
+
+/// A device that is absent, then delivers `frames` and is unplugged, and so on.
+fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {
+    let attempts = Arc::new(AtomicU32::new(0));
+    let counter = Arc::clone(&attempts);
+    let open = move || {
+        let attempt = counter.fetch_add(1, Ordering::Relaxed);
+        if attempt.is_multiple_of(2) {
+            return Err(DeviceError::Absent);
+        }
+        let mut number = 0;
+        let scene = move |frame: &mut Frame| {
+            frame.ticks = number * 2_000_000;
+            frame.colour_ticks = frame.ticks;
+            frame.bayer[0] = attempt as u8;
+            number += 1;
+            number <= frames
+        };
+        let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
+        Ok(Paced(source, Instant::now()))
+    };
+    (LiveKinect::over(open, Settings::default()), attempts)
+}
+
+#[test]
+fn the_program_goes_on_across_absence_and_unplugging() {
+    let (mut live, attempts) = hot_plugged(12);
+    let status = live.wait_for_first_attempt(Duration::from_secs(20));
+    assert_eq!(
+        status.waiting_for,
+        Some(KinectError::Device(DeviceError::Absent))
+    );
+    let mut frame = Frame::default();
+    let (mut openings, mut indices) = (Vec::new(), Vec::new());
+    let limit = Instant::now() + Duration::from_secs(60);
+    while openings.len() < 3 && Instant::now() < limit {
+        if live.next_frame(&mut frame, Duration::from_millis(100)) {
+            indices.push((frame.index, frame.at));
+            if openings.last() != Some(&frame.bayer[0]) {
+                openings.push(frame.bayer[0]);
+            }
+        }
+    }
+    assert_eq!(openings, [1, 3, 5], "frames of three openings");
+    assert!(
+        indices.windows(2).all(|w| w[0] < w[1]),
+        "number and time go on: {indices:?}"
+    );
+    assert!(attempts.load(Ordering::Relaxed) >= 6);
+}
+
+#[test]
+fn a_slow_consumer_gets_the_newest_and_the_rest_is_counted() {
+    let (mut live, _) = hot_plugged(60);
+    let mut frame = Frame::default();
+    let mut indices = Vec::new();
+    let limit = Instant::now() + Duration::from_secs(60);
+    while indices.len() < 4 && Instant::now() < limit {
+        if live.next_frame(&mut frame, Duration::from_millis(100)) {
+            indices.push(frame.index);
+            std::thread::sleep(Duration::from_millis(300));
+        }
+    }
+    assert!(live.status().overwritten > 5, "{:?}", live.status());
+    assert!(indices.windows(2).all(|w| w[0] < w[1]), "{indices:?}");
+}

@@ -1,0 +1,77 @@
+//! Runs in the guest: the driver against the virtual Kinect, every frame checked pixel by pixel.
+//!
+//! `vm-client FRAMES SECONDS [tilt]` ends after that many frames or seconds and prints what was delivered, wrong, and lost by
+//! reason. Exit code 1 if any pixel was wrong or nothing came.
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use mien::sensor::Frame;
+use mien::sensor::camera::Registration;
+use mien::sensor::device::Stream;
+use mien::sensor::kinect::Settings;
+use mien::sensor::live::LiveKinect;
+use mien::sensor::usb_devices;
+use mien::sensor::virtual_kinect::test_pattern;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().collect();
+    let number = |i: usize| arguments.get(i).and_then(|text| text.parse().ok());
+    let (frames, seconds) = (number(1).unwrap_or(50), number(2).unwrap_or(60));
+    match usb_devices::devices() {
+        Ok(devices) => devices
+            .iter()
+            .for_each(|device| println!("device {device}")),
+        Err(problem) => println!("device none: {problem}"),
+    }
+    let mut live = LiveKinect::usb(None, Settings::default());
+    let deadline = Instant::now() + Duration::from_secs(seconds);
+    let mut frame = Frame::default();
+    let (mut delivered, mut wrong_frames, mut wrong_pixels, mut mixed) = (0u64, 0u64, 0usize, 0u64);
+    let mut waiting = None;
+    let mut last = None;
+    let mut backwards = 0u64;
+    let mut began = None;
+    while delivered < frames && Instant::now() < deadline {
+        let status = live.status();
+        if status.waiting_for != waiting {
+            match &status.waiting_for {
+                Some(problem) => println!("waiting {problem}"),
+                None => println!("streaming"),
+            }
+            waiting = status.waiting_for;
+        }
+        if !live.next_frame(&mut frame, Duration::from_millis(200)) {
+            continue;
+        }
+        began.get_or_insert_with(Instant::now);
+        let ([depth, colour], wrong) = test_pattern::check(&frame);
+        delivered += 1;
+        wrong_pixels += wrong;
+        wrong_frames += u64::from(wrong > 0);
+        mixed += u64::from(depth != colour);
+        backwards += u64::from(last.is_some_and(|last| depth <= last));
+        last = Some(depth);
+        live.show_tracking(delivered > 5);
+    }
+    let status = live.status();
+    if let Some((model, serial)) = &status.sensor {
+        println!("sensor {model} serial {serial}");
+    }
+    let seconds = began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+    println!(
+        "delivered {delivered} in {seconds:.1} s, wrong frames {wrong_frames}, wrong pixels {wrong_pixels}, mismatched pairs {mixed}, out of order {backwards}"
+    );
+    println!(
+        "openings {} restarts {} overwritten {} unpaired {:?}",
+        status.openings, status.health.restarts, status.overwritten, status.health.unpaired
+    );
+    for stream in Stream::BOTH {
+        let tally = status.health.streams[stream.index()];
+        println!("counted {stream:?}: {tally:?}");
+    }
+    let calibrated = *live.registration() == Registration::default();
+    println!("calibration as sent {calibrated}");
+    let good = delivered > 0 && wrong_pixels == 0 && mixed == 0 && backwards == 0 && calibrated;
+    ExitCode::from(u8::from(!good))
+}
