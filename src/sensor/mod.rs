@@ -28,6 +28,9 @@ use std::time::{Duration, Instant};
 use crate::capacity::PIXELS;
 use crate::time::Timestamp;
 use camera::Registration;
+use device::{DeviceError, Stream};
+use kinect::KinectError;
+use live::LiveKinect;
 use recording::{Recording, RecordingError};
 use simulated::Simulated;
 
@@ -144,6 +147,9 @@ pub enum SourceError {
         /// What was asked for.
         name: String,
     },
+    /// The Kinect has delivered nothing for half a second: asking again is right.
+    #[error("waiting for the Kinect: {0}")]
+    Waiting(KinectError),
 }
 
 /// Where frames come from.
@@ -152,6 +158,8 @@ pub enum Source {
     Recording(Box<Recording>),
     /// The simulated sensor.
     Simulated(Box<Simulated>),
+    /// A Kinect on USB, which may come and go.
+    Kinect(Box<LiveKinect>),
 }
 
 impl Source {
@@ -171,16 +179,35 @@ impl Source {
         Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 
+    /// A Kinect on USB: the one with `serial`, else the first that is free. Returns when it is open or the first attempt has
+    /// failed, within seconds; `true` if it is open. A closed one is waited for by [`Self::next_frame`].
+    #[must_use]
+    pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, bool) {
+        let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
+        let status = live.wait_for_first_attempt(Duration::from_secs(10));
+        (Self::Kinect(Box::new(live)), status.openings > 0)
+    }
+
     /// Fills `frame` with the next one; `false` if there are no more.
     ///
     /// # Errors
-    /// If the source fails in a way that trying again does not mend. Damaged frames are skipped and counted instead.
+    /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: ask again. Anything else is not mended by
+    /// trying again. Damaged frames are skipped and counted instead.
     pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         match self {
             Self::Recording(recording) => Ok(recording.next_frame(frame)),
             Self::Simulated(simulated) => {
                 simulated.next_frame(frame);
                 Ok(true)
+            }
+            Self::Kinect(live) => {
+                if live.next_frame(frame, Pacer::LONGEST) {
+                    return Ok(true);
+                }
+                let problem = live.status().waiting_for;
+                Err(SourceError::Waiting(
+                    problem.unwrap_or_else(|| DeviceError::Gone.into()),
+                ))
             }
         }
     }
@@ -191,6 +218,7 @@ impl Source {
         match self {
             Self::Recording(recording) => recording.registration(),
             Self::Simulated(simulated) => simulated.simulator().camera().registration(),
+            Self::Kinect(live) => live.registration(),
         }
     }
 
@@ -200,6 +228,7 @@ impl Source {
         match self {
             Self::Recording(recording) => recording.skipped(),
             Self::Simulated(_) => 0,
+            Self::Kinect(live) => live.status().health.streams[Stream::Depth.index()].broken,
         }
     }
 }

@@ -23,7 +23,9 @@ use mien::sensor::virtual_kinect::{VirtualKinect, test_pattern};
 use mien::sensor::{Frame, Source};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
-type Device = Faulty<VirtualKinect<Box<dyn FnMut(&mut Frame) -> bool + Send>>>;
+/// Fills the next frame; false when there is none.
+type Scene = Box<dyn FnMut(&mut Frame) -> bool + Send>;
+type Device = Faulty<VirtualKinect<Scene>>;
 
 /// Message types of the protocol.
 mod message {
@@ -500,7 +502,7 @@ fn serve(
 }
 
 /// The scene to play. A source that ends unplugs the camera.
-fn scene(name: &str) -> Result<Box<dyn FnMut(&mut Frame) -> bool + Send>> {
+fn scene(name: &str) -> Result<Scene> {
     if name == "pattern" {
         let mut number = 0;
         return Ok(Box::new(move |frame| {
