@@ -1,0 +1,373 @@
+//! Rigid point-to-point ICP: the motion that lays one cloud on another.
+//!
+//! Method: Algorithm 1 of the paper (section 1.1, step 2); iterative closest point after Besl & McKay 1992 with the rotation
+//! by singular value decomposition (Arun, Huang & Blostein 1987), its reflection guard (Umeyama 1991), and trimmed pairs
+//! (Chetverikov et al. 2002). Steps of the algorithm and where they are:
+//!
+//! 1. C2' = nearest neighbour in C1 of each point of C2 ([`Target`], a k-d tree); pairs beyond a distance and the worst
+//!    share of the rest are rejected, because the clouds overlap only in part;
+//! 2. – 4. [`rigid_from_pairs`]: with column vectors M = 1/n Σ (C2'ᵢ − C2'm)(C2ᵢ − C2m)ᵀ = U W Vᵀ,
+//!    R = U diag(1, 1, det(U Vᵀ)) Vᵀ and t = C2'm − R C2m. The paper's t = C2'm − C2m R mixes row and column vectors,
+//!    and without the guard a flat or noisy set of pairs can give a mirror image;
+//! 5. move C2, repeat until the step is below [`Settings::stop_m`] or the iterations are used up.
+//!
+//! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
+//! Cost: n log n per iteration and 20 to 60 iterations, as convergence along the surface is slow. Memory: a tree per target
+//! and one pair per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
+//! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
+//! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use crate::geometry::{Point, Rigid, Rotation};
+
+/// Fewer pairs than this do not fix a rigid motion reliably.
+pub const MIN_PAIRS: usize = 12;
+
+/// What bounds the search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Iterations at most.
+    pub iterations: u32,
+    /// Pairs further apart are rejected, metres.
+    pub max_distance_m: f32,
+    /// Share of the remaining pairs that is kept, nearest first, 0…1.
+    pub keep: f32,
+    /// Converged when no point of a head-sized cloud moves more than this in one iteration, metres.
+    pub stop_m: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            iterations: 40,
+            max_distance_m: 0.03,
+            keep: 0.85,
+            stop_m: 2e-5,
+        }
+    }
+}
+
+/// Where an alignment ended.
+#[derive(Clone, Copy, Debug)]
+pub struct Alignment {
+    /// Maps the moving cloud onto the target.
+    pub target_from_moving: Rigid,
+    /// Root mean square distance of the pairs kept in the last iteration, metres.
+    pub residual: f32,
+    /// Share of the moving points that have a pair within the allowed distance, 0…1.
+    pub paired: f32,
+    /// Iterations done.
+    pub iterations: u32,
+}
+
+/// The cloud that stands still, ready for nearest-neighbour questions.
+pub struct Target {
+    tree: ImmutableKdTree<f32, 3>,
+    points: Vec<Point>,
+}
+
+impl Target {
+    /// Builds the tree. `None` if there are fewer than [`MIN_PAIRS`] points or they cannot be told apart.
+    #[must_use]
+    pub fn new(points: &[Point]) -> Option<Self> {
+        if points.len() < MIN_PAIRS {
+            return None;
+        }
+        let coordinates: Vec<[f32; 3]> = points.iter().map(|p| [p.x, p.y, p.z]).collect();
+        Some(Self {
+            tree: ImmutableKdTree::new_from_slice(&coordinates).ok()?,
+            points: points.to_vec(),
+        })
+    }
+
+    /// Index of the nearest point and its squared distance, square metres.
+    #[must_use]
+    pub fn nearest(&self, p: &Point) -> (usize, f32) {
+        let found = self
+            .tree
+            .query(&[p.x, p.y, p.z])
+            .nearest_one::<SquaredEuclidean<f32>>()
+            .execute();
+        (found.item as usize, found.distance)
+    }
+}
+
+/// One pair: the moving point's number, its target's number, squared distance.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    moving: u32,
+    target: u32,
+    distance2: f32,
+}
+
+/// Room for the pairs, kept between calls.
+#[derive(Default)]
+pub struct Scratch(Vec<Pair>);
+
+/// Steps 2 to 4: the rigid motion that minimises the squared distances of `(target, moving)` pairs. Sums in f64.
+/// `None` if there are no pairs or they are not finite.
+#[must_use]
+pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> Option<Rigid> {
+    let wide = |p: Point| p.coords.cast::<f64>();
+    let (mut n, mut target_mean, mut moving_mean) = (0.0, Vector3::zeros(), Vector3::zeros());
+    for (target, moving) in pairs.clone() {
+        target_mean += wide(target);
+        moving_mean += wide(moving);
+        n += 1.0;
+    }
+    if n == 0.0 {
+        return None;
+    }
+    target_mean /= n;
+    moving_mean /= n;
+    let mut m = Matrix3::<f64>::zeros();
+    for (target, moving) in pairs {
+        m += (wide(target) - target_mean) * (wide(moving) - moving_mean).transpose();
+    }
+    m /= n;
+    if !m.iter().all(|c| c.is_finite()) {
+        return None;
+    }
+    let svd = m.svd(true, true);
+    let (u, v_t) = (svd.u?, svd.v_t?);
+    // Of the two ways to a proper rotation, flipping the direction with the least spread costs least (Umeyama): nalgebra
+    // sorts singular values downwards, so it is the last one.
+    let guard = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
+    let r = u * Matrix3::from_diagonal(&guard) * v_t;
+    let t = target_mean - r * moving_mean;
+    let rotation = Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r.cast()));
+    Some(Rigid::from_parts(t.cast::<f32>().into(), rotation))
+}
+
+/// Algorithm 1: the motion that lays `moving` on `target`, from `start` on. `None` when too few pairs are near enough.
+#[must_use]
+pub fn align(
+    target: &Target,
+    moving: &[Point],
+    start: Rigid,
+    settings: &Settings,
+    scratch: &mut Scratch,
+) -> Option<Alignment> {
+    let pairs = &mut scratch.0;
+    let limit = settings.max_distance_m * settings.max_distance_m;
+    let mut pose = start;
+    let (mut residual, mut paired, mut iterations) = (0.0, 0.0, 0);
+    while iterations < settings.iterations {
+        iterations += 1;
+        pairs.clear();
+        for (k, p) in moving.iter().enumerate() {
+            let (index, distance2) = target.nearest(&(pose * p));
+            if distance2 <= limit {
+                pairs.push(Pair {
+                    moving: k as u32,
+                    target: index as u32,
+                    distance2,
+                });
+            }
+        }
+        paired = pairs.len() as f32 / moving.len().max(1) as f32;
+        let keep = (pairs.len() as f32 * settings.keep.clamp(0.0, 1.0)) as usize;
+        if keep < MIN_PAIRS {
+            return None;
+        }
+        pairs.select_nth_unstable_by(keep - 1, |a, b| a.distance2.total_cmp(&b.distance2));
+        let kept = &pairs[..keep];
+        residual =
+            (kept.iter().map(|p| f64::from(p.distance2)).sum::<f64>() / keep as f64).sqrt() as f32;
+        let step_pairs = kept.iter().map(|p| {
+            (
+                target.points[p.target as usize],
+                pose * moving[p.moving as usize],
+            )
+        });
+        // The step's effect where the points are, not at the far-away origin of the camera.
+        let middle = pose * moving[kept[0].moving as usize];
+        let step = rigid_from_pairs(step_pairs)?;
+        pose = step * pose;
+        let shift = (step * middle - middle).norm() + step.rotation.angle() * HEAD_RADIUS_M;
+        if shift < settings.stop_m {
+            break;
+        }
+    }
+    pose.rotation.renormalize();
+    Some(Alignment {
+        target_from_moving: pose,
+        residual,
+        paired,
+        iterations,
+    })
+}
+
+/// Turns an angle into the path of a point on a head.
+const HEAD_RADIUS_M: f32 = 0.1;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Vector, rotation_from_yaw_pitch_roll};
+
+    fn random_point(rng: &mut fastrand::Rng, scale: f32) -> Point {
+        Point::new(rng.f32() - 0.5, rng.f32() - 0.5, rng.f32() - 0.5) * scale
+    }
+
+    /// An egg with a nose: no rotation maps it to itself.
+    fn bumpy_head() -> Vec<Point> {
+        let mut points = Vec::new();
+        for i in 0..60 {
+            for j in 0..60 {
+                let (a, b) = (i as f32 / 59.0 * 2.6 - 1.3, j as f32 / 59.0 * 2.2 - 1.1);
+                let nose = 0.03 * (-(a * a * 18.0 + (b - 0.2) * (b - 0.2) * 8.0)).exp();
+                let brow = 0.006 * (-(b + 0.4) * (b + 0.4) * 60.0).exp();
+                let radius = 1.0 + 0.1 * (2.0 * b).sin() + (nose + brow) / 0.09;
+                points.push(Point::new(
+                    0.075 * radius * a.sin() * b.cos(),
+                    0.11 * radius * b.sin(),
+                    -0.09 * radius * a.cos() * b.cos(),
+                ));
+            }
+        }
+        points
+    }
+
+    #[test]
+    fn pairs_give_back_any_planted_motion() {
+        let mut rng = fastrand::Rng::with_seed(1);
+        for _ in 0..200 {
+            let planted = Rigid::from_parts(
+                (Vector::new(rng.f32(), rng.f32(), rng.f32()) * 2.0).into(),
+                rotation_from_yaw_pitch_roll(
+                    rng.f32() * 6.0,
+                    rng.f32() * 3.0 - 1.5,
+                    rng.f32() * 6.0,
+                ),
+            );
+            let moving: Vec<Point> = (0..30).map(|_| random_point(&mut rng, 0.2)).collect();
+            let found = rigid_from_pairs(moving.iter().map(|p| (planted * p, *p))).unwrap();
+            let apart = planted.inverse() * found;
+            assert!(apart.rotation.angle() < 1e-4, "{}", apart.rotation.angle());
+            assert!((planted * moving[0] - found * moving[0]).norm() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_mirrored_cloud_never_gives_a_reflection() {
+        let mut rng = fastrand::Rng::with_seed(2);
+        for _ in 0..100 {
+            let moving: Vec<Point> = (0..20).map(|_| random_point(&mut rng, 0.2)).collect();
+            let found =
+                rigid_from_pairs(moving.iter().map(|p| (Point::new(-p.x, p.y, p.z), *p))).unwrap();
+            let matrix = found.rotation.to_rotation_matrix();
+            assert!((matrix.matrix().determinant() - 1.0).abs() < 1e-4);
+            // Best proper motion: no other turn may do better.
+            let cost = |r: &Rigid| -> f32 {
+                moving
+                    .iter()
+                    .map(|p| (r * p - Point::new(-p.x, p.y, p.z)).norm_squared())
+                    .sum()
+            };
+            let best = cost(&found);
+            for _ in 0..20 {
+                let nudge = Rotation::new(random_point(&mut rng, 0.1).coords);
+                let centre = moving.iter().map(|p| (found * p).coords).sum::<Vector>() / 20.0;
+                let other = Rigid::rotation_wrt_point(nudge, centre.into()) * found;
+                assert!(cost(&other) >= best * 0.9999);
+            }
+        }
+    }
+
+    #[test]
+    fn icp_recovers_planted_motions_in_its_basin() {
+        let head = bumpy_head();
+        let target = Target::new(&head).unwrap();
+        let mut scratch = Scratch::default();
+        let settings = Settings {
+            iterations: 400,
+            keep: 1.0,
+            stop_m: 1e-6,
+            ..Settings::default()
+        };
+        let mut rng = fastrand::Rng::with_seed(3);
+        for _ in 0..12 {
+            let axis = random_point(&mut rng, 1.0).coords.normalize();
+            let planted = Rigid::new(random_point(&mut rng, 0.012).coords, axis * 0.15);
+            // Planted motion taken out of the cloud: the alignment has to put it back.
+            let moving: Vec<Point> = head.iter().map(|p| planted.inverse() * p).collect();
+            let found =
+                align(&target, &moving, Rigid::identity(), &settings, &mut scratch).unwrap();
+            let apart = planted.inverse() * found.target_from_moving;
+            assert!(
+                apart.rotation.angle() < 0.15 / 20.0,
+                "{} rad left",
+                apart.rotation.angle()
+            );
+            assert!(apart.translation.vector.norm() < 0.001);
+        }
+    }
+
+    #[test]
+    fn strangers_in_the_cloud_are_trimmed() {
+        let head = bumpy_head();
+        let target = Target::new(&head).unwrap();
+        let planted = Rigid::new(
+            Vector::new(0.003, -0.002, 0.004),
+            Vector::new(0.05, 0.08, -0.03),
+        );
+        let mut moving: Vec<Point> = head.iter().map(|p| planted.inverse() * p).collect();
+        let mut rng = fastrand::Rng::with_seed(4);
+        for _ in 0..400 {
+            // A hand in front of the face.
+            moving.push(Point::new(0.0, 0.03, -0.19) + random_point(&mut rng, 0.1).coords);
+        }
+        let settings = Settings {
+            iterations: 400,
+            stop_m: 1e-6,
+            keep: 0.95,
+            ..Settings::default()
+        };
+        let found = align(
+            &target,
+            &moving,
+            Rigid::identity(),
+            &settings,
+            &mut Scratch::default(),
+        )
+        .unwrap();
+        let apart = planted.inverse() * found.target_from_moving;
+        assert!(
+            apart.rotation.angle() < 0.02,
+            "{} rad left",
+            apart.rotation.angle()
+        );
+        assert!(found.paired < 0.97);
+    }
+
+    #[test]
+    fn too_little_to_align_is_none() {
+        assert!(Target::new(&[Point::origin(); 3]).is_none());
+        let target = Target::new(&bumpy_head()).unwrap();
+        let far = vec![Point::new(0.0, 0.0, 5.0); 50];
+        let mut scratch = Scratch::default();
+        assert!(
+            align(
+                &target,
+                &far,
+                Rigid::identity(),
+                &Settings::default(),
+                &mut scratch
+            )
+            .is_none()
+        );
+        assert!(
+            align(
+                &target,
+                &[],
+                Rigid::identity(),
+                &Settings::default(),
+                &mut scratch
+            )
+            .is_none()
+        );
+    }
+}

@@ -1,0 +1,169 @@
+//! One user's head: how it differs from the standard head, learned while tracking.
+//!
+//! Nobody's head is the standard head. Where it is wider or its nose longer, the alignment settles at a compromise that
+//! depends on which part is seen, and so the pose error would depend on the pose. Learned are the uniform scale (a
+//! running mean of each frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a
+//! running mean of the distances of the live points that belong to it; the idea of a fused reference model, Newcombe et
+//! al., KinectFusion, 2011, on the anchor's own points instead of a volume).
+//!
+//! What of the offsets amounts to a rigid motion or a change of scale is taken out again ([`HeadShape::settle`]), because
+//! it belongs to the pose: without that the learned head could creep away from the standard one. Offsets are
+//! smoothed along the surface, which also carries them a little way into parts not yet seen.
+//!
+//! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
+//! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::anchor::Anchor;
+use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
+use crate::geometry::Point;
+
+/// Largest learned offset, metres.
+const MAX_OFFSET_M: f32 = 0.015;
+/// Live points further off teach nothing: they are hands, hair or the neck, metres.
+const TEACHING_M: f32 = 0.010;
+/// After so many frames an offset is a running mean of that length.
+const MEMORY_FRAMES: f32 = 150.0;
+/// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
+const SPREAD: (f32, f32) = (0.08, 0.01);
+/// As for the offsets, for the scale.
+const SCALE_MEMORY_FRAMES: f64 = 300.0;
+
+/// The learned differences.
+#[derive(Clone, Debug)]
+pub(crate) struct HeadShape {
+    /// Natural logarithm of the head's size relative to the standard head.
+    pub(crate) log_scale: f64,
+    /// Offset of each anchor point along its normal, metres, in the standard head's size.
+    pub(crate) offset: Vec<f32>,
+    /// Frames that taught each offset, capped.
+    seen: Vec<f32>,
+    /// Frames that taught the scale.
+    frames: f64,
+    sums: Vec<(f32, f32)>,
+}
+
+impl HeadShape {
+    /// The standard head itself, for an anchor of `points` points.
+    pub(crate) fn standard(points: usize) -> Self {
+        Self {
+            log_scale: 0.0,
+            offset: vec![0.0; points],
+            seen: vec![0.0; points],
+            frames: 0.0,
+            sums: vec![(0.0, 0.0); points],
+        }
+    }
+
+    /// Back to the standard head, in place.
+    pub(crate) fn forget(&mut self) {
+        self.log_scale = 0.0;
+        self.frames = 0.0;
+        self.offset.fill(0.0);
+        self.seen.fill(0.0);
+    }
+
+    /// Freedom of the scale around its estimate: wide for a newcomer, narrow once known.
+    pub(crate) fn scale_sigma(&self) -> f64 {
+        (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
+    }
+
+    /// Learns from one well-aligned frame.
+    pub(crate) fn learn(&mut self, anchor: &Anchor, cloud: &[Point], fit: &PlaneFit) {
+        self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
+        let found = f64::from(fit.scale).ln();
+        self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
+            .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
+        self.sums.fill((0.0, 0.0));
+        let camera = Point::from(fit.head_from_sensor.translation.vector);
+        let inverse_scale = 1.0 / fit.scale;
+        for p in cloud {
+            let q = fit.head_from_sensor * p;
+            if let Some((i, r)) = pair(anchor, self, &q, inverse_scale, &camera)
+                && r.abs() < TEACHING_M
+            {
+                self.sums[i].0 += r;
+                self.sums[i].1 += 1.0;
+            }
+        }
+        for i in 0..self.offset.len() {
+            let (sum, count) = self.sums[i];
+            if count > 0.0 {
+                self.seen[i] = (self.seen[i] + 1.0).min(MEMORY_FRAMES);
+                // The standard head counts as the first frames: one noisy look must not bend it.
+                self.offset[i] += sum / count / (self.seen[i] + 4.0);
+            }
+        }
+        self.spread(anchor);
+        self.settle(anchor);
+    }
+
+    fn spread(&mut self, anchor: &Anchor) {
+        for i in 0..self.offset.len() {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for &k in &anchor.neighbours[i] {
+                sum += self.offset[usize::from(k)];
+                count += 1.0;
+            }
+            let share = if self.seen[i] < 1.0 {
+                SPREAD.0
+            } else {
+                SPREAD.1
+            };
+            self.offset[i] += (sum / count - self.offset[i]) * share;
+            self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
+        }
+    }
+
+    /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the whole anchor.
+    fn settle(&mut self, anchor: &Anchor) {
+        let mut h = SMatrix::<f64, 7, 7>::zeros();
+        let mut g = SVector::<f64, 7>::zeros();
+        let row = |i: usize| {
+            let (a, n) = (anchor.points[i], anchor.normals[i]);
+            let turn = a.coords.cross(&n);
+            [turn.x, turn.y, turn.z, n.x, n.y, n.z, n.dot(&a.coords)].map(f64::from)
+        };
+        for i in 0..self.offset.len() {
+            let (j, w) = (row(i), f64::from(anchor.trust[i]));
+            for a in 0..7 {
+                g[a] += w * j[a] * f64::from(self.offset[i]);
+                for b in 0..7 {
+                    h[(a, b)] += w * j[a] * j[b];
+                }
+            }
+        }
+        for k in 0..7 {
+            h[(k, k)] *= 1.0 + 1e-6;
+        }
+        let Some(factor) = h.cholesky() else { return };
+        let motion = factor.solve(&g);
+        for i in 0..self.offset.len() {
+            let j = row(i);
+            let moved: f64 = (0..7).map(|a| j[a] * motion[a]).sum();
+            self.offset[i] -= moved as f32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::anchor::tests::half_egg;
+
+    #[test]
+    fn settling_leaves_no_rigid_motion_and_no_scale() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let mut shape = HeadShape::standard(anchor.points.len());
+        for i in 0..shape.offset.len() {
+            let (a, n) = (anchor.points[i], anchor.normals[i]);
+            let turned = nalgebra::Vector3::new(0.02, -0.03, 0.01).cross(&a.coords);
+            shape.offset[i] =
+                n.dot(&(turned + nalgebra::Vector3::new(0.002, 0.001, -0.003) + a.coords * 0.04));
+        }
+        shape.settle(&anchor);
+        let worst = shape.offset.iter().fold(0.0f32, |m, o| m.max(o.abs()));
+        assert!(worst < 2e-5, "{worst}");
+    }
+}

@@ -1,0 +1,233 @@
+//! Smoothing of the head pose over time: takes out the jitter that depth noise causes, at a stated delay.
+//!
+//! Two filters. `Window`: the weighted mean of the last poses (paper section 1.1, step 3), triangular kernel falling
+//! towards the past; its delay at constant speed is the kernel's mean age, (n − 1)/3 frames for n poses. `Adaptive`: a
+//! first-order low-pass whose cut-off rises with speed (the 1 € filter, Casiez, Roussel & Vogel 2012), so that a head at
+//! rest stands still and a moving one is followed with little delay.
+//!
+//! Rotations are averaged in the tangent space at the newest one (exponential map), translations as vectors; both in the
+//! sensor frame, metres and radians. Memory: [`MAX_WINDOW`] poses. Degenerate: after a gap of [`GAP_S`] or time running
+//! backwards the filter starts anew. Limitation: constant delay models only; no prediction.
+
+use crate::geometry::{Rigid, Rotation, Vector};
+use crate::time::Timestamp;
+
+/// Poses a window can hold.
+pub const MAX_WINDOW: usize = 16;
+/// Without a pose for this long the past says nothing about the present, seconds.
+const GAP_S: f64 = 0.35;
+/// Cut-off of the speed estimate inside the adaptive filter, hertz: its authors' default.
+const SPEED_CUTOFF_HZ: f32 = 1.0;
+/// Path of a point of the face per radian, metres: lets one cut-off law serve turns and shifts.
+const LEVER_M: f32 = 0.1;
+
+/// Which filter, and how strong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Smoothing {
+    /// Poses pass as they are.
+    Off,
+    /// Triangular mean over the last so many frames (1 to [`MAX_WINDOW`]).
+    Window(usize),
+    /// Low-pass with speed-dependent cut-off.
+    Adaptive {
+        /// Cut-off of a head at rest, hertz.
+        rest_hz: f32,
+        /// Rise of the cut-off, hertz per (m/s) of the face's surface.
+        rise: f32,
+    },
+}
+
+impl Default for Smoothing {
+    fn default() -> Self {
+        Self::Adaptive {
+            rest_hz: 2.5,
+            rise: 60.0,
+        }
+    }
+}
+
+/// The filter and its past.
+#[derive(Clone, Debug)]
+pub struct PoseFilter {
+    smoothing: Smoothing,
+    window: heapless::Deque<Rigid, MAX_WINDOW>,
+    last: Option<(Rigid, Timestamp)>,
+    /// Smoothed velocities: rotation vector (rad/s, sensor frame), translation (m/s).
+    speed: (Vector, Vector),
+    last_raw: Rigid,
+}
+
+fn low_pass_gain(cutoff_hz: f32, dt: f32) -> f32 {
+    let tau = 1.0 / (std::f32::consts::TAU * cutoff_hz.max(1e-3));
+    dt / (dt + tau)
+}
+
+impl PoseFilter {
+    /// An empty filter.
+    #[must_use]
+    pub fn new(smoothing: Smoothing) -> Self {
+        Self {
+            smoothing,
+            window: heapless::Deque::new(),
+            last: None,
+            speed: (Vector::zeros(), Vector::zeros()),
+            last_raw: Rigid::identity(),
+        }
+    }
+
+    /// Forgets the past.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.smoothing);
+    }
+
+    /// The smoothed pose after one more measured one (`sensor_from_head`).
+    pub fn smooth(&mut self, raw: Rigid, at: Timestamp) -> Rigid {
+        let dt = self.last.map(|(_, before)| at.seconds_since(before));
+        if !dt.is_some_and(|dt| dt > 0.0 && dt < GAP_S) {
+            self.reset();
+        }
+        let smoothed = match (self.smoothing, self.last) {
+            (Smoothing::Off, _) => raw,
+            (Smoothing::Window(frames), _) => self.window_mean(raw, frames),
+            (Smoothing::Adaptive { .. }, None) => raw,
+            (Smoothing::Adaptive { rest_hz, rise }, Some((previous, _))) => {
+                self.adaptive(raw, previous, dt.unwrap_or_default() as f32, rest_hz, rise)
+            }
+        };
+        self.last = Some((smoothed, at));
+        self.last_raw = raw;
+        smoothed
+    }
+
+    fn window_mean(&mut self, raw: Rigid, frames: usize) -> Rigid {
+        let frames = frames.clamp(1, MAX_WINDOW);
+        while self.window.len() >= frames {
+            self.window.pop_front();
+        }
+        let _ = self.window.push_back(raw);
+        let (mut turn, mut shift, mut total) = (Vector::zeros(), Vector::zeros(), 0.0);
+        for (k, pose) in self.window.iter().enumerate() {
+            let weight = (k + 1) as f32;
+            turn += (pose.rotation * raw.rotation.inverse()).scaled_axis() * weight;
+            shift += pose.translation.vector * weight;
+            total += weight;
+        }
+        Rigid::from_parts(
+            (shift / total).into(),
+            Rotation::new(turn / total) * raw.rotation,
+        )
+    }
+
+    fn adaptive(&mut self, raw: Rigid, previous: Rigid, dt: f32, rest_hz: f32, rise: f32) -> Rigid {
+        let gain = low_pass_gain(SPEED_CUTOFF_HZ, dt);
+        let turn_speed = (raw.rotation * self.last_raw.rotation.inverse()).scaled_axis() / dt;
+        let shift_speed = (raw.translation.vector - self.last_raw.translation.vector) / dt;
+        self.speed.0 += (turn_speed - self.speed.0) * gain;
+        self.speed.1 += (shift_speed - self.speed.1) * gain;
+        let turn_gain = low_pass_gain(rest_hz + rise * LEVER_M * self.speed.0.norm(), dt);
+        let shift_gain = low_pass_gain(rest_hz + rise * self.speed.1.norm(), dt);
+        let turn = (raw.rotation * previous.rotation.inverse()).scaled_axis();
+        Rigid::from_parts(
+            (previous.translation.vector
+                + (raw.translation.vector - previous.translation.vector) * shift_gain)
+                .into(),
+            Rotation::new(turn * turn_gain) * previous.rotation,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rotation_from_yaw_pitch_roll;
+
+    fn pose(yaw: f32, x: f32) -> Rigid {
+        Rigid::from_parts(
+            Vector::new(x, 0.0, 0.7).into(),
+            rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0),
+        )
+    }
+
+    /// Jitter at rest (share of the noise that is left) and lag at 60°/s (frames) of a filter.
+    fn jitter_and_lag(smoothing: Smoothing) -> (f32, f32) {
+        let frame = |k: u64| Timestamp::from_us(k * 33_333);
+        let mut rng = fastrand::Rng::with_seed(5);
+        // Noise of a tenth of a degree, the size the tracker measures at 0.7 m.
+        let noise = 0.1f32.to_radians();
+        let mut filter = PoseFilter::new(smoothing);
+        let (mut sum_in, mut sum_out) = (0.0f64, 0.0f64);
+        for k in 0..2000 {
+            let yaw = (0..12).map(|_| rng.f32() - 0.5).sum::<f32>() * noise;
+            let out = filter
+                .smooth(pose(yaw, 0.0), frame(k))
+                .rotation
+                .scaled_axis()
+                .y;
+            if k > 30 {
+                sum_in += f64::from(yaw * yaw);
+                sum_out += f64::from(out * out);
+            }
+        }
+        let speed = 60f32.to_radians() / 30.0;
+        filter.reset();
+        let mut lag = 0.0;
+        for k in 0..30u64 {
+            let yaw = speed * k as f32;
+            let out = filter
+                .smooth(pose(yaw, 0.0), frame(k))
+                .rotation
+                .scaled_axis()
+                .y;
+            lag = (yaw - out) / speed;
+        }
+        ((sum_out / sum_in).sqrt() as f32, lag)
+    }
+
+    #[test]
+    fn jitter_against_lag() {
+        println!("filter                      jitter left   lag at 60 deg/s, frames");
+        let line = |name: &str, s| {
+            let (jitter, lag) = jitter_and_lag(s);
+            println!("{name:<28}{jitter:>10.2}{lag:>14.2}");
+            (jitter, lag)
+        };
+        line("off", Smoothing::Off);
+        for n in [2, 3, 5, 7, 9] {
+            let (_, lag) = line(&format!("window {n}"), Smoothing::Window(n));
+            // Mean age of the triangular kernel.
+            assert!((lag - (n as f32 - 1.0) / 3.0).abs() < 0.01, "{n}: {lag}");
+        }
+        for (rest_hz, rise) in [
+            (1.0, 60.0),
+            (1.5, 60.0),
+            (2.5, 60.0),
+            (1.5, 120.0),
+            (1.5, 30.0),
+        ] {
+            line(
+                &format!("adaptive {rest_hz} Hz, {rise}"),
+                Smoothing::Adaptive { rest_hz, rise },
+            );
+        }
+        let (jitter, lag) = line("default", Smoothing::default());
+        let (window, window_lag) = jitter_and_lag(Smoothing::Window(3));
+        assert!(
+            jitter < window && lag < window_lag * 1.2,
+            "no better than a window"
+        );
+    }
+
+    #[test]
+    fn a_pose_at_rest_is_kept_exactly_and_a_gap_starts_anew() {
+        for smoothing in [Smoothing::Off, Smoothing::Window(5), Smoothing::default()] {
+            let mut filter = PoseFilter::new(smoothing);
+            for k in 0..20 {
+                let out = filter.smooth(pose(0.4, 0.1), Timestamp::from_us(k * 33_333));
+                assert!((pose(0.4, 0.1).inverse() * out).rotation.angle() < 1e-3);
+            }
+            let late = Timestamp::from_us(20 * 33_333 + 1_000_000);
+            let out = filter.smooth(pose(-0.4, 0.0), late);
+            assert!((out.translation.vector.x).abs() < 1e-6);
+        }
+    }
+}
