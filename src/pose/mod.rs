@@ -359,26 +359,19 @@ mod tests {
             learn_shape: false,
             ..Settings::default()
         };
-        for method in [Method::Plane, Method::Paper] {
-            let mut tracker =
-                PoseTracker::new(Settings { method, ..settings }, &half_egg()).unwrap();
-            for yaw in [-45.0, -20.0, 0.0, 30.0, 45.0] {
-                for pitch in [-30.0, 0.0, 25.0] {
-                    let truth = placed(yaw, pitch, 5.0);
-                    tracker.reset();
-                    let found = tracker.track(&cloud(&truth, 0.002, 1), Timestamp::from_us(0));
-                    let found = found.unwrap_or_else(|| panic!("{method:?} lost at {yaw} {pitch}"));
-                    let error = found
-                        .sensor_from_head
-                        .rotation
-                        .angle_to(&truth.rotation)
-                        .to_degrees();
-                    let allowed = if method == Method::Plane { 0.7 } else { 5.0 };
-                    assert!(
-                        error < allowed,
-                        "{method:?} at yaw {yaw} pitch {pitch}: {error} deg"
-                    );
-                }
+        let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
+        for yaw in [-45.0, -20.0, 0.0, 30.0, 45.0] {
+            for pitch in [-30.0, 0.0, 25.0] {
+                let truth = placed(yaw, pitch, 5.0);
+                tracker.reset();
+                let found = tracker.track(&cloud(&truth, 0.002, 1), Timestamp::from_us(0));
+                let found = found.unwrap_or_else(|| panic!("lost at {yaw} {pitch}"));
+                let error = found
+                    .sensor_from_head
+                    .rotation
+                    .angle_to(&truth.rotation)
+                    .to_degrees();
+                assert!(error < 0.7, "at yaw {yaw} pitch {pitch}: {error} deg");
             }
         }
     }
@@ -426,7 +419,7 @@ mod tests {
             .rotation
             .angle_to(&truth.rotation)
             .to_degrees();
-        assert!(error < 2.0, "{error}");
+        assert!(error < 3.0, "{error}");
     }
 
     #[test]

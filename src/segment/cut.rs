@@ -1,0 +1,315 @@
+//! Cuts heads from regions by size and shape.
+//!
+//! Seen from its crown downwards a head widens to 0.13 – 0.26 m (hair included), is rounded (its sides lie behind its
+//! middle), and ends where the outline narrows to the neck, widens to the shoulders, or has gone on for the height of a
+//! head. A hand and forearm are narrower and flat, a wall and the back of a chair are flat and wide. Every local top of a region
+//! is tried, so a raised hand does not hide the head beside it. A head found in the last frame is given more latitude,
+//! since a hand may cover half of it.
+//!
+//! Cells and metres. Memory: a profile of at most [`MAX_PROFILE`] rows. Cost: linear in the cells of the tops' columns.
+//! Limitation: the cut is level with the picture, so a head lying on its side is cut badly.
+
+use super::PixelRect;
+use super::regions::{CELL_PX, COLUMNS, ROWS, Regions};
+use crate::capacity::USERS;
+
+/// Rows of cells a head can be high: 0.3 m at 0.4 m.
+const MAX_PROFILE: usize = 110;
+/// Height of the highest head with hair, crown to chin, metres.
+const MAX_HEIGHT_M: f32 = 0.27;
+/// Above this height below the crown no neck is looked for, metres.
+const NECK_FROM_M: f32 = 0.17;
+/// Shoulders may come earlier: the chin is on the chest.
+const SHOULDERS_FROM_M: f32 = 0.12;
+/// Outline narrower than this share of the head's width: neck.
+const NECK_SHARE: f32 = 0.80;
+/// A neck is narrower than what follows below it by this factor.
+const NECK_FLARE: f32 = 1.1;
+/// Outline wider than this share: shoulders.
+const SHOULDER_SHARE: f32 = 1.35;
+/// Depth from the nearest tenth of a head to what still belongs to it, metres.
+const DEEP_M: f32 = 0.19;
+/// Columns of cells without depth that do not end a row of the outline.
+const ROW_GAP: usize = 3;
+/// Share of the last rectangle that must be covered to count as the same head.
+const SAME_SHARE: f32 = 0.4;
+
+/// What a head must measure.
+struct Limits {
+    width_m: (f32, f32),
+    height_m: f32,
+    relief_m: f32,
+}
+const NEWCOMER: Limits = Limits {
+    width_m: (0.115, 0.28),
+    height_m: 0.13,
+    relief_m: 0.018,
+};
+const FOLLOWED: Limits = Limits {
+    width_m: (0.08, 0.30),
+    height_m: 0.08,
+    relief_m: 0.006,
+};
+
+/// A head in cells: rows `top..bottom`, their first and one past their last column, and the depths that belong to it.
+pub(crate) struct Head {
+    pub(crate) top: usize,
+    pub(crate) rows: heapless::Vec<(u16, u16), MAX_PROFILE>,
+    pub(crate) label: u16,
+    pub(crate) near_m: f32,
+    pub(crate) far_m: f32,
+}
+
+impl Head {
+    /// Bounding rectangle in pixels.
+    pub(crate) fn rect(&self) -> PixelRect {
+        let left = self.rows.iter().map(|r| r.0).min().unwrap_or(0);
+        let right = self.rows.iter().map(|r| r.1).max().unwrap_or(0);
+        PixelRect {
+            x0: left * CELL_PX as u16,
+            y0: (self.top * CELL_PX) as u16,
+            x1: right * CELL_PX as u16,
+            y1: ((self.top + self.rows.len()) * CELL_PX) as u16,
+        }
+    }
+}
+
+/// Share of `a` that `b` covers.
+fn covered(a: &PixelRect, b: &PixelRect) -> f32 {
+    let wide = f32::from(a.x1.min(b.x1)) - f32::from(a.x0.max(b.x0));
+    let high = f32::from(a.y1.min(b.y1)) - f32::from(a.y0.max(b.y0));
+    let area = f32::from(a.x1 - a.x0) * f32::from(a.y1 - a.y0);
+    wide.max(0.0) * high.max(0.0) / area.max(1.0)
+}
+
+/// Finds heads from the top of the picture down and marks them in the mask. `last` is where one was in the last frame.
+pub(crate) fn heads(
+    regions: &mut Regions,
+    last: Option<PixelRect>,
+    found: &mut heapless::Vec<Head, USERS>,
+) {
+    for row in 0..ROWS {
+        let mut col = 0;
+        while col < COLUMNS {
+            let Some((begin, end)) = run(regions, row, col, regions.label[row * COLUMNS + col])
+            else {
+                col += 1;
+                continue;
+            };
+            let label = regions.label[row * COLUMNS + begin];
+            col = end;
+            if found.is_full()
+                || !is_top(regions, row, begin, end, label)
+                || inside(found, row, begin, end)
+            {
+                continue;
+            }
+            let Some(head) = follow_down(regions, row, begin, end, label) else {
+                continue;
+            };
+            let known = last.is_some_and(|last| covered(&last, &head.rect()) > SAME_SHARE);
+            let limits = if known { FOLLOWED } else { NEWCOMER };
+            if fits(regions, &head, &limits) {
+                // Cannot be full: checked above.
+                let _ = found.push(head);
+            }
+        }
+    }
+    for (k, head) in (0u8..).zip(found.iter()) {
+        for (row, &(begin, end)) in (head.top..).zip(&head.rows) {
+            for col in usize::from(begin)..usize::from(end) {
+                if regions.belongs(head, row, col) {
+                    regions.mask[row * COLUMNS + col] = super::FOREGROUND + 1 + k;
+                }
+            }
+        }
+    }
+}
+
+impl Regions {
+    /// Whether a cell within a head's outline is part of it.
+    pub(crate) fn belongs(&self, head: &Head, row: usize, col: usize) -> bool {
+        let at = row * COLUMNS + col;
+        self.label[at] == head.label && (head.near_m..=head.far_m).contains(&self.depth_m[at])
+    }
+}
+
+/// The stretch of one label that begins at `col` (which must carry it), small gaps bridged.
+fn run(regions: &Regions, row: usize, col: usize, label: u16) -> Option<(usize, usize)> {
+    if label == 0 {
+        return None;
+    }
+    let (mut end, mut at) = (col + 1, col + 1);
+    while at < COLUMNS && at <= end + ROW_GAP {
+        if regions.label[row * COLUMNS + at] == label {
+            end = at + 1;
+        }
+        at += 1;
+    }
+    Some((col, end))
+}
+
+/// Whether no cell of the label is just above.
+fn is_top(regions: &Regions, row: usize, begin: usize, end: usize, label: u16) -> bool {
+    (row.saturating_sub(2)..row).all(|above| {
+        regions.label
+            [above * COLUMNS + begin.saturating_sub(1)..above * COLUMNS + (end + 1).min(COLUMNS)]
+            .iter()
+            .all(|&l| l != label)
+    })
+}
+
+fn inside(found: &[Head], row: usize, begin: usize, end: usize) -> bool {
+    let middle = ((begin + end) / 2 * CELL_PX) as u16;
+    let y = (row * CELL_PX) as u16;
+    found.iter().any(|head| {
+        let rect = head.rect();
+        // Two heads are not within each other, nor one in the other's neck and chest.
+        let wide = (rect.x1 - rect.x0) / 2;
+        (rect.x0.saturating_sub(wide)..rect.x1 + wide).contains(&middle)
+            && y < rect.y1 + (rect.y1 - rect.y0)
+    })
+}
+
+/// Walks down from a top and cuts at neck, shoulders or a head's height.
+fn follow_down(
+    regions: &Regions,
+    top: usize,
+    begin: usize,
+    end: usize,
+    label: u16,
+) -> Option<Head> {
+    let mut rows: heapless::Vec<(u16, u16), MAX_PROFILE> = heapless::Vec::new();
+    let (mut left, mut right) = (begin, end);
+    let (mut height, mut widest, mut last_width) = (0.0f32, 0.0f32, 0.0f32);
+    // Narrowest outline where a neck may be, and the rows down to it.
+    let mut neck = (f32::INFINITY, 0);
+    let mut last_z = 0.0;
+    for row in top..ROWS {
+        // All of the label that touches the columns of the row above, as one stretch.
+        let (mut first, mut past) = (usize::MAX, 0);
+        let mut col = left.saturating_sub(2);
+        while col < (right + 2).min(COLUMNS) {
+            if regions.label[row * COLUMNS + col] == label {
+                let mut start = col;
+                while start > 0 && regions.label[row * COLUMNS + start - 1] == label {
+                    start -= 1;
+                }
+                let (_, stop) = run(regions, row, start, label)?;
+                first = first.min(start);
+                past = past.max(stop);
+                col = stop;
+            }
+            col += 1;
+        }
+        if first == usize::MAX {
+            // A row without depth is bridged once (hair, glasses), then the region has ended.
+            if rows.last().is_none_or(|r| r.0 == r.1)
+                || rows.push((left as u16, left as u16)).is_err()
+            {
+                break;
+            }
+            height += last_z * regions.cell_at_1m;
+            continue;
+        }
+        let middle = (first + past) / 2;
+        let z = (middle..past)
+            .chain(first..middle)
+            .map(|c| row * COLUMNS + c)
+            .find(|&at| regions.label[at] == label)
+            .map_or(last_z, |at| regions.depth_m[at]);
+        last_z = z;
+        let width = (past - first) as f32 * z * regions.cell_at_1m;
+        if height >= MAX_HEIGHT_M || (height >= SHOULDERS_FROM_M && width > SHOULDER_SHARE * widest)
+        {
+            break;
+        }
+        if height >= NECK_FROM_M && width < neck.0 {
+            neck = (width, rows.len() + 1);
+        }
+        last_width = width;
+        widest = widest.max(width);
+        if rows.push((first as u16, past as u16)).is_err() {
+            break;
+        }
+        height += z * regions.cell_at_1m;
+        (left, right) = (first, past);
+    }
+    // A chin narrows too; only what widens again below is a neck.
+    if neck.0 < NECK_SHARE * widest && last_width > NECK_FLARE * neck.0 {
+        rows.truncate(neck.1);
+    }
+    let mut head = Head {
+        top,
+        rows,
+        label,
+        near_m: 0.0,
+        far_m: f32::INFINITY,
+    };
+    let near = nearest_tenth(regions, &head)?;
+    head.near_m = near - DEEP_M * 0.5;
+    head.far_m = near + DEEP_M;
+    Some(head)
+}
+
+/// Depth that a tenth of the head's cells are nearer than: the face's front, whatever stray cells there are.
+fn nearest_tenth(regions: &Regions, head: &Head) -> Option<f32> {
+    // Centimetres from 0.3 m on, to 4.4 m.
+    let mut bins = [0u32; 410];
+    let mut total = 0u32;
+    for (row, &(begin, end)) in (head.top..).zip(&head.rows) {
+        for col in usize::from(begin)..usize::from(end) {
+            let at = row * COLUMNS + col;
+            if regions.label[at] == head.label {
+                let bin = ((regions.depth_m[at] - 0.3) * 100.0).max(0.0) as usize;
+                bins[bin.min(409)] += 1;
+                total += 1;
+            }
+        }
+    }
+    let mut sum = 0;
+    for (bin, count) in bins.iter().enumerate() {
+        sum += count;
+        if total > 0 && sum * 10 >= total {
+            return Some(0.3 + bin as f32 * 0.01);
+        }
+    }
+    None
+}
+
+/// Width, height and roundness.
+fn fits(regions: &Regions, head: &Head, limits: &Limits) -> bool {
+    let mut widths: heapless::Vec<f32, MAX_PROFILE> = heapless::Vec::new();
+    let mut reliefs: heapless::Vec<f32, MAX_PROFILE> = heapless::Vec::new();
+    let mut height = 0.0;
+    for (row, &(begin, end)) in (head.top..).zip(&head.rows) {
+        let (begin, end) = (usize::from(begin), usize::from(end));
+        let mut inside = (begin..end).filter(|&col| regions.belongs(head, row, col));
+        let Some(first) = inside.next() else { continue };
+        let last = inside.next_back().unwrap_or(first);
+        let z = |col: usize| regions.depth_m[row * COLUMNS + col];
+        let middle_third = (first + (last - first) / 3)..=(last - (last - first) / 3);
+        let middle = middle_third
+            .filter(|&col| regions.belongs(head, row, col))
+            .map(z)
+            .fold(f32::INFINITY, f32::min);
+        height += z(first) * regions.cell_at_1m;
+        let _ = widths.push((last + 1 - first) as f32 * z(first).min(middle) * regions.cell_at_1m);
+        if middle.is_finite() && last - first >= 6 {
+            let _ = reliefs.push((z(first) + z(last)) * 0.5 - middle);
+        }
+    }
+    let width = quantile(&mut widths, 0.8);
+    let relief = quantile(&mut reliefs, 0.5);
+    (limits.width_m.0..=limits.width_m.1).contains(&width)
+        && height >= limits.height_m
+        && relief >= limits.relief_m
+}
+
+fn quantile(values: &mut [f32], share: f32) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_unstable_by(f32::total_cmp);
+    values[((values.len() - 1) as f32 * share) as usize]
+}

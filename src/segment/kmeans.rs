@@ -1,0 +1,209 @@
+//! K-means of raw depth values: splits a depth picture into layers of distance.
+//!
+//! Method: Lloyd's algorithm (Lloyd 1982; paper section 1.1, step 1) on the histogram of the 2,048 raw values. Pixels of
+//! one value always go to the same centre, so this gives exactly what Lloyd's algorithm on the pixels gives, at the
+//! price of a few comparisons per iteration: with running totals of count and sum, a cluster is an interval of values and
+//! its mean one division. Centres start from the last frame's; the first ones stand evenly over the range in use. Ties
+//! go to the nearer layer. Deterministic.
+//!
+//! Units: raw disparity values (monotone in distance, finest near the sensor, which is where heads are). Memory: 32 kB of
+//! running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
+//! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything as it was.
+//! Limitation: a local optimum, as ever with Lloyd; starting anew when a layer runs empty keeps it useful.
+
+use crate::capacity::RAW_DEPTH_VALUES;
+
+/// Layers of distance.
+pub const LAYERS: usize = 4;
+
+/// A cluster: the interval of raw values nearest to one centre.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Layer {
+    /// Mean raw value.
+    pub centre: f64,
+    /// One past the last raw value of the layer; the first is the previous layer's `end`, or 0.
+    pub end: usize,
+    /// Pixels in it.
+    pub count: u64,
+}
+
+/// K-means over frames.
+pub struct DepthKMeans {
+    layers: [Layer; LAYERS],
+    warm: bool,
+    counts: Box<[u64]>,
+    sums: Box<[u64]>,
+}
+
+impl Default for DepthKMeans {
+    fn default() -> Self {
+        Self {
+            layers: [Layer::default(); LAYERS],
+            warm: false,
+            counts: vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
+            sums: vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
+        }
+    }
+}
+
+impl DepthKMeans {
+    /// Forgets the last frame's centres.
+    pub fn reset(&mut self) {
+        self.warm = false;
+    }
+
+    /// Clusters the values of `histogram` (the last bin, "no measurement", must be left empty by the caller), in at most
+    /// `iterations` rounds. Layers come nearest first; they are those of the last assignment.
+    pub fn cluster(
+        &mut self,
+        histogram: &[u32; RAW_DEPTH_VALUES],
+        iterations: u32,
+    ) -> &[Layer; LAYERS] {
+        for (value, &count) in histogram.iter().enumerate() {
+            self.counts[value + 1] = self.counts[value] + u64::from(count);
+            self.sums[value + 1] = self.sums[value] + u64::from(count) * value as u64;
+        }
+        let total = self.counts[RAW_DEPTH_VALUES];
+        if total == 0 {
+            return &self.layers;
+        }
+        if !self.warm {
+            self.spread(total);
+        }
+        self.lloyd(iterations);
+        // A layer that ran nearly empty is wasted: start anew, once.
+        if self.warm && self.layers.iter().any(|l| l.count * 1000 < total) {
+            self.spread(total);
+            self.lloyd(iterations);
+        }
+        self.warm = true;
+        &self.layers
+    }
+
+    /// Centres evenly over the values in use, a hundredth cut off at both ends.
+    fn spread(&mut self, total: u64) {
+        let value_at = |rank: u64| {
+            self.counts
+                .partition_point(|&c| c <= rank)
+                .saturating_sub(1)
+        };
+        let low = value_at(total / 100) as f64;
+        let high = value_at(total - 1 - total / 100) as f64;
+        for (k, layer) in self.layers.iter_mut().enumerate() {
+            layer.centre = low + (high - low) * (k as f64 + 0.5) / LAYERS as f64;
+        }
+    }
+
+    fn lloyd(&mut self, iterations: u32) {
+        for _ in 0..iterations.max(1) {
+            let mut begin = 0;
+            let mut moved = false;
+            for k in 0..LAYERS {
+                let end = if k + 1 < LAYERS {
+                    // Up to the middle between two centres; on the middle, to the nearer layer.
+                    let middle = (self.layers[k].centre + self.layers[k + 1].centre) * 0.5;
+                    (middle.floor() as usize + 1).clamp(begin, RAW_DEPTH_VALUES)
+                } else {
+                    RAW_DEPTH_VALUES
+                };
+                self.layers[k].end = end;
+                self.layers[k].count = self.counts[end] - self.counts[begin];
+                begin = end;
+            }
+            begin = 0;
+            for layer in &mut self.layers {
+                if layer.count > 0 {
+                    let mean =
+                        (self.sums[layer.end] - self.sums[begin]) as f64 / layer.count as f64;
+                    moved |= mean != layer.centre;
+                    layer.centre = mean;
+                }
+                begin = layer.end;
+            }
+            if !moved {
+                break;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lloyd on single pixels, without any cleverness.
+    fn brute_force(pixels: &[u16], mut centres: [f64; LAYERS], iterations: u32) -> [f64; LAYERS] {
+        for _ in 0..iterations {
+            let mut sums = [(0.0, 0.0); LAYERS];
+            for &pixel in pixels {
+                let mut best = 0;
+                for k in 1..LAYERS {
+                    if (f64::from(pixel) - centres[k]).abs()
+                        < (f64::from(pixel) - centres[best]).abs()
+                    {
+                        best = k;
+                    }
+                }
+                sums[best].0 += f64::from(pixel);
+                sums[best].1 += 1.0;
+            }
+            for k in 0..LAYERS {
+                if sums[k].1 > 0.0 {
+                    centres[k] = sums[k].0 / sums[k].1;
+                }
+            }
+        }
+        centres
+    }
+
+    #[test]
+    fn the_histogram_gives_exactly_what_the_pixels_give() {
+        let mut rng = fastrand::Rng::with_seed(11);
+        for round in 0..30 {
+            let modes: Vec<(u16, u16, usize)> = (0..rng.usize(1..6))
+                .map(|_| (rng.u16(380..1000), rng.u16(2..60), rng.usize(100..4000)))
+                .collect();
+            let mut pixels = Vec::new();
+            for (at, wide, n) in modes {
+                pixels.extend((0..n).map(|_| at + rng.u16(..wide)));
+            }
+            let mut histogram = [0u32; RAW_DEPTH_VALUES];
+            pixels.iter().for_each(|&p| histogram[usize::from(p)] += 1);
+            let mut kmeans = DepthKMeans::default();
+            kmeans.cluster(&histogram, 1);
+            let start = kmeans.layers.map(|l| l.centre);
+            kmeans.lloyd(7);
+            let expected = brute_force(&pixels, start, 7);
+            for (layer, centre) in kmeans.layers.iter().zip(expected) {
+                assert!((layer.centre - centre).abs() < 1e-9, "round {round}");
+            }
+        }
+    }
+
+    #[test]
+    fn layers_are_told_apart_and_the_same_frame_gives_the_same() {
+        let mut histogram = [0u32; RAW_DEPTH_VALUES];
+        for (at, n) in [(600, 8000u32), (640, 5000), (760, 900), (860, 60_000)] {
+            for k in 0..10 {
+                histogram[at + k] = n / 10;
+            }
+        }
+        let mut kmeans = DepthKMeans::default();
+        let first = *kmeans.cluster(&histogram, 30);
+        let again = *kmeans.cluster(&histogram, 30);
+        assert_eq!(first, again);
+        let ends = first.map(|l| l.end);
+        assert!(ends[2] > 769 && ends[2] <= 860, "{ends:?}");
+        assert_eq!(first.iter().map(|l| l.count).sum::<u64>(), 73_900);
+    }
+
+    #[test]
+    fn nothing_and_one_value_do_no_harm() {
+        let mut kmeans = DepthKMeans::default();
+        let mut histogram = [0u32; RAW_DEPTH_VALUES];
+        kmeans.cluster(&histogram, 10);
+        histogram[700] = 5;
+        let layers = kmeans.cluster(&histogram, 10);
+        assert_eq!(layers.iter().map(|l| l.count).sum::<u64>(), 5);
+    }
+}

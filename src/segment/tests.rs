@@ -1,0 +1,235 @@
+//! Synthetic pictures; heads of the simulated sensor are in `tests/tracks_a_head.rs`.
+
+use super::*;
+use crate::capacity::{HEIGHT, WIDTH};
+
+/// Nearest surface of simple solids along each pixel's ray.
+struct World {
+    /// Centre and radii of ellipsoids.
+    solids: Vec<([f32; 3], [f32; 3])>,
+    /// Left, top, right, bottom, distance of flat rectangles (metres).
+    panels: Vec<[f32; 5]>,
+}
+
+impl World {
+    fn frame(&self, camera: &Camera) -> Frame {
+        let mut frame = Frame::default();
+        for row in 0..HEIGHT {
+            for col in 0..WIDTH - 8 {
+                let ray = camera.point(col as f32, row as f32, 1.0).coords;
+                let mut z = f32::INFINITY;
+                for (c, r) in &self.solids {
+                    let (d, o) = (
+                        [0, 1, 2].map(|k| ray[k] / r[k]),
+                        [0, 1, 2].map(|k| -c[k] / r[k]),
+                    );
+                    let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+                    let (a, b, c) = (dot(d, d), dot(d, o), dot(o, o) - 1.0);
+                    let inside = b * b - a * c;
+                    if inside > 0.0 {
+                        z = z.min((-b - inside.sqrt()) / a);
+                    }
+                }
+                for [left, top, right, bottom, distance] in &self.panels {
+                    let (x, y) = (ray.x * distance, ray.y * distance);
+                    if x > *left && x < *right && y > *top && y < *bottom {
+                        z = z.min(*distance);
+                    }
+                }
+                if z.is_finite() && z > 0.4 {
+                    frame.depth[row * WIDTH + col] = camera.raw_from_m(z).round() as u16;
+                }
+            }
+        }
+        frame
+    }
+}
+
+fn person(x: f32, y: f32, z: f32) -> Vec<([f32; 3], [f32; 3])> {
+    vec![
+        ([x, y, z], [0.078, 0.115, 0.095]),
+        ([x, y + 0.14, z + 0.03], [0.055, 0.08, 0.055]),
+        ([x, y + 0.36, z + 0.04], [0.21, 0.19, 0.11]),
+    ]
+}
+
+const WALL: [f32; 5] = [-3.0, -3.0, 3.0, 3.0, 2.2];
+
+#[test]
+fn a_person_gives_one_head_of_the_right_place_and_size() {
+    let camera = Camera::nominal();
+    let mut segmenter = Segmenter::new(Settings::default());
+    for z in [0.6, 0.8, 1.0, 1.3] {
+        let world = World {
+            solids: person(0.05, -0.03, z),
+            panels: vec![WALL],
+        };
+        segmenter.reset();
+        let head = segmenter
+            .segment(&world.frame(&camera), &camera)
+            .unwrap_or_else(|| panic!("no head at {z}"));
+        assert!(
+            (head.centre.x - 0.05).abs() < 0.015 && (head.centre.y + 0.03).abs() < 0.04,
+            "{z}: {:?}",
+            head.centre
+        );
+        let pixels_per_m = camera.depth_focal_px() / z;
+        let high = f32::from(head.rect.y1 - head.rect.y0) / pixels_per_m;
+        assert!((0.19..0.30).contains(&high), "{z}: {high} m high");
+        assert!(head.points.len() > HEAD_POINTS / 4);
+        assert_eq!(segmenter.heads().len(), 1);
+    }
+}
+
+#[test]
+fn two_people_give_two_heads_and_the_one_followed_stays_first() {
+    let camera = Camera::nominal();
+    let mut segmenter = Segmenter::new(Settings::default());
+    let first = World {
+        solids: person(-0.15, -0.02, 1.0),
+        panels: vec![WALL],
+    };
+    assert!(segmenter.segment(&first.frame(&camera), &camera).is_some());
+    let mut both = first;
+    both.solids.extend(person(0.30, 0.0, 0.85));
+    let head = segmenter.segment(&both.frame(&camera), &camera).unwrap();
+    assert!(head.centre.x < 0.0, "the nearer newcomer took over");
+    assert_eq!(segmenter.heads().len(), 2);
+}
+
+#[test]
+fn what_is_no_head_gives_none() {
+    let camera = Camera::nominal();
+    let hand_flat = ([0.0, 0.0, 0.7], [0.05, 0.09, 0.012]);
+    let forearm = ([0.02, 0.2, 0.72], [0.04, 0.16, 0.04]);
+    let scenes: [(&str, World); 8] = [
+        (
+            "nothing",
+            World {
+                solids: vec![],
+                panels: vec![],
+            },
+        ),
+        (
+            "a wall",
+            World {
+                solids: vec![],
+                panels: vec![WALL],
+            },
+        ),
+        (
+            "a wall at head depth",
+            World {
+                solids: vec![],
+                panels: vec![[-3.0, -3.0, 3.0, 3.0, 0.7]],
+            },
+        ),
+        (
+            "a chair",
+            World {
+                solids: vec![],
+                panels: vec![WALL, [-0.2, 0.1, 0.25, 0.7, 1.1]],
+            },
+        ),
+        (
+            "a narrow board",
+            World {
+                solids: vec![],
+                panels: vec![WALL, [-0.09, -0.1, 0.09, 0.7, 0.9]],
+            },
+        ),
+        (
+            "a hand",
+            World {
+                solids: vec![hand_flat, forearm],
+                panels: vec![WALL],
+            },
+        ),
+        (
+            "a spread hand",
+            World {
+                solids: vec![([0.0, 0.0, 0.7], [0.09, 0.09, 0.01]), forearm],
+                panels: vec![WALL],
+            },
+        ),
+        (
+            "a big cushion",
+            World {
+                solids: vec![([0.0, 0.1, 1.0], [0.25, 0.22, 0.12])],
+                panels: vec![WALL],
+            },
+        ),
+    ];
+    for (name, world) in scenes {
+        let mut segmenter = Segmenter::new(Settings::default());
+        let frame = world.frame(&camera);
+        for _ in 0..3 {
+            assert!(
+                segmenter.segment(&frame, &camera).is_none(),
+                "{name} was taken for a head"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_hand_before_the_face_and_a_raised_one_do_not_take_the_head_away() {
+    let camera = Camera::nominal();
+    let mut segmenter = Segmenter::new(Settings::default());
+    let mut world = World {
+        solids: person(0.0, 0.0, 0.85),
+        panels: vec![WALL],
+    };
+    let free = segmenter
+        .segment(&world.frame(&camera), &camera)
+        .unwrap()
+        .pixels;
+    // Half the face behind a hand at 0.65 m.
+    world
+        .solids
+        .push(([0.04, 0.02, 0.65], [0.035, 0.06, 0.012]));
+    world.solids.push(([0.06, 0.2, 0.66], [0.03, 0.16, 0.03]));
+    let head = segmenter
+        .segment(&world.frame(&camera), &camera)
+        .expect("head behind the hand");
+    assert!(
+        head.centre.z > 0.72,
+        "the hand was taken: {:?}",
+        head.centre
+    );
+    assert!(head.pixels > free / 4 && head.pixels < free);
+    // A hand beside and above the head, the arm joined to the body.
+    let mut raised = World {
+        solids: person(0.0, 0.0, 0.85),
+        panels: vec![WALL],
+    };
+    raised
+        .solids
+        .push(([0.2, -0.12, 0.86], [0.045, 0.09, 0.03]));
+    raised.solids.push(([0.2, 0.1, 0.88], [0.04, 0.2, 0.04]));
+    segmenter.reset();
+    let head = segmenter
+        .segment(&raised.frame(&camera), &camera)
+        .expect("head beside the hand");
+    assert!(head.centre.x.abs() < 0.03, "{:?}", head.centre);
+}
+
+#[test]
+fn the_mask_shows_the_head_and_nothing_is_left_from_before() {
+    let camera = Camera::nominal();
+    let mut segmenter = Segmenter::new(Settings::default());
+    let world = World {
+        solids: person(0.0, 0.0, 0.8),
+        panels: vec![WALL],
+    };
+    segmenter.segment(&world.frame(&camera), &camera).unwrap();
+    assert_eq!(segmenter.mask().len(), COLUMNS * ROWS);
+    let heads = segmenter
+        .mask()
+        .iter()
+        .filter(|&&m| m == FOREGROUND + 1)
+        .count();
+    assert!(heads > 500);
+    assert!(segmenter.segment(&Frame::default(), &camera).is_none());
+    assert!(segmenter.mask().iter().all(|&m| m == BACKGROUND) && segmenter.heads().is_empty());
+}
