@@ -3,7 +3,7 @@
 #![cfg(feature = "studio")]
 #![expect(clippy::print_stdout, reason = "the tables are the point")]
 
-use std::path::PathBuf;
+mod common;
 
 use mien::capacity::{PIXELS, WIDTH};
 use mien::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
@@ -18,15 +18,8 @@ use mien::studio::train::standard_head::standard_head;
 use mien::time::Timestamp;
 
 fn ict() -> Option<IctHead> {
-    let data = std::env::var_os("MIEN_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let head = IctHead::read(&data.join("ict_facekit")).ok();
-    if head.is_none() {
-        println!("skipped: no ict_facekit under {}", data.display());
-    }
-    head
+    let data = common::data()?;
+    Some(IctHead::read(&data.join("ict_facekit")).expect("the ICT head"))
 }
 
 /// A person whose head differs from the mean by random identity modes; seed 0 is the mean itself.
@@ -159,10 +152,10 @@ fn play(ict: &IctHead, seed: u64, scene: Scene, frames: u64, settings: Settings)
 #[test]
 fn follows_strangers_through_every_expression() {
     let Some(ict) = ict() else { return };
-    Run::heading("acted, 20 s, default");
+    Run::heading("acted, 10 s, default");
     let mut all = Vec::new();
-    for seed in 0..6 {
-        let run = play(&ict, seed, Scene::Acted, 600, Settings::default());
+    for seed in 0..4 {
+        let run = play(&ict, seed, Scene::Acted, 300, Settings::default());
         run.line(&format!("person {seed}"));
         all.push(run);
     }
@@ -177,6 +170,106 @@ fn follows_strangers_through_every_expression() {
     }
     let mean = all.iter().map(|r| r.rotation().0).sum::<f32>() / all.len() as f32;
     assert!(mean < 2.0, "{mean} deg");
+}
+
+#[test]
+#[ignore = "takes minutes: for choosing the filter, the settings, and for times"]
+fn filters_and_times() {
+    use mien::pose::smoothing::PoseFilter;
+    let Some(ict) = ict() else { return };
+    let filters = [
+        ("off", Smoothing::Off),
+        ("window 2", Smoothing::Window(2)),
+        ("window 3", Smoothing::Window(3)),
+        ("window 5", Smoothing::Window(5)),
+        (
+            "adaptive 1.5 60",
+            Smoothing::Adaptive {
+                rest_hz: 1.5,
+                rise: 60.0,
+            },
+        ),
+        (
+            "adaptive 2.5 60",
+            Smoothing::Adaptive {
+                rest_hz: 2.5,
+                rise: 60.0,
+            },
+        ),
+        (
+            "adaptive 2.5 150",
+            Smoothing::Adaptive {
+                rest_hz: 2.5,
+                rise: 150.0,
+            },
+        ),
+        (
+            "adaptive 2.5 300",
+            Smoothing::Adaptive {
+                rest_hz: 2.5,
+                rise: 300.0,
+            },
+        ),
+        (
+            "adaptive 1.5 300",
+            Smoothing::Adaptive {
+                rest_hz: 1.5,
+                rise: 300.0,
+            },
+        ),
+    ];
+    let settings = Settings {
+        smoothing: Smoothing::Off,
+        ..Settings::default()
+    };
+    let (mut segment_us, mut pose_us) = (Vec::new(), Vec::new());
+    for scene in [Scene::Acted, Scene::Still] {
+        for seed in if scene == Scene::Still { 0..2 } else { 0..6 } {
+            let mut simulator = Simulator::new(stranger(&ict, seed), scene, 100 + seed);
+            let mut tracker = PoseTracker::new(settings, &standard_head(&ict)).unwrap();
+            let mut segmenter = Segmenter::new(mien::segment::Settings::default());
+            let mut frame = Frame::default();
+            let mut poses = Vec::new();
+            for k in 0..300 {
+                let truth = simulator.draw(at(k), &mut frame).expect("somebody");
+                let start = std::time::Instant::now();
+                let cloud = segmenter.segment(&frame, simulator.camera());
+                segment_us.push(start.elapsed().as_micros());
+                let start = std::time::Instant::now();
+                let found = cloud.and_then(|cloud| tracker.track(cloud, at(k)));
+                pose_us.push(start.elapsed().as_micros());
+                poses.push((truth.sensor_from_head, found.map(|f| f.sensor_from_head)));
+            }
+            Run::heading(&format!("{scene:?}, person {seed}"));
+            for (name, smoothing) in filters {
+                let mut filter = PoseFilter::new(smoothing);
+                let mut run = Run {
+                    scale: tracker.head_scale(),
+                    ..Run::default()
+                };
+                for (k, (truth, found)) in (0..).zip(&poses) {
+                    run.add(truth, found.map(|f| filter.smooth(f, at(k))));
+                }
+                run.line(name);
+                if smoothing == Smoothing::Off {
+                    let mean = run.turns.iter().sum::<Vector>() / run.turns.len() as f32;
+                    println!(
+                        "    fixed offset, deg: {:.2} {:.2} {:.2}",
+                        mean.x, mean.y, mean.z
+                    );
+                }
+            }
+        }
+    }
+    for (name, mut us) in [("segment", segment_us), ("pose", pose_us)] {
+        us.sort_unstable();
+        println!(
+            "{name}: median {} us, p99 {} us, max {} us",
+            us[us.len() / 2],
+            us[us.len() * 99 / 100],
+            us[us.len() - 1]
+        );
+    }
 }
 
 #[test]

@@ -93,6 +93,8 @@ const SETTLE_M: [f32; 8] = [0.015, 0.012, 0.010, 0.010, 0.008, 0.008, 0.008, 0.0
 const FOLLOW_M: [f32; 6] = [0.020, 0.012, 0.008, 0.006, 0.006, 0.006];
 /// Every so many-th point while searching.
 const SEARCH_STRIDE: usize = 8;
+/// Starts that are aligned with all points.
+const FINALISTS: usize = 5;
 /// Without a pose for this long the prediction means nothing, seconds.
 const COAST_S: f64 = 0.2;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
@@ -117,6 +119,8 @@ pub struct PoseTracker {
     /// Paper's method: the last frame's cloud, and the pairs' room.
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
+    /// Anchor points that a cloud reaches.
+    hit: Vec<bool>,
 }
 
 impl PoseTracker {
@@ -130,6 +134,7 @@ impl PoseTracker {
         })?;
         Ok(Self {
             shape: HeadShape::standard(anchor.points.len()),
+            hit: vec![false; anchor.points.len()],
             anchor,
             filter: PoseFilter::new(settings.smoothing),
             settings,
@@ -247,27 +252,45 @@ impl PoseTracker {
     }
 
     /// The best end over all starts, aligned with all points.
-    fn search(&self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
+    fn search(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
         let effort = Effort {
             cutoffs_m: &SEARCH_M,
             stride: SEARCH_STRIDE,
             scale_sigma,
         };
-        let best = start::starts(&self.anchor, cloud)
-            .filter_map(|start| plane::align(&self.anchor, &self.shape, cloud, start, &effort))
-            .max_by(|a, b| (a.agreement * a.on_face).total_cmp(&(b.agreement * b.on_face)))?;
+        let merit = |fit: &PlaneFit| fit.agreement * fit.on_face;
+        // The best few ends: thinned and loosely cut off, they cannot be told apart for sure.
+        let mut best: heapless::Vec<PlaneFit, FINALISTS> = heapless::Vec::new();
+        for start in start::starts(&self.anchor, cloud) {
+            let Some(fit) = plane::align(&self.anchor, &self.shape, cloud, start, &effort) else {
+                continue;
+            };
+            let place = best.iter().position(|other| merit(&fit) > merit(other));
+            if place.is_some() && best.is_full() {
+                best.pop();
+            }
+            // Full and worse than all: dropped.
+            let _ = best.insert(place.unwrap_or(best.len()), fit);
+        }
         let effort = Effort {
             cutoffs_m: &SETTLE_M,
             stride: 1,
             scale_sigma,
         };
-        plane::align(
-            &self.anchor,
-            &self.shape,
-            cloud,
-            best.head_from_sensor,
-            &effort,
-        )
+        let mut winner: Option<(f32, PlaneFit)> = None;
+        for start in best {
+            let start = start.head_from_sensor;
+            let end = plane::align(&self.anchor, &self.shape, cloud, start, &effort);
+            if let Some(fit) = end {
+                let covered =
+                    plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
+                let merit = merit(&fit) * covered;
+                if winner.is_none_or(|(best, _)| merit > best) {
+                    winner = Some((merit, fit));
+                }
+            }
+        }
+        winner.map(|(_, fit)| fit)
     }
 
     fn track_points(&mut self, cloud: &[Point]) -> Option<(Rigid, f32, f32)> {

@@ -68,6 +68,42 @@ pub(crate) fn pair(
     Some((i, n.dot(&(x - anchor.points[i])) - shape.offset[i]))
 }
 
+/// Distance from the anchor up to which a live point covers a place, metres.
+const COVERED_M: f32 = 0.008;
+
+/// Of the anchor's area that faces the camera, the share that live points lie on, 0…1: a wrong pose may lay all points on a
+/// cheek, and leaves the rest of the face empty. `hit` is work space, one per anchor point.
+pub(crate) fn coverage(
+    anchor: &Anchor,
+    shape: &HeadShape,
+    cloud: &[Point],
+    fit: &PlaneFit,
+    hit: &mut [bool],
+) -> f32 {
+    hit.fill(false);
+    let camera = Point::from(fit.head_from_sensor.translation.vector);
+    for p in cloud {
+        let q = fit.head_from_sensor * p;
+        if let Some((i, r)) = pair(anchor, shape, &q, 1.0 / fit.scale, &camera)
+            && r.abs() < COVERED_M
+        {
+            hit[i] = true;
+        }
+    }
+    let (mut facing, mut covered) = (0.0, 0.0);
+    for i in 0..anchor.points.len() {
+        let towards = anchor.points[i] * fit.scale - camera;
+        if anchor.rim[i] || anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm() {
+            continue;
+        }
+        facing += 1.0;
+        if hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]) {
+            covered += 1.0;
+        }
+    }
+    covered / f32::max(facing, 1.0)
+}
+
 /// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
 const EVIDENCE_M: f64 = 0.004;
 /// Live points whose errors hang together count as one; of some 1500 so many are independent.
