@@ -41,7 +41,7 @@ impl Default for Smoothing {
     fn default() -> Self {
         Self::Adaptive {
             rest_hz: 2.5,
-            rise: 60.0,
+            rise: 300.0,
         }
     }
 }
@@ -212,7 +212,7 @@ mod tests {
         let (jitter, lag) = line("default", Smoothing::default());
         let (window, window_lag) = jitter_and_lag(Smoothing::Window(3));
         assert!(
-            jitter < window && lag < window_lag * 1.2,
+            jitter < window && lag < window_lag * 0.5,
             "no better than a window"
         );
     }
