@@ -152,10 +152,10 @@ fn play(ict: &IctHead, seed: u64, scene: Scene, frames: u64, settings: Settings)
 #[test]
 fn follows_strangers_through_every_expression() {
     let Some(ict) = ict() else { return };
-    Run::heading("acted, 10 s, default");
+    Run::heading("acted, 8 s, default");
     let mut all = Vec::new();
-    for seed in 0..3 {
-        let run = play(&ict, seed, Scene::Acted, 300, Settings::default());
+    for seed in [0, 3] {
+        let run = play(&ict, seed, Scene::Acted, 240, Settings::default());
         run.line(&format!("person {seed}"));
         all.push(run);
     }
@@ -276,7 +276,7 @@ fn filters_and_times() {
 #[test]
 fn the_methods_compared() {
     let Some(ict) = ict() else { return };
-    Run::heading("acted, 6.7 s, person 0 and 3");
+    Run::heading("acted, 4 s, a stranger");
     let off = Settings {
         smoothing: Smoothing::Off,
         ..Settings::default()
@@ -315,8 +315,8 @@ fn the_methods_compared() {
         ),
     ];
     for (name, settings) in variants {
-        for seed in [0, 3] {
-            let run = play(&ict, seed, Scene::Acted, 200, settings);
+        for seed in [3] {
+            let run = play(&ict, seed, Scene::Acted, 120, settings);
             run.line(&format!("{name} {seed}"));
             let allowed = if settings.method == Method::Paper {
                 6.0
@@ -341,7 +341,7 @@ fn the_first_frame_over_pose_and_distance() {
     let (mut worst, mut lost, mut total, mut least_iou) = (0.0f32, 0, 0, 1.0f32);
     for seed in [0, 1] {
         let mut simulator = Simulator::new(stranger(&ict, seed), Scene::Still, seed);
-        for z in [0.6, 0.9, 1.5] {
+        for z in [0.7, 1.2] {
             print!("person {seed}, {z:.1} m:");
             for yaw in [-45.0, -25.0, 0.0, 25.0, 45.0] {
                 print!("  {yaw:>4.0}:");
@@ -424,7 +424,7 @@ fn an_empty_room_gives_nobody_and_who_leaves_is_found_again() {
     }
     let mut simulator = Simulator::new(stranger(&ict, 0), Scene::Leaving, 1);
     let (mut nobody, mut ghosts, mut back) = (0, 0, None);
-    for k in (0..600).step_by(2) {
+    for k in (0..480).step_by(3) {
         let truth = simulator.draw(at(k), &mut frame);
         let found = segmenter
             .segment(&frame, simulator.camera())
@@ -445,7 +445,7 @@ fn an_empty_room_gives_nobody_and_who_leaves_is_found_again() {
         }
     }
     println!("frames with nobody {nobody}, ghosts {ghosts}, found again {back:?}");
-    assert!(nobody > 50 && ghosts == 0);
+    assert!(nobody > 30 && ghosts == 0);
     let (k, error) = back.expect("found again");
     assert!(k < 15 * 30 + 15 && error < 4.0);
 }
