@@ -14,8 +14,15 @@
 //! multiplications. Degenerate: a raw value without a distance gives 0; a point at z ≤ 0 projects to nothing useful (the
 //! result may be infinite). Limitation: no lens distortion beyond what the device's polynomial holds.
 
-use crate::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+mod mapping;
+mod registration;
+
+pub use mapping::RegistrationTable;
+pub use registration::{Padding, Registration, RegistrationIntegers, ZeroPlane};
+
+use crate::capacity::RAW_DEPTH_VALUES;
 use crate::geometry::Point;
+use mapping::{Axis, Cubic};
 
 /// Distances are delivered below this, millimetres; what lies farther is no measurement.
 const FARTHEST_MM: f64 = 10_000.0;
@@ -25,116 +32,6 @@ const CENTRE_COLUMN: f32 = 320.0;
 const CENTRE_ROW: f32 = 240.0;
 /// Offset, in pixels, which the device's own arithmetic applies to raw values and to the colour shift.
 const DEVICE_OFFSET: f64 = 0.375;
-
-macro_rules! registration_integers {
-    ($($name:ident = $sample:literal),* $(,)?) => {
-        /// The 29 integers that describe the mapping from depth to colour pixels, as the device names them. The large
-        /// ones are negative numbers in fewer bits.
-        #[derive(Clone, Debug, PartialEq, Eq)]
-        pub struct RegistrationIntegers {
-            $(#[doc = concat!("`", stringify!($name), "` of the device's block.")] pub $name: i32,)*
-        }
-
-        impl RegistrationIntegers {
-            /// Names in the device's order.
-            pub const NAMES: [&'static str; 29] = [$(stringify!($name)),*];
-
-            /// All zero: what stands for the absent ones when a file names only some.
-            #[must_use]
-            pub const fn zero() -> Self {
-                Self { $($name: 0),* }
-            }
-
-            /// In the device's order.
-            #[must_use]
-            pub const fn to_array(&self) -> [i32; 29] {
-                [$(self.$name),*]
-            }
-
-            /// By name; `None` for a name that is not one of [`Self::NAMES`].
-            pub fn by_name(&mut self, name: &str) -> Option<&mut i32> {
-                match name {
-                    $(stringify!($name) => Some(&mut self.$name),)*
-                    _ => None,
-                }
-            }
-        }
-
-        impl Default for RegistrationIntegers {
-            /// The block of one real unit.
-            fn default() -> Self {
-                Self { $($name: $sample),* }
-            }
-        }
-    };
-}
-
-registration_integers! {
-    dx_center = 2_048_330_528, ax = 1964, bx = 56, cx = -26, dx = 600, dx_start = 6161, ay = -13, by = 2825, cy = 684,
-    dy = 5, dy_start = 6434, dx_beta_start = 10062, dy_beta_start = 130_801, rollout_blank = 0, rollout_size = 0,
-    dx_beta_inc = 170, dy_beta_inc = 136, dxdx_start = 2_095_986, dxdy_start = 890, dydx_start = 763,
-    dydy_start = 2_096_378, dxdxdx_start = 134_215_474, dydxdx_start = 134_217_093, dxdxdy_start = 134_216_989,
-    dydxdy_start = 134_216_925, back_comp1 = 0, dydydx_start = 134_216_984, back_comp2 = 0, dydydy_start = 134_214_659,
-}
-
-/// Rows and columns the device cuts off; all zero on the sensors known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Padding {
-    /// Rows above the picture.
-    pub start_lines: u16,
-    /// Rows below the picture.
-    pub end_lines: u16,
-    /// Rows cropped.
-    pub cropping_lines: u16,
-}
-
-/// The triangle of emitter, camera and reference plane. Lengths in centimetres, as the device gives them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ZeroPlane {
-    /// E: depth camera to emitter.
-    pub dcmos_emitter_distance: f32,
-    /// B: depth camera to colour camera.
-    pub dcmos_rcmos_distance: f32,
-    /// D: distance of the reference plane.
-    pub reference_distance: f32,
-    /// P: size of a pixel of the 1280×1024 picture on the reference plane.
-    pub reference_pixel_size: f32,
-}
-
-impl Default for ZeroPlane {
-    fn default() -> Self {
-        Self {
-            dcmos_emitter_distance: 7.5,
-            dcmos_rcmos_distance: 2.4,
-            reference_distance: 120.0,
-            reference_pixel_size: 0.1042,
-        }
-    }
-}
-
-/// Calibration as read from the device. The default is a real unit's block with the usual optics.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Registration {
-    /// Depth pixel to colour pixel.
-    pub integers: RegistrationIntegers,
-    /// Rows cut off.
-    pub padding: Padding,
-    /// Raw depth to distance.
-    pub zero_plane: ZeroPlane,
-    /// C: shift of raw depth, in quarters of the raw unit's four.
-    pub const_shift: u16,
-}
-
-impl Default for Registration {
-    fn default() -> Self {
-        Self {
-            integers: RegistrationIntegers::default(),
-            padding: Padding::default(),
-            zero_plane: ZeroPlane::default(),
-            const_shift: 200,
-        }
-    }
-}
 
 /// The optics of [`ZeroPlane`], widened once.
 #[derive(Clone, Copy, Debug)]
@@ -278,191 +175,6 @@ impl Camera {
     }
 }
 
-/// The registration polynomial of one axis as forward differences in fixed point, the device's own form.
-#[derive(Clone, Copy, Debug)]
-struct Axis {
-    /// Third differences: along the row, along the column, and the two mixed ones.
-    a: i64,
-    b: i64,
-    c: i64,
-    d: i64,
-    v: i64,
-    vc: i64,
-    vr: i64,
-    vcc: i64,
-    vrc: i64,
-    vrr: i64,
-}
-
-/// The low `bits` of `value`, as a signed number.
-fn signed(value: i32, bits: u32) -> i64 {
-    i64::from(value << (32 - bits) >> (32 - bits))
-}
-
-impl Axis {
-    fn both(r: &RegistrationIntegers) -> [Self; 2] {
-        let axis = |[a, b, c, d]: [i32; 4], [v, vc, vr, vcc, vrc, vrr]: [i32; 6]| Self {
-            a: a.into(),
-            b: b.into(),
-            c: c.into(),
-            d: d.into(),
-            v: signed(v, 19) << 9,
-            vc: signed(vc, 21) << 8,
-            vr: signed(vr, 21) << 8,
-            vcc: signed(vcc, 24) << 8,
-            vrc: signed(vrc, 24) << 8,
-            vrr: signed(vrr, 24) << 8,
-        };
-        [
-            axis(
-                [r.ax, r.bx, r.cx, r.dx],
-                [
-                    r.dx_start,
-                    r.dxdx_start,
-                    r.dydx_start,
-                    r.dxdxdx_start,
-                    r.dydxdx_start,
-                    r.dydydx_start,
-                ],
-            ),
-            axis(
-                [r.ay, r.by, r.cy, r.dy],
-                [
-                    r.dy_start,
-                    r.dxdy_start,
-                    r.dydy_start,
-                    r.dxdxdy_start,
-                    r.dydxdy_start,
-                    r.dydydy_start,
-                ],
-            ),
-        ]
-    }
-
-    /// Steps to the next row. Must also be called before the first: the device counts rows from 1.
-    fn step_row(&mut self) {
-        self.vcc += self.c;
-        self.vc += self.vrc >> 8;
-        self.vrc += self.d;
-        self.v += self.vr >> 6;
-        self.vr += self.vrr >> 8;
-        self.vrr += self.b;
-    }
-
-    /// The displacements of the present row, in pixels.
-    fn row(&self) -> impl Iterator<Item = f64> {
-        let (mut p, mut q, mut s, a) = (self.v, self.vc, self.vcc, self.a);
-        (0..WIDTH).map(move |_| {
-            let displacement = p as f64 / f64::from(1 << 17);
-            p += q >> 6;
-            q += s >> 8;
-            s += a;
-            displacement
-        })
-    }
-
-    /// The polynomial behind the differences. Sums of differences are binomials: after n steps a constant third
-    /// difference has added up to n(n−1)(n−2)/6, a second one to n(n−1)/2. Each truncating shift loses half a unit on
-    /// average; taking that half out of the summand leaves a few thousandths of a pixel at the far corner.
-    fn polynomial(&self) -> Cubic {
-        let [a, b, c, d, v, vc, vr, vcc, vrc, vrr] = [
-            self.a, self.b, self.c, self.d, self.v, self.vc, self.vr, self.vcc, self.vrc, self.vrr,
-        ]
-        .map(|state| state as f64);
-        let (vc, vr) = (vc - 32.0, vr - 32.0);
-        let (vcc, vrc, vrr) = (vcc - 128.0, vrc - 128.0, vrr - 128.0);
-        // Each level is kept with more fraction bits than the one it feeds: 2^6 for the first, 2^8 more for the others.
-        let (first, second) = (1.0 / 64.0, 1.0 / (64.0 * 256.0));
-        let third = second;
-        let unit = 1.0 / f64::from(1 << 17);
-        let binomial2 = |k: f64| [0.0, -0.5 * k, 0.5 * k, 0.0];
-        let binomial3 = |k: f64| [0.0, k / 3.0, -0.5 * k, k / 6.0];
-        let mut t = [[0.0; 4]; 4]; // t[i][j]: column^i, n^j
-        let mut add = |i: usize, j: [f64; 4]| {
-            for (to, from) in t[i].iter_mut().zip(j) {
-                *to += from * unit;
-            }
-        };
-        add(0, [v, vr * first, 0.0, 0.0]);
-        add(0, binomial2(vrr * second));
-        add(0, binomial3(b * third));
-        // Change per column, a quadratic of n.
-        add(1, [vc * first, vrc * second, 0.0, 0.0]);
-        add(1, binomial2(d * second));
-        // Second difference along the row, linear in n; binomial of the column.
-        add(1, [-0.5 * vcc * second, -0.5 * c * second, 0.0, 0.0]);
-        add(2, [0.5 * vcc * second, 0.5 * c * second, 0.0, 0.0]);
-        for (i, k) in binomial3(a * third).into_iter().enumerate().skip(1) {
-            add(i, [k, 0.0, 0.0, 0.0]);
-        }
-        Cubic(t)
-    }
-}
-
-/// A polynomial of column and row: `Σ t[i][j] column^i (row + 1)^j`, i + j ≤ 3.
-#[derive(Clone, Copy, Debug)]
-struct Cubic([[f64; 4]; 4]);
-
-impl Cubic {
-    fn at(&self, col: f64, row: f64) -> f64 {
-        let [t0, t1, t2, t3] = &self.0;
-        let n = row + 1.0;
-        let c0 = ((t0[3] * n + t0[2]) * n + t0[1]) * n + t0[0];
-        let c1 = (t1[2] * n + t1[1]) * n + t1[0];
-        let c2 = t2[1] * n + t2[0];
-        ((t3[0] * col + c2) * col + c1) * col + c0
-    }
-}
-
-/// The drivers' mapping from depth pixels to colour pixels in whole numbers.
-pub struct RegistrationTable {
-    /// Rectified column × 256; 1280 × 256 = outside.
-    x: Box<[u32; PIXELS]>,
-    /// Row; meaningless outside.
-    y: Box<[i32; PIXELS]>,
-    /// Shift along the row for each millimetre, × 256.
-    shift: Box<[i32; FARTHEST_MM as usize]>,
-}
-
-impl RegistrationTable {
-    /// Runs the device's recurrence over all pixels.
-    #[must_use]
-    pub fn new(registration: &Registration) -> Self {
-        let [mut horizontal, mut vertical] = Axis::both(&registration.integers);
-        let (mut x, mut y, mut shift) = (boxed(0u32), boxed(0i32), boxed(0i32));
-        for row in 0..HEIGHT {
-            horizontal.step_row();
-            vertical.step_row();
-            for (col, (dx, dy)) in horizontal.row().zip(vertical.row()).enumerate() {
-                let (mut to_x, to_y) = (col as f64 + dx + 1.0, row as f64 + dy + 1.0);
-                if to_x < 0.0 || to_y < 0.0 || to_x >= WIDTH as f64 || to_y >= HEIGHT as f64 {
-                    to_x = 2.0 * WIDTH as f64;
-                }
-                x[row * WIDTH + col] = (to_x * 256.0) as u32;
-                y[row * WIDTH + col] = to_y as i32;
-            }
-        }
-        let optics = Optics::new(registration);
-        for (z_mm, shift) in shift.iter_mut().enumerate().skip(1) {
-            *shift = (optics.colour_shift(z_mm as f64) * 256.0) as i32;
-        }
-        Self { x, y, shift }
-    }
-
-    /// Colour pixel (column, row) of a depth pixel at `z_mm` whole millimetres; `None` without a distance or outside.
-    #[must_use]
-    pub fn colour_pixel(&self, col: usize, row: usize, z_mm: u16) -> Option<[usize; 2]> {
-        if col >= WIDTH || row >= HEIGHT || z_mm == 0 {
-            return None;
-        }
-        let shift = *self.shift.get(usize::from(z_mm))?;
-        let pixel = row * WIDTH + col;
-        let x = (i64::from(self.x[pixel]) + i64::from(shift)) >> 8;
-        let x = usize::try_from(x).ok().filter(|&x| x < WIDTH)?;
-        Some([x, usize::try_from(self.y[pixel]).ok()?])
-    }
-}
-
 /// An array on the heap that never passes over the stack.
 fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
     match vec![value; N].into_boxed_slice().try_into() {
@@ -474,6 +186,7 @@ fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capacity::{HEIGHT, WIDTH};
 
     #[test]
     fn raw_values_are_the_reference_distances() {

@@ -8,7 +8,7 @@
 //! | `device.json` | calibration of the sensor; optional, the nominal one without it |
 //!
 //! Ticks are the camera's 60 MHz counter and the only clock used here: wall time depends on when the recording computer
-//! got round to it. [`index`] unwraps them and pairs the pictures, [`write`] is the other direction, [`device`] the
+//! got round to it. `index` unwraps them and pairs the pictures, `write` is the other direction, [`device`] the
 //! calibration.
 //!
 //! A damaged or missing file skips its frame with a warning and a count and never ends the run. Memory: 0.9 MB of reused
