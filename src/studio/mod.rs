@@ -3,6 +3,7 @@
 pub mod fit;
 pub mod heads;
 pub mod ict;
+pub mod inspect;
 pub mod nrsfm;
 pub mod priors;
 pub mod split;
