@@ -101,6 +101,7 @@ pub struct Texture {
 
 impl Texture {
     /// Colour at pixel coordinates (pixel centres are integers), bilinear, clamped to the border. Black if empty.
+    #[inline]
     #[must_use]
     pub fn at(&self, x: f32, y: f32) -> [f32; 3] {
         if self.width < 2 || self.height < 2 {

@@ -24,10 +24,13 @@ impl Shape {
                 let (sin_s, cos_s) =
                     (std::f32::consts::TAU * segment as f32 / SEGMENTS as f32).sin_cos();
                 let unit = Vector::new(sin_r * cos_s, cos_r, sin_r * sin_s);
-                let [x, y, z] = [0, 1, 2].map(|k| centre[k] + radii[k] * unit[k]);
+                // Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
+                let [x, y, z] =
+                    [0, 1, 2].map(|k| ((centre[k] + radii[k] * unit[k]) * 1e4).round() * 1e-4);
                 self.vertices.push(Point::new(x, y, z));
                 let [u, v, w] = [0, 1, 2].map(|k| unit[k] / radii[k]);
-                self.normals.push(Vector::new(u, v, w).normalize());
+                let normal = Vector::new(u, v, w).normalize();
+                self.normals.push(normal.map(|c| (c * 1e3).round() * 1e-3));
                 // Stripes give the clothes an edge here and there.
                 let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
                 self.colour.push(colour.map(|c| c * shade));

@@ -64,8 +64,10 @@ impl Canvas {
     }
 }
 
+/// Nearest grey level; the conversion itself stops at 0 and 255.
+#[inline]
 fn grey(value: f32) -> u8 {
-    (value + 0.5).clamp(0.0, 255.0) as u8
+    (value + 0.5) as u8
 }
 
 /// Work space for one head.
@@ -190,7 +192,12 @@ impl HeadPainter {
         for (&triangle, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
             let [a, b, c] = self.turned(triangle);
             let corners = [self.corners[a], self.corners[b], self.corners[c]];
-            let gain = light.tint.map(|t| t * light.parts[part as usize]);
+            let part = light.parts[part as usize];
+            let gain = [
+                light.tint[0] * part,
+                light.tint[1] * part,
+                light.tint[2] * part,
+            ];
             let (ca, cb, cc) = (asset.colour[a], asset.colour[b], asset.colour[c]);
             let (sa, sb, sc) = (
                 asset.photo_share[a],
@@ -203,7 +210,11 @@ impl HeadPainter {
             window.include(depth.triangle(corners, |index, u, v| {
                 let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
                 let bright = mix(ba, bb, bc);
-                let mut colour = [0, 1, 2].map(|k| mix(ca[k], cb[k], cc[k]));
+                let mut colour = [
+                    mix(ca[0], cb[0], cc[0]),
+                    mix(ca[1], cb[1], cc[1]),
+                    mix(ca[2], cb[2], cc[2]),
+                ];
                 if let Some(texture) = photograph {
                     let share = mix(sa, sb, sc);
                     let x = mix(pa[0], pb[0], pc[0]) * shrink + shift;
@@ -213,7 +224,11 @@ impl HeadPainter {
                         colour[k] += share * (photo[k] - colour[k]);
                     }
                 }
-                rgb[index] = [0, 1, 2].map(|k| grey(colour[k] * bright * gain[k]));
+                rgb[index] = [
+                    grey(colour[0] * bright * gain[0]),
+                    grey(colour[1] * bright * gain[1]),
+                    grey(colour[2] * bright * gain[2]),
+                ];
             }));
         }
         window
@@ -311,9 +326,10 @@ impl ShapePainter {
             });
             let corners = [self.corners[a], self.corners[b], self.corners[c]];
             window.include(depth.triangle(corners, |index, u, v| {
-                rgb[index] = [0, 1, 2].map(|k| {
+                let mix = |k: usize| {
                     grey(lit[0][k] + u * (lit[1][k] - lit[0][k]) + v * (lit[2][k] - lit[0][k]))
-                });
+                };
+                rgb[index] = [mix(0), mix(1), mix(2)];
             }));
         }
         window

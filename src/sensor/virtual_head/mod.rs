@@ -242,20 +242,36 @@ fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
     if left >= right || top >= bottom {
         return;
     }
+    let sum = |a: u8, b: u8, c: u8, half: u16| {
+        ((u16::from(a) + 2 * u16::from(b) + u16::from(c) + half) / 4) as u8
+    };
+    let count = right - left;
     for row in top - 1..=bottom {
-        for col in left..right {
-            let at = row * WIDTH + col;
-            let (a, b, c) = (rgb[at - 1], rgb[at], rgb[at + 1]);
-            scratch[at] = [0, 1, 2]
-                .map(|k| ((u16::from(a[k]) + 2 * u16::from(b[k]) + u16::from(c[k])) / 4) as u8);
+        let at = row * WIDTH + left;
+        let line = &rgb[at - 1..at + count + 1];
+        for (out, near) in scratch[at..at + count].iter_mut().zip(line.windows(3)) {
+            let (a, b, c) = (near[0], near[1], near[2]);
+            *out = [
+                sum(a[0], b[0], c[0], 0),
+                sum(a[1], b[1], c[1], 0),
+                sum(a[2], b[2], c[2], 0),
+            ];
         }
     }
     for row in top..bottom {
-        for col in left..right {
-            let at = row * WIDTH + col;
-            let (a, b, c) = (scratch[at - WIDTH], scratch[at], scratch[at + WIDTH]);
-            rgb[at] = [0, 1, 2]
-                .map(|k| ((u16::from(a[k]) + 2 * u16::from(b[k]) + u16::from(c[k]) + 2) / 4) as u8);
+        let at = row * WIDTH + left;
+        let (above, here, below) = (
+            &scratch[at - WIDTH..][..count],
+            &scratch[at..][..count],
+            &scratch[at + WIDTH..][..count],
+        );
+        for (k, out) in rgb[at..at + count].iter_mut().enumerate() {
+            let (a, b, c) = (above[k], here[k], below[k]);
+            *out = [
+                sum(a[0], b[0], c[0], 2),
+                sum(a[1], b[1], c[1], 2),
+                sum(a[2], b[2], c[2], 2),
+            ];
         }
     }
 }

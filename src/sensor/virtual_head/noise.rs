@@ -73,9 +73,11 @@ impl Tiles {
         Self { white, smooth }
     }
 
-    fn row(tile: &[f32], row: usize) -> &[f32] {
+    fn row(tile: &[f32], row: usize) -> &[f32; SIDE] {
         let start = (row % SIDE) * SIDE;
-        &tile[start..start + SIDE]
+        tile[start..start + SIDE]
+            .first_chunk()
+            .expect("a row is SIDE long")
     }
 }
 
@@ -99,9 +101,16 @@ impl DepthReading {
         let (o1, o2, o3, o4) = (offset(1), offset(2), offset(3), offset(4));
         let mut dark = [false; WIDTH];
         for row in 0..HEIGHT {
-            let here = &inverse[row * WIDTH..(row + 1) * WIDTH];
-            let above = &inverse[row.saturating_sub(1) * WIDTH..][..WIDTH];
-            let below = &inverse[(row + 1).min(HEIGHT - 1) * WIDTH..][..WIDTH];
+            let line = |row: usize| {
+                inverse[row * WIDTH..]
+                    .first_chunk::<WIDTH>()
+                    .expect("a row of the picture")
+            };
+            let (above, here, below) = (
+                line(row.saturating_sub(1)),
+                line(row),
+                line((row + 1).min(HEIGHT - 1)),
+            );
             self.shade(here, &mut dark);
             let jitter = Tiles::row(&tiles.white, row + o1);
             let wobble = Tiles::row(&tiles.smooth, row + o2);
@@ -144,7 +153,7 @@ impl DepthReading {
 
     /// Marks what the projector does not light. Seen from the projector a pixel stands at column + raw / 8 (plus a
     /// constant); going left, that must fall, else something nearer to the right is in the way.
-    fn shade(&self, inverse: &[f32], dark: &mut [bool; WIDTH]) {
+    fn shade(&self, inverse: &[f32; WIDTH], dark: &mut [bool; WIDTH]) {
         let mut nearest = f32::INFINITY;
         for col in (0..WIDTH).rev() {
             let seen = col as f32 + self.raw_per_inverse * inverse[col] * 0.125;
@@ -167,14 +176,21 @@ pub(crate) fn expose(
     let (o5, o6) = (offset(5), offset(6));
     for row in 0..HEIGHT {
         let noise = Tiles::row(&tiles.white, row + o5);
-        let colours = &rgb[row * WIDTH..(row + 1) * WIDTH];
+        let colours = rgb[row * WIDTH..(row + 1) * WIDTH]
+            .first_chunk::<WIDTH>()
+            .expect("a row");
         let out = &mut bayer[row * WIDTH..(row + 1) * WIDTH];
-        let channel = if row % 2 == 0 { [1, 0] } else { [2, 1] };
-        for col in 0..WIDTH {
-            let value = f32::from(colours[col][channel[col % 2]]) * exposure
-                + sigma * noise[(col + o6) % SIDE]
-                + 0.5;
-            out[col] = value.clamp(0.0, 255.0) as u8;
+        let (even, odd) = if row % 2 == 0 { (1, 0) } else { (2, 1) };
+        for (pair, col) in out.chunks_exact_mut(2).zip((0..WIDTH).step_by(2)) {
+            let level = |col: usize, channel: usize| {
+                let value = f32::from(colours[col][channel]) * exposure
+                    + sigma * noise[(col + o6) % SIDE]
+                    + 0.5;
+                // The conversion itself stops at 0 and 255.
+                value as u8
+            };
+            pair[0] = level(col, even);
+            pair[1] = level(col + 1, odd);
         }
     }
 }

@@ -122,3 +122,11 @@ fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
         .all(|p| (0.0..640.0).contains(&p[0]) && (0.0..480.0).contains(&p[1]));
     assert!(inside);
 }
+
+/// Changes only on purpose: pictures of the whole chain of tests stand on it.
+#[test]
+fn a_still_frame_is_the_golden_one() {
+    let mut frame = Frame::default();
+    Simulator::new(HeadAsset::shipped(), Scene::Still, 1).draw(at(1.0), &mut frame);
+    assert_eq!(format!("{:016x}", digest(&frame)), "44bc8aba5988b28d");
+}
