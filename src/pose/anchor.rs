@@ -26,7 +26,7 @@ const NOWHERE: u16 = u16::MAX;
 /// Trust in a place of the head: the mouth and the jaw move with speech, hair covers the upper cranium and the temples.
 fn trust(p: &Point) -> f32 {
     let falling = |v: f32, from: f32, to: f32| ((to - v) / (to - from)).clamp(0.0, 1.0);
-    let lower_face = 0.15 + 0.85 * falling(p.y, 0.030, 0.060);
+    let lower_face = 0.3 + 0.7 * falling(p.y, 0.030, 0.060);
     let hair = 0.4 + 0.6 * falling(-p.y, 0.065, 0.095);
     let side = 0.5 + 0.5 * falling(p.z, 0.045, 0.075);
     lower_face * hair * side
