@@ -88,13 +88,13 @@ pub enum PoseError {
 /// Cut-offs of a start's rounds, metres: wide enough for a start 20° off.
 const SEARCH_M: [f32; 8] = [0.035, 0.035, 0.03, 0.025, 0.02, 0.015, 0.012, 0.010];
 /// Of a start that won.
-const SETTLE_M: [f32; 8] = [0.015, 0.012, 0.010, 0.010, 0.008, 0.008, 0.008, 0.008];
+const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.008];
 /// Of a frame that follows another.
 const FOLLOW_M: [f32; 6] = [0.020, 0.012, 0.008, 0.006, 0.006, 0.006];
 /// Every so many-th point while searching.
-const SEARCH_STRIDE: usize = 8;
+const SEARCH_STRIDE: usize = 5;
 /// Starts that are aligned with all points.
-const FINALISTS: usize = 5;
+const FINALISTS: usize = 9;
 /// Without a pose for this long the prediction means nothing, seconds.
 const COAST_S: f64 = 0.2;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
