@@ -3,6 +3,7 @@
 pub mod cascade;
 pub mod features;
 pub mod fit;
+pub mod paper_aam;
 pub mod steady;
 pub mod view;
 pub mod window;

@@ -1,0 +1,231 @@
+//! The piecewise affine warp of the active appearance model: triangles of the mean shape, its pixels, and composition.
+//!
+//! A pixel of the mean shape keeps its barycentric weights in its triangle; in a picture it lies at the same weights of the
+//! moved corners (Matthews and Baker 2004, section 2.2). Triangles: Delaunay, incremental (Bowyer 1981, Watson 1981).
+//! Window pixels. Computed once; a warp of all pixels then costs six multiplications each.
+//! Degenerate: pixels outside every triangle do not exist; flat triangles hold none.
+
+use crate::capacity::LANDMARKS;
+
+/// Points of a 2D shape.
+pub type Shape2 = [[f32; 2]; LANDMARKS];
+/// Distance of the mean shape's pixels, window pixels: about 4000 of them in a face 100 px wide.
+pub const STEP: f32 = 1.4;
+
+/// Delaunay triangles of the points.
+#[must_use]
+pub fn triangulate(points: &Shape2) -> Vec<[u8; 3]> {
+    let mut all: Vec<[f64; 2]> = points
+        .iter()
+        .map(|p| [f64::from(p[0]), f64::from(p[1])])
+        .collect();
+    // A triangle that holds everything; its corners go at the end.
+    all.extend([[-1e5, -1e5], [1e5, -1e5], [0.0, 1e5]]);
+    let n = LANDMARKS;
+    let mut triangles = vec![[n, n + 1, n + 2]];
+    for i in 0..n {
+        let (bad, good): (Vec<_>, Vec<_>) = triangles
+            .into_iter()
+            .partition(|t| in_circle(&all, t, all[i]));
+        triangles = good;
+        let edges: Vec<[usize; 2]> = bad
+            .iter()
+            .flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]])
+            .collect();
+        for edge in &edges {
+            // Inner edges of the hole appear twice, in opposite directions.
+            if !edges.contains(&[edge[1], edge[0]]) {
+                triangles.push([edge[0], edge[1], i]);
+            }
+        }
+    }
+    triangles.retain(|t| t.iter().all(|v| *v < n));
+    triangles.into_iter().map(|t| t.map(|v| v as u8)).collect()
+}
+
+fn twice_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+fn in_circle(points: &[[f64; 2]], t: &[usize; 3], p: [f64; 2]) -> bool {
+    let d: [[f64; 2]; 3] = t.map(|v| [points[v][0] - p[0], points[v][1] - p[1]]);
+    let lift: [f64; 3] = d.map(|v| v[0] * v[0] + v[1] * v[1]);
+    let determinant = d[0][0] * (d[1][1] * lift[2] - d[2][1] * lift[1])
+        - d[0][1] * (d[1][0] * lift[2] - d[2][0] * lift[1])
+        + lift[0] * (d[1][0] * d[2][1] - d[2][0] * d[1][1]);
+    determinant * twice_area(points[t[0]], points[t[1]], points[t[2]]) > 0.0
+}
+
+/// One pixel of the mean shape.
+#[derive(Clone, Copy, Debug)]
+pub struct BasePixel {
+    /// Corners of its triangle.
+    pub corners: [u8; 3],
+    /// Weights of the corners; they add to 1.
+    pub weights: [f32; 3],
+    /// Pixels left, right, above, below; the pixel itself where the face ends.
+    pub neighbours: [u16; 4],
+}
+
+/// The pixels of a mean shape.
+#[must_use]
+pub fn base_pixels(mean: &Shape2, triangles: &[[u8; 3]]) -> Vec<BasePixel> {
+    let low = |axis: usize| mean.iter().map(|p| p[axis]).fold(f32::INFINITY, f32::min);
+    let high = |axis: usize| {
+        mean.iter()
+            .map(|p| p[axis])
+            .fold(f32::NEG_INFINITY, f32::max)
+    };
+    let (x0, y0) = (low(0), low(1));
+    let columns = ((high(0) - x0) / STEP).clamp(0.0, 254.0) as usize + 1;
+    let rows = ((high(1) - y0) / STEP).clamp(0.0, 254.0) as usize + 1;
+    let mut index = vec![None; columns * rows];
+    let mut pixels = Vec::new();
+    let mut places = Vec::new();
+    for at in 0..columns * rows {
+        let p = [
+            x0 + (at % columns) as f32 * STEP,
+            y0 + (at / columns) as f32 * STEP,
+        ];
+        let found = triangles.iter().find_map(|t| {
+            let weights = barycentric(t.map(|v| mean[usize::from(v)]), p)?;
+            weights.iter().all(|w| *w >= -1e-5).then_some((*t, weights))
+        });
+        if let Some((corners, weights)) = found
+            && pixels.len() < usize::from(u16::MAX)
+        {
+            index[at] = Some(pixels.len() as u16);
+            places.push(at);
+            pixels.push(BasePixel {
+                corners,
+                weights,
+                neighbours: [pixels.len() as u16; 4],
+            });
+        }
+    }
+    for (pixel, at) in pixels.iter_mut().zip(places) {
+        let column = at % columns;
+        let beside = [
+            (column > 0).then(|| at - 1),
+            (column + 1 < columns).then_some(at + 1),
+            at.checked_sub(columns),
+            (at + columns < index.len()).then_some(at + columns),
+        ];
+        for (neighbour, at) in pixel.neighbours.iter_mut().zip(beside) {
+            if let Some(there) = at.and_then(|at| index[at]) {
+                *neighbour = there;
+            }
+        }
+    }
+    pixels
+}
+
+/// Weights of a point in a triangle; `None` if the triangle is flat.
+#[must_use]
+pub fn barycentric(t: [[f32; 2]; 3], p: [f32; 2]) -> Option<[f32; 3]> {
+    let [a, b, c] = t.map(|v| v.map(f64::from));
+    let p = p.map(f64::from);
+    let area = twice_area(a, b, c);
+    if area.abs() < 1e-9 {
+        return None;
+    }
+    let (u, v) = (twice_area(p, b, c) / area, twice_area(a, p, c) / area);
+    Some([u as f32, v as f32, (1.0 - u - v) as f32])
+}
+
+impl BasePixel {
+    /// Where the pixel lies in a picture that shows the shape.
+    #[must_use]
+    pub fn place(&self, shape: &Shape2) -> [f32; 2] {
+        let mut p = [0.0; 2];
+        for (corner, weight) in self.corners.iter().zip(&self.weights) {
+            p[0] += weight * shape[usize::from(*corner)][0];
+            p[1] += weight * shape[usize::from(*corner)][1];
+        }
+        p
+    }
+}
+
+/// Composition `W(shape) ∘ W(mean + change)` at the mean's corners (Matthews and Baker 2004, section 4.2): each moved
+/// corner goes through the affine maps of its triangles, and their results are averaged.
+#[must_use]
+pub fn compose(mean: &Shape2, shape: &Shape2, change: &Shape2, triangles: &[[u8; 3]]) -> Shape2 {
+    let mut sum = [[0.0_f32; 2]; LANDMARKS];
+    let mut count = [0.0_f32; LANDMARKS];
+    for t in triangles {
+        let corners = t.map(|v| mean[usize::from(v)]);
+        let moved = t.map(|v| shape[usize::from(v)]);
+        for v in t.map(usize::from) {
+            let p = [mean[v][0] + change[v][0], mean[v][1] + change[v][1]];
+            let Some(weights) = barycentric(corners, p) else {
+                continue;
+            };
+            for axis in 0..2 {
+                sum[v][axis] += (0..3).map(|k| weights[k] * moved[k][axis]).sum::<f32>();
+            }
+            count[v] += 1.0;
+        }
+    }
+    std::array::from_fn(|v| {
+        if count[v] > 0.0 {
+            [sum[v][0] / count[v], sum[v][1] / count[v]]
+        } else {
+            [shape[v][0] + change[v][0], shape[v][1] + change[v][1]]
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(seed: u64) -> Shape2 {
+        let mut rng = fastrand::Rng::with_seed(seed);
+        std::array::from_fn(|_| [40.0 + 100.0 * rng.f32(), 40.0 + 100.0 * rng.f32()])
+    }
+
+    #[test]
+    fn triangles_are_delaunay_and_cover_the_hull() {
+        let points = shape(3);
+        let triangles = triangulate(&points);
+        let all: Vec<[f64; 2]> = points.iter().map(|p| p.map(f64::from)).collect();
+        for t in &triangles {
+            let t = t.map(usize::from);
+            assert!((0..LANDMARKS).all(|i| t.contains(&i) || !in_circle(&all, &t, all[i])));
+        }
+        // Euler: n points with h on the hull have 2n - 2 - h triangles; h is between 3 and n.
+        assert!(triangles.len() > LANDMARKS && triangles.len() < 2 * LANDMARKS - 4);
+    }
+
+    #[test]
+    fn the_warp_of_the_mean_is_the_identity_and_affine_maps_are_kept() {
+        let mean = shape(4);
+        let triangles = triangulate(&mean);
+        let pixels = base_pixels(&mean, &triangles);
+        assert!(pixels.len() > 1000);
+        let map = |p: [f32; 2]| [1.1 * p[0] - 0.2 * p[1] + 3.0, 0.3 * p[0] + 0.9 * p[1] - 5.0];
+        let moved = mean.map(map);
+        for pixel in &pixels {
+            let (p, q) = (pixel.place(&mean), pixel.place(&moved));
+            let want = map(p);
+            assert!((q[0] - want[0]).abs() < 1e-3 && (q[1] - want[1]).abs() < 1e-3);
+            let right = pixels[usize::from(pixel.neighbours[1])].place(&mean);
+            assert!(right[0] - p[0] < 1e-3 || (right[0] - p[0] - STEP).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn composing_with_nothing_changes_nothing() {
+        let (mean, moved) = (shape(5), shape(5).map(|p| [p[0] * 1.2, p[1] + 4.0]));
+        let triangles = triangulate(&mean);
+        let same = compose(&mean, &moved, &[[0.0; 2]; LANDMARKS], &triangles);
+        let shifted = compose(&mean, &moved, &[[1.0, 0.0]; LANDMARKS], &triangles);
+        for v in 0..LANDMARKS {
+            assert!(
+                (same[v][0] - moved[v][0]).abs() < 1e-3 && (same[v][1] - moved[v][1]).abs() < 1e-3
+            );
+            // One pixel of the mean is 1.2 of the moved shape: a known answer of the affine part.
+            assert!((shifted[v][0] - moved[v][0] - 1.2).abs() < 1e-2);
+        }
+    }
+}
