@@ -169,3 +169,6 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
             .into(),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,77 @@
+//! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
+
+use std::path::PathBuf;
+
+use super::*;
+use crate::studio::train::render::Renderer;
+
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("MIEN_DATA").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
+    let found = folder.join("ict_facekit").is_dir() && folder.join("faces_frl189").is_dir();
+    if !found {
+        println!(
+            "skipped: no data sets in {}; set MIEN_DATA",
+            folder.display()
+        );
+    }
+    found.then_some(folder)
+}
+
+#[test]
+fn landmarks_lie_under_their_annotations_and_survive_reduction() {
+    let Some(data) = data() else { return };
+    let heads = textured_heads(&data, |person| person == 32).expect("data are readable");
+    let portraits = portraits::read(&data.join("faces_frl189")).expect("data are readable");
+    let portrait = portraits
+        .iter()
+        .find(|p| p.person == 32)
+        .expect("an annotated person");
+    let asset = &heads[0].asset;
+    let places: Vec<[f32; 2]> = asset
+        .landmarks
+        .iter()
+        .map(|site| asset.photo[site.vertices[0] as usize])
+        .collect();
+    // The photograph is cropped: places agree up to one shift.
+    let shift = [0, 1].map(|c| portrait.points[30][c] - places[30][c]);
+    let eyes = (portrait.points[45][0] - portrait.points[36][0]).abs();
+    for (k, (place, point)) in places.iter().zip(&portrait.points).enumerate() {
+        let off = (place[0] + shift[0] - point[0]).hypot(place[1] + shift[1] - point[1]);
+        // Inner lip points of a closed mouth share one place.
+        let allowed = if k >= 60 { 0.03 } else { 0.012 };
+        assert!(off < allowed * eyes, "landmark {k}: {off} px of {eyes}");
+    }
+    let corner = (asset.landmarks[39].on(&asset.neutral).coords
+        + asset.landmarks[42].on(&asset.neutral).coords)
+        * 0.5;
+    assert!(corner.norm() < 1e-5);
+
+    let small = reduce::Reduction::of(asset).apply(asset);
+    assert!(small.neutral.len() * 3 < asset.neutral.len());
+    for (a, b) in asset.landmarks.iter().zip(small.landmarks.iter()) {
+        assert!((a.on(&asset.neutral) - b.on(&small.neutral)).norm() < 1e-6);
+    }
+}
+
+#[test]
+fn a_training_picture_depends_on_its_number_and_seed_only() {
+    let Some(data) = data() else { return };
+    let renderer = Renderer::new(&data, |person| person == 32).expect("data are readable");
+    let all = renderer.samples(0..4, 9);
+    let one = renderer.samples(2..3, 9);
+    assert_eq!(all[2].luma, one[0].luma);
+    assert_ne!(all[2].luma, renderer.samples(2..3, 10)[0].luma);
+    let camera = crate::sensor::camera::Camera::nominal();
+    for sample in &all {
+        for k in 0..crate::capacity::LANDMARKS {
+            let [x, y] = camera.colour_pixel(&(sample.sensor_from_head * sample.head[k]));
+            let [u, v] = sample.points[k];
+            assert!(
+                (x - sample.origin[0] - u).abs() < 0.01 && (y - sample.origin[1] - v).abs() < 0.01
+            );
+        }
+    }
+}
