@@ -1,18 +1,42 @@
 //! Runs in the guest: the driver against the virtual Kinect, every frame checked pixel by pixel.
 //!
-//! `vm-client FRAMES SECONDS [tilt]` ends after that many frames or seconds and prints what was delivered, wrong, and lost by
-//! reason. Exit code 1 if any pixel was wrong or nothing came.
+//! `vm-client FRAMES SECONDS` ends after that many frames or seconds and prints what was delivered, wrong, and lost by reason.
+//! Exit code 1 if any pixel was wrong or nothing came.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use mien::capacity::{PIXELS, WIDTH};
 use mien::sensor::Frame;
-use mien::sensor::camera::Registration;
+use mien::sensor::camera::{Camera, Registration, RegistrationTable};
 use mien::sensor::device::Stream;
 use mien::sensor::kinect::Settings;
 use mien::sensor::live::LiveKinect;
 use mien::sensor::usb_devices;
 use mien::sensor::virtual_kinect::test_pattern;
+
+fn hash(h: u64, word: u32) -> u64 {
+    (h ^ u64::from(word)).wrapping_mul(1_099_511_628_211)
+}
+
+/// The same check values that `freenect_client.c` prints: raw depth to millimetres, depth pixels to colour pixels.
+fn tables(registration: &Registration) -> [u64; 2] {
+    const START: u64 = 1_469_598_103_934_665_603;
+    let (camera, table) = (
+        Camera::new(registration),
+        RegistrationTable::new(registration),
+    );
+    let distances = (0..1089).fold(START, |h, raw| hash(h, camera.depth_mm(raw).into()));
+    let mut places = START;
+    for pixel in (0..PIXELS).step_by(97) {
+        for z_mm in (450..4000).step_by(37) {
+            let place = table.colour_pixel(pixel % WIDTH, pixel / WIDTH, z_mm);
+            let word = place.map_or(u32::MAX, |[col, row]| (row * WIDTH + col) as u32);
+            places = hash(places, word);
+        }
+    }
+    [distances, places]
+}
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().collect();
@@ -69,6 +93,10 @@ fn main() -> ExitCode {
     for stream in Stream::BOTH {
         let tally = status.health.streams[stream.index()];
         println!("counted {stream:?}: {tally:?}");
+    }
+    if delivered > 0 {
+        let [distances, places] = tables(live.registration());
+        println!("tables distances {distances:016x} places {places:016x}");
     }
     let calibrated = *live.registration() == Registration::default();
     println!("calibration as sent {calibrated}");

@@ -78,18 +78,25 @@ int main(int argc, char **argv)
 		return printf("freenect cannot open\n"), 1;
 
 	freenect_registration registration = freenect_copy_registration(device);
-	uint64_t table = 1469598103934665603u, distances = table, shifts = table;
+	const int32_t (*place)[2] = (const int32_t (*)[2])registration.registration_table;
+	uint64_t table = 1469598103934665603u, distances = table, places = table;
 	for (int i = 0; i < PIXELS; i++)
 		for (int axis = 0; axis < 2; axis++)
-			table = hash(table, (uint32_t)registration.registration_table[i][axis]);
-	/* Beyond 1089 libfreenect's 16-bit conversion is undefined. */
-	for (int raw = 0; raw < 1089; raw++)
-		distances = hash(distances, registration.raw_to_mm_shift[raw]);
-	for (int z = 1; z < 10000; z++)
-		shifts = hash(shifts, (uint32_t)registration.depth_to_rgb_shift[z]);
-	printf("tables registration %016llx distances %016llx shifts %016llx\n",
-	       (unsigned long long)table, (unsigned long long)distances,
-	       (unsigned long long)shifts);
+			table = hash(table, (uint32_t)place[i][axis]);
+	/* Beyond 1089 libfreenect's 16-bit conversion is undefined; it delivers at most 10 000. */
+	for (int raw = 0; raw < 1089; raw++) {
+		uint16_t mm = registration.raw_to_mm_shift[raw];
+		distances = hash(distances, mm < 10000 ? mm : 10000);
+	}
+	/* Where depth pixels land in the colour picture. */
+	for (int i = 0; i < PIXELS; i += 97)
+		for (int z = 450; z < 4000; z += 37) {
+			int32_t x = place[i][0] + registration.depth_to_rgb_shift[z];
+			int outside = x < 0 || x / 256 >= 640;
+			places = hash(places, outside ? 0xffffffffu : (uint32_t)(place[i][1] * 640 + x / 256));
+		}
+	printf("tables distances %016llx places %016llx\n", (unsigned long long)distances, (unsigned long long)places);
+	printf("whole registration table %016llx\n", (unsigned long long)table);
 
 	freenect_set_depth_callback(device, on_depth);
 	freenect_set_video_callback(device, on_colour);

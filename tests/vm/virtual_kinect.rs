@@ -366,7 +366,8 @@ impl Session<'_> {
                 self.wire
                     .send(message::ISO_STREAM_STATUS, id, &[&[0, byte(0)]]);
             }
-            message::RESET => {
+            // A reset of the audio device, which some clients do, must not touch the camera.
+            message::RESET if self.descriptors.function == Function::Camera => {
                 let mut device = self.device.lock().expect("no holder panics");
                 Stream::BOTH
                     .into_iter()
