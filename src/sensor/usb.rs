@@ -30,65 +30,16 @@ use super::device::{DeviceError, Model, PacketSource, Received, Stream};
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, plain};
 
+mod inbox;
+
+use inbox::{INBOX, Inbox};
+
 /// Transfers in flight per stream.
 const TRANSFERS: usize = 16;
 /// Packets per transfer, a multiple of the eight microframes of a frame.
 const PACKETS: usize = 16;
-/// Transfers the inbox holds: 128 ms of both streams.
-const INBOX: usize = 128;
 /// Cancelled transfers come back within this.
 const DRAIN: Duration = Duration::from_secs(2);
-
-/// One landed transfer, copied.
-struct Landed {
-    stream: Stream,
-    /// Length of each packet; `None` if the bus reported an error.
-    lengths: [Option<u16>; PACKETS],
-    bytes: Box<[u8]>,
-}
-
-/// What the callback writes and [`UsbKinect`] reads.
-struct Inbox {
-    ring: Vec<Landed>,
-    oldest: usize,
-    filled: usize,
-    /// Transfers that libusb holds, by stream.
-    flying: [usize; 2],
-    stopping: [bool; 2],
-    gone: bool,
-    overruns: u64,
-}
-
-impl Inbox {
-    fn new() -> Self {
-        let landed = || Landed {
-            stream: Stream::Depth,
-            lengths: [None; PACKETS],
-            bytes: vec![0; PACKETS * LONGEST].into_boxed_slice(),
-        };
-        Self {
-            ring: core::iter::repeat_with(landed).take(INBOX).collect(),
-            oldest: 0,
-            filled: 0,
-            flying: [0; 2],
-            stopping: [false; 2],
-            gone: false,
-            overruns: 0,
-        }
-    }
-
-    /// Where the next transfer goes; overwrites the oldest when full.
-    fn next(&mut self) -> &mut Landed {
-        let slot = (self.oldest + self.filled) % INBOX;
-        if self.filled == INBOX {
-            self.oldest = (self.oldest + 1) % INBOX;
-            self.overruns += 1;
-        } else {
-            self.filled += 1;
-        }
-        &mut self.ring[slot]
-    }
-}
 
 /// Transfers of one stream and the memory they land in.
 struct Flight {
@@ -456,22 +407,6 @@ impl Drop for UsbKinect {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_inbox_keeps_the_newest() {
-        let mut inbox = Inbox::new();
-        for number in 0..INBOX + 5 {
-            inbox.next().lengths[0] = Some(number as u16);
-        }
-        assert_eq!((inbox.filled, inbox.overruns), (INBOX, 5));
-        assert_eq!(inbox.ring[inbox.oldest].lengths[0], Some(5));
-        inbox.oldest = (inbox.oldest + 1) % INBOX;
-        inbox.filled -= 1;
-        inbox.next().lengths[0] = Some(7777);
-        assert_eq!((inbox.filled, inbox.overruns), (INBOX, 5));
-        let newest = (inbox.oldest + INBOX - 1) % INBOX;
-        assert_eq!(inbox.ring[newest].lengths[0], Some(7777));
-    }
 
     /// Holds on any machine: whatever is or is not plugged in, the answer is a device or one of the sentences.
     #[test]

@@ -12,6 +12,11 @@ use rusb::{Context, Device, DeviceHandle, Speed, UsbContext};
 
 use super::device::{DeviceError, Model, Stream};
 
+mod meaning;
+
+use meaning::opening;
+pub(super) use meaning::plain;
+
 const MOTOR: u16 = 0x02b0;
 const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
 /// The hub of the later models.
@@ -372,45 +377,6 @@ const fn speed(speed: Speed) -> &'static str {
         Speed::Super => "5 Gbit/s",
         Speed::SuperPlus => "10 Gbit/s",
         _ => "unknown speed",
-    }
-}
-
-/// What a failure to open or claim means.
-fn opening(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {
-    match problem {
-        rusb::Error::Access => DeviceError::Access { bus, address },
-        rusb::Error::Busy => DeviceError::Busy { bus, address },
-        rusb::Error::NotFound => DeviceError::NotConfigured { bus, address },
-        other => plain(other),
-    }
-}
-
-/// What a failed transfer means.
-pub(super) fn plain(problem: rusb::Error) -> DeviceError {
-    match problem {
-        rusb::Error::NoDevice => DeviceError::Gone,
-        rusb::Error::Pipe => DeviceError::Stall,
-        rusb::Error::Timeout => DeviceError::TimedOut,
-        other => DeviceError::Other { code: code(other) },
-    }
-}
-
-/// libusb's number of an error.
-fn code(problem: rusb::Error) -> i32 {
-    match problem {
-        rusb::Error::Io => -1,
-        rusb::Error::InvalidParam => -2,
-        rusb::Error::Access => -3,
-        rusb::Error::NoDevice => -4,
-        rusb::Error::NotFound => -5,
-        rusb::Error::Busy => -6,
-        rusb::Error::Timeout => -7,
-        rusb::Error::Overflow => -8,
-        rusb::Error::Pipe => -9,
-        rusb::Error::Interrupted => -10,
-        rusb::Error::NoMem => -11,
-        rusb::Error::NotSupported => -12,
-        _ => -99,
     }
 }
 

@@ -1,0 +1,129 @@
+//! A scene's frames as packets, on time.
+
+use core::time::Duration;
+
+use crate::sensor::Frame;
+use crate::sensor::device::{Received, Stream};
+use crate::sensor::packet::LONGEST;
+use crate::sensor::stream::Cutter;
+use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
+
+/// Share of a picture's time within which its packets go out; the rest of the microframes are empty.
+const BUSY: f64 = 0.95;
+/// A player that is asked later than this does not catch up: its clock slips.
+const SLIP: Duration = Duration::from_millis(50);
+
+/// Cuts the frames of a scene into packets, on time.
+pub struct Player<D> {
+    draw: D,
+    frame: Box<Frame>,
+    packed: Box<[u8; PACKED_DEPTH]>,
+    cutters: [Cutter; 2],
+    /// Packets of the present picture already sent, by stream.
+    sent: [usize; 2],
+    began: Option<Duration>,
+    pub(super) period: Duration,
+    frames: u64,
+}
+
+impl<D: FnMut(&mut Frame) -> bool> Player<D> {
+    /// Plays `draw`, one frame per `period`.
+    #[must_use]
+    pub fn new(draw: D, period: Duration) -> Self {
+        Self {
+            draw,
+            frame: Box::default(),
+            packed: vec![0; PACKED_DEPTH]
+                .into_boxed_slice()
+                .try_into()
+                .expect("PACKED_DEPTH long"),
+            cutters: [
+                Cutter::new(Stream::Colour, 0),
+                Cutter::new(Stream::Depth, 0),
+            ],
+            sent: [0; 2],
+            began: None,
+            period,
+            frames: 0,
+        }
+    }
+
+    /// The frame whose packets are going out.
+    #[must_use]
+    pub const fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// Frames begun.
+    #[must_use]
+    pub const fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    fn next_frame(&mut self) -> bool {
+        self.sent = [0; 2];
+        self.frames += 1;
+        let alive = (self.draw)(&mut self.frame);
+        pack_depth(&self.frame.depth, &mut self.packed);
+        alive
+    }
+
+    /// Hands to `sink` every packet due until `now` on the streams that are `on`. False when the scene has ended. A stream
+    /// switched on in the middle of a frame starts with the next one; with both off the scene stands still.
+    pub fn play(
+        &mut self,
+        now: Duration,
+        on: [bool; 2],
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> bool {
+        if on == [false; 2] {
+            self.began = None;
+            return true;
+        }
+        let total = self
+            .cutters
+            .each_ref()
+            .map(|cutter| cutter.layout().packets());
+        loop {
+            if self.began.is_none() && !self.next_frame() {
+                return false;
+            }
+            let began = *self.began.get_or_insert(now);
+            let elapsed = now.saturating_sub(began);
+            let share = elapsed.as_secs_f64() / (self.period.as_secs_f64() * BUSY);
+            for stream in Stream::BOTH {
+                let i = stream.index();
+                if !on[i] {
+                    self.sent[i] = total[i];
+                }
+                let due = ((share * total[i] as f64) as usize).min(total[i]);
+                let (picture, ticks): (&[u8], u32) = match stream {
+                    Stream::Colour => (self.frame.bayer.as_slice(), self.frame.colour_ticks),
+                    Stream::Depth => (self.packed.as_slice(), self.frame.ticks),
+                };
+                let mut packet = [0; LONGEST];
+                while self.sent[i] < due {
+                    let n = self.cutters[i].cut(picture, ticks, self.sent[i], &mut packet);
+                    self.sent[i] += 1;
+                    sink(Received {
+                        stream,
+                        intact: true,
+                        bytes: &packet[..n],
+                    });
+                }
+            }
+            if elapsed < self.period {
+                return true;
+            }
+            let next = began + self.period;
+            if !self.next_frame() {
+                return false;
+            }
+            self.began = Some(if now.saturating_sub(next) > SLIP {
+                now
+            } else {
+                next
+            });
+        }
+    }
+}
