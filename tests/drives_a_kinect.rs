@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
-use mien::sensor::Frame;
 use mien::sensor::camera::{Registration, RegistrationTable};
 use mien::sensor::command::{Command, image_sensor, register};
 use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
 use mien::sensor::faults::{Faulty, Rates};
-use mien::sensor::kinect::{Kinect, KinectError, Settings};
+use mien::sensor::kinect::{Kinect, KinectError, Settings, develop};
 use mien::sensor::motor::Light;
 use mien::sensor::pairing::RawPair;
+use mien::sensor::picture_clock::PictureClock;
 use mien::sensor::virtual_kinect::VirtualKinect;
+use mien::sensor::{Frame, Source};
 
 const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
 
@@ -270,4 +271,39 @@ fn the_end_of_the_scene_is_an_unplugged_camera() {
     let mut kinect = Kinect::open(source, Settings::default()).unwrap();
     kinect.start().unwrap();
     assert_eq!(pairs_in(&mut kinect, 5000), Err(DeviceError::Gone.into()));
+}
+
+/// What the pipeline makes of a session cannot depend on whether it went through USB packets: the frames are the same to the bit.
+#[test]
+fn the_simulated_sensor_through_packets_is_the_simulated_sensor() {
+    let mut inside = Source::simulated(None).unwrap();
+    let scene = move |frame: &mut Frame| matches!(inside.next_frame(frame), Ok(true));
+    let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    let mut direct = Source::simulated(None).unwrap();
+    let (mut expected, mut frame) = (Frame::default(), Frame::default());
+    let (mut pair, mut clock) = (RawPair::default(), PictureClock::default());
+    let mut frames = 0;
+    while frames < 20 {
+        kinect
+            .poll(Duration::from_millis(1), &mut pair, |pair| {
+                develop(pair, &mut clock, &mut frame);
+                assert!(direct.next_frame(&mut expected).unwrap());
+                assert_eq!(
+                    (frame.index, frame.at, frame.ticks, frame.colour_ticks),
+                    (
+                        expected.index,
+                        expected.at,
+                        expected.ticks,
+                        expected.colour_ticks
+                    )
+                );
+                assert!(frame.depth == expected.depth, "depth of frame {frames}");
+                assert!(frame.bayer == expected.bayer, "colour of frame {frames}");
+                assert!(frame.luma == expected.luma, "luma of frame {frames}");
+                frames += 1;
+            })
+            .unwrap();
+    }
 }
