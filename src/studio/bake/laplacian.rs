@@ -1,0 +1,187 @@
+//! The mesh's Laplacian operator with cotangent weights, paper section 4, equations (10) and (11).
+//!
+//! `l_v = Σ ω_i (v_i − v)`, `ω_i = ½ (cot α_i + cot β_i)`. Stored here is `L = −M`, so that `L` is positive semidefinite:
+//! `(L x)_v = Σ ω_i (x_v − x_i)`. Rows are not divided by areas: with areas the measured error on true expressions is
+//! larger (see [`super::solve`]).
+//!
+//! Units: cotangents are pure numbers, so `L x` has the unit of `x`. A face of four corners counts with half of each of
+//! its two splits, so that no diagonal is preferred and a symmetric mesh has a symmetric operator.
+//! Cost: linear. Degenerate triangles (height below 1e-6 of their longest edge) carry no weight; obtuse ones carry
+//! negative weight, which the deformation tolerates and the influence field does not ([`Operator::positive`]).
+//! Limits: a vertex that no face with area uses has an empty row: it cannot be solved for and stays where it is.
+
+use super::mesh::{Mesh, Vec3};
+use super::sparse::Rows;
+
+/// Height below this part of the longest edge makes a triangle degenerate: its cotangents would exceed a million.
+const FLAT: f64 = 1e-6;
+/// Smallest weight of an edge in [`Operator::positive`]: small against the usual 0.3 to 2, large against rounding.
+const LEAST_WEIGHT: f64 = 1e-3;
+
+/// Operators of one mesh in its neutral shape.
+pub struct Operator {
+    /// `L = −M`, cotangent weights of any sign.
+    pub cotangent: Rows,
+    /// The same with every edge weight at least 0.001, for fields that must obey a maximum principle.
+    pub positive: Rows,
+    /// `LᵀL`, the matrix of the energy |L d|².
+    pub energy: Rows,
+    /// A third of the area of the triangles at each vertex, squared units of the mesh.
+    pub area: Vec<f64>,
+}
+
+/// Cotangents at the three corners and the area; `None` if degenerate.
+fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
+    let doubled = (p[1] - p[0]).cross(&(p[2] - p[0])).norm();
+    let longest = (0..3)
+        .map(|k| (p[(k + 1) % 3] - p[k]).norm_squared())
+        .fold(0.0, f64::max);
+    // Not "<": a NaN area is refused as well.
+    if !(doubled > FLAT * longest) {
+        return None;
+    }
+    let at = |k: usize| {
+        let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+        a.dot(&b) / doubled
+    };
+    Some(([at(0), at(1), at(2)], doubled / 2.0))
+}
+
+impl Operator {
+    /// Builds the operators for the positions of `mesh`; `node` maps a vertex to the unknown that carries it (copies of
+    /// a point at a seam share one), `nodes` is their number.
+    #[must_use]
+    pub fn new(mesh: &Mesh, node: &[u32], nodes: usize) -> Self {
+        // Half-edge weights (a, b, ω) with a < b, summed below.
+        let mut halves: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.corners.len() * 3);
+        let mut area = vec![0.0; nodes];
+        let mut add = |v: [u32; 3], share: f64| {
+            let Some((cot, size)) = cotangents(v.map(|v| mesh.positions[v as usize])) else {
+                return;
+            };
+            for k in 0..3 {
+                let (a, b) = (node[v[(k + 1) % 3] as usize], node[v[(k + 2) % 3] as usize]);
+                if a != b {
+                    halves.push((a.min(b), a.max(b), 0.5 * share * cot[k]));
+                }
+                area[node[v[k] as usize] as usize] += share * size / 3.0;
+            }
+        };
+        for f in 0..mesh.faces() {
+            let face = mesh.face(f);
+            let v = |k: usize| face[k].vertex;
+            if face.len() == 4 {
+                for [a, b, c] in [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] {
+                    add([v(a), v(b), v(c)], 0.5);
+                }
+            } else {
+                for t in mesh.split(f) {
+                    add(t.map(v), 1.0);
+                }
+            }
+        }
+        halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
+        let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(halves.len() / 2);
+        for (a, b, w) in halves {
+            match edges.last_mut() {
+                Some(last) if (last.0, last.1) == (a, b) => last.2 += w,
+                _ => edges.push((a, b, w)),
+            }
+        }
+        let rows = |weight: &dyn Fn(f64) -> f64| {
+            let mut triplets = Vec::with_capacity(edges.len() * 4);
+            for &(a, b, w) in &edges {
+                let w = weight(w);
+                triplets.extend([(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]);
+            }
+            Rows::from_triplets(nodes, &triplets)
+        };
+        let cotangent = rows(&|w| w);
+        Self {
+            positive: rows(&|w| w.max(LEAST_WEIGHT)),
+            energy: cotangent.squared(),
+            cotangent,
+            area,
+        }
+    }
+
+    /// `L x` for every vertex.
+    #[must_use]
+    pub fn apply(&self, x: &[Vec3]) -> Vec<Vec3> {
+        (0..self.cotangent.len())
+            .map(|r| self.cotangent.row_times(r, x))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mesh::Corner;
+    use super::super::mesh::tests::sheet;
+    use super::*;
+
+    fn operator(mesh: &Mesh) -> Operator {
+        let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+        Operator::new(mesh, &node, node.len())
+    }
+
+    #[test]
+    fn constants_are_in_the_null_space_and_translation_changes_nothing() {
+        let mesh = sheet(9, 0.4);
+        let op = operator(&mesh);
+        let ones = vec![Vec3::new(1.0, -2.0, 3.0); mesh.positions.len()];
+        assert!(op.apply(&ones).iter().all(|l| l.norm() < 1e-12));
+        let mut moved = mesh.clone();
+        for p in &mut moved.positions {
+            *p += Vec3::new(5.0, -7.0, 2.0);
+        }
+        let (here, there) = (
+            op.apply(&mesh.positions),
+            operator(&moved).apply(&moved.positions),
+        );
+        for (a, b) in here.iter().zip(&there) {
+            assert!((a - b).norm() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn linear_functions_are_harmonic_inside_a_flat_sheet() {
+        let mut mesh = sheet(8, 0.5);
+        for p in &mut mesh.positions {
+            // Uneven but flat.
+            *p = Vec3::new(p.x + 0.1 * p.y.sin(), p.y + 0.07 * (2.0 * p.x).cos(), 0.0);
+        }
+        let border = mesh.border();
+        let l = operator(&mesh).apply(&mesh.positions);
+        for v in 0..mesh.positions.len() {
+            assert!(border[v] || l[v].norm() < 1e-12, "{v}: {}", l[v]);
+        }
+    }
+
+    #[test]
+    fn areas_sum_to_the_sheet_and_bad_triangles_add_nothing() {
+        let mut mesh = sheet(5, 1.0);
+        for p in &mut mesh.positions {
+            p.z = 0.0;
+        }
+        let before = operator(&mesh);
+        assert!((before.area.iter().sum::<f64>() - 16.0).abs() < 1e-12);
+        let corner = |vertex| Corner {
+            vertex,
+            uv: None,
+            normal: None,
+        };
+        // A sliver along one row, and a face that names a vertex twice.
+        mesh.push_face(&[corner(0), corner(1), corner(2)], 0);
+        mesh.push_face(&[corner(0), corner(0), corner(7)], 0);
+        let after = operator(&mesh);
+        assert!((after.area.iter().sum::<f64>() - 16.0).abs() < 1e-12);
+        for v in 0..mesh.positions.len() {
+            let (a, b) = (
+                before.cotangent.row_times(v, &mesh.positions),
+                after.cotangent.row_times(v, &mesh.positions),
+            );
+            assert!((a - b).norm() < 1e-12);
+        }
+    }
+}

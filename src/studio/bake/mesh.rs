@@ -1,0 +1,273 @@
+//! A polygon mesh as an artist made it: positions, faces of any size with their texture and normal corners, materials.
+//!
+//! The solver works on *position indices* (the OBJ `v` order); faces are split into triangles only for operators and for
+//! glTF. Coordinates stay in the file's own unit and axes (y up, z out of the face, x to the subject's left).
+//!
+//! Memory and cost: linear in the mesh. Degenerate input: faces that name a vertex twice and faces without area are
+//! kept for the output and ignored by the operators; unused vertices belong to no component with faces.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+/// A position or displacement in the file's unit.
+pub type Vec3 = Vector3<f64>;
+
+/// One corner of a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Corner {
+    /// Position index.
+    pub vertex: u32,
+    /// Index into [`Mesh::uv`].
+    pub uv: Option<u32>,
+    /// Index into [`Mesh::normals`].
+    pub normal: Option<u32>,
+}
+
+/// The mesh. Faces are stored flat: face `f` has the corners `starts[f]..starts[f + 1]`.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// One per vertex.
+    pub positions: Vec<Vec3>,
+    /// All corners of all faces.
+    pub corners: Vec<Corner>,
+    /// First corner of each face, and the end.
+    pub starts: Vec<u32>,
+    /// Texture coordinates, origin at the bottom left as in OBJ.
+    pub uv: Vec<[f32; 2]>,
+    /// Normals as given; empty if the file has none.
+    pub normals: Vec<[f32; 3]>,
+    /// Material names; never empty once a face exists.
+    pub materials: Vec<String>,
+    /// Material of each face.
+    pub face_material: Vec<u32>,
+}
+
+/// Neighbours of every vertex along edges, stored flat.
+pub struct Rings {
+    starts: Vec<u32>,
+    others: Vec<u32>,
+}
+
+impl Rings {
+    /// Vertices that share an edge with `vertex`.
+    #[must_use]
+    pub fn of(&self, vertex: usize) -> &[u32] {
+        &self.others[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    }
+}
+
+impl Mesh {
+    /// Number of faces.
+    #[must_use]
+    pub fn faces(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    /// Corners of face `f`.
+    #[must_use]
+    pub fn face(&self, f: usize) -> &[Corner] {
+        &self.corners[self.starts[f] as usize..self.starts[f + 1] as usize]
+    }
+
+    /// Adds a face.
+    pub fn push_face(&mut self, corners: &[Corner], material: u32) {
+        if self.starts.is_empty() {
+            self.starts.push(0);
+        }
+        self.corners.extend_from_slice(corners);
+        self.starts.push(self.corners.len() as u32);
+        self.face_material.push(material);
+    }
+
+    /// Triangles of face `f` as positions inside the face: a quad along its shorter diagonal, a larger face as a fan.
+    #[must_use]
+    pub fn split(&self, f: usize) -> Vec<[usize; 3]> {
+        let face = self.face(f);
+        if face.len() == 4 {
+            let p = |k: usize| self.positions[face[k].vertex as usize];
+            if (p(1) - p(3)).norm_squared() < (p(0) - p(2)).norm_squared() * (1.0 - 1e-9) {
+                return vec![[0, 1, 3], [1, 2, 3]];
+            }
+        }
+        (2..face.len()).map(|k| [0, k - 1, k]).collect()
+    }
+
+    /// All triangles as vertex indices, without those that name a vertex twice.
+    #[must_use]
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        let mut triangles = Vec::with_capacity(self.faces() * 2);
+        for f in 0..self.faces() {
+            let face = self.face(f);
+            for t in self.split(f) {
+                let t = t.map(|k| face[k].vertex);
+                if t[0] != t[1] && t[1] != t[2] && t[0] != t[2] {
+                    triangles.push(t);
+                }
+            }
+        }
+        triangles
+    }
+
+    /// Edge neighbours of every vertex (diagonals of quads are not edges).
+    #[must_use]
+    pub fn rings(&self) -> Rings {
+        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(self.corners.len() * 2);
+        for f in 0..self.faces() {
+            let face = self.face(f);
+            for k in 0..face.len() {
+                let (a, b) = (face[k].vertex, face[(k + 1) % face.len()].vertex);
+                if a != b {
+                    pairs.push((a, b));
+                    pairs.push((b, a));
+                }
+            }
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut starts = vec![0_u32; self.positions.len() + 1];
+        for &(a, _) in &pairs {
+            starts[a as usize + 1] += 1;
+        }
+        for v in 0..self.positions.len() {
+            starts[v + 1] += starts[v];
+        }
+        Rings {
+            starts,
+            others: pairs.into_iter().map(|(_, b)| b).collect(),
+        }
+    }
+
+    /// Connected component of every vertex, numbered in order of their first vertex, and their number.
+    #[must_use]
+    pub fn components(&self, rings: &Rings) -> (Vec<u32>, usize) {
+        connected(rings, self.positions.len(), |_| true)
+    }
+
+    /// Area-weighted unit normals of `positions` under this mesh's faces; (0, 0, 1) where there is no area.
+    #[must_use]
+    pub fn vertex_normals(&self, positions: &[Vec3]) -> Vec<Vec3> {
+        let mut normals = vec![Vec3::zeros(); positions.len()];
+        for f in 0..self.faces() {
+            let face = self.face(f);
+            // Newell's sum: exact for planar faces, the mean plane for others, no choice of diagonal.
+            let mut n = Vec3::zeros();
+            for k in 0..face.len() {
+                let a = positions[face[k].vertex as usize];
+                let b = positions[face[(k + 1) % face.len()].vertex as usize];
+                n += a.cross(&b);
+            }
+            for corner in face {
+                normals[corner.vertex as usize] += n;
+            }
+        }
+        for n in &mut normals {
+            let length = n.norm();
+            *n = if length > 0.0 { *n / length } else { Vec3::z() };
+        }
+        normals
+    }
+
+    /// Vertices on a border: an edge that belongs to one face only.
+    #[must_use]
+    pub fn border(&self) -> Vec<bool> {
+        let mut count: HashMap<(u32, u32), u32> = HashMap::new();
+        for f in 0..self.faces() {
+            let face = self.face(f);
+            for k in 0..face.len() {
+                let (a, b) = (face[k].vertex, face[(k + 1) % face.len()].vertex);
+                *count.entry((a.min(b), a.max(b))).or_default() += 1;
+            }
+        }
+        let mut border = vec![false; self.positions.len()];
+        for ((a, b), n) in count {
+            if n == 1 {
+                border[a as usize] = true;
+                border[b as usize] = true;
+            }
+        }
+        border
+    }
+}
+
+/// Components of the subgraph of vertices that pass `keep`; `u32::MAX` for the others. Returns labels and their number.
+pub fn connected(
+    rings: &Rings,
+    vertices: usize,
+    keep: impl Fn(usize) -> bool,
+) -> (Vec<u32>, usize) {
+    let mut label = vec![u32::MAX; vertices];
+    let (mut stack, mut count) = (Vec::new(), 0);
+    for start in 0..vertices {
+        if label[start] != u32::MAX || !keep(start) {
+            continue;
+        }
+        label[start] = count;
+        stack.push(start);
+        while let Some(v) = stack.pop() {
+            for &o in rings.of(v) {
+                let o = o as usize;
+                if label[o] == u32::MAX && keep(o) {
+                    label[o] = count;
+                    stack.push(o);
+                }
+            }
+        }
+        count += 1;
+    }
+    (label, count as usize)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A bumpy square sheet of quads, `n` by `n` vertices, spacing `h`.
+    pub(crate) fn sheet(n: usize, h: f64) -> Mesh {
+        let mut mesh = Mesh {
+            materials: vec!["skin".into()],
+            ..Mesh::default()
+        };
+        for row in 0..n {
+            for col in 0..n {
+                let (x, y) = (col as f64 * h, row as f64 * h);
+                mesh.positions
+                    .push(Vec3::new(x, y, 0.3 * (1.3 * x).sin() * (0.9 * y).cos()));
+            }
+        }
+        for row in 0..n - 1 {
+            for col in 0..n - 1 {
+                let v = |r: usize, c: usize| Corner {
+                    vertex: (r * n + c) as u32,
+                    uv: None,
+                    normal: None,
+                };
+                mesh.push_face(
+                    &[
+                        v(row, col),
+                        v(row, col + 1),
+                        v(row + 1, col + 1),
+                        v(row + 1, col),
+                    ],
+                    0,
+                );
+            }
+        }
+        mesh
+    }
+
+    #[test]
+    fn a_sheet_has_one_component_a_border_and_normals_that_point_up() {
+        let mesh = sheet(6, 0.5);
+        let rings = mesh.rings();
+        assert_eq!(mesh.components(&rings).1, 1);
+        assert_eq!(mesh.border().iter().filter(|&&b| b).count(), 20);
+        assert_eq!(mesh.triangles().len(), 50);
+        assert!(
+            mesh.vertex_normals(&mesh.positions)
+                .iter()
+                .all(|n| n.z > 0.5)
+        );
+        assert_eq!(rings.of(7).len(), 4);
+    }
+}

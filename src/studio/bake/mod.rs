@@ -1,0 +1,13 @@
+//! Baking: a neutral head and 68 vertex numbers become blendshapes, paper section 4.
+//!
+//! ```text
+//! OBJ ─► mesh ─► laplacian ─► influence (12) ─► solve: Procedure 1 ─► blendshapes ─► GLB, OBJ folder, report
+//! ```
+
+pub mod benchmark;
+pub mod influence;
+pub mod laplacian;
+pub mod mesh;
+pub mod obj;
+pub mod solve;
+pub mod sparse;

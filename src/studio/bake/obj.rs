@@ -1,0 +1,226 @@
+//! Wavefront OBJ in and out. Faces keep their size (quads stay quads), vertices their order and number.
+//!
+//! Output repeats the input line by line and replaces only the numbers of `v` lines, so that groups, materials, texture
+//! coordinates and faces come back exactly as the artist wrote them. Normals (`vn`) are repeated for the neutral and
+//! left out of shapes, where they would be wrong: programs compute them anew.
+//!
+//! Limits: polygonal faces only; curves and surfaces are carried through but not deformed.
+
+use std::fmt::Write as _;
+
+use super::mesh::{Corner, Mesh, Vec3};
+
+/// Why an OBJ text is refused.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ObjError {
+    /// A line is not what its first word promises.
+    #[error("line {line}: expected {expected}, found {found:?}")]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// What the line should hold.
+        expected: &'static str,
+        /// The line.
+        found: String,
+    },
+    /// No vertices or no faces.
+    #[error("expected a mesh with v and f lines, found {vertices} vertices and {faces} faces")]
+    Empty {
+        /// How many vertices.
+        vertices: usize,
+        /// How many faces.
+        faces: usize,
+    },
+}
+
+fn numbers<const N: usize>(words: &mut std::str::SplitAsciiWhitespace<'_>) -> Option<[f64; N]> {
+    let mut out = [0.0; N];
+    for value in &mut out {
+        *value = words.next()?.parse().ok().filter(|v: &f64| v.is_finite())?;
+    }
+    Some(out)
+}
+
+/// Resolves an OBJ index: from 1, or negative and counted from the end.
+fn index(word: &str, len: usize) -> Option<u32> {
+    let k: i64 = word.parse().ok()?;
+    let k = if k < 0 { len as i64 + k } else { k - 1 };
+    (0..len as i64).contains(&k).then_some(k as u32)
+}
+
+fn corner(word: &str, mesh: &Mesh) -> Option<Corner> {
+    let mut parts = word.split('/');
+    let vertex = index(parts.next()?, mesh.positions.len())?;
+    let uv = match parts.next() {
+        None | Some("") => None,
+        Some(word) => Some(index(word, mesh.uv.len())?),
+    };
+    let normal = match parts.next() {
+        None | Some("") => None,
+        Some(word) => Some(index(word, mesh.normals.len())?),
+    };
+    Some(Corner { vertex, uv, normal })
+}
+
+/// Reads the text of an OBJ file.
+///
+/// # Errors
+/// If a vertex or face line is malformed or names something that is not there, with its line number.
+pub fn parse(text: &str) -> Result<Mesh, ObjError> {
+    let mut mesh = Mesh::default();
+    let mut material = 0;
+    let mut face = Vec::new();
+    for (k, line) in text.lines().enumerate() {
+        let refuse = |expected| ObjError::Line {
+            line: k + 1,
+            expected,
+            found: line.chars().take(80).collect(),
+        };
+        let mut words = line.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => {
+                let v = numbers::<3>(&mut words).ok_or_else(|| refuse("v and three numbers"))?;
+                mesh.positions.push(Vec3::from(v));
+            }
+            Some("vt") => {
+                let v = numbers::<2>(&mut words).ok_or_else(|| refuse("vt and two numbers"))?;
+                mesh.uv.push([v[0] as f32, v[1] as f32]);
+            }
+            Some("vn") => {
+                let v = numbers::<3>(&mut words).ok_or_else(|| refuse("vn and three numbers"))?;
+                mesh.normals.push([v[0] as f32, v[1] as f32, v[2] as f32]);
+            }
+            Some("usemtl") => {
+                let name = words.next().unwrap_or("default");
+                material = match mesh.materials.iter().position(|m| m == name) {
+                    Some(at) => at as u32,
+                    None => {
+                        mesh.materials.push(name.into());
+                        mesh.materials.len() as u32 - 1
+                    }
+                };
+            }
+            Some("f") => {
+                const EXPECTED: &str =
+                    "f and at least three corners v, v/vt or v/vt/vn that exist above this line";
+                face.clear();
+                for word in words {
+                    face.push(corner(word, &mesh).ok_or_else(|| refuse(EXPECTED))?);
+                }
+                if face.len() < 3 {
+                    return Err(refuse(EXPECTED));
+                }
+                if mesh.materials.is_empty() {
+                    mesh.materials.push("default".into());
+                }
+                mesh.push_face(&face, material);
+            }
+            _ => {}
+        }
+    }
+    if mesh.positions.is_empty() || mesh.faces() == 0 {
+        return Err(ObjError::Empty {
+            vertices: mesh.positions.len(),
+            faces: mesh.faces(),
+        });
+    }
+    Ok(mesh)
+}
+
+/// The source text with other positions, in the source's unit. `keep_normals` is for an undeformed mesh.
+#[must_use]
+pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> String {
+    let mut out = String::with_capacity(source.len() + positions.len() * 8);
+    let mut next = positions.iter();
+    for line in source.lines() {
+        let mut words = line.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => {
+                let Some(p) = next.next() else { continue };
+                let _ = write!(out, "v {} {} {}", p.x as f32, p.y as f32, p.z as f32);
+                // A vertex may carry a weight or a colour after its position.
+                for word in words.skip(3) {
+                    let _ = write!(out, " {word}");
+                }
+            }
+            Some("vn") if !keep_normals => continue,
+            Some("f") if !keep_normals => {
+                out.push('f');
+                for word in words {
+                    let mut parts = word.split('/');
+                    let _ = write!(out, " {}", parts.next().unwrap_or_default());
+                    if let Some(uv) = parts.next().filter(|uv| !uv.is_empty()) {
+                        let _ = write!(out, "/{uv}");
+                    }
+                }
+            }
+            _ => out.push_str(line),
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// A mesh that did not come from OBJ, as OBJ text (positions, texture coordinates, faces, materials).
+#[must_use]
+pub fn emit(mesh: &Mesh) -> String {
+    let mut out = String::new();
+    for p in &mesh.positions {
+        let _ = writeln!(out, "v {} {} {}", p.x as f32, p.y as f32, p.z as f32);
+    }
+    for t in &mesh.uv {
+        let _ = writeln!(out, "vt {} {}", t[0], t[1]);
+    }
+    let mut material = u32::MAX;
+    for f in 0..mesh.faces() {
+        if mesh.face_material[f] != material {
+            material = mesh.face_material[f];
+            let _ = writeln!(out, "usemtl {}", mesh.materials[material as usize]);
+        }
+        out.push('f');
+        for corner in mesh.face(f) {
+            let _ = match corner.uv {
+                Some(uv) => write!(out, " {}/{}", corner.vertex + 1, uv + 1),
+                None => write!(out, " {}", corner.vertex + 1),
+            };
+        }
+        out.push('\n');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUAD: &str = "# head\no a\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvn 0 0 1\nusemtl skin\n\
+                        f 1/1/1 2/2/1 3/2/1 4/1/1\nf -4 -3 -2\n";
+
+    #[test]
+    fn quads_texture_and_order_survive() {
+        let mesh = parse(QUAD).unwrap();
+        assert_eq!(
+            (mesh.faces(), mesh.face(0).len(), mesh.face(1).len()),
+            (2, 4, 3)
+        );
+        assert_eq!(mesh.face(1)[0].vertex, 0);
+        let same = with_positions(QUAD, &mesh.positions, true);
+        assert_eq!(same, QUAD);
+        let moved: Vec<Vec3> = mesh.positions.iter().map(|p| p + Vec3::x()).collect();
+        let text = with_positions(QUAD, &moved, false);
+        assert!(text.contains("v 2 0 0 0.5 0.5 0.5") && text.contains("f 1/1 2/2 3/2 4/1"));
+        assert!(!text.contains("vn"));
+        assert_eq!(parse(&text).unwrap().positions, moved);
+        assert_eq!(parse(&emit(&mesh)).unwrap().positions, mesh.positions);
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        let wrong = |text: &str| parse(text).unwrap_err().to_string();
+        assert!(wrong("v 0 0\n").starts_with("line 1: expected v and three numbers"));
+        assert!(wrong("v 0 0 nan\n").starts_with("line 1"));
+        assert!(wrong("v 0 0 0\nf 1 2 3\n").starts_with("line 2"));
+        assert!(wrong("v 0 0 0\nf 1 1\n").starts_with("line 2"));
+        assert!(wrong("v 0 0 0\n").contains("0 faces"));
+    }
+}
