@@ -5,9 +5,15 @@
 //! ```
 
 pub mod benchmark;
+pub mod eyeball;
+pub mod head;
 pub mod influence;
 pub mod laplacian;
 pub mod mesh;
+pub mod names;
 pub mod obj;
+pub mod recipe;
+pub mod render;
+pub mod rig;
 pub mod solve;
 pub mod sparse;

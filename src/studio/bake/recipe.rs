@@ -1,0 +1,358 @@
+//! The recipe: which shapes there are and how their control points move, read from TOML and measured out on a head.
+//!
+//! The format is explained at the top of `config/blendshapes.toml`, which is built into the program. Lengths there are in
+//! distances of the face itself; [`Recipe::targets`] turns them into displacements in the mesh's unit and axes.
+
+use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion};
+use serde::Deserialize;
+
+use super::head::Head;
+use super::mesh::Vec3;
+use super::names::{self, NAMES, mirrored};
+
+/// The shipped recipe.
+pub const SHIPPED: &str = include_str!("../../../config/blendshapes.toml");
+
+/// Why a recipe is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum RecipeError {
+    /// Not TOML, or a key that does not exist.
+    #[error("{0}")]
+    Toml(#[from] toml::de::Error),
+    /// A control point that does not exist.
+    #[error(
+        "shape {shape}: expected names of control points, found {found:?}; the list stands at the top of the shipped recipe"
+    )]
+    Point {
+        /// Shape.
+        shape: String,
+        /// The word.
+        found: String,
+    },
+    /// A side that does not exist.
+    #[error("shape {shape}: expected side \"L\" or \"R\", found {found:?}")]
+    Side {
+        /// Shape.
+        shape: String,
+        /// The word.
+        found: String,
+    },
+    /// Reference to a shape that is not above.
+    #[error("shape {shape} takes back {found:?}, which must stand above it in the recipe")]
+    Order {
+        /// Shape.
+        shape: String,
+        /// The name it gives.
+        found: String,
+    },
+    /// A name given twice.
+    #[error("two shapes are called {name:?}; names must differ")]
+    Twice {
+        /// The name.
+        name: String,
+    },
+}
+
+/// What the numbers of `move` count.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Measure {
+    #[default]
+    EyeDistance,
+    EyeOpening,
+    MouthWidth,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    name: String,
+    unit: Option<String>,
+    mirror: Option<String>,
+    upon: Option<String>,
+    #[serde(rename = "why")]
+    _why: String,
+    #[serde(default, rename = "in")]
+    measure: Measure,
+    #[serde(default, rename = "move")]
+    moves: Vec<(String, f64, f64, f64)>,
+    #[serde(default)]
+    jaw: Vec<(String, f64)>,
+    #[serde(default)]
+    jaw_turn: [f64; 2],
+    #[serde(default)]
+    jaw_shift: [f64; 3],
+    #[serde(default)]
+    close: Vec<(String, f64, f64)>,
+    gaze: Option<(String, f64, f64)>,
+    #[serde(default)]
+    undo: Vec<(String, String, f64)>,
+    tongue: Option<[f64; 2]>,
+}
+
+/// The recipe as read.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    shape: Vec<Entry>,
+}
+
+/// One shape measured out on a head: what moves, in the mesh's unit and axes.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Name of the morph target.
+    pub name: String,
+    /// Expression unit that drives it.
+    pub unit: Option<String>,
+    /// Shape it is meant to be added to.
+    pub upon: Option<String>,
+    /// Displacements of control vertices; those not named are free.
+    pub controls: Vec<(u32, Vec3)>,
+    /// Lid closing per eye (left, right): amount and line.
+    pub close: [Option<(f64, f64)>; 2],
+    /// Eyeball rotation per eye.
+    pub gaze: [Option<Rotation3<f64>>; 2],
+    /// Motion of the jaw and what it carries.
+    pub jaw: Option<Isometry3<f64>>,
+    /// Displacement of the tongue's tip.
+    pub tongue: Option<Vec3>,
+    /// Shape whose effect on the lip line is taken back, and its share.
+    pub undo: Option<(String, f64)>,
+}
+
+/// +1 for a point of the left side or the middle, −1 for one of the right.
+fn outward(point: usize) -> f64 {
+    let name = NAMES[point];
+    let right = mirrored(point) != point && name.contains("_R");
+    if right { -1.0 } else { 1.0 }
+}
+
+impl Recipe {
+    /// Reads TOML.
+    ///
+    /// # Errors
+    /// If it is not TOML, has unknown keys or gives a name twice.
+    pub fn read(text: &str) -> Result<Self, RecipeError> {
+        let recipe: Self = toml::from_str(text)?;
+        let mut seen: Vec<&str> = Vec::new();
+        for entry in &recipe.shape {
+            for name in std::iter::once(&entry.name).chain(&entry.mirror) {
+                if seen.contains(&name.as_str()) {
+                    return Err(RecipeError::Twice { name: name.clone() });
+                }
+                seen.push(name);
+            }
+        }
+        Ok(recipe)
+    }
+
+    /// Names of all shapes, mirrors after their originals.
+    #[must_use]
+    pub fn names(&self) -> Vec<&str> {
+        self.shape
+            .iter()
+            .flat_map(|e| std::iter::once(e.name.as_str()).chain(e.mirror.as_deref()))
+            .collect()
+    }
+
+    /// Measures every shape out on a head.
+    ///
+    /// # Errors
+    /// If a point, side or shape does not exist.
+    pub fn targets(&self, head: &Head) -> Result<Vec<Target>, RecipeError> {
+        let mut targets: Vec<Target> = Vec::new();
+        for entry in &self.shape {
+            let target = entry.target(head, &targets, false)?;
+            targets.push(target);
+            if entry.mirror.is_some() {
+                let target = entry.target(head, &targets, true)?;
+                targets.push(target);
+            }
+        }
+        Ok(targets)
+    }
+}
+
+impl Entry {
+    /// Control points of a row; `_S` stands for both sides.
+    fn points(&self, words: &str, mirror: bool) -> Result<Vec<usize>, RecipeError> {
+        let mut points = Vec::new();
+        for word in words.split_whitespace() {
+            let both = word.find("_S").filter(|&at| {
+                let tail = &word[at + 2..];
+                tail.is_empty() || tail.starts_with(|c: char| c == '_' || c.is_ascii_digit())
+            });
+            let spelled = match both {
+                Some(at) => ["_L", "_R"]
+                    .map(|s| format!("{}{s}{}", &word[..at], &word[at + 2..]))
+                    .to_vec(),
+                None => vec![word.to_owned()],
+            };
+            for name in spelled {
+                let point = names::index(&name).ok_or_else(|| RecipeError::Point {
+                    shape: self.name.clone(),
+                    found: word.to_owned(),
+                })?;
+                points.push(if mirror { mirrored(point) } else { point });
+            }
+        }
+        Ok(points)
+    }
+
+    fn side(&self, word: &str, mirror: bool) -> Result<usize, RecipeError> {
+        match word {
+            "L" => Ok(usize::from(mirror)),
+            "R" => Ok(usize::from(!mirror)),
+            _ => Err(RecipeError::Side {
+                shape: self.name.clone(),
+                found: word.to_owned(),
+            }),
+        }
+    }
+
+    fn target(&self, head: &Head, above: &[Target], mirror: bool) -> Result<Target, RecipeError> {
+        let w = head.eye_distance;
+        let flip = if mirror { -1.0 } else { 1.0 };
+        let mut d: Vec<Option<Vec3>> = vec![None; NAMES.len()];
+        d[..names::LANDMARKS].fill(Some(Vec3::zeros()));
+        for (words, outwards, up, forwards) in &self.moves {
+            for point in self.points(words, mirror)? {
+                let unit = match self.measure {
+                    Measure::EyeDistance => w,
+                    Measure::MouthWidth => head.mouth_width,
+                    Measure::EyeOpening => head.eye_opening[usize::from(outward(point) < 0.0)],
+                };
+                let left = if mirrored(point) == point {
+                    outwards * flip
+                } else {
+                    outwards * outward(point)
+                };
+                *d[point].get_or_insert_with(Vec3::zeros) +=
+                    head.axes * Vec3::new(left, *up, *forwards) * unit;
+            }
+        }
+        let jaw = (self.jaw_turn != [0.0; 2] || self.jaw_shift != [0.0; 3]).then(|| {
+            let axis = |k: usize| Unit::new_normalize(head.axes.column(k).into_owned());
+            let [open, left] = self.jaw_turn.map(f64::to_radians);
+            // Opening turns the chin down and back: from "out" towards "down", positive about the left axis.
+            let turn = UnitQuaternion::from_axis_angle(&axis(1), left * flip)
+                * UnitQuaternion::from_axis_angle(&axis(0), open);
+            let [l, u, o] = self.jaw_shift;
+            let shift = head.axes * Vec3::new(l * flip, u, o) * w;
+            let about = head.hinge;
+            Isometry3::from_parts(Translation3::from(about + shift - turn * about), turn)
+        });
+        if let Some(jaw) = &jaw {
+            for (words, share) in &self.jaw {
+                for point in self.points(words, mirror)? {
+                    let p = head.point(point);
+                    let moved = jaw.transform_point(&p.into()).coords - p;
+                    *d[point].get_or_insert_with(Vec3::zeros) += moved * *share;
+                }
+            }
+        }
+        let mut undo: Option<(String, f64)> = None;
+        for (words, shape, share) in &self.undo {
+            let other =
+                above
+                    .iter()
+                    .find(|t| t.name == *shape)
+                    .ok_or_else(|| RecipeError::Order {
+                        shape: self.name.clone(),
+                        found: shape.clone(),
+                    })?;
+            for point in self.points(words, mirror)? {
+                let vertex = head.points[point];
+                if let Some(&(_, moved)) = other.controls.iter().find(|(v, _)| *v == vertex) {
+                    *d[point].get_or_insert_with(Vec3::zeros) -= moved * *share;
+                }
+                if matches!(point, 60..68) {
+                    undo = Some((shape.clone(), *share));
+                }
+            }
+        }
+        let mut close = [None; 2];
+        for (side, amount, line) in &self.close {
+            close[self.side(side, mirror)?] = Some((*amount, *line));
+        }
+        let mut gaze = [None; 2];
+        if let Some((side, up, outwards)) = &self.gaze {
+            let side = self.side(side, mirror)?;
+            let out = if side == 0 { 1.0 } else { -1.0 };
+            let axis = |k: usize| Unit::new_normalize(head.axes.column(k).into_owned());
+            gaze[side] = Some(
+                Rotation3::from_axis_angle(&axis(1), out * outwards.to_radians())
+                    * Rotation3::from_axis_angle(&axis(0), -up.to_radians()),
+            );
+        }
+        let unit = self.unit.as_ref().map(|unit| {
+            match (mirror, unit.strip_suffix('L'), unit.strip_suffix('R')) {
+                (true, Some(stem), _) => format!("{stem}R"),
+                (true, _, Some(stem)) => format!("{stem}L"),
+                _ => unit.clone(),
+            }
+        });
+        let name = if mirror {
+            self.mirror.clone().unwrap_or_default()
+        } else {
+            self.name.clone()
+        };
+        Ok(Target {
+            name,
+            unit,
+            upon: self.upon.clone(),
+            controls: d
+                .into_iter()
+                .enumerate()
+                .filter_map(|(k, d)| Some((head.points[k], d?)))
+                .collect(),
+            close,
+            gaze,
+            jaw,
+            tongue: self
+                .tongue
+                .map(|[up, forwards]| head.axes * Vec3::new(0.0, up, forwards) * w),
+            undo,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_recipe_has_67_shapes_and_all_of_arkit() {
+        let recipe = Recipe::read(SHIPPED).unwrap();
+        let names = recipe.names();
+        assert_eq!(names.len(), 67);
+        for name in [
+            "eyeBlinkLeft",
+            "eyeBlinkRight",
+            "jawOpen",
+            "mouthClose",
+            "tongueOut",
+            "noseSneerRight",
+        ] {
+            assert!(names.contains(&name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_bad_recipe_is_refused_with_the_place() {
+        let twice = "[[shape]]\nname = \"a\"\nmirror = \"a\"\nwhy = \"\"\n";
+        assert!(
+            Recipe::read(twice)
+                .unwrap_err()
+                .to_string()
+                .contains("two shapes")
+        );
+        let unknown = "[[shape]]\nname = \"a\"\nwhy = \"\"\nmoev = []\n";
+        assert!(
+            Recipe::read(unknown)
+                .unwrap_err()
+                .to_string()
+                .contains("moev")
+        );
+    }
+}
