@@ -1,5 +1,6 @@
 //! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
 
+pub mod animate;
 pub mod bake;
 pub mod fit;
 pub mod heads;

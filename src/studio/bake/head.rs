@@ -119,6 +119,9 @@ pub struct Head {
     pub hinge: Vec3,
 }
 
+/// A part of the mouth smaller than this is a tooth and moves as a whole, in eye distances.
+const TOOTH: f64 = 1.2;
+
 /// Smooth step from 0 at `a` to 1 at `b`.
 pub(super) fn smooth(a: f64, b: f64, x: f64) -> f64 {
     let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
@@ -356,12 +359,12 @@ impl Head {
                 let (low, high) = boxes[c];
                 let middle = self.axes * ((low + high) / 2.0);
                 // A tooth moves as a whole; gums and tongue in one piece bend at the bite.
-                let at = if (high - low).max() < 0.6 * w {
+                let at = if (high - low).max() < TOOTH * w {
                     middle
                 } else {
                     self.mesh.positions[v]
                 };
-                let soft = if (high - low).max() < 0.6 * w {
+                let soft = if (high - low).max() < TOOTH * w {
                     1e-6
                 } else {
                     0.08

@@ -120,6 +120,15 @@ pub struct Target {
     pub undo: Option<(String, f64)>,
 }
 
+/// The unit of the other side: a trailing L becomes R and the other way round.
+fn swapped(unit: &str) -> String {
+    match (unit.strip_suffix('L'), unit.strip_suffix('R')) {
+        (Some(stem), _) => format!("{stem}R"),
+        (_, Some(stem)) => format!("{stem}L"),
+        _ => unit.to_owned(),
+    }
+}
+
 /// +1 for a point of the left side or the middle, −1 for one of the right.
 fn outward(point: usize) -> f64 {
     let name = NAMES[point];
@@ -153,6 +162,20 @@ impl Recipe {
             .iter()
             .flat_map(|e| std::iter::once(e.name.as_str()).chain(e.mirror.as_deref()))
             .collect()
+    }
+
+    /// Name and unit of every shape that has one.
+    #[must_use]
+    pub fn units(&self) -> Vec<(String, String)> {
+        let mut out = Vec::new();
+        for entry in &self.shape {
+            let Some(unit) = &entry.unit else { continue };
+            out.push((entry.name.clone(), unit.clone()));
+            if let Some(name) = &entry.mirror {
+                out.push((name.clone(), swapped(unit)));
+            }
+        }
+        out
     }
 
     /// Measures every shape out on a head.
@@ -285,13 +308,10 @@ impl Entry {
                     * Rotation3::from_axis_angle(&axis(0), -up.to_radians()),
             );
         }
-        let unit = self.unit.as_ref().map(|unit| {
-            match (mirror, unit.strip_suffix('L'), unit.strip_suffix('R')) {
-                (true, Some(stem), _) => format!("{stem}R"),
-                (true, _, Some(stem)) => format!("{stem}L"),
-                _ => unit.clone(),
-            }
-        });
+        let unit = self
+            .unit
+            .as_ref()
+            .map(|unit| if mirror { swapped(unit) } else { unit.clone() });
         let name = if mirror {
             self.mirror.clone().unwrap_or_default()
         } else {

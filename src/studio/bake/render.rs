@@ -41,7 +41,12 @@ impl View {
 pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
     let n = head.mesh.positions.len();
     let positions: Vec<Vec3> = if d.len() == n {
-        head.mesh.positions.iter().zip(d).map(|(p, d)| p + d).collect()
+        head.mesh
+            .positions
+            .iter()
+            .zip(d)
+            .map(|(p, d)| p + d)
+            .collect()
     } else {
         head.mesh.positions.clone()
     };
@@ -82,7 +87,12 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
             continue;
         }
         let span = |pick: &dyn Fn(&Vec3) -> f64| {
-            let low = p.iter().map(pick).fold(f64::INFINITY, f64::min).ceil().max(0.0);
+            let low = p
+                .iter()
+                .map(pick)
+                .fold(f64::INFINITY, f64::min)
+                .ceil()
+                .max(0.0);
             let high = p.iter().map(pick).fold(f64::NEG_INFINITY, f64::max).floor();
             (low as i64, (high.min(f64::from(pixels) - 1.0)) as i64)
         };
@@ -107,7 +117,11 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
                 let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
                 // Seen from behind: dark, so that holes and turned faces show.
                 let light = if facing.z < 0.0 { 0.10 } else { light };
-                image.put_pixel(x as u32, y as u32, Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8)));
+                image.put_pixel(
+                    x as u32,
+                    y as u32,
+                    Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8)),
+                );
             }
         }
     }

@@ -1,0 +1,249 @@
+//! What the report says of a baked shape: leakage, inverted and collapsed triangles, symmetry, lids and lips.
+//!
+//! An inverted triangle is one whose normal opposes the mean normal of the triangles up to two rings around it *in the
+//! deformed mesh* (cosine below 0) although it agreed in the neutral (above 0.3). Comparing with the neutral normal
+//! instead would count the honest rolling of lips and lids.
+
+use super::head::Head;
+use super::mesh::Vec3;
+use super::rig::Shape;
+
+/// Figures of one shape. Lengths in eye distances.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    /// Largest displacement.
+    pub largest: f64,
+    /// Largest displacement of a vertex outside the area of influence.
+    pub outside: f64,
+    /// Vertices that move.
+    pub moved: usize,
+    /// Inverted triangles of the skin, local test.
+    pub inverted: usize,
+    /// Triangles of the skin whose area fell below a fiftieth of what it was.
+    pub collapsed: usize,
+    /// RMS difference to the mirrored partner over RMS motion, if there is one and the mesh is symmetric.
+    pub asymmetry: Option<f64>,
+    /// How much deeper than in the neutral a skin vertex lies in an eyeball.
+    pub eye_depth: f64,
+    /// Widest gap left between the lid lines of an eye that the shape closes.
+    pub lid_gap: Option<f64>,
+    /// Deepest crossing of the inner lip landmarks, beyond what the neutral has.
+    pub lips_cross: f64,
+}
+
+/// Prepared for one head.
+pub struct Judge<'a> {
+    head: &'a Head,
+    triangles: Vec<[u32; 3]>,
+    neutral: Vec<(Vec3, f64)>,
+    mirror: Option<Vec<u32>>,
+}
+
+/// Doubled-area normals of all triangles and the cosine with their surroundings.
+fn normals(head: &Head, triangles: &[[u32; 3]], p: &[Vec3]) -> Vec<(Vec3, f64)> {
+    let n: Vec<Vec3> = triangles
+        .iter()
+        .map(|t| {
+            let [a, b, c] = t.map(|v| p[v as usize]);
+            (b - a).cross(&(c - a))
+        })
+        .collect();
+    let mut one = vec![Vec3::zeros(); p.len()];
+    for (t, n) in triangles.iter().zip(&n) {
+        for &v in t {
+            one[v as usize] += n;
+        }
+    }
+    let two: Vec<Vec3> = (0..p.len())
+        .map(|v| {
+            head.rings
+                .of(v)
+                .iter()
+                .fold(one[v], |sum, &o| sum + one[o as usize])
+        })
+        .collect();
+    triangles
+        .iter()
+        .zip(n)
+        .map(|(t, n)| {
+            let around: Vec3 = t.iter().map(|&v| two[v as usize]).sum();
+            let size = n.norm() * around.norm();
+            let cosine = if size > 0.0 {
+                n.dot(&around) / size
+            } else {
+                0.0
+            };
+            (n, cosine)
+        })
+        .collect()
+}
+
+impl<'a> Judge<'a> {
+    /// Prepares the neutral's figures.
+    #[must_use]
+    pub fn new(head: &'a Head) -> Self {
+        let triangles: Vec<[u32; 3]> = head
+            .mesh
+            .triangles()
+            .into_iter()
+            .filter(|t| head.skin[t[0] as usize])
+            .collect();
+        let neutral = normals(head, &triangles, &head.mesh.positions);
+        Self {
+            mirror: mirror(head),
+            head,
+            triangles,
+            neutral,
+        }
+    }
+
+    /// Figures of shape `k`; shapes meant for another one are judged upon it.
+    #[must_use]
+    pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
+        let head = self.head;
+        let shape = &shapes[k];
+        let w = head.eye_distance;
+        let base = shape
+            .upon
+            .as_ref()
+            .and_then(|upon| shapes.iter().find(|s| s.name == *upon));
+        let moved: Vec<Vec3> = (0..shape.displacement.len())
+            .map(|v| {
+                let below = base.map_or(Vec3::zeros(), |b| b.displacement[v]);
+                head.mesh.positions[v] + below + shape.displacement[v]
+            })
+            .collect();
+        let mut out = Figures::default();
+        for (v, d) in shape.displacement.iter().enumerate() {
+            let length = d.norm() / w;
+            out.largest = out.largest.max(length);
+            out.moved += usize::from(length > 0.0);
+            if !shape.area[v] {
+                out.outside = out.outside.max(length);
+            }
+        }
+        for (now, before) in normals(head, &self.triangles, &moved)
+            .iter()
+            .zip(&self.neutral)
+        {
+            if before.1 > 0.3 {
+                out.inverted += usize::from(now.1 < 0.0);
+                out.collapsed += usize::from(now.0.norm() < 0.02 * before.0.norm());
+            }
+        }
+        out.asymmetry = self.asymmetry(shapes, k);
+        for (side, ball) in head.balls.iter().enumerate() {
+            let Some(ball) = ball else { continue };
+            for v in 0..moved.len() {
+                let p = head.mesh.positions[v];
+                let near = head.skin[v] && (p - ball.center).norm() < 0.75 * w;
+                if near && (moved[v] - ball.center).dot(&head.axes.column(2)) > 0.0 {
+                    let depth = |p: &Vec3| (-ball.height(p)).max(0.0);
+                    out.eye_depth = out.eye_depth.max((depth(&moved[v]) - depth(&p)) / w);
+                }
+            }
+            let closes = if side == 0 {
+                "eyeBlinkLeft"
+            } else {
+                "eyeBlinkRight"
+            };
+            if shape.name == closes {
+                out.lid_gap = Some(self.gap(side, &moved) / w);
+            }
+        }
+        let up = head.axes.column(1);
+        for (upper, lower) in [(61, 67), (62, 66), (63, 65)] {
+            let gap = |p: &[Vec3]| {
+                (p[head.points[upper] as usize] - p[head.points[lower] as usize]).dot(&up)
+            };
+            let crossing = (-gap(&moved)).max(0.0) - (-gap(&head.mesh.positions)).max(0.0);
+            out.lips_cross = out.lips_cross.max(crossing / w);
+        }
+        out
+    }
+
+    /// Largest distance of an upper lid line vertex from the lower lid line.
+    fn gap(&self, side: usize, moved: &[Vec3]) -> f64 {
+        let seam = &self.head.lids[side];
+        let lower: Vec<Vec3> = seam.lower.iter().map(|&v| moved[v as usize]).collect();
+        seam.upper
+            .iter()
+            .map(|&v| {
+                let p = moved[v as usize];
+                lower
+                    .windows(2)
+                    .map(|s| {
+                        let line = s[1] - s[0];
+                        let t = ((p - s[0]).dot(&line) / line.norm_squared().max(1e-300))
+                            .clamp(0.0, 1.0);
+                        (s[0] + line * t - p).norm()
+                    })
+                    .fold(f64::INFINITY, f64::min)
+            })
+            .fold(0.0, f64::max)
+    }
+
+    fn asymmetry(&self, shapes: &[Shape], k: usize) -> Option<f64> {
+        let mirror = self.mirror.as_ref()?;
+        let name = &shapes[k].name;
+        let partner = if name.contains("Left") {
+            name.replace("Left", "Right")
+        } else if name.contains("Right") {
+            name.replace("Right", "Left")
+        } else {
+            name.clone()
+        };
+        let other = shapes.iter().find(|s| s.name == partner)?;
+        let left = self.head.axes.column(0).into_owned();
+        let (mut miss, mut size) = (0.0, 0.0);
+        for (v, d) in shapes[k].displacement.iter().enumerate() {
+            if mirror[v] == u32::MAX {
+                continue;
+            }
+            let there = other.displacement[mirror[v] as usize];
+            let flipped = there - left * (2.0 * there.dot(&left));
+            miss += (d - flipped).norm_squared();
+            size += d.norm_squared();
+        }
+        (size > 0.0).then(|| (miss / size).sqrt())
+    }
+}
+
+/// Mirror partner of every vertex (`u32::MAX` for few without), or `None` for a mesh that is not symmetric.
+fn mirror(head: &Head) -> Option<Vec<u32>> {
+    let left = head.axes.column(0).into_owned();
+    let middle = 0.5 * (head.point(39) + head.point(42));
+    let cell = 0.01 * head.eye_distance;
+    let key = |p: &Vec3| [0, 1, 2].map(|k| (p[k] / cell).round() as i64);
+    let mut grid: std::collections::HashMap<[i64; 3], Vec<u32>> = std::collections::HashMap::new();
+    for (v, p) in head.mesh.positions.iter().enumerate() {
+        grid.entry(key(p)).or_default().push(v as u32);
+    }
+    let mut missing = 0;
+    let partners: Vec<u32> = head
+        .mesh
+        .positions
+        .iter()
+        .map(|p| {
+            let flipped = p - left * (2.0 * (p - middle).dot(&left));
+            let k = key(&flipped);
+            let mut best = (cell, u32::MAX);
+            for shift in 0..27_i64 {
+                let near = [
+                    k[0] + shift % 3 - 1,
+                    k[1] + shift / 3 % 3 - 1,
+                    k[2] + shift / 9 - 1,
+                ];
+                for &o in grid.get(&near).into_iter().flatten() {
+                    let d = (head.mesh.positions[o as usize] - flipped).norm();
+                    if d < best.0 {
+                        best = (d, o);
+                    }
+                }
+            }
+            missing += usize::from(best.1 == u32::MAX);
+            best.1
+        })
+        .collect();
+    (missing * 20 < partners.len()).then_some(partners)
+}

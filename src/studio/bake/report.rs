@@ -1,0 +1,157 @@
+//! The report: one HTML file with a picture and the figures of every shape.
+
+use std::fmt::Write as _;
+use std::io::Cursor;
+
+use image::{ImageFormat, RgbImage};
+use rayon::prelude::*;
+
+use super::head::Head;
+use super::measure::{Figures, Judge};
+use super::mesh::Vec3;
+use super::render::{View, draw};
+use super::rig::Shape;
+
+const PIXELS: u32 = 300;
+
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for chunk in bytes.chunks(3) {
+        let word = chunk
+            .iter()
+            .enumerate()
+            .fold(0_u32, |word, (k, &b)| word | u32::from(b) << (16 - 8 * k));
+        for k in 0..4 {
+            if k <= chunk.len() {
+                out.push(char::from(DIGITS[(word >> (18 - 6 * k) & 63) as usize]));
+            } else {
+                out.push('=');
+            }
+        }
+    }
+    out
+}
+
+fn embedded(picture: &RgbImage) -> String {
+    let mut data = Cursor::new(Vec::new());
+    match picture.write_to(&mut data, ImageFormat::Jpeg) {
+        Ok(()) => format!("data:image/jpeg;base64,{}", base64(data.get_ref())),
+        Err(_) => String::new(),
+    }
+}
+
+/// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.
+#[must_use]
+pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
+    let mut d = shapes[k].displacement.clone();
+    let base = shapes[k].upon.as_ref();
+    if let Some(base) = base.and_then(|upon| shapes.iter().find(|s| s.name == *upon)) {
+        for (d, b) in d.iter_mut().zip(&base.displacement) {
+            *d += b;
+        }
+    }
+    d
+}
+
+fn number(value: f64) -> String {
+    if value == 0.0 {
+        "0".into()
+    } else {
+        format!("{value:.4}")
+    }
+}
+
+/// The report as HTML, and the figures it shows.
+#[must_use]
+pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>) {
+    let judge = Judge::new(head);
+    let view = View {
+        yaw: 0.35,
+        ..View::face(head)
+    };
+    let all: Vec<(Figures, String)> = (0..shapes.len())
+        .into_par_iter()
+        .map(|k| {
+            let picture = draw(head, &shown(shapes, k), &view, PIXELS);
+            (judge.judge(shapes, k), embedded(&picture))
+        })
+        .collect();
+    let mut out = String::from(
+        "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes</title><style>\
+         body{font:14px/1.4 system-ui,sans-serif;margin:2em;background:#f6f6f4;color:#222}\
+         .sheet{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:10px}\
+         figure{margin:0;background:#fff;border-radius:6px;overflow:hidden}figure img{width:100%;display:block}\
+         figcaption{padding:4px 8px}table{border-collapse:collapse;margin:2em 0;background:#fff}\
+         td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}\
+         td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>",
+    );
+    let _ = write!(
+        out,
+        "<h1>{title}</h1><p>{} shapes on {} vertices. ",
+        shapes.len(),
+        head.mesh.positions.len()
+    );
+    out.push_str(
+        "Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \
+         judged upon it.</p><div class=\"sheet\">",
+    );
+    let _ = write!(
+        out,
+        "<figure><img alt=\"neutral\" src=\"{}\"><figcaption>neutral</figcaption></figure>",
+        embedded(&draw(head, &[], &view, PIXELS))
+    );
+    for (shape, (_, picture)) in shapes.iter().zip(&all) {
+        let name = &shape.name;
+        let unit = shape.unit.as_deref().unwrap_or("");
+        let _ = write!(
+            out,
+            "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption><b>{name}</b> {unit}</figcaption></figure>"
+        );
+    }
+    out.push_str(
+        "</div><table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices<th>inverted<th>collapsed\
+         <th>asymmetry<th>deeper in eye<th>lid gap<th>lips cross<th>unknowns<th>ms</tr>",
+    );
+    for (shape, (f, _)) in shapes.iter().zip(&all) {
+        let mut cell = |text: String, bad: bool| {
+            let class = if bad { " class=\"bad\"" } else { "" };
+            let _ = write!(out, "<td{class}>{text}");
+        };
+        let some = |v: Option<f64>| v.map_or_else(String::new, number);
+        cell(shape.name.clone(), false);
+        cell(shape.unit.clone().unwrap_or_default(), false);
+        cell(number(f.largest), false);
+        cell(number(f.outside), f.outside > 0.0);
+        cell(f.moved.to_string(), false);
+        cell(f.inverted.to_string(), f.inverted > 0);
+        cell(f.collapsed.to_string(), f.collapsed > 0);
+        cell(some(f.asymmetry), f.asymmetry.is_some_and(|a| a > 0.05));
+        cell(number(f.eye_depth), f.eye_depth > 1e-3);
+        cell(some(f.lid_gap), f.lid_gap.is_some_and(|g| g > 0.02));
+        cell(number(f.lips_cross), f.lips_cross > 0.01);
+        cell(shape.unknowns.to_string(), false);
+        cell(format!("{:.0}", shape.milliseconds), false);
+        out.push_str("</tr>");
+    }
+    out.push_str("</table>");
+    (out, all.into_iter().map(|(f, _)| f).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_follows_the_standard() {
+        for (plain, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+}
