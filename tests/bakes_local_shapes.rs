@@ -1,116 +1,110 @@
-//! Baked shapes against sculpted ones.
+//! Baked shapes: close to sculpted ones, still outside their area, no triangle turned over, lids on the eyeball.
+//! Needs the heads of the shared data (`MIEN_DATA`); without them it says so and passes.
 #![cfg(feature = "studio")]
 
 use std::path::PathBuf;
 
 use mien::studio::bake::benchmark::{Truth, compare};
+use mien::studio::bake::head::Head;
+use mien::studio::bake::measure::Judge;
+use mien::studio::bake::obj;
+use mien::studio::bake::recipe::{Recipe, SHIPPED};
+use mien::studio::bake::rig::{self, Method, Shape};
 use mien::studio::bake::solve::Settings;
 
-fn data() -> Option<PathBuf> {
+fn data(name: &str) -> Option<PathBuf> {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
     let folder = std::env::var_os("MIEN_DATA")
-        .map_or_else(
-            || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
-            PathBuf::from,
-        )
-        .join("ict_facekit");
+        .map_or_else(|| PathBuf::from(beside), PathBuf::from)
+        .join(name);
     if folder.is_dir() {
         return Some(folder);
     }
-    println!("skipped: no ICT head at {}", folder.display());
+    println!("skipped: no {}", folder.display());
     None
+}
+
+fn baked(folder: &str, mesh: &str) -> Option<(Head, Vec<Shape>)> {
+    let folder = data(folder)?;
+    let text = std::fs::read_to_string(folder.join(mesh)).unwrap();
+    let landmarks: Vec<u64> = std::fs::read_to_string(folder.join("landmarks68.txt"))
+        .unwrap()
+        .split_whitespace()
+        .map(|w| w.parse().unwrap())
+        .collect();
+    let head = Head::new(obj::parse(&text).unwrap(), &landmarks).unwrap();
+    let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
+    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    Some((head, shapes))
+}
+
+/// Prints what is wrong with each shape and returns how many inverted triangles there are.
+fn judged(head: &Head, shapes: &[Shape]) -> usize {
+    let judge = Judge::new(head);
+    let (mut inverted, mut widest) = (0, 0.0_f64);
+    for k in 0..shapes.len() {
+        let f = judge.judge(shapes, k);
+        let (name, gap) = (&shapes[k].name, f.lid_gap.unwrap_or(0.0));
+        if f.inverted > 0 || gap > 0.0 {
+            println!("{name}: {} inverted, lids {gap:.4} apart", f.inverted);
+        }
+        inverted += f.inverted;
+        assert!(f.outside == 0.0, "{} leaks", shapes[k].name);
+        assert!(f.eye_depth < 1e-3, "{}: {}", shapes[k].name, f.eye_depth);
+        widest = widest.max(gap);
+    }
+    assert!(widest < 0.05, "lids {widest} apart");
+    inverted
 }
 
 #[test]
 fn comes_closer_to_sculpted_shapes_than_plain_laplacian() {
-    let Some(folder) = data() else { return };
+    let Some(folder) = data("ict_facekit") else {
+        return;
+    };
     let truth = Truth::read(&folder).unwrap();
     let table = compare(&truth, &Settings::default()).unwrap();
     for row in &table {
         println!("{:45} {:.4}", row.name, row.mean());
     }
-    let last = table.last().unwrap();
+    let (free, held, ours) = (&table[0], &table[1], &table[table.len() - 1]);
     for (s, (name, _)) in truth.shapes.iter().enumerate() {
-        println!(
-            "{name:20} {}",
-            table
-                .iter()
-                .map(|r| format!("{:.3}", r.errors[s]))
-                .collect::<Vec<_>>()
-                .join(" ")
-        );
+        let errors: Vec<String> = table
+            .iter()
+            .map(|r| format!("{:.3}", r.errors[s]))
+            .collect();
+        println!("{name:20} {}", errors.join(" "));
+        assert!(ours.errors[s] < 1.10 * free.errors[s], "{name}");
     }
-    assert!(last.mean() < 0.325);
+    assert!(ours.mean() < 0.325);
+    assert!(ours.mean() < 0.62 * free.mean());
+    assert!(ours.mean() < 0.92 * held.mean());
 }
 
 #[test]
-fn look() {
-    use mien::studio::bake::{
-        head::Head,
-        obj,
-        recipe::{Recipe, SHIPPED},
-        render::{self, View},
-        rig,
+fn the_recipe_fits_a_head_with_eyes_and_teeth() {
+    let Some((head, shapes)) = baked("ict_facekit", "generic_neutral_mesh.obj") else {
+        return;
     };
-    let Some(folder) = data() else { return };
-    let out = std::path::PathBuf::from(std::env::var_os("LOOK").unwrap_or("/tmp/bake".into()));
-    for (name, file) in [
-        ("ict_facekit", "generic_neutral_mesh.obj"),
-        ("canonical_face", "canonical_face_model.obj"),
-    ] {
-        let t = std::time::Instant::now();
-        let dir = folder.parent().unwrap().join(name);
-        let mesh = obj::parse(&std::fs::read_to_string(dir.join(file)).unwrap()).unwrap();
-        let landmarks: Vec<u64> = std::fs::read_to_string(dir.join("landmarks68.txt"))
-            .unwrap()
-            .split_whitespace()
-            .map(|w| w.parse().unwrap())
-            .collect();
-        println!("read {:?}", t.elapsed());
-        let head = Head::new(mesh, &landmarks).unwrap();
-        println!("head {:?}", t.elapsed());
-        let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
-        let shapes = rig::bake(
-            &head,
-            &targets,
-            &Settings::default(),
-            rig::Method::Aoi,
-            &|_| (),
-        )
-        .unwrap();
-        println!(
-            "bake {:?} sum {:.0} ms",
-            t.elapsed(),
-            shapes.iter().map(|s| s.milliseconds).sum::<f64>()
-        );
-        let mut slow: Vec<_> = shapes
-            .iter()
-            .map(|s| (s.milliseconds as u32, s.name.clone(), s.unknowns))
-            .collect();
-        slow.sort();
-        slow.reverse();
-        println!("{:?}", &slow[..12]);
-        let view = View::face(&head);
-        for (page, part) in shapes.chunks(12).enumerate() {
-            let pictures: Vec<_> = part
-                .iter()
-                .map(|s| {
-                    let mut d = s.displacement.clone();
-                    if let Some(upon) = &s.upon {
-                        let base = shapes.iter().find(|b| b.name == *upon).unwrap();
-                        for (d, b) in d.iter_mut().zip(&base.displacement) {
-                            *d += b;
-                        }
-                    }
-                    render::draw(&head, &d, &View { yaw: 0.35, ..view }, 380)
-                })
-                .collect();
-            println!(
-                "page {page}: {:?}",
-                part.iter().map(|s| s.name.as_str()).collect::<Vec<_>>()
-            );
-            render::sheet(&pictures, 4)
-                .save(out.join(format!("{name}_{page}.png")))
-                .unwrap();
-        }
-    }
+    assert_eq!(shapes.len(), 67);
+    assert!(judged(&head, &shapes) <= INVERTED_ICT);
+    // Lower teeth follow the jaw rigidly, upper teeth stay.
+    let jaw = shapes.iter().find(|s| s.name == "jawOpen").unwrap();
+    let moved = |v: usize| jaw.displacement[v].norm() / head.eye_distance;
+    assert!(moved(20_300) > 0.8 && moved(18_100) == 0.0);
 }
+
+#[test]
+fn the_recipe_fits_a_coarse_mask_of_triangles() {
+    let Some((head, shapes)) = baked("canonical_face", "canonical_face_model.obj") else {
+        return;
+    };
+    assert_eq!(shapes.len(), 67);
+    assert!(judged(&head, &shapes) <= INVERTED_MASK);
+}
+
+/// Inverted triangles that are known and left over all 67 shapes: small ones in the eye corners of both blinks and in the
+/// mouth corners of `jawForward`.
+const INVERTED_ICT: usize = 16;
+/// The same on the coarse mask.
+const INVERTED_MASK: usize = 0;

@@ -131,7 +131,7 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
     let mesh = &truth.mesh;
     let n = mesh.positions.len();
     let node: Vec<u32> = (0..n as u32).collect();
-    let operator = Operator::new(mesh, &node, n);
+    let operator = Operator::new(mesh, &node, n, |_| false);
     let rings = mesh.rings();
     let (component, _) = mesh.components(&rings);
     let skin: Vec<bool> = (0..n)

@@ -30,7 +30,9 @@ mien-studio bake --mesh FILE.obj --landmarks FILE --out FILE.glb
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
   --method     laplacian: plain least squares, for comparison
-  --derive-controls  with --controls: adds points on cheeks and forehead (a recipe names its own)
+  --derive-controls  the ten points on cheeks and forehead; on with a recipe, which names how they move. A table of
+               controls gets none: no way to move them from the 68 alone was closer to sculpted shapes left out
+               of its making than leaving them free
   --unit       unit of the mesh; default: told from the distance of the eyes
   --dense      morph targets in full, for programs that cannot read sparse ones
   --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
@@ -233,7 +235,7 @@ fn landmarks(path: &Path) -> Result<Vec<u64>, BakeError> {
 }
 
 /// Targets from a table of controls.
-fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
+fn table(path: &Path, head: &Head) -> Result<Vec<Target>, BakeError> {
     let text = read(path)?;
     let refuse = |line: usize, expected, found: &str| BakeError::Controls {
         path: path.into(),
@@ -284,6 +286,7 @@ fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeErro
                     unit: None,
                     upon: None,
                     controls: Vec::new(),
+                    exact: true,
                     close: [None; 2],
                     gaze: [None; 2],
                     jaw: None,
@@ -296,9 +299,6 @@ fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeErro
         target.controls.push((vertex as u32, d));
     }
     for target in &mut targets {
-        if derive {
-            super::prior::derive(head, &mut target.controls);
-        }
         target.jaw = jaw_of(head, &target.controls);
     }
     Ok(targets)
@@ -367,7 +367,14 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         head.eye_distance * metres * 1e3
     );
     let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => table(path, &head, request.derive)?,
+        (Some(path), _) => {
+            if request.derive {
+                println!(
+                    "no points derived: a table stands for itself (see mien-studio bake --help)"
+                );
+            }
+            table(path, &head)?
+        }
         (None, path) => {
             let text = path
                 .as_ref()

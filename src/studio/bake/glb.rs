@@ -475,7 +475,9 @@ mod tests {
                 })
                 .collect();
             assert_eq!(read[0].len(), 37 * 3);
-            assert_eq!(read[0].iter().filter(|v| **v != 0.0).count(), 3);
+            // Vertex 3 stands at the seam: both copies move alike.
+            let rows: Vec<&[f32]> = read[0].chunks(3).filter(|v| *v != [0.0; 3]).collect();
+            assert!(rows.len() == 2 && rows[0] == rows[1]);
             assert!(read[1].iter().all(|v| *v == 0.0));
             results.push(read);
         }

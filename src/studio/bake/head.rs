@@ -93,6 +93,8 @@ pub struct Head {
     pub rings: Rings,
     /// Laplacian operators.
     pub operator: Operator,
+    /// Faces that only fill the slit between two lids or lips: they stretch, and tie nothing together.
+    pub film: Vec<bool>,
     /// Vertices of the skin.
     pub skin: Vec<bool>,
     /// Columns: the face's left, up, out in mesh coordinates.
@@ -198,6 +200,7 @@ impl Head {
                 lower: line(&[36, 41, 40, 39]),
             },
         ];
+        let film = films(&mesh, &[&lips, &lids[0], &lids[1]]);
         let eye_opening = [
             0.5 * ((at(43) - at(47)).norm() + (at(44) - at(46)).norm()),
             0.5 * ((at(38) - at(40)).norm() + (at(37) - at(41)).norm()),
@@ -208,7 +211,7 @@ impl Head {
         let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
         let operator = {
             let node: Vec<u32> = (0..n as u32).collect();
-            Operator::new(&mesh, &node, n)
+            Operator::new(&mesh, &node, n, |f| film[f])
         };
         let normals = mesh.vertex_normals(&mesh.positions);
         points.extend(derived_points(
@@ -226,6 +229,7 @@ impl Head {
             follow: vec![Follow::Still; n],
             balls: [None, None],
             mesh,
+            film,
             points,
             rings,
             operator,
@@ -330,15 +334,16 @@ impl Head {
                 kind[c] = Follow::Skin;
                 continue;
             }
-            if let Some(side) = (0..2).find(|&s| {
+            let side = (0..2).find(|&s| {
                 let d = middle - eyes[s];
                 d.x.abs() < 0.4 * w && d.y.abs() < 0.4 * w && d.z.abs() < 0.8 * w
-            }) {
-                if size.min() > 0.6 * size.max() && size.max() > 0.4 * w && size.max() < 1.3 * w {
-                    kind[c] = Follow::Eyeball(side);
-                    ball_parts[side].push(c as u32);
-                    continue;
-                }
+            });
+            let round =
+                size.min() > 0.6 * size.max() && size.max() > 0.4 * w && size.max() < 1.3 * w;
+            if let Some(side) = side.filter(|_| round) {
+                kind[c] = Follow::Eyeball(side);
+                ball_parts[side].push(c as u32);
+                continue;
             }
             let d = middle - mouth;
             let inside = d.x.abs() < 0.6 * self.mouth_width
@@ -401,6 +406,27 @@ impl Head {
             }
         }
     }
+}
+
+/// Faces whose corners all lie on the two lines of one seam, on both of them.
+fn films(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
+    let mut film = vec![false; mesh.faces()];
+    for seam in seams {
+        let mut on = vec![(false, false); mesh.positions.len()];
+        for &v in &seam.upper {
+            on[v as usize].0 = true;
+        }
+        for &v in &seam.lower {
+            on[v as usize].1 = true;
+        }
+        for (f, film) in film.iter_mut().enumerate() {
+            let corner = || mesh.face(f).iter().map(|c| on[c.vertex as usize]);
+            *film |= corner().all(|(upper, lower)| upper || lower)
+                && corner().any(|(_, lower)| !lower)
+                && corner().any(|(upper, _)| !upper);
+        }
+    }
+    film
 }
 
 /// Vertices of the shortest way along edges from `a` to `b`; empty after `a` if there is none.

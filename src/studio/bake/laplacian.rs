@@ -36,8 +36,7 @@ fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
     let longest = (0..3)
         .map(|k| (p[(k + 1) % 3] - p[k]).norm_squared())
         .fold(0.0, f64::max);
-    // Not "<": a NaN area is refused as well.
-    if !(doubled > FLAT * longest) {
+    if doubled.is_nan() || doubled <= FLAT * longest {
         return None;
     }
     let at = |k: usize| {
@@ -49,9 +48,9 @@ fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
 
 impl Operator {
     /// Builds the operators for the positions of `mesh`; `node` maps a vertex to the unknown that carries it (copies of
-    /// a point at a seam share one), `nodes` is their number.
+    /// a point at a seam share one), `nodes` is their number. Faces that pass `skip` tie nothing together.
     #[must_use]
-    pub fn new(mesh: &Mesh, node: &[u32], nodes: usize) -> Self {
+    pub fn new(mesh: &Mesh, node: &[u32], nodes: usize, skip: impl Fn(usize) -> bool) -> Self {
         // Half-edge weights (a, b, ω) with a < b, summed below.
         let mut halves: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.corners.len() * 3);
         let mut area = vec![0.0; nodes];
@@ -68,6 +67,9 @@ impl Operator {
             }
         };
         for f in 0..mesh.faces() {
+            if skip(f) {
+                continue;
+            }
             let face = mesh.face(f);
             let v = |k: usize| face[k].vertex;
             if face.len() == 4 {
@@ -122,7 +124,7 @@ mod tests {
 
     fn operator(mesh: &Mesh) -> Operator {
         let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        Operator::new(mesh, &node, node.len())
+        Operator::new(mesh, &node, node.len(), |_| false)
     }
 
     #[test]

@@ -31,11 +31,51 @@ pub struct Figures {
     pub lips_cross: f64,
 }
 
+/// The skin's triangles and how they lie in their surroundings in the neutral shape.
+pub struct Surroundings {
+    triangles: Vec<[u32; 3]>,
+    neutral: Vec<(Vec3, f64)>,
+}
+
+impl Surroundings {
+    /// Of one head; films across a slit are left out.
+    #[must_use]
+    pub fn new(head: &Head) -> Self {
+        let mut triangles = Vec::new();
+        for f in 0..head.mesh.faces() {
+            let face = head.mesh.face(f);
+            if head.film[f] || !head.skin[face[0].vertex as usize] {
+                continue;
+            }
+            for t in head.mesh.split(f) {
+                triangles.push(t.map(|k| face[k].vertex));
+            }
+        }
+        let neutral = normals(head, &triangles, &head.mesh.positions);
+        Self { triangles, neutral }
+    }
+
+    /// Inverted triangles, and how many lost 98 % of their area.
+    #[must_use]
+    pub fn inverted(&self, head: &Head, moved: &[Vec3]) -> (Vec<[u32; 3]>, usize) {
+        let (mut inverted, mut collapsed) = (Vec::new(), 0);
+        let now = normals(head, &self.triangles, moved);
+        for ((t, now), before) in self.triangles.iter().zip(&now).zip(&self.neutral) {
+            if before.1 > 0.3 {
+                if now.1 < 0.0 {
+                    inverted.push(*t);
+                }
+                collapsed += usize::from(now.0.norm() < 0.02 * before.0.norm());
+            }
+        }
+        (inverted, collapsed)
+    }
+}
+
 /// Prepared for one head.
 pub struct Judge<'a> {
     head: &'a Head,
-    triangles: Vec<[u32; 3]>,
-    neutral: Vec<(Vec3, f64)>,
+    around: Surroundings,
     mirror: Option<Vec<u32>>,
 }
 
@@ -82,18 +122,10 @@ impl<'a> Judge<'a> {
     /// Prepares the neutral's figures.
     #[must_use]
     pub fn new(head: &'a Head) -> Self {
-        let triangles: Vec<[u32; 3]> = head
-            .mesh
-            .triangles()
-            .into_iter()
-            .filter(|t| head.skin[t[0] as usize])
-            .collect();
-        let neutral = normals(head, &triangles, &head.mesh.positions);
         Self {
             mirror: mirror(head),
             head,
-            triangles,
-            neutral,
+            around: Surroundings::new(head),
         }
     }
 
@@ -122,15 +154,8 @@ impl<'a> Judge<'a> {
                 out.outside = out.outside.max(length);
             }
         }
-        for (now, before) in normals(head, &self.triangles, &moved)
-            .iter()
-            .zip(&self.neutral)
-        {
-            if before.1 > 0.3 {
-                out.inverted += usize::from(now.1 < 0.0);
-                out.collapsed += usize::from(now.0.norm() < 0.02 * before.0.norm());
-            }
-        }
+        let (inverted, collapsed) = self.around.inverted(head, &moved);
+        (out.inverted, out.collapsed) = (inverted.len(), collapsed);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
             let Some(ball) = ball else { continue };

@@ -1,8 +1,13 @@
 //! Baking: a neutral head and 68 vertex numbers become blendshapes, paper section 4.
 //!
 //! ```text
-//! OBJ ─► mesh ─► laplacian ─► influence (12) ─► solve: Procedure 1 ─► blendshapes ─► GLB, OBJ folder, report
+//! OBJ ─► mesh ─► head: axes, lids, lips, parts ─┐
+//!           └──► laplacian (10)(11) ────────────┼─► rig: influence (12)(13), solve (Procedure 1), contacts ─► GLB, OBJ, report
+//! recipe or table of controls ──────────────────┘
 //! ```
+//!
+//! Distances in recipes and settings are in units of the face (inner-eye-corner distance), so that one recipe fits any
+//! head; everything inside is in the mesh's own unit and axes, and becomes metres in the GLB.
 
 pub mod benchmark;
 pub mod command;
@@ -15,7 +20,6 @@ pub mod measure;
 pub mod mesh;
 pub mod names;
 pub mod obj;
-pub mod prior;
 pub mod recipe;
 pub mod render;
 pub mod report;

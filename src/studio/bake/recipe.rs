@@ -108,6 +108,8 @@ pub struct Target {
     pub upon: Option<String>,
     /// Displacements of control vertices; those not named are free.
     pub controls: Vec<(u32, Vec3)>,
+    /// The controls must be met exactly, even at the price of an inverted triangle.
+    pub exact: bool,
     /// Lid closing per eye (left, right): amount and line.
     pub close: [Option<(f64, f64)>; 2],
     /// Eyeball rotation per eye.
@@ -326,6 +328,7 @@ impl Entry {
                 .enumerate()
                 .filter_map(|(k, d)| Some((head.points[k], d?)))
                 .collect(),
+            exact: false,
             close,
             gaze,
             jaw,

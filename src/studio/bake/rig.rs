@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use super::head::{Follow, Head, Seam, smooth};
 use super::influence::Field;
+use super::measure::Surroundings;
 use super::mesh::Vec3;
 use super::recipe::Target;
 use super::solve::{self, Settings, System};
@@ -25,9 +26,13 @@ use super::sparse::Singular;
 /// Height that moving lid skin keeps above the eyeball, in eye distances: a lid's edge is not thinner.
 const LID_MARGIN: f64 = 0.012;
 /// Rounds of lifting sunk lid skin.
-const LID_ROUNDS: usize = 4;
+const LID_ROUNDS: usize = 2;
+/// Rounds of smoothing around inverted triangles.
+const RELAX_ROUNDS: usize = 48;
+/// Rounds after which the smoothed patch grows by a ring.
+const GROW_EVERY: usize = 3;
 /// Inside of the mouth nearer than this to the lip line stays free, in eye distances, so that lips can roll.
-const LIP_FREE: f64 = 0.12;
+const LIP_FREE: f64 = 0.2;
 /// Displacements below this part of the eye distance are nothing: 0.04 micrometres.
 const NOTHING: f64 = 1e-6;
 
@@ -102,6 +107,7 @@ pub fn bake(
             influence[k] = u;
         }
     }
+    let around = Surroundings::new(head);
     let plain = match method {
         Method::Aoi => None,
         Method::Laplacian => Some(plain(head, targets)?),
@@ -111,7 +117,13 @@ pub fn bake(
         let target = &targets[k];
         let solved = match &plain {
             Some(all) => (all[k].clone(), head.skin.clone(), 0),
-            None => skin(head, target, &influence[k], settings, base)?,
+            None => {
+                let mut solved = skin(head, target, &influence[k], settings, base)?;
+                if !target.exact {
+                    relax(head, &around, target, base, &mut solved);
+                }
+                solved
+            }
         };
         let (mut displacement, mut area, unknowns) = solved;
         followers(head, target, &mut displacement, &mut area);
@@ -237,11 +249,12 @@ fn controls(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
                     );
                     let meeting = l + (u - l) * line;
                     // Both lines go to the same curve; the depth there is the ball's, given below.
-                    *goal.entry(v).or_insert_with(Vec3::zeros) += (meeting - p) * amount;
+                    *goal.entry(v).or_insert_with(Vec3::zeros) +=
+                        (meeting - p) * (amount * near_corner(t));
                 }
             }
         }
-        let Some(ball) = &head.balls[side] else {
+        let Some(ball) = head.balls[side].as_ref().filter(|_| !target.exact) else {
             continue;
         };
         for path in [&seam.upper, &seam.lower] {
@@ -249,16 +262,12 @@ fn controls(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
                 if let Some(d) = goal.get_mut(&v).filter(|d| d.norm() > 0.0) {
                     let (p, moved) = (at(v), at(v) + *d);
                     let least = match target.close[side] {
-                        // Lines that meet share one height, or one lid would stand before the other.
+                        // Lines that meet go to the same point, so that no lid stands before the other.
                         Some((amount, _)) if amount > 0.99 => 2.0 * LID_MARGIN * head.eye_distance,
                         _ => ball.height(&p).min(LID_MARGIN * head.eye_distance),
                     };
-                    let meets = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
-                    if ball.height(&moved) < least || meets {
-                        let ends = v == path[0] || v == path[path.len() - 1];
-                        if !ends || !meets {
-                            *d = ball.lifted(&moved, least) - p;
-                        }
+                    if ball.height(&moved) < least {
+                        *d = ball.lifted(&moved, least) - p;
                     }
                 }
             }
@@ -312,7 +321,7 @@ fn skin(
             let free = near
                 .iter()
                 .any(|p| (p - positions[v]).norm() < LIP_FREE * w);
-            if !free && (share > 0.95 || share < 0.05) {
+            if !free && !(0.05..=0.95).contains(&share) {
                 let p = positions[v];
                 let moved = jaw.transform_point(&p.into()).coords - p;
                 goal.entry(v as u32).or_insert(moved * share);
@@ -350,7 +359,8 @@ fn skin(
         );
         unknowns = unknowns.max(system.unknowns());
         let sunk = sunk(head, &d);
-        if sunk.is_empty() {
+        // A table of controls says itself how lids go.
+        if sunk.is_empty() || target.exact {
             break;
         }
         for (v, lifted) in sunk {
@@ -365,6 +375,83 @@ fn skin(
         area[v as usize] = true;
     }
     Ok((d, area, unknowns))
+}
+
+/// Smooths the displacement around inverted triangles until there are none: in a patch that takes in what is inverted and
+/// grows while that lasts. Equal displacements cannot invert anything, so a large enough patch ends it; what the recipe
+/// asked for gives way by what that takes, except lid lines that meet.
+fn relax(
+    head: &Head,
+    around: &Surroundings,
+    target: &Target,
+    base: Option<&[Vec3]>,
+    (d, area, _): &mut (Vec<Vec3>, Vec<bool>, usize),
+) {
+    let mut held = vec![false; d.len()];
+    for side in 0..2 {
+        if target.close[side].is_some_and(|(amount, _)| amount > 0.99) {
+            let seam = &head.lids[side];
+            for &v in seam.upper.iter().chain(&seam.lower) {
+                let t = across(head, seam, &head.mesh.positions[v as usize]);
+                held[v as usize] = (0.07..0.93).contains(&t);
+            }
+        }
+    }
+    let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
+    let mut patch = vec![false; d.len()];
+    for round in 0..RELAX_ROUNDS {
+        let moved: Vec<Vec3> = (0..d.len())
+            .map(|v| head.mesh.positions[v] + d[v] + below(v))
+            .collect();
+        let (inverted, _) = around.inverted(head, &moved);
+        if inverted.is_empty() {
+            break;
+        }
+        for &v in inverted.iter().flatten() {
+            patch[v as usize] = true;
+            for &o in head.rings.of(v as usize) {
+                patch[o as usize] = true;
+            }
+        }
+        if round % GROW_EVERY == GROW_EVERY - 1 {
+            let before = patch.clone();
+            for v in (0..patch.len()).filter(|&v| before[v]) {
+                for &o in head.rings.of(v) {
+                    patch[o as usize] = true;
+                }
+            }
+        }
+        let inside: Vec<usize> = (0..patch.len())
+            .filter(|&v| patch[v] && area[v] && !held[v])
+            .collect();
+        // Several sweeps, or a large patch would take as many rounds as it has rings.
+        for _ in 0..16 {
+            let smoothed: Vec<Vec3> = inside
+                .iter()
+                .map(|&v| {
+                    // What is seen is this shape upon the other one: that is what has to be smooth.
+                    let all = |v: usize| d[v] + below(v);
+                    let ring = head.rings.of(v);
+                    let mean =
+                        ring.iter().map(|&o| all(o as usize)).sum::<Vec3>() / ring.len() as f64;
+                    (all(v) + mean) / 2.0 - below(v)
+                })
+                .collect();
+            for (&v, s) in inside.iter().zip(smoothed) {
+                d[v] = s;
+            }
+        }
+        for (v, lifted) in sunk(head, d) {
+            if !held[v as usize] {
+                d[v as usize] = lifted;
+            }
+        }
+    }
+}
+
+/// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 across.
+fn near_corner(t: f64) -> f64 {
+    smooth(0.0, 0.035, t) * smooth(1.0, 0.965, t)
 }
 
 /// Skin vertices that sank into an eyeball deeper than before (or than the margin), with the displacement that cures it.

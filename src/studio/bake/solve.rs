@@ -241,7 +241,7 @@ mod tests {
 
     fn operator(mesh: &Mesh) -> Operator {
         let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        Operator::new(mesh, &node, node.len())
+        Operator::new(mesh, &node, node.len(), |_| false)
     }
 
     /// u = 1 within `radius` of the middle vertex, 0 outside.
