@@ -1,0 +1,3 @@
+// Khronos validator over GLB files: npm install gltf-validator@2.0.0-dev.3.10 && node validate.js FILE.glb...
+const fs=require('fs'),v=require('gltf-validator');
+(async()=>{for(const f of process.argv.slice(2)){const r=await v.validateBytes(new Uint8Array(fs.readFileSync(f)));console.log(f,JSON.stringify({e:r.issues.numErrors,w:r.issues.numWarnings,i:r.issues.numInfos,h:r.issues.numHints}),r.issues.messages.slice(0,4).map(m=>m.code+' '+m.pointer+' '+m.message));}})();
