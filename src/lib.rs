@@ -32,9 +32,15 @@ pub mod landmarks;
 
 pub mod expression;
 
+pub mod users;
+
 pub mod output;
 
+pub mod cli;
+mod live;
+pub mod log;
 pub mod pipeline;
+pub mod service;
 pub mod settings;
 
 #[cfg(feature = "studio")]

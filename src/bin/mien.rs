@@ -1,2 +1,53 @@
 //! The appliance: sensor to weights on a wire.
-fn main() {}
+
+use std::process::ExitCode;
+
+use mien::cli::{self, Command};
+use mien::face_model::FaceModel;
+use mien::service;
+use mien::settings::Settings;
+
+#[expect(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "this is the door: it prints what was asked for"
+)]
+fn main() -> ExitCode {
+    let command = match cli::parse(std::env::args_os().skip(1)) {
+        Ok(command) => command,
+        Err(error) => {
+            eprintln!("mien: {error}");
+            return ExitCode::from(64);
+        }
+    };
+    let done = match command {
+        Command::Help => {
+            print!("{}", cli::HELP);
+            Ok(())
+        }
+        Command::Version => {
+            let studio = if cfg!(feature = "studio") {
+                "std studio"
+            } else {
+                "std"
+            };
+            println!(
+                "mien {} (features {studio}, model {:08x})",
+                env!("CARGO_PKG_VERSION"),
+                FaceModel::shipped().id
+            );
+            Ok(())
+        }
+        Command::CheckConfig(file) => service::settings(file.as_deref()).map(|_| ()),
+        Command::PrintConfig(file) => service::settings(file.as_deref())
+            .map(|settings: Settings| print!("{}", settings.to_toml())),
+        Command::Run(run) => service::run(&run),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("mien: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

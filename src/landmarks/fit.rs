@@ -24,7 +24,7 @@ use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
 
 /// Settings of the stage.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Confidence of the face below which it is lost, 0…1.
     pub min_confidence: f32,

@@ -4,11 +4,13 @@ pub mod cascade;
 pub mod features;
 pub mod fit;
 pub mod paper_aam;
+pub mod stage;
 pub mod steady;
 pub mod view;
 pub mod window;
 
 pub use fit::{LandmarkFitter, Settings};
+pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};
 
 use crate::capacity::LANDMARKS;
 use crate::geometry::Point;

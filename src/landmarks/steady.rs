@@ -12,7 +12,7 @@ use crate::time::Timestamp;
 const GAP_S: f64 = 0.5;
 
 /// Settings of the filter.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steadiness {
     /// Cut-off of a still coefficient, Hz. Lower is steadier.
     pub still_hz: f32,

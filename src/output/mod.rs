@@ -11,51 +11,10 @@ pub mod serial;
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 use crate::time::Timestamp;
+pub use crate::users::TrackingState;
 
 /// Version of the order and meaning of units on the wires; rises when an index changes its meaning.
 pub const SCHEMA_VERSION: i32 = 1;
-
-/// What is known of a user.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum TrackingState {
-    /// Nobody.
-    #[default]
-    Absent,
-    /// Followed; ranges still mostly prior.
-    Warming,
-    /// Followed.
-    Tracking,
-    /// Short loss; values predicted or kept.
-    Held,
-    /// Lost, not yet forgotten.
-    Lost,
-}
-
-impl TrackingState {
-    /// As in CSV.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Absent => "absent",
-            Self::Warming => "warming",
-            Self::Tracking => "tracking",
-            Self::Held => "held",
-            Self::Lost => "lost",
-        }
-    }
-
-    /// As on the wires.
-    #[must_use]
-    pub const fn code(self) -> u8 {
-        self as u8
-    }
-
-    /// Whether there are values for this user.
-    #[must_use]
-    pub const fn is_present(self) -> bool {
-        matches!(self, Self::Warming | Self::Tracking | Self::Held)
-    }
-}
 
 /// All that is known of one user at one frame. Lent to the outputs.
 #[derive(Clone, Copy, Debug, Default)]

@@ -2,11 +2,14 @@
 
 pub mod animate;
 pub mod bake;
+pub mod cli;
 pub mod fit;
 pub mod heads;
 pub mod ict;
 pub mod inspect;
 pub mod nrsfm;
 pub mod priors;
+pub mod record;
+pub mod sessions;
 pub mod split;
 pub mod train;

@@ -1,0 +1,188 @@
+//! The command line of the appliance: words to a [`Command`].
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use lexopt::prelude::*;
+
+/// What `mien help` prints.
+pub const HELP: &str = "\
+mien - facial expression from a Kinect v1 as FACS weights
+
+mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--fast] [--model FILE] [--require-device]
+mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
+mien print-config   [--config FILE]  the effective configuration
+mien help | --help | --version
+
+--source S        kinect, kinect:SERIAL, simulated, simulated:SCENE, or the path of a recording
+--csv FILE|-      one row per frame and user
+--frames N        end after N frames
+--fast            a recording or a simulation as fast as it goes, not at its own pace
+--model FILE      a face model in place of the built-in one
+--require-device  exit 3 if there is no sensor, instead of playing the simulated one
+
+Without --config: /etc/mien/mien.toml if it is there, else the built-in defaults.
+Exit codes: 0 done, 1 failure at run time, 2 the configuration file, 3 no sensor, 64 usage.
+Example: mien run --source simulated --csv - --frames 300
+";
+
+/// One invocation.
+#[derive(Debug, PartialEq)]
+pub enum Command {
+    /// `run`
+    Run(Run),
+    /// `check-config`, with the file if one was named.
+    CheckConfig(Option<PathBuf>),
+    /// `print-config`, with the file if one was named.
+    PrintConfig(Option<PathBuf>),
+    /// `help`
+    Help,
+    /// `--version`
+    Version,
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Default, PartialEq)]
+pub struct Run {
+    /// Configuration file.
+    pub config: Option<PathBuf>,
+    /// Source of frames, in place of the configuration's.
+    pub source: Option<String>,
+    /// Where the CSV goes.
+    pub csv: Option<CsvTarget>,
+    /// End after so many frames.
+    pub frames: Option<u64>,
+    /// As fast as it goes.
+    pub fast: bool,
+    /// Face model, in place of the configuration's.
+    pub model: Option<PathBuf>,
+    /// No sensor is a failure.
+    pub require_device: bool,
+}
+
+/// Where a CSV goes.
+#[derive(Debug, PartialEq)]
+pub enum CsvTarget {
+    /// `-`
+    StandardOutput,
+    /// A file.
+    File(PathBuf),
+}
+
+/// Wrong words on the command line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}; see mien help")]
+pub struct UsageError(#[from] lexopt::Error);
+
+/// Parses the words after the program's name. No words at all ask for help.
+///
+/// # Errors
+/// On an unknown command or option, or a value that is missing or malformed.
+pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, UsageError> {
+    let mut parser = lexopt::Parser::from_args(words);
+    let Some(first) = parser.next()? else {
+        return Ok(Command::Help);
+    };
+    let command = match first {
+        Long("help") | Short('h') => return Ok(Command::Help),
+        Long("version") | Short('V') => return Ok(Command::Version),
+        Value(word) => word.string()?,
+        other => return Err(other.unexpected().into()),
+    };
+    let command = match command.as_str() {
+        "help" => Command::Help,
+        "run" => run(&mut parser)?,
+        "check-config" => match parser.next()? {
+            Some(Value(path)) => Command::CheckConfig(Some(path.into())),
+            Some(Long("help")) => return Ok(Command::Help),
+            Some(other) => return Err(other.unexpected().into()),
+            None => Command::CheckConfig(None),
+        },
+        "print-config" => match parser.next()? {
+            Some(Long("config")) => Command::PrintConfig(Some(parser.value()?.into())),
+            Some(Long("help")) => return Ok(Command::Help),
+            Some(other) => return Err(other.unexpected().into()),
+            None => Command::PrintConfig(None),
+        },
+        _ => {
+            return Err(lexopt::Error::Custom(format!("unknown command {command:?}").into()).into());
+        }
+    };
+    match parser.next()? {
+        Some(extra) => Err(extra.unexpected().into()),
+        None => Ok(command),
+    }
+}
+
+fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
+    let mut run = Run::default();
+    while let Some(word) = parser.next()? {
+        match word {
+            Long("config") => run.config = Some(parser.value()?.into()),
+            Long("source") => run.source = Some(parser.value()?.string()?),
+            Long("csv") => {
+                let target = parser.value()?;
+                run.csv = Some(if target == "-" {
+                    CsvTarget::StandardOutput
+                } else {
+                    CsvTarget::File(target.into())
+                });
+            }
+            Long("frames") => run.frames = Some(parser.value()?.parse()?),
+            Long("fast") => run.fast = true,
+            Long("model") => run.model = Some(parser.value()?.into()),
+            Long("require-device") => run.require_device = true,
+            Long("help") => return Ok(Command::Help),
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok(Command::Run(run))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Result<Command, UsageError> {
+        parse(line.split_ascii_whitespace().map(OsString::from))
+    }
+
+    #[test]
+    fn the_contract_s_words_are_understood() {
+        let Ok(Command::Run(run)) =
+            words("run --source simulated:still --csv - --frames 30 --fast")
+        else {
+            panic!("run")
+        };
+        assert_eq!(run.source.as_deref(), Some("simulated:still"));
+        assert_eq!(run.csv, Some(CsvTarget::StandardOutput));
+        assert_eq!(
+            (run.frames, run.fast, run.require_device),
+            (Some(30), true, false)
+        );
+        assert_eq!(
+            words("check-config a.toml").unwrap(),
+            Command::CheckConfig(Some("a.toml".into()))
+        );
+        assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
+        assert_eq!(words("--version").unwrap(), Command::Version);
+        assert_eq!(words("").unwrap(), Command::Help);
+    }
+
+    #[test]
+    fn wrong_words_say_what_was_wrong() {
+        for (line, part) in [
+            ("fly", "unknown command \"fly\""),
+            ("run --frames many", "many"),
+            ("run --frames", "--frames"),
+            ("run --wings", "--wings"),
+            ("check-config a b", "\"b\""),
+        ] {
+            let message = words(line).unwrap_err().to_string();
+            assert!(
+                message.contains(part) && message.ends_with("; see mien help"),
+                "{line}: {message}"
+            );
+        }
+    }
+}

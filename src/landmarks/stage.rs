@@ -1,0 +1,91 @@
+//! The landmark stage of a pipeline: the chosen method behind one verb.
+
+use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
+use super::{LandmarkFitter, Landmarks, Settings};
+use crate::capacity::PIXELS;
+use crate::face_model::FaceModel;
+use crate::pose::HeadPose;
+use crate::sensor::camera::Camera;
+use crate::time::Timestamp;
+
+/// How landmarks are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Cascade of regressions on gradient-orientation patches.
+    #[default]
+    Cascade,
+    /// The paper's 2D+3D active appearance model.
+    Paper,
+}
+
+/// Settings of the stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageSettings {
+    /// Which method.
+    pub method: Method,
+    /// Settings of the cascade.
+    pub cascade: Settings,
+}
+
+/// Why the stage cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum LandmarkError {
+    /// The model was trained without it.
+    #[error(
+        "landmarks.method is \"paper\", but the face model holds no active appearance model; train one with mien-studio train, or set \"cascade\""
+    )]
+    NoPaperModel,
+    /// The model's block for the paper's method.
+    #[error(transparent)]
+    Paper(#[from] PaperAamError),
+}
+
+/// The stage.
+pub enum LandmarkStage {
+    /// [`Method::Cascade`].
+    Cascade(Box<LandmarkFitter>),
+    /// [`Method::Paper`].
+    Paper(Box<PaperAamFitter>),
+}
+
+impl LandmarkStage {
+    /// Prepares the chosen method; all memory is taken here.
+    ///
+    /// # Errors
+    /// If the model lacks what the method needs.
+    pub fn new(settings: StageSettings, model: &FaceModel) -> Result<Self, LandmarkError> {
+        match settings.method {
+            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::new(
+                settings.cascade,
+                model,
+            )))),
+            Method::Paper if model.paper_aam.is_empty() => Err(LandmarkError::NoPaperModel),
+            Method::Paper => {
+                let fitter = PaperAamFitter::new(PaperAamSettings::default(), &model.paper_aam)?;
+                Ok(Self::Paper(Box::new(fitter)))
+            }
+        }
+    }
+
+    /// Fits one frame; `None` if there is no face to be found at the pose.
+    pub fn fit(
+        &mut self,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        pose: &HeadPose,
+        at: Timestamp,
+    ) -> Option<&Landmarks> {
+        match self {
+            Self::Cascade(fitter) => fitter.fit(luma, camera, pose, at),
+            Self::Paper(fitter) => fitter.fit(luma, camera, pose, at),
+        }
+    }
+
+    /// Forgets the person.
+    pub fn reset(&mut self) {
+        match self {
+            Self::Cascade(fitter) => fitter.reset(),
+            Self::Paper(fitter) => fitter.reset(),
+        }
+    }
+}

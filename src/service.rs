@@ -1,0 +1,366 @@
+//! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
+
+use std::fs::File;
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::cli::{CsvTarget, Run};
+use crate::face_model::{FaceModel, ModelError};
+use crate::geometry::yaw_pitch_roll;
+use crate::live;
+use crate::output::csv::Csv;
+use crate::output::osc::Osc;
+use crate::output::osc::faceosc::FaceOsc;
+use crate::output::osc::vmc::Vmc;
+use crate::output::osc::vrchat::VrChat;
+use crate::output::serial::Serial;
+use crate::output::{Output, OutputError, Report};
+use crate::pipeline::{Pipeline, PipelineError};
+use crate::sensor::{Frame, Pacer, Source, SourceError, SourceName, kinect};
+use crate::settings::{Settings, SettingsError};
+use crate::users::TrackingState;
+
+/// Where the configuration is looked for when none is named.
+const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
+/// How often the live line is written where it cannot overwrite itself, in microseconds.
+const LIVE_PERIOD_US: u64 = 1_000_000;
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum Failure {
+    /// The configuration file.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The model file cannot be read.
+    #[error("{}: cannot be read ({source}); give the path of a model made by mien-studio train", path.display())]
+    ModelFile {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The model file is not a model.
+    #[error("{}: {source}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: ModelError,
+    },
+    /// No sensor, and one was required.
+    #[error(
+        "no Kinect on USB (expected 045e:02ae or 045e:02bf); plug one in, with its own power supply, or leave --require-device out"
+    )]
+    NoSensor,
+    /// The source of frames.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The stages.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// An output.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// Signals cannot be watched.
+    #[error("cannot watch for signals: {0}; is the system out of memory?")]
+    Signals(io::Error),
+}
+
+impl Failure {
+    /// Exit code of the contract.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Settings(_) => 2,
+            Self::NoSensor => 3,
+            _ => 1,
+        }
+    }
+}
+
+/// The configuration in force: the named file, else the system's, else the built-in defaults.
+///
+/// # Errors
+/// If the file cannot be read or is refused.
+pub fn settings(file: Option<&Path>) -> Result<Settings, Failure> {
+    let system = Path::new(SYSTEM_CONFIG);
+    Ok(match file {
+        Some(path) => Settings::read(path)?,
+        None if system.exists() => Settings::read(system)?,
+        None => Settings::default(),
+    })
+}
+
+/// The face model in a file, or the built-in one.
+///
+/// # Errors
+/// If the file cannot be read or is refused.
+pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
+    let Some(path) = file else {
+        return Ok(FaceModel::shipped());
+    };
+    let bytes = std::fs::read(path).map_err(|source| Failure::ModelFile {
+        path: path.into(),
+        source,
+    })?;
+    FaceModel::read(&bytes).map_err(|source| Failure::Model {
+        path: path.into(),
+        source,
+    })
+}
+
+/// What to do when a Kinect is asked for and none is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoKinect {
+    /// Play the simulated sensor in its place.
+    Simulate,
+    /// Wait until one is plugged in.
+    Wait,
+    /// Fail.
+    Refuse,
+}
+
+/// Opens a source by name.
+///
+/// # Errors
+/// If the source does not exist or cannot be opened.
+pub fn open(name: &str, no_kinect: NoKinect) -> Result<Source, Failure> {
+    let serial = match name.parse().unwrap_or_else(|never| match never {}) {
+        SourceName::Recording(path) => return Ok(Source::recording(&path)?),
+        SourceName::Simulated { scene } => return Ok(Source::simulated(scene.as_deref())?),
+        SourceName::Kinect { serial } => serial,
+    };
+    let (source, open) = Source::kinect(serial.as_deref(), kinect::Settings::default());
+    match no_kinect {
+        NoKinect::Refuse if !open => Err(Failure::NoSensor),
+        NoKinect::Simulate if !open => {
+            tracing::warn!("no Kinect that can be opened on USB: playing the simulated sensor");
+            Ok(Source::simulated(None)?)
+        }
+        _ => Ok(source),
+    }
+}
+
+/// What the signals asked for.
+struct Signals {
+    stop: Arc<AtomicBool>,
+    reload: Arc<AtomicBool>,
+}
+
+impl Signals {
+    fn watch() -> Result<Self, Failure> {
+        let signals = Self {
+            stop: Arc::default(),
+            reload: Arc::default(),
+        };
+        for signal in [SIGTERM, SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&signals.stop))
+                .map_err(Failure::Signals)?;
+        }
+        signal_hook::flag::register(SIGHUP, Arc::clone(&signals.reload))
+            .map_err(Failure::Signals)?;
+        Ok(signals)
+    }
+}
+
+/// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
+///
+/// # Errors
+/// As [`Failure`] lists.
+pub fn run(run: &Run) -> Result<(), Failure> {
+    let mut settings = settings(run.config.as_deref())?;
+    crate::log::start(settings.log.level);
+    let named =
+        Some(PathBuf::from(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
+    let model = model(run.model.as_deref().or(named.as_deref()))?;
+    let name = run
+        .source
+        .clone()
+        .unwrap_or_else(|| settings.sensor.source.clone());
+    // Who names the Kinect on the command line wants that one, now or when it is plugged in.
+    let no_kinect = match (run.require_device, &run.source) {
+        (true, _) => NoKinect::Refuse,
+        (false, Some(_)) => NoKinect::Wait,
+        (false, None) => NoKinect::Simulate,
+    };
+    let mut source = open(&name, no_kinect)?;
+    let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
+    let mut outputs = outputs(&settings, run.csv.as_ref(), &pipeline)?;
+    let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
+    let signals = Signals::watch()?;
+    let mut frame = Frame::default();
+    let mut pacer = Pacer::default();
+    let mut left = run.frames.unwrap_or(u64::MAX);
+    let mut waiting = false;
+    while left > 0 && !signals.stop.load(Ordering::Relaxed) {
+        match source.next_frame(&mut frame) {
+            Ok(true) => waiting = false,
+            Ok(false) => break,
+            Err(problem @ SourceError::Waiting(_)) => {
+                if !std::mem::replace(&mut waiting, true) {
+                    tracing::warn!("{problem}");
+                }
+                continue;
+            }
+            Err(problem) => return Err(problem.into()),
+        }
+        if signals.reload.swap(false, Ordering::Relaxed) {
+            settings = reload(run, settings);
+            let learned = pipeline.expression().learned();
+            pipeline = Pipeline::new(&settings, source.registration(), &model)?;
+            pipeline.adopt(&learned);
+            outputs.truncate(usize::from(run.csv.is_some()));
+            outputs.extend(wires(&settings, &pipeline)?);
+        }
+        if !run.fast && !matches!(source, Source::Kinect(_)) {
+            pacer.wait(frame.at);
+        }
+        // Another Kinect may have been plugged in.
+        if source.registration() != pipeline.camera().registration() {
+            pipeline.set_camera(source.registration());
+        }
+        pipeline.follow(&frame);
+        let report = pipeline.report();
+        if let Source::Kinect(live) = &mut source {
+            live.show_tracking(report.state.is_present());
+        }
+        for output in &mut outputs {
+            output.send(&report)?;
+        }
+        if let Some(live) = &mut live {
+            live.show(
+                &report,
+                pipeline
+                    .expression()
+                    .unit_names()
+                    .iter()
+                    .map(|name| name.as_str()),
+            );
+        }
+        left -= 1;
+    }
+    if let Some(live) = live {
+        live.end();
+    }
+    if source.skipped() > 0 {
+        tracing::warn!(frames = source.skipped(), "damaged frames were skipped");
+    }
+    Ok(())
+}
+
+/// The configuration read again; the old one if the new one is refused.
+fn reload(run: &Run, old: Settings) -> Settings {
+    match settings(run.config.as_deref()) {
+        Ok(new) => {
+            tracing::info!("configuration read again");
+            new
+        }
+        Err(error) => {
+            tracing::error!("{error}; the old configuration stays");
+            old
+        }
+    }
+}
+
+/// The CSV, if asked for, and then the configured wires.
+fn outputs(
+    settings: &Settings,
+    csv: Option<&CsvTarget>,
+    pipeline: &Pipeline,
+) -> Result<Vec<Box<dyn Output>>, Failure> {
+    let mut outputs: Vec<Box<dyn Output>> = Vec::new();
+    let (measures, units) = (Pipeline::measure_names(), pipeline.unit_names());
+    match csv {
+        Some(CsvTarget::StandardOutput) => {
+            outputs.push(Box::new(Csv::new(io::stdout().lock(), &measures, &units)?))
+        }
+        Some(CsvTarget::File(path)) => {
+            let file = File::create(path).map_err(|source| OutputError::Csv { source })?;
+            outputs.push(Box::new(Csv::new(BufWriter::new(file), &measures, &units)?));
+        }
+        None => {}
+    }
+    outputs.extend(wires(settings, pipeline)?);
+    Ok(outputs)
+}
+
+fn wires(settings: &Settings, pipeline: &Pipeline) -> Result<Vec<Box<dyn Output>>, Failure> {
+    let mut wires: Vec<Box<dyn Output>> = Vec::new();
+    if settings.osc.enabled {
+        wires.push(Box::new(Osc::new(
+            settings.osc.clone(),
+            &pipeline.unit_names(),
+        )?));
+    }
+    if settings.vmc.enabled {
+        wires.push(Box::new(Vmc::new(
+            settings.vmc.clone(),
+            &pipeline.unit_names(),
+        )?));
+    }
+    if settings.vrchat.enabled {
+        wires.push(Box::new(VrChat::new(
+            settings.vrchat.clone(),
+            &pipeline.unit_names(),
+        )?));
+    }
+    if settings.faceosc.enabled {
+        wires.push(Box::new(FaceOsc::new(settings.faceosc.clone())?));
+    }
+    if !settings.serial.port.is_empty() {
+        wires.push(Box::new(Serial::new(
+            &settings.serial,
+            &pipeline.unit_names(),
+        )?));
+    }
+    Ok(wires)
+}
+
+/// The line on standard output: overwritten in place on a terminal, one a second elsewhere.
+#[derive(Default)]
+struct Live {
+    last_us: Option<u64>,
+    state: TrackingState,
+}
+
+impl Live {
+    fn show<'a>(&mut self, report: &Report, names: impl Iterator<Item = &'a str>) {
+        let mut out = io::stdout().lock();
+        let terminal = out.is_terminal();
+        let now = report.at.as_us();
+        let due = self.last_us.is_none_or(|last| now >= last + LIVE_PERIOD_US)
+            || report.state != self.state;
+        if !terminal && !due {
+            return;
+        }
+        (self.last_us, self.state) = (Some(now), report.state);
+        let turn = report
+            .sensor_from_head
+            .map(|pose| yaw_pitch_roll(&pose.rotation));
+        let mut units = names.zip(report.weights.iter().copied());
+        let line = live::line(
+            now as f64 * 1e-6,
+            report.state,
+            report.confidence,
+            turn,
+            &mut units,
+        );
+        // A closed standard output is not worth ending the run for.
+        let _ = if terminal {
+            write!(out, "\r\x1b[K{line}").and_then(|()| out.flush())
+        } else {
+            writeln!(out, "{line}")
+        };
+    }
+
+    fn end(self) {
+        let mut out = io::stdout().lock();
+        if out.is_terminal() && self.last_us.is_some() {
+            let _ = writeln!(out);
+        }
+    }
+}

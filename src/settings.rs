@@ -1,1 +1,0 @@
-//! The configuration file: TOML to the settings of each stage, every key checked.

@@ -1,0 +1,492 @@
+//! Every key of the configuration: section, name, meaning, unit, range, place.
+
+use super::Settings;
+use crate::expression::measures::Scale;
+use crate::output::osc::Style;
+use crate::output::osc::vmc::Role;
+use crate::output::serial;
+use crate::pose::smoothing::Smoothing;
+use crate::{expression, landmarks, pose};
+
+/// Sections in the order they are printed, with a sentence about each.
+pub(super) const SECTIONS: &[(&str, &str)] = &[
+    ("sensor", "Where frames come from."),
+    ("segment", "Finding the head in depth."),
+    ("pose", "Where the head is."),
+    ("landmarks", "The 68 points."),
+    ("learning", "How each person's ranges are learned."),
+    ("users", "What happens when a face is lost."),
+    ("osc", "OSC over UDP, the native schema."),
+    ("vmc", "OSC for avatar programmes, VMC protocol."),
+    ("vrchat", "OSC for VRChat, Unified Expressions."),
+    ("faceosc", "OSC as FaceOSC sends it."),
+    ("serial", "A serial port."),
+    ("log", "What is written to standard error."),
+];
+
+/// What a key may hold and where it is kept.
+pub(super) enum Kind<'a> {
+    Float {
+        value: Number<'a>,
+        min: f32,
+        max: f32,
+        unit: &'static str,
+    },
+    Integer {
+        value: &'a mut u32,
+        min: u32,
+        max: u32,
+        unit: &'static str,
+    },
+    Bool {
+        value: &'a mut bool,
+    },
+    Text {
+        value: &'a mut String,
+        form: &'static str,
+        valid: fn(&str) -> bool,
+    },
+    Choice {
+        value: usize,
+        names: &'static [&'static str],
+        set: fn(&mut Settings, usize),
+    },
+}
+
+/// A number as the stages hold it: single precision about pictures, double about what goes on for months.
+pub(super) enum Number<'a> {
+    Single(&'a mut f32),
+    Double(&'a mut f64),
+}
+
+impl Number<'_> {
+    pub(super) fn set(self, number: f64) {
+        match self {
+            Self::Single(slot) => *slot = number as f32,
+            Self::Double(slot) => *slot = number,
+        }
+    }
+
+    /// As TOML, always with a point, so that it stays a number with one.
+    pub(super) fn text(&self) -> String {
+        match self {
+            Self::Single(value) => format!("{value:?}"),
+            Self::Double(value) => format!("{value:?}"),
+        }
+    }
+}
+
+/// One key.
+pub(super) struct Key {
+    pub(super) section: &'static str,
+    pub(super) name: &'static str,
+    pub(super) about: &'static str,
+    pub(super) kind: fn(&mut Settings) -> Kind<'_>,
+}
+
+const fn key(
+    section: &'static str,
+    name: &'static str,
+    about: &'static str,
+    kind: fn(&mut Settings) -> Kind<'_>,
+) -> Key {
+    Key {
+        section,
+        name,
+        about,
+        kind,
+    }
+}
+
+const LEVELS: [tracing::Level; 5] = [
+    tracing::Level::ERROR,
+    tracing::Level::WARN,
+    tracing::Level::INFO,
+    tracing::Level::DEBUG,
+    tracing::Level::TRACE,
+];
+
+const POSE_METHODS: [pose::Method; 2] = [pose::Method::Plane, pose::Method::Paper];
+const SMOOTHING_WINDOW: usize = 5;
+const LANDMARK_METHODS: [landmarks::Method; 2] =
+    [landmarks::Method::Cascade, landmarks::Method::Paper];
+const LEARNING_METHODS: [expression::Method; 2] =
+    [expression::Method::Robust, expression::Method::Paper];
+const SCALES: [Scale; 3] = [Scale::ByMethod, Scale::Frame, Scale::Learnt];
+const ROLES: [Role; 2] = [Role::Performer, Role::Assistant];
+const SERIAL_STYLES: [serial::Style; 3] = [
+    serial::Style::Text,
+    serial::Style::Plot,
+    serial::Style::Cobs,
+];
+const STYLES: [Style; 3] = [Style::Vector, Style::Scalar, Style::Both];
+
+fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
+    all.iter().position(|one| one == value).unwrap_or_default()
+}
+
+/// Every key, in the order printed.
+pub(super) const KEYS: &[Key] = &[
+    key(
+        "sensor",
+        "source",
+        "Where frames come from; --source goes before it.",
+        |s| Kind::Text {
+            value: &mut s.sensor.source,
+            form: "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
+            valid: |text| !text.is_empty(),
+        },
+    ),
+    key(
+        "sensor",
+        "model",
+        "Face model file; --model goes before it.",
+        |s| Kind::Text {
+            value: &mut s.sensor.model,
+            form: "a path, or empty for the built-in model",
+            valid: |_| true,
+        },
+    ),
+    key(
+        "segment",
+        "max_distance_m",
+        "Nobody is looked for beyond this distance.",
+        |s| single(&mut s.segment.max_distance_m, 0.4, 4.0, "m"),
+    ),
+    key(
+        "segment",
+        "iterations",
+        "Rounds of K-means per frame, at most.",
+        |s| Kind::Integer {
+            value: &mut s.segment.iterations,
+            min: 1,
+            max: 100,
+            unit: "",
+        },
+    ),
+    key(
+        "pose",
+        "method",
+        "Point-to-plane against the learned head, or the paper's point-to-point.",
+        |s| Kind::Choice {
+            value: index_of(&POSE_METHODS, &s.pose.method),
+            names: &["plane", "paper"],
+            set: |s, index| s.pose.method = POSE_METHODS[index],
+        },
+    ),
+    key(
+        "pose",
+        "smoothing",
+        "Filter of the pose: none, the paper's window over five frames, or adaptive.",
+        |s| Kind::Choice {
+            value: match s.pose.smoothing {
+                Smoothing::Off => 0,
+                Smoothing::Window(_) => 1,
+                Smoothing::Adaptive { .. } => 2,
+            },
+            names: &["off", "window", "adaptive"],
+            set: |s, index| {
+                s.pose.smoothing = [
+                    Smoothing::Off,
+                    Smoothing::Window(SMOOTHING_WINDOW),
+                    Smoothing::default(),
+                ][index]
+            },
+        },
+    ),
+    key(
+        "pose",
+        "min_agreement",
+        "Agreement with the head model below which the head counts as lost.",
+        |s| single(&mut s.pose.min_agreement, 0.0, 1.0, ""),
+    ),
+    key(
+        "pose",
+        "learn_shape",
+        "Whether size and shape of the user's head are learned (plane).",
+        |s| Kind::Bool {
+            value: &mut s.pose.learn_shape,
+        },
+    ),
+    key(
+        "landmarks",
+        "method",
+        "Cascade on orientation patches, or the paper's 2D+3D AAM.",
+        |s| Kind::Choice {
+            value: index_of(&LANDMARK_METHODS, &s.landmarks.method),
+            names: &["cascade", "paper"],
+            set: |s, index| s.landmarks.method = LANDMARK_METHODS[index],
+        },
+    ),
+    key(
+        "landmarks",
+        "min_confidence",
+        "Confidence below which the face counts as lost.",
+        |s| single(&mut s.landmarks.cascade.min_confidence, 0.0, 1.0, ""),
+    ),
+    key(
+        "landmarks",
+        "still_hz",
+        "Cut-off of the shape filter on a still face; lower is steadier.",
+        |s| {
+            single(
+                &mut s.landmarks.cascade.steadiness.still_hz,
+                0.05,
+                30.0,
+                "Hz",
+            )
+        },
+    ),
+    key(
+        "learning",
+        "method",
+        "The robust learner, or sections 2.2 to 2.6 of the paper to the letter.",
+        |s| Kind::Choice {
+            value: index_of(&LEARNING_METHODS, &s.learning.method),
+            names: &["robust", "paper"],
+            set: |s, index| s.learning.method = LEARNING_METHODS[index],
+        },
+    ),
+    key(
+        "learning",
+        "scale",
+        "What measures are divided by: the frame's eye distance, the learned one, or as the method has it.",
+        |s| Kind::Choice {
+            value: index_of(&SCALES, &s.learning.scale),
+            names: &["by-method", "frame", "learned"],
+            set: |s, index| s.learning.scale = SCALES[index],
+        },
+    ),
+    key(
+        "learning",
+        "best_distance_m",
+        "Distance at which samples count fully, equation (4).",
+        |s| double(&mut s.learning.best_distance_m, 0.3, 4.0, "m"),
+    ),
+    key(
+        "learning",
+        "half_life_s",
+        "Half-life of what was learned, in time of presence; 0 never forgets.",
+        |s| double(&mut s.learning.half_life_s, 0.0, 86_400.0, "s"),
+    ),
+    key(
+        "learning",
+        "range_prior",
+        "How many half seconds of expression outweigh the population's range (robust).",
+        |s| double(&mut s.learning.range_prior, 0.5, 100.0, ""),
+    ),
+    key(
+        "learning",
+        "dead_zone",
+        "Dead zone about rest, in deviations of the noise (robust).",
+        |s| double(&mut s.learning.dead_zone, 0.0, 3.0, ""),
+    ),
+    key(
+        "learning",
+        "smoothing_hz",
+        "Cut-off of the weights' filter on a still face; 0 switches it off (robust).",
+        |s| double(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz"),
+    ),
+    key(
+        "learning",
+        "compensation_scale",
+        "Spread of compensating samples as a share of the range; 0 is the paper's (paper).",
+        |s| double(&mut s.learning.compensation_scale, 0.0, 1.0, ""),
+    ),
+    key(
+        "users",
+        "hold_s",
+        "How long values are kept after the face was last seen.",
+        |s| single(&mut s.users.hold_s, 0.0, 10.0, "s"),
+    ),
+    key(
+        "users",
+        "forget_s",
+        "How long a lost person's ranges are kept before the next starts anew.",
+        |s| single(&mut s.users.forget_s, 0.0, 3600.0, "s"),
+    ),
+    key("osc", "enabled", "Whether anything is sent.", |s| {
+        Kind::Bool {
+            value: &mut s.osc.enabled,
+        }
+    }),
+    key("osc", "target", "Where to.", |s| {
+        host_port(&mut s.osc.target)
+    }),
+    key("osc", "prefix", "What every address starts with.", |s| {
+        Kind::Text {
+            value: &mut s.osc.prefix,
+            form: "a slash and a name",
+            valid: |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'),
+        }
+    }),
+    key(
+        "osc",
+        "style",
+        "All weights in one message, each under its own address, or both.",
+        |s| Kind::Choice {
+            value: index_of(&STYLES, &s.osc.style),
+            names: &["vector", "scalar", "both"],
+            set: |s, index| s.osc.style = STYLES[index],
+        },
+    ),
+    key(
+        "osc",
+        "hold_s",
+        "How long the last weights of a lost face are kept.",
+        |s| single(&mut s.osc.loss.hold_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "osc",
+        "decay_s",
+        "How long they then take to fade to neutral.",
+        |s| single(&mut s.osc.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key("vmc", "enabled", "Whether anything is sent.", |s| {
+        Kind::Bool {
+            value: &mut s.vmc.enabled,
+        }
+    }),
+    key("vmc", "target", "Where to.", |s| {
+        host_port(&mut s.vmc.target)
+    }),
+    key(
+        "vmc",
+        "role",
+        "What this programme is to the receiver.",
+        |s| Kind::Choice {
+            value: index_of(&ROLES, &s.vmc.role),
+            names: &["performer", "assistant"],
+            set: |s, index| s.vmc.role = ROLES[index],
+        },
+    ),
+    key(
+        "vmc",
+        "hold_s",
+        "How long the last weights of a lost face are kept.",
+        |s| single(&mut s.vmc.loss.hold_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "vmc",
+        "decay_s",
+        "How long they then take to fade to neutral.",
+        |s| single(&mut s.vmc.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key("vrchat", "enabled", "Whether anything is sent.", |s| {
+        Kind::Bool {
+            value: &mut s.vrchat.enabled,
+        }
+    }),
+    key("vrchat", "target", "Where to.", |s| {
+        host_port(&mut s.vrchat.target)
+    }),
+    key(
+        "vrchat",
+        "prefix",
+        "What the avatar's author put before the names.",
+        |s| Kind::Text {
+            value: &mut s.vrchat.prefix,
+            form: "empty or ending in a slash",
+            valid: |text| text.is_empty() || text.ends_with('/'),
+        },
+    ),
+    key(
+        "vrchat",
+        "hold_s",
+        "How long the last weights of a lost face are kept.",
+        |s| single(&mut s.vrchat.loss.hold_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "vrchat",
+        "decay_s",
+        "How long they then take to fade to neutral.",
+        |s| single(&mut s.vrchat.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key("faceosc", "enabled", "Whether anything is sent.", |s| {
+        Kind::Bool {
+            value: &mut s.faceosc.enabled,
+        }
+    }),
+    key("faceosc", "target", "Where to.", |s| {
+        host_port(&mut s.faceosc.target)
+    }),
+    key(
+        "serial",
+        "port",
+        "Where to; empty = no serial output.",
+        |s| Kind::Text {
+            value: &mut s.serial.port,
+            form: "the path of a port, like \"/dev/ttyUSB0\", or empty",
+            valid: |_| true,
+        },
+    ),
+    key("serial", "baud", "Speed.", |s| Kind::Integer {
+        value: &mut s.serial.baud,
+        min: 1200,
+        max: 4_000_000,
+        unit: "bit/s",
+    }),
+    key(
+        "serial",
+        "style",
+        "Lines with checksums, lines for the Arduino plotter, or binary frames.",
+        |s| Kind::Choice {
+            value: index_of(&SERIAL_STYLES, &s.serial.style),
+            names: &["text", "plot", "cobs"],
+            set: |s, index| s.serial.style = SERIAL_STYLES[index],
+        },
+    ),
+    key("serial", "pose", "Whether head poses are sent too.", |s| {
+        Kind::Bool {
+            value: &mut s.serial.pose,
+        }
+    }),
+    key(
+        "serial",
+        "hold_s",
+        "How long the last weights of a lost face are kept.",
+        |s| single(&mut s.serial.loss.hold_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "serial",
+        "decay_s",
+        "How long they then take to fade to neutral.",
+        |s| single(&mut s.serial.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key("log", "level", "Least severity written.", |s| {
+        Kind::Choice {
+            value: index_of(&LEVELS, &s.log.level),
+            names: &["error", "warn", "info", "debug", "trace"],
+            set: |s, index| s.log.level = LEVELS[index],
+        }
+    }),
+];
+
+fn single<'a>(value: &'a mut f32, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
+    Kind::Float {
+        value: Number::Single(value),
+        min,
+        max,
+        unit,
+    }
+}
+
+fn double<'a>(value: &'a mut f64, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
+    Kind::Float {
+        value: Number::Double(value),
+        min,
+        max,
+        unit,
+    }
+}
+
+fn host_port(value: &mut String) -> Kind<'_> {
+    Kind::Text {
+        value,
+        form: "host:port",
+        valid: |text| {
+            text.rsplit_once(':')
+                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+        },
+    }
+}

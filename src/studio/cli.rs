@@ -1,0 +1,249 @@
+//! The command line of the workstation: words to calls.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use lexopt::prelude::*;
+
+use super::record;
+use super::sessions::{self, Sessions};
+use super::split::Split;
+use crate::service::{self, NoKinect};
+
+/// One command: its name, what it takes, what it does.
+struct Command {
+    name: &'static str,
+    usage: &'static str,
+    about: &'static str,
+    example: &'static str,
+    /// Options that take a value.
+    options: &'static [&'static str],
+    /// Options that stand alone.
+    flags: &'static [&'static str],
+    /// Words without an option, at most.
+    words: usize,
+    run: fn(&Words) -> Result<(), Fault>,
+}
+
+const COMMANDS: &[Command] = &[
+    Command {
+        name: "record",
+        usage: "--out DIR [--seconds N] [--source S]",
+        about: "a recording, from the sensor or the simulator",
+        example: "mien-studio record --source simulated --seconds 10 --out session",
+        options: &["out", "seconds", "source"],
+        flags: &[],
+        words: 0,
+        run: run_record,
+    },
+    Command {
+        name: "evaluate",
+        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N]",
+        about: "plays rendered sessions of people never trained on through the whole pipeline; one table",
+        example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
+        options: &[
+            "data", "model", "config", "people", "seconds", "split", "seed",
+        ],
+        flags: &[],
+        words: 0,
+        run: run_evaluate,
+    },
+];
+
+/// Why a command failed, and with which exit code.
+#[derive(Debug)]
+pub enum Fault {
+    /// Wrong words: exit code 64.
+    Usage(String),
+    /// Anything else.
+    Failed {
+        /// The sentence.
+        text: String,
+        /// The code.
+        code: u8,
+    },
+}
+
+impl<E: std::error::Error> From<E> for Fault {
+    fn from(error: E) -> Self {
+        Self::Failed {
+            text: error.to_string(),
+            code: 1,
+        }
+    }
+}
+
+fn service_fault(failure: &service::Failure) -> Fault {
+    Fault::Failed {
+        text: failure.to_string(),
+        code: failure.exit_code(),
+    }
+}
+
+/// The words of one invocation.
+#[derive(Default)]
+struct Words {
+    options: BTreeMap<&'static str, Vec<OsString>>,
+    free: Vec<OsString>,
+}
+
+impl Words {
+    fn parse(command: &Command, parser: &mut lexopt::Parser) -> Result<Option<Self>, Fault> {
+        let usage = |error: lexopt::Error| Fault::Usage(error.to_string());
+        let mut words = Self::default();
+        while let Some(word) = parser.next().map_err(usage)? {
+            match word {
+                Long("help") | Short('h') => return Ok(None),
+                Long(name) => {
+                    if let Some(&name) = command.options.iter().find(|&&known| known == name) {
+                        let values = words.options.entry(name).or_default();
+                        values.extend(parser.values().map_err(usage)?);
+                    } else if let Some(&name) = command.flags.iter().find(|&&known| known == name) {
+                        words.options.entry(name).or_default();
+                    } else {
+                        return Err(usage(word.unexpected()));
+                    }
+                }
+                Value(free) if words.free.len() < command.words => words.free.push(free),
+                other => return Err(usage(other.unexpected())),
+            }
+        }
+        Ok(Some(words))
+    }
+
+    fn path(&self, name: &str) -> Option<PathBuf> {
+        self.options
+            .get(name)
+            .and_then(|values| values.last())
+            .map(PathBuf::from)
+    }
+
+    fn required(&self, name: &str) -> Result<PathBuf, Fault> {
+        self.path(name)
+            .ok_or_else(|| Fault::Usage(format!("--{name} is missing")))
+    }
+
+    fn value<T: FromStr>(&self, name: &str) -> Result<Option<T>, Fault> {
+        let Some(word) = self.options.get(name).and_then(|values| values.last()) else {
+            return Ok(None);
+        };
+        let parsed = word.to_str().and_then(|word| word.parse().ok());
+        parsed.map(Some).ok_or_else(|| {
+            Fault::Usage(format!(
+                "--{name} {} is not a valid value",
+                word.to_string_lossy()
+            ))
+        })
+    }
+}
+
+/// Runs one invocation; the words after the program's name.
+///
+/// # Errors
+/// [`Fault::Usage`] on wrong words, else what the command says.
+#[expect(clippy::print_stdout, reason = "help is asked for")]
+pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
+    let mut parser = lexopt::Parser::from_args(words);
+    let first = parser
+        .next()
+        .map_err(|error| Fault::Usage(error.to_string()))?;
+    let name = match first {
+        None | Some(Long("help") | Short('h')) => {
+            print!("{}", help());
+            return Ok(());
+        }
+        Some(Long("version") | Short('V')) => {
+            println!("mien-studio {}", env!("CARGO_PKG_VERSION"));
+            return Ok(());
+        }
+        Some(Value(word)) => word.to_string_lossy().into_owned(),
+        Some(other) => return Err(Fault::Usage(other.unexpected().to_string())),
+    };
+    if name == "help" {
+        print!("{}", help());
+        return Ok(());
+    }
+    let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
+        return Err(Fault::Usage(format!("unknown command {name:?}")));
+    };
+    match Words::parse(command, &mut parser)? {
+        Some(words) => (command.run)(&words),
+        None => {
+            println!(
+                "mien-studio {} {}\n  {}\nExample: {}",
+                command.name, command.usage, command.about, command.example
+            );
+            Ok(())
+        }
+    }
+}
+
+fn help() -> String {
+    let mut text = String::from(
+        "mien-studio - the workstation of mien: trains the face model, makes pictures and recordings\n\n",
+    );
+    for command in COMMANDS {
+        text += &format!(
+            "mien-studio {} {}\n    {}\n",
+            command.name, command.usage, command.about
+        );
+    }
+    text += "\nEvery command has --help with an example.\n";
+    text
+}
+
+/// The data sets: `--data`, else `MIEN_DATA`, else `../shared/data`.
+fn data(words: &Words) -> PathBuf {
+    words
+        .path("data")
+        .or_else(|| std::env::var_os("MIEN_DATA").map(PathBuf::from))
+        .unwrap_or_else(|| Path::new("../shared/data").to_path_buf())
+}
+
+#[expect(clippy::print_stdout, reason = "the door's answer")]
+fn run_record(words: &Words) -> Result<(), Fault> {
+    let out = words.required("out")?;
+    let name = words
+        .value::<String>("source")?
+        .unwrap_or_else(|| "kinect".into());
+    let seconds = words.value("seconds")?.unwrap_or(10.0);
+    let mut source =
+        service::open(&name, NoKinect::Simulate).map_err(|failure| service_fault(&failure))?;
+    let now = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0.0, |since| since.as_secs_f64());
+    let frames = record::record(&mut source, &out, seconds, now)?;
+    println!("{frames} frames in {}", out.display());
+    Ok(())
+}
+
+#[expect(clippy::print_stdout, reason = "the door's answer")]
+fn run_evaluate(words: &Words) -> Result<(), Fault> {
+    let defaults = Sessions::default();
+    let sessions = Sessions {
+        people: words.value("people")?.unwrap_or(defaults.people),
+        seconds: words.value("seconds")?.unwrap_or(defaults.seconds),
+        seed: words.value("seed")?.unwrap_or(defaults.seed),
+        split: match words.value::<String>("split")?.as_deref() {
+            None | Some("test") => Split::Test,
+            Some("dev") => Split::Dev,
+            Some("train") => Split::Train,
+            Some(other) => {
+                return Err(Fault::Usage(format!(
+                    "--split {other} is not test, dev or train"
+                )));
+            }
+        },
+    };
+    let settings = service::settings(words.path("config").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    let model = service::model(words.path("model").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    print!(
+        "{}",
+        sessions::play(&data(words), &model, &settings, &sessions)?
+    );
+    Ok(())
+}

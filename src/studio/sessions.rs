@@ -1,0 +1,440 @@
+//! Rendered sessions of people the face model has never seen, through the whole pipeline, against exact truth.
+//!
+//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under a light of their own: all
+//! expressions in turn and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also with one
+//! fixed offset per person taken out, because where a head's frame sits on a face is a convention. Landmarks: mean
+//! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against the
+//! activation of the true points, 0 at the person's neutral and ±1 at the measure's largest change over the single
+//! expressions at full weight. All figures over every frame with a face that is reported `warming` or `tracking`.
+
+use std::fmt::{self, Display};
+use std::path::Path;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector4};
+use rayon::prelude::*;
+
+use super::heads::{HeadsError, PersonHead, textured_heads};
+use super::split::Split;
+use crate::capacity::{LANDMARKS, LEARNT_MEASURES};
+use crate::expression::measures::{self, Measure};
+use crate::expression::units::Units;
+use crate::face_model::FaceModel;
+use crate::geometry::{Point, Rigid, Vector};
+use crate::pipeline::{Pipeline, PipelineError};
+use crate::sensor::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
+use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::settings::Settings;
+use crate::users::TrackingState;
+
+/// Ticks of the 60 MHz counter per frame.
+const FRAME_TICKS: i64 = 2_000_000;
+
+/// Why sessions cannot be played.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionsError {
+    /// The data sets.
+    #[error(transparent)]
+    Heads(#[from] HeadsError),
+    /// The stages.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// Nobody of that number.
+    #[error("no held-out people in {0}; expected annotated portraits in faces_frl189")]
+    Nobody(String),
+}
+
+/// How much is played.
+#[derive(Clone, Debug)]
+pub struct Sessions {
+    /// Held-out people, at most.
+    pub people: usize,
+    /// Length of each session.
+    pub seconds: f64,
+    /// Which people.
+    pub split: Split,
+    /// Seed of movements, lights and noise.
+    pub seed: u64,
+}
+
+impl Default for Sessions {
+    fn default() -> Self {
+        Self {
+            people: usize::MAX,
+            seconds: 45.0,
+            split: Split::Test,
+            seed: 77,
+        }
+    }
+}
+
+/// One frame, seen and true.
+struct Seen {
+    pose: Rigid,
+    true_pose: Rigid,
+    /// Mean over all points and over the points without the jaw, in outer-eye distances.
+    error: [f64; 2],
+    weights: [f64; LEARNT_MEASURES],
+    activations: [f64; LEARNT_MEASURES],
+}
+
+/// One person's session.
+#[derive(Default)]
+struct Played {
+    frames: usize,
+    seen: Vec<Seen>,
+}
+
+/// Mean and 95th percentile.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// 95th percentile.
+    pub p95: f64,
+}
+
+impl Spread {
+    fn of(mut values: Vec<f64>) -> Self {
+        if values.is_empty() {
+            return Self {
+                mean: f64::NAN,
+                p95: f64::NAN,
+            };
+        }
+        values.sort_by(f64::total_cmp);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        Self {
+            mean,
+            p95: values[(values.len() - 1) * 95 / 100],
+        }
+    }
+}
+
+impl Display for Spread {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let precision = f.precision().unwrap_or(2);
+        write!(f, "{:.precision$} / {:.precision$}", self.mean, self.p95)
+    }
+}
+
+/// How a measure's weights follow the truth.
+#[derive(Clone, Copy, Debug)]
+pub struct Following {
+    /// Which.
+    pub measure: Measure,
+    /// Pearson correlation, mean over people.
+    pub correlation: f64,
+    /// Of the person it is worst for.
+    pub worst: f64,
+    /// Mean absolute error.
+    pub error: f64,
+}
+
+/// The table.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// People played.
+    pub people: usize,
+    /// Frames with a person.
+    pub frames: usize,
+    /// Share of them that was tracked.
+    pub tracked: f64,
+    /// Rotation, degrees, as it is and with one offset per person out.
+    pub rotation_deg: [Spread; 2],
+    /// Translation, millimetres, likewise.
+    pub translation_mm: [Spread; 2],
+    /// All points, percent of the outer-eye distance.
+    pub landmarks: Spread,
+    /// Points 17–67.
+    pub inner: Spread,
+    /// By measure.
+    pub following: Vec<Following>,
+}
+
+/// Plays the sessions and makes the table.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the settings.
+pub fn play(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+) -> Result<Table, SessionsError> {
+    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
+    heads.truncate(sessions.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    let played: Vec<Played> = heads
+        .into_par_iter()
+        .map(|head| play_one(head, model, settings, sessions))
+        .collect::<Result<_, _>>()?;
+    Ok(table(&played))
+}
+
+fn play_one(
+    head: PersonHead,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+) -> Result<Played, PipelineError> {
+    let seed = sessions.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let truth = Activation::new(&head.asset);
+    let mut random = fastrand::Rng::with_seed(seed);
+    let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
+    let light = Light {
+        towards,
+        ambient: 0.45 + 0.4 * random.f32(),
+        ..Light::default()
+    };
+    let mut simulator =
+        Simulator::new(head.asset, Scene::Acted, seed).lit(light, 0.6 + 0.6 * random.f32());
+    let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
+    let units = Units::shipped();
+    let names: Vec<String> = pipeline
+        .unit_names()
+        .iter()
+        .map(|&name| name.to_owned())
+        .collect();
+    let column =
+        |name: Option<&str>| name.and_then(|name| names.iter().position(|known| known == name));
+    let columns: Vec<[Option<usize>; 2]> = units
+        .rows
+        .iter()
+        .map(|row| {
+            [
+                column(row.rises.as_ref().map(|n| n.as_str())),
+                column(row.falls.as_ref().map(|n| n.as_str())),
+            ]
+        })
+        .collect();
+    let mut frame = Frame::default();
+    let mut played = Played::default();
+    for index in 0..(sessions.seconds * 30.0) as i64 {
+        let at = timestamp_from_ticks(index * FRAME_TICKS);
+        let Some(shown) = simulator.draw(at, &mut frame) else {
+            continue;
+        };
+        played.frames += 1;
+        pipeline.follow(&frame);
+        let report = pipeline.report();
+        let (TrackingState::Warming | TrackingState::Tracking, Some(pose), Some(landmarks)) =
+            (report.state, report.sensor_from_head, report.landmarks)
+        else {
+            continue;
+        };
+        let weights = core::array::from_fn(|m| {
+            let weight =
+                |column: Option<usize>| column.map_or(0.0, |k| f64::from(report.weights[k]));
+            weight(columns[m][0]) - weight(columns[m][1])
+        });
+        let both = columns.iter().map(|sides| sides.map(|side| side.is_some()));
+        played.seen.push(Seen {
+            pose: *pose,
+            true_pose: shown.sensor_from_head,
+            error: landmark_error(&landmarks.pixels, &shown),
+            weights,
+            activations: truth.of(&shown.landmarks_head, both),
+        });
+    }
+    Ok(played)
+}
+
+fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
+    let distance = |a: [f32; 2], b: [f32; 2]| f64::from((a[0] - b[0]).hypot(a[1] - b[1]));
+    let eyes = distance(truth.landmarks_px[36], truth.landmarks_px[45]);
+    [0, 17].map(|from| {
+        let sum: f64 = (from..LANDMARKS)
+            .map(|i| distance(found[i], truth.landmarks_px[i]))
+            .sum();
+        100.0 * sum / (LANDMARKS - from) as f64 / eyes
+    })
+}
+
+/// True activations of one person's measures.
+struct Activation {
+    eye_distance: f32,
+    rest: [f64; LEARNT_MEASURES],
+    /// Largest rise and fall.
+    ends: [[f64; 2]; LEARNT_MEASURES],
+}
+
+impl Activation {
+    fn new(asset: &HeadAsset) -> Self {
+        let mut vertices = asset.neutral.clone();
+        let mut measured = |weights: &[f32]| {
+            asset.deform(weights, &mut vertices);
+            measures::raw(&asset.landmarks_on(&vertices))
+        };
+        let mut weights = vec![0.0; asset.expressions.len()];
+        let neutral = measured(&weights);
+        let eye_distance = neutral[Measure::EyeDistance as usize];
+        let rest = core::array::from_fn(|m| f64::from(neutral[m] / eye_distance));
+        let mut ends = [[1e-6_f64; 2]; LEARNT_MEASURES];
+        for k in 0..weights.len() {
+            weights[k] = 1.0;
+            let full = measured(&weights);
+            weights[k] = 0.0;
+            for (m, ends) in ends.iter_mut().enumerate() {
+                let change = f64::from(full[m] / eye_distance) - rest[m];
+                *ends = [ends[0].max(change), ends[1].max(-change)];
+            }
+        }
+        Self {
+            eye_distance,
+            rest,
+            ends,
+        }
+    }
+
+    /// Signed activations; `sides`: whether a unit reads the rise and the fall.
+    fn of(
+        &self,
+        landmarks: &[Point; LANDMARKS],
+        sides: impl Iterator<Item = [bool; 2]>,
+    ) -> [f64; LEARNT_MEASURES] {
+        let raw = measures::raw(landmarks);
+        let mut activations = [0.0; LEARNT_MEASURES];
+        for (m, [rises, falls]) in sides.enumerate() {
+            let change = f64::from(raw[m] / self.eye_distance) - self.rest[m];
+            activations[m] = if change > 0.0 && rises {
+                change / self.ends[m][0]
+            } else if change < 0.0 && falls {
+                change / self.ends[m][1]
+            } else {
+                0.0
+            };
+        }
+        activations
+    }
+}
+
+fn table(played: &[Played]) -> Table {
+    let frames: usize = played.iter().map(|one| one.frames).sum();
+    let seen: usize = played.iter().map(|one| one.seen.len()).sum();
+    let all = |value: &dyn Fn(&Seen) -> f64| {
+        Spread::of(
+            played
+                .iter()
+                .flat_map(|one| one.seen.iter().map(value))
+                .collect(),
+        )
+    };
+    let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    for one in played {
+        let offset = mean_offset(&one.seen);
+        for seen in &one.seen {
+            for (k, offset) in [Rigid::identity(), offset].iter().enumerate() {
+                let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
+                rotations[k].push(f64::from(error.rotation.angle()).to_degrees());
+                translations[k].push(f64::from(error.translation.vector.norm()) * 1e3);
+            }
+        }
+    }
+    let following = (0..LEARNT_MEASURES)
+        .map(|m| {
+            let each: Vec<f64> = played
+                .iter()
+                .filter(|one| one.seen.len() > 2)
+                .map(|one| correlation(&one.seen, m))
+                .collect();
+            Following {
+                measure: Measure::ALL[m],
+                correlation: each.iter().sum::<f64>() / each.len() as f64,
+                worst: each.iter().copied().fold(f64::INFINITY, f64::min),
+                error: all(&|seen: &Seen| (seen.weights[m] - seen.activations[m]).abs()).mean,
+            }
+        })
+        .collect();
+    Table {
+        people: played.len(),
+        frames,
+        tracked: seen as f64 / frames.max(1) as f64,
+        rotation_deg: rotations.map(Spread::of),
+        translation_mm: translations.map(Spread::of),
+        landmarks: all(&|seen: &Seen| seen.error[0]),
+        inner: all(&|seen: &Seen| seen.error[1]),
+        following,
+    }
+}
+
+/// Mean of `true⁻¹ · found`: the one offset of a person.
+fn mean_offset(seen: &[Seen]) -> Rigid {
+    let (mut rotation, mut translation) = (Vector4::zeros(), Vector::zeros());
+    for one in seen {
+        let offset = one.true_pose.inverse() * one.pose;
+        let q = offset.rotation.coords;
+        rotation += if q.w < 0.0 { -q } else { q };
+        translation += offset.translation.vector;
+    }
+    if seen.is_empty() {
+        return Rigid::identity();
+    }
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::from(rotation));
+    Rigid::from_parts((translation / seen.len() as f32).into(), rotation)
+}
+
+/// Pearson's r of weight and activation; 0 when either never moves.
+fn correlation(seen: &[Seen], m: usize) -> f64 {
+    let n = seen.len() as f64;
+    let (a, b) = seen.iter().fold((0.0, 0.0), |(a, b), s| {
+        (a + s.weights[m], b + s.activations[m])
+    });
+    let (a, b) = (a / n, b / n);
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for s in seen {
+        let (x, y) = (s.weights[m] - a, s.activations[m] - b);
+        (ab, aa, bb) = (ab + x * y, aa + x * x, bb + y * y);
+    }
+    if aa * bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
+}
+
+impl Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} people never trained on, {} frames; errors are mean / 95th percentile",
+            self.people, self.frames
+        )?;
+        writeln!(f, "| what | figure |\n| --- | --- |")?;
+        writeln!(f, "| tracked | {:.2} % of frames |", self.tracked * 100.0)?;
+        writeln!(f, "| head rotation | {:.2}° |", self.rotation_deg[0])?;
+        writeln!(
+            f,
+            "| … one offset per person taken out | {:.2}° |",
+            self.rotation_deg[1]
+        )?;
+        writeln!(f, "| head position | {:.1} mm |", self.translation_mm[0])?;
+        writeln!(
+            f,
+            "| … one offset per person taken out | {:.1} mm |",
+            self.translation_mm[1]
+        )?;
+        writeln!(
+            f,
+            "| landmarks, all 68 | {:.2} % of the outer-eye distance |",
+            self.landmarks
+        )?;
+        writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
+        writeln!(
+            f,
+            "\n| measure | correlation of weight and truth (worst person) | mean absolute error |\n| --- | --- | --- |"
+        )?;
+        for one in &self.following {
+            writeln!(
+                f,
+                "| `m_{}` | {:.3} ({:.3}) | {:.3} |",
+                one.measure.name(),
+                one.correlation,
+                one.worst,
+                one.error
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,115 @@
+//! What state a user is in, from whether the face was seen in this frame. One user for now.
+//!
+//! ```text
+//! absent ─seen─► warming ─ready─► tracking ─unseen─► held ─hold_s─► lost ─forget_s─► absent (forgotten)
+//!                   ▲______________________seen again______________|
+//! ```
+
+use crate::time::Timestamp;
+
+/// What is known of a user.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TrackingState {
+    /// Nobody.
+    #[default]
+    Absent,
+    /// Followed; ranges still mostly prior.
+    Warming,
+    /// Followed.
+    Tracking,
+    /// Short loss; values predicted or kept.
+    Held,
+    /// Lost, not yet forgotten.
+    Lost,
+}
+
+impl TrackingState {
+    /// As in CSV.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Absent => "absent",
+            Self::Warming => "warming",
+            Self::Tracking => "tracking",
+            Self::Held => "held",
+            Self::Lost => "lost",
+        }
+    }
+
+    /// As on the wires.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// Whether there are values for this user.
+    #[must_use]
+    pub const fn is_present(self) -> bool {
+        matches!(self, Self::Warming | Self::Tracking | Self::Held)
+    }
+}
+
+/// Follows the presence of one person.
+#[derive(Clone, Debug)]
+pub struct Presence {
+    hold_s: f64,
+    forget_s: f64,
+    last_seen: Option<Timestamp>,
+}
+
+impl Presence {
+    /// `hold_s`: how long values stand unseen; `forget_s`: how long, after that, a person is remembered.
+    #[must_use]
+    pub fn new(hold_s: f32, forget_s: f32) -> Self {
+        Self {
+            hold_s: hold_s.into(),
+            forget_s: forget_s.into(),
+            last_seen: None,
+        }
+    }
+
+    /// The face was seen, and its ranges are learned or not yet.
+    pub fn seen(&mut self, at: Timestamp, ready: bool) -> TrackingState {
+        self.last_seen = Some(at);
+        if ready {
+            TrackingState::Tracking
+        } else {
+            TrackingState::Warming
+        }
+    }
+
+    /// The face was not seen. On the change to [`TrackingState::Absent`] the person is to be forgotten.
+    pub fn unseen(&mut self, at: Timestamp) -> TrackingState {
+        let Some(last) = self.last_seen else {
+            return TrackingState::Absent;
+        };
+        let gone = at.seconds_since(last);
+        if gone <= self.hold_s {
+            TrackingState::Held
+        } else if gone <= self.hold_s + self.forget_s {
+            TrackingState::Lost
+        } else {
+            self.last_seen = None;
+            TrackingState::Absent
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_loss_is_held_then_lost_then_forgotten() {
+        let mut presence = Presence::new(0.5, 2.0);
+        let at = |ms: u64| Timestamp::from_us(ms * 1000);
+        assert_eq!(presence.unseen(at(0)), TrackingState::Absent);
+        assert_eq!(presence.seen(at(100), false), TrackingState::Warming);
+        assert_eq!(presence.seen(at(200), true), TrackingState::Tracking);
+        assert_eq!(presence.unseen(at(600)), TrackingState::Held);
+        assert_eq!(presence.unseen(at(800)), TrackingState::Lost);
+        assert_eq!(presence.seen(at(900), true), TrackingState::Tracking);
+        assert_eq!(presence.unseen(at(3500)), TrackingState::Absent);
+        assert_eq!(presence.unseen(at(3600)), TrackingState::Absent);
+    }
+}
