@@ -105,7 +105,9 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
             None => Command::PrintConfig(None),
         },
         _ => {
-            return Err(lexopt::Error::Custom(format!("unknown command {command:?}").into()).into());
+            return Err(
+                lexopt::Error::Custom(format!("unknown command {command:?}").into()).into(),
+            );
         }
     };
     match parser.next()? {

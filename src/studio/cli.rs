@@ -7,9 +7,16 @@ use std::str::FromStr;
 
 use lexopt::prelude::*;
 
+use super::animate::{self, AnimateError};
+use super::bake::{self, command::BakeError};
+use super::fit::{self, FitArgs};
+use super::heads::average::make_simulated_head;
+use super::inspect::inspect;
+use super::nrsfm::{self, Tracks};
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
+use super::train::{TrainArgs, train};
 use crate::service::{self, NoKinect};
 
 /// One command: its name, what it takes, what it does.
@@ -28,6 +35,48 @@ struct Command {
 }
 
 const COMMANDS: &[Command] = &[
+    Command {
+        name: "train",
+        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--no-paper] [--hold-out-dev]",
+        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people",
+        example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
+        options: &[
+            "images", "out", "tracks", "offsets", "data", "drawn", "starts", "seed",
+        ],
+        flags: &["no-paper", "hold-out-dev"],
+        words: 0,
+        run: run_train,
+    },
+    Command {
+        name: "fit",
+        usage: "--images DIR --out FILE.csv [--model FILE] [--box x,y,w,h | --boxes FILE.csv] [--offsets FILE]",
+        about: "landmarks of still pictures, with the error if they are annotated",
+        example: "mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv",
+        options: &["images", "out", "model", "box", "boxes", "offsets"],
+        flags: &[],
+        words: 0,
+        run: run_fit,
+    },
+    Command {
+        name: "inspect",
+        usage: "PATH [--out FILE.html|FILE.png] [--model FILE]",
+        about: "a recording, a model, the CSV of a run or a mesh, as pictures and plots",
+        example: "mien-studio inspect session --out session.html",
+        options: &["out", "model"],
+        flags: &[],
+        words: 1,
+        run: run_inspect,
+    },
+    Command {
+        name: "simulated-head",
+        usage: "--out FILE [--data DIR]",
+        about: "remakes the head of the built-in sensor from the training people",
+        example: "mien-studio simulated-head --out config/simulated.head",
+        options: &["out", "data"],
+        flags: &[],
+        words: 0,
+        run: run_simulated_head,
+    },
     Command {
         name: "record",
         usage: "--out DIR [--seconds N] [--source S]",
@@ -50,6 +99,22 @@ const COMMANDS: &[Command] = &[
         words: 0,
         run: run_evaluate,
     },
+];
+
+/// Commands whose modules read their own words.
+const OWN_WORDS: [(&str, &str); 3] = [
+    (
+        "nrsfm",
+        "nrsfm --tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]\n    tracks to moving 3D shapes; the error if the truth is given",
+    ),
+    (
+        "bake",
+        "bake --mesh FILE.obj --landmarks FILE --out FILE.glb [...]\n    67 blendshapes onto a neutral head",
+    ),
+    (
+        "animate",
+        "animate --mesh FILE.glb --csv FILE --out FILE.glb\n    the weights of a run as a glTF animation",
+    ),
 ];
 
 /// Why a command failed, and with which exit code.
@@ -120,6 +185,18 @@ impl Words {
             .map(PathBuf::from)
     }
 
+    fn paths(&self, name: &str) -> Result<Vec<PathBuf>, Fault> {
+        let values = self
+            .options
+            .get(name)
+            .ok_or_else(|| Fault::Usage(format!("--{name} is missing")))?;
+        Ok(values.iter().map(PathBuf::from).collect())
+    }
+
+    fn flag(&self, name: &str) -> bool {
+        self.options.contains_key(name)
+    }
+
     fn required(&self, name: &str) -> Result<PathBuf, Fault> {
         self.path(name)
             .ok_or_else(|| Fault::Usage(format!("--{name} is missing")))
@@ -165,6 +242,17 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         print!("{}", help());
         return Ok(());
     }
+    if OWN_WORDS.iter().any(|(own, _)| *own == name) {
+        let rest = parser
+            .raw_args()
+            .map_err(|error| Fault::Usage(error.to_string()))?;
+        let rest: Vec<String> = rest
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect();
+        if let Some(done) = own_words(&name, &rest) {
+            return done;
+        }
+    }
     let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
         return Err(Fault::Usage(format!("unknown command {name:?}")));
     };
@@ -189,6 +277,9 @@ fn help() -> String {
             "mien-studio {} {}\n    {}\n",
             command.name, command.usage, command.about
         );
+    }
+    for (_, usage) in OWN_WORDS {
+        text += &format!("mien-studio {usage}\n");
     }
     text += "\nEvery command has --help with an example.\n";
     text
@@ -246,4 +337,96 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
         sessions::play(&data(words), &model, &settings, &sessions)?
     );
     Ok(())
+}
+
+#[expect(clippy::print_stdout, reason = "the door's answer")]
+fn say(line: &str) {
+    println!("{line}");
+}
+
+fn run_train(words: &Words) -> Result<(), Fault> {
+    let defaults = TrainArgs::default();
+    let tracks = words
+        .path("tracks")
+        .map(|path| Tracks::read(&path))
+        .transpose()?;
+    let args = TrainArgs {
+        images: words.paths("images")?,
+        data: data(words),
+        out: words.required("out")?,
+        offsets: words.path("offsets"),
+        tracks,
+        drawn: words.value("drawn")?.unwrap_or(defaults.drawn),
+        starts: words.value("starts")?.unwrap_or(defaults.starts),
+        seed: words.value("seed")?.unwrap_or(defaults.seed),
+        paper_pictures: if words.flag("no-paper") {
+            0
+        } else {
+            defaults.paper_pictures
+        },
+        hold_out_dev: words.flag("hold-out-dev"),
+        ..defaults
+    };
+    train(&args, &mut say)?;
+    Ok(())
+}
+
+fn run_fit(words: &Words) -> Result<(), Fault> {
+    let face_box = words.value::<String>("box")?;
+    let face_box = face_box.map(|text| {
+        fit::parse_box(&text)
+            .ok_or_else(|| Fault::Usage(format!("--box {text} is not x,y,w,h in pixels")))
+    });
+    let args = FitArgs {
+        model: words.path("model"),
+        images: words.required("images")?,
+        out: words.required("out")?,
+        face_box: face_box.transpose()?,
+        boxes: words.path("boxes"),
+        offsets: words.path("offsets"),
+    };
+    fit::fit(&args, &mut say)?;
+    Ok(())
+}
+
+fn run_inspect(words: &Words) -> Result<(), Fault> {
+    let path = words
+        .free
+        .first()
+        .map(PathBuf::from)
+        .ok_or_else(|| Fault::Usage("a path is missing".into()))?;
+    let model = service::model(words.path("model").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    let out = inspect(&path, words.path("out").as_deref(), &model)?;
+    say(&format!("wrote {}", out.display()));
+    Ok(())
+}
+
+fn run_simulated_head(words: &Words) -> Result<(), Fault> {
+    let out = words.required("out")?;
+    let bytes = make_simulated_head(&data(words), &out, |person| {
+        Split::of(person) == Split::Train
+    })?;
+    say(&format!("wrote {}: {bytes} bytes", out.display()));
+    Ok(())
+}
+
+/// Commands that read their own words.
+fn own_words(name: &str, words: &[String]) -> Option<Result<(), Fault>> {
+    let fault = |usage: bool, text: String| {
+        if usage {
+            Fault::Usage(text)
+        } else {
+            Fault::Failed { text, code: 1 }
+        }
+    };
+    Some(match name {
+        "nrsfm" => nrsfm::run(words)
+            .map_err(|e| fault(matches!(e, nrsfm::Error::Usage { .. }), e.to_string())),
+        "bake" => bake::command::bake(words)
+            .map_err(|e| fault(matches!(e, BakeError::Usage(_)), e.to_string())),
+        "animate" => animate::animate(words)
+            .map_err(|e| fault(matches!(e, AnimateError::Usage(_)), e.to_string())),
+        _ => return None,
+    })
 }

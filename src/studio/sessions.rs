@@ -74,6 +74,8 @@ struct Seen {
     /// Mean over all points and over the points without the jaw, in outer-eye distances.
     error: [f64; 2],
     weights: [f64; LEARNT_MEASURES],
+    /// Measure in the unit of the weights, seen and true.
+    measures: [[f64; 2]; LEARNT_MEASURES],
     activations: [f64; LEARNT_MEASURES],
 }
 
@@ -122,7 +124,9 @@ impl Display for Spread {
 pub struct Following {
     /// Which.
     pub measure: Measure,
-    /// Pearson correlation, mean over people.
+    /// Pearson correlation of the measure with the true one, mean over people.
+    pub measured: f64,
+    /// Pearson correlation of the weight with the true activation, mean over people.
     pub correlation: f64,
     /// Of the person it is worst for.
     pub worst: f64,
@@ -235,6 +239,7 @@ fn play_one(
             true_pose: shown.sensor_from_head,
             error: landmark_error(&landmarks.pixels, &shown),
             weights,
+            measures: truth.measures(&landmarks.head, &shown.landmarks_head),
             activations: truth.of(&shown.landmarks_head, both),
         });
     }
@@ -288,6 +293,16 @@ impl Activation {
         }
     }
 
+    /// Each measure, seen and true, both over the true eye distance.
+    fn measures(
+        &self,
+        seen: &[Point; LANDMARKS],
+        shown: &[Point; LANDMARKS],
+    ) -> [[f64; 2]; LEARNT_MEASURES] {
+        let both = [seen, shown].map(measures::raw);
+        core::array::from_fn(|m| [0, 1].map(|k| f64::from(both[k][m] / self.eye_distance)))
+    }
+
     /// Signed activations; `sides`: whether a unit reads the rise and the fall.
     fn of(
         &self,
@@ -334,15 +349,17 @@ fn table(played: &[Played]) -> Table {
     }
     let following = (0..LEARNT_MEASURES)
         .map(|m| {
-            let each: Vec<f64> = played
-                .iter()
-                .filter(|one| one.seen.len() > 2)
-                .map(|one| correlation(&one.seen, m))
-                .collect();
+            let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
+                let told = played.iter().filter(|one| one.seen.len() > 2);
+                told.map(|one| correlation(&one.seen, pair)).collect()
+            };
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+            let weights = each(&|seen| [seen.weights[m], seen.activations[m]]);
             Following {
                 measure: Measure::ALL[m],
-                correlation: each.iter().sum::<f64>() / each.len() as f64,
-                worst: each.iter().copied().fold(f64::INFINITY, f64::min),
+                measured: mean(&each(&|seen| seen.measures[m])),
+                correlation: mean(&weights),
+                worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
                 error: all(&|seen: &Seen| (seen.weights[m] - seen.activations[m]).abs()).mean,
             }
         })
@@ -375,16 +392,15 @@ fn mean_offset(seen: &[Seen]) -> Rigid {
     Rigid::from_parts((translation / seen.len() as f32).into(), rotation)
 }
 
-/// Pearson's r of weight and activation; 0 when either never moves.
-fn correlation(seen: &[Seen], m: usize) -> f64 {
+/// Pearson's r of two values per frame; 0 when either never moves.
+fn correlation(seen: &[Seen], pair: impl Fn(&Seen) -> [f64; 2]) -> f64 {
     let n = seen.len() as f64;
-    let (a, b) = seen.iter().fold((0.0, 0.0), |(a, b), s| {
-        (a + s.weights[m], b + s.activations[m])
-    });
-    let (a, b) = (a / n, b / n);
+    let sum = |k: usize| seen.iter().map(|one| pair(one)[k]).sum::<f64>();
+    let (a, b) = (sum(0) / n, sum(1) / n);
     let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
     for s in seen {
-        let (x, y) = (s.weights[m] - a, s.activations[m] - b);
+        let [x, y] = pair(s);
+        let (x, y) = (x - a, y - b);
         (ab, aa, bb) = (ab + x * y, aa + x * x, bb + y * y);
     }
     if aa * bb > 0.0 {
@@ -423,15 +439,16 @@ impl Display for Table {
         writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
         writeln!(
             f,
-            "\n| measure | correlation of weight and truth (worst person) | mean absolute error |\n| --- | --- | --- |"
+            "\n| measure | correlation of weight and truth (worst person) | of the measure itself | mean absolute error of the weight |\n| --- | --- | --- | --- |"
         )?;
         for one in &self.following {
             writeln!(
                 f,
-                "| `m_{}` | {:.3} ({:.3}) | {:.3} |",
+                "| `m_{}` | {:.3} ({:.3}) | {:.3} | {:.3} |",
                 one.measure.name(),
                 one.correlation,
                 one.worst,
+                one.measured,
                 one.error
             )?;
         }

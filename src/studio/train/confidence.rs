@@ -186,12 +186,15 @@ fn discriminant(
         &sums[1] / f64::max(counts[1], 1.0),
     ];
     let mut scatter = DMatrix::<f64>::zeros(PATCH, PATCH);
-    for (k, f) in features.iter().enumerate() {
-        if let Some(class) = class(k) {
-            let d = DVector::from_iterator(PATCH, f[patch.clone()].iter().map(|v| f64::from(*v)))
-                - &means[class];
-            scatter.ger(1.0 / counts[class].max(1.0), &d, &d, 1.0);
-        }
+    for (class_number, mean) in means.iter().enumerate() {
+        let members: Vec<usize> = (0..features.len())
+            .filter(|&k| class(k) == Some(class_number))
+            .collect();
+        let centred = DMatrix::<f32>::from_fn(PATCH, members.len(), |row, column| {
+            features[members[column]][patch.start + row] - mean[row] as f32
+        });
+        let own = &centred * centred.transpose();
+        scatter += own.cast::<f64>() / f64::max(counts[class_number], 1.0);
     }
     let ridge = RIDGE * scatter.trace() / PATCH as f64 + 1e-9;
     for k in 0..PATCH {

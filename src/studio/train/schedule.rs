@@ -14,7 +14,7 @@ use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Sample, TruePicture, sample, warm_start};
-use super::{confidence, shape, standard_head};
+use super::{confidence, paper_aam, shape, standard_head};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{CascadeStage, FaceModel, MAX_MODES, ShapeModel, StandardHead, file};
 use crate::geometry::Point;
@@ -24,6 +24,7 @@ use crate::landmarks::window::WINDOW;
 use crate::sensor::camera::Camera;
 use crate::studio::heads::HeadsError;
 use crate::studio::ict::{IctError, IctHead};
+use crate::studio::nrsfm::{self, Tracks};
 use crate::studio::split::Split;
 
 /// What to train from and where to write.
@@ -45,6 +46,10 @@ pub struct TrainArgs {
     pub drawn: usize,
     /// Penalty of the regressions.
     pub penalty: f32,
+    /// Pictures the paper's active appearance model is trained on; 0 leaves it out.
+    pub paper_pictures: usize,
+    /// Tracks for its 3D shape; without, they are made from the pictures.
+    pub tracks: Option<Tracks>,
     /// Whether the people for choosing settings stay out, to measure on them.
     pub hold_out_dev: bool,
     /// Seed of everything random.
@@ -59,9 +64,11 @@ impl Default for TrainArgs {
             out: PathBuf::from("face.model"),
             offsets: None,
             modes: 40,
-            starts: 8,
-            drawn: 2600,
+            starts: 4,
+            drawn: 3600,
             penalty: 0.5,
+            paper_pictures: 400,
+            tracks: None,
             hold_out_dev: false,
             seed: 1,
         }
@@ -80,6 +87,9 @@ pub enum TrainError {
     /// The drawn heads.
     #[error(transparent)]
     Drawn(#[from] HeadsError),
+    /// The 3D shape of the paper's model.
+    #[error(transparent)]
+    Nrsfm(#[from] nrsfm::Error),
     /// Too little to learn from.
     #[error(
         "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
@@ -320,12 +330,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             inner_error_percent(&samples, &progress, &shape)
         ));
     }
-    let mut random = fastrand::Rng::with_seed(args.seed ^ 0x5741_524d);
     for p in &mut progress {
-        // Half finish a cold fit, half go on from the last frame.
-        if p.sample % 2 == 0 {
-            p.fit = warm_start(&samples[p.sample], shape.modes.len(), &mut random);
-        }
         p.anchor = p.fit.view;
     }
     let mut warm = Vec::new();
@@ -358,9 +363,9 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     };
     let good = samples.len();
     pictures.train.truncate(500);
-    samples.extend(disturbed(&pictures.train, 4, &far, true, args.seed + 1));
+    samples.extend(disturbed(&pictures.train, 3, &far, true, args.seed + 1));
     let first_beside = samples.len();
-    samples.extend(disturbed(&pictures.train, 4, &beside, true, args.seed + 2));
+    samples.extend(disturbed(&pictures.train, 3, &beside, true, args.seed + 2));
     let mut ends = fit_cold(&samples[good..], &shape, &cold, &warm);
     for end in &mut ends {
         end.sample += good;
@@ -447,6 +452,19 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
         let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
         write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())?;
+    }
+    // Written before the paper's model as well, which takes longest: what is done is not lost.
+    write(&args.out, &file::emit(&model))?;
+    if args.paper_pictures > 0 {
+        let every = (pictures.train.len() / args.paper_pictures).max(1);
+        let few: Vec<TruePicture> = pictures.train.iter().step_by(every).cloned().collect();
+        model.paper_aam =
+            paper_aam::paper_aam_block(&few, &model.shape, args.tracks.as_ref(), args.seed)?;
+        say(&format!(
+            "{} the paper's active appearance model: {} bytes",
+            since(&began),
+            model.paper_aam.len()
+        ));
     }
     let bytes = file::emit(&model);
     model.id = u32::from_le_bytes([
