@@ -119,10 +119,12 @@ impl Display for Spread {
     }
 }
 
-/// How a measure's weights follow the truth.
-#[derive(Clone, Copy, Debug)]
+/// How a unit's weight follows the truth.
+#[derive(Clone, Debug)]
 pub struct Following {
     /// Which.
+    pub unit: String,
+    /// The measure behind it.
     pub measure: Measure,
     /// Pearson correlation of the measure with the true one, mean over people.
     pub measured: f64,
@@ -151,7 +153,7 @@ pub struct Table {
     pub landmarks: Spread,
     /// Points 17–67.
     pub inner: Spread,
-    /// By measure.
+    /// By unit.
     pub following: Vec<Following>,
 }
 
@@ -347,23 +349,33 @@ fn table(played: &[Played]) -> Table {
             }
         }
     }
-    let following = (0..LEARNT_MEASURES)
-        .map(|m| {
-            let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
-                let told = played.iter().filter(|one| one.seen.len() > 2);
-                told.map(|one| correlation(&one.seen, pair)).collect()
-            };
-            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-            let weights = each(&|seen| [seen.weights[m], seen.activations[m]]);
-            Following {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
+        let told = played.iter().filter(|one| one.seen.len() > 2);
+        told.map(|one| correlation(&one.seen, pair)).collect()
+    };
+    let mut following = Vec::new();
+    for (m, row) in Units::shipped().rows.iter().enumerate() {
+        let measured = mean(&each(&|seen| seen.measures[m]));
+        for (unit, side) in [(&row.rises, 1.0), (&row.falls, -1.0)] {
+            let Some(unit) = unit else { continue };
+            let pair =
+                |seen: &Seen| [seen.weights[m], seen.activations[m]].map(|v| (v * side).max(0.0));
+            let weights = each(&pair);
+            following.push(Following {
+                unit: unit.as_str().to_owned(),
                 measure: Measure::ALL[m],
-                measured: mean(&each(&|seen| seen.measures[m])),
+                measured,
                 correlation: mean(&weights),
                 worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
-                error: all(&|seen: &Seen| (seen.weights[m] - seen.activations[m]).abs()).mean,
-            }
-        })
-        .collect();
+                error: all(&|seen: &Seen| {
+                    let [weight, truth] = pair(seen);
+                    (weight - truth).abs()
+                })
+                .mean,
+            });
+        }
+    }
     Table {
         people: played.len(),
         frames,
@@ -439,17 +451,18 @@ impl Display for Table {
         writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
         writeln!(
             f,
-            "\n| measure | correlation of weight and truth (worst person) | of the measure itself | mean absolute error of the weight |\n| --- | --- | --- | --- |"
+            "\n| unit | correlation of weight and true activation (worst person) | error of the weight | measure | its correlation |\n| --- | --- | --- | --- | --- |"
         )?;
         for one in &self.following {
             writeln!(
                 f,
-                "| `m_{}` | {:.3} ({:.3}) | {:.3} | {:.3} |",
-                one.measure.name(),
+                "| `{}` | {:.3} ({:.3}) | {:.3} | `m_{}` | {:.3} |",
+                one.unit,
                 one.correlation,
                 one.worst,
-                one.measured,
-                one.error
+                one.error,
+                one.measure.name(),
+                one.measured
             )?;
         }
         Ok(())
