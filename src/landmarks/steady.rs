@@ -25,7 +25,7 @@ pub struct Steadiness {
 impl Default for Steadiness {
     fn default() -> Self {
         Self {
-            still_hz: 1.0,
+            still_hz: 3.0,
             follow: 2.0,
             speed_hz: 3.0,
         }
