@@ -99,21 +99,16 @@ impl Pipeline {
         let Some(pose) = self.pose.track(cloud, frame.at) else {
             return false;
         };
-        let Some(landmarks) = self
+        let fitted = self
             .landmarks
-            .fit(&frame.luma, &self.camera, &pose, frame.at)
-        else {
+            .fit(&frame.luma, &self.camera, &pose, frame.at);
+        let Some(landmarks) = fitted.cloned() else {
             return false;
         };
+        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
         self.expression
-            .observe(landmarks, &pose.sensor_from_head, frame.at);
-        match &mut self.seen {
-            Some((seen_pose, seen)) => {
-                *seen_pose = pose.sensor_from_head;
-                seen.clone_from(landmarks);
-            }
-            none => *none = Some((pose.sensor_from_head, landmarks.clone())),
-        }
+            .observe(&landmarks, &sensor_from_head, frame.at);
+        self.seen = Some((sensor_from_head, landmarks));
         true
     }
 

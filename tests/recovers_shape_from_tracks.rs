@@ -1,6 +1,8 @@
 //! Promise: shapes recovered from 2D tracks alone are nearer the truth than any rigid shape. Prints one table.
 //! Needs the sequences under MIEN_DATA (or ../shared/data); says so and passes without them.
 
+#![cfg(feature = "studio")]
+
 use mien::studio::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
 use nalgebra::{Rotation3, Vector3};
 use std::path::{Path, PathBuf};

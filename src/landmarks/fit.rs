@@ -17,6 +17,7 @@ use super::window::{PIXELS_PER_METRE, Placement, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
+use crate::geometry::{Rotation, Vector};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
@@ -56,6 +57,8 @@ pub struct LandmarkFitter {
     last_at: Option<Timestamp>,
     /// Logarithm of the face's size against the mean shape, and the seconds it was averaged over.
     log_size: Option<(f32, f32)>,
+    /// Mean turn from the head that depth sees to the face that the picture shows, as a rotation vector.
+    turn: Vector,
     landmarks: Landmarks,
 }
 
@@ -75,6 +78,7 @@ impl LandmarkFitter {
             filter: ShapeFilter::new(settings.steadiness),
             last_at: None,
             log_size: None,
+            turn: Vector::zeros(),
             landmarks: empty_landmarks(),
         }
     }
@@ -83,6 +87,7 @@ impl LandmarkFitter {
     pub fn reset(&mut self) {
         self.last_at = None;
         self.log_size = None;
+        self.turn = Vector::zeros();
         self.filter.reset();
     }
 
@@ -108,6 +113,14 @@ impl LandmarkFitter {
         }
         self.report(&placement, &fit, &belief, at);
         Some(&self.landmarks)
+    }
+
+    /// What to turn a depth pose by (`sensor_from_head * turn`) to agree with the face in the picture. Where a head's frame
+    /// sits on a face is a convention that depth alone knows badly: a person's forehead leans as much as their chin. The
+    /// picture tells; averaged over seconds, because it is a constant of the person.
+    #[must_use]
+    pub fn turn(&self) -> Rotation {
+        Rotation::from_scaled_axis(self.turn)
     }
 
     fn lose(&mut self) {
@@ -141,7 +154,10 @@ impl LandmarkFitter {
             .map_or(0.1, |last| at.seconds_since(last).clamp(0.0, 1.0) as f32);
         let (mean, time) = self.log_size.unwrap_or((log_size, 0.0));
         let time = (time + step_s).min(self.settings.size_time_s);
-        let mean = mean + (log_size - mean) * (step_s / time.max(step_s)).clamp(0.0, 1.0);
+        let share = (step_s / time.max(step_s)).clamp(0.0, 1.0);
+        let mean = mean + (log_size - mean) * share;
+        let turn = placement.start.rotation.inverse() * fit.view.rotation;
+        self.turn += (turn.scaled_axis() - self.turn) * share;
         self.log_size = Some((mean, time));
 
         let shape = self.filter.follow(&fit.shape, at);

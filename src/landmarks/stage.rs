@@ -4,6 +4,7 @@ use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
 use super::{LandmarkFitter, Landmarks, Settings};
 use crate::capacity::PIXELS;
 use crate::face_model::FaceModel;
+use crate::geometry::Rotation;
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
@@ -78,6 +79,15 @@ impl LandmarkStage {
         match self {
             Self::Cascade(fitter) => fitter.fit(luma, camera, pose, at),
             Self::Paper(fitter) => fitter.fit(luma, camera, pose, at),
+        }
+    }
+
+    /// What to turn depth poses of this person by, as the picture tells; nothing with the paper's method.
+    #[must_use]
+    pub fn turn(&self) -> Rotation {
+        match self {
+            Self::Cascade(fitter) => fitter.turn(),
+            Self::Paper(_) => Rotation::identity(),
         }
     }
 

@@ -455,8 +455,8 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     }
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write(&args.out, &file::emit(&model))?;
-    if args.paper_pictures > 0 {
-        let every = (pictures.train.len() / args.paper_pictures).max(1);
+    if let Some(every) = pictures.train.len().checked_div(args.paper_pictures) {
+        let every = every.max(1);
         let few: Vec<TruePicture> = pictures.train.iter().step_by(every).cloned().collect();
         model.paper_aam =
             paper_aam::paper_aam_block(&few, &model.shape, args.tracks.as_ref(), args.seed)?;
