@@ -8,7 +8,7 @@
 //!
 //! **Cascade.** Update matrices of the stages of [`crate::landmarks`], quantised to 8 bits in blocks of one patch.
 //!
-//! Memory: 0.4 MB per stage; all of it is allocated while reading and never after. Limits: see [`file`].
+//! Memory: 0.4 MB per stage; all of it is allocated while reading and never after. Limits: see [`mod@file`].
 
 pub mod file;
 pub mod scheme;

@@ -70,7 +70,7 @@ impl VirtualCamera {
         self.light
     }
 
-    /// True if the registers switch the stream on in the format that [`Player`] sends.
+    /// True if the registers switch the stream on in the format that `Player` sends.
     #[must_use]
     pub fn streams(&self, stream: Stream) -> bool {
         match stream {

@@ -181,7 +181,7 @@ pub fn album(path: &Path, model: &FaceModel) -> Result<album::Album, InspectErro
 /// Shows `path` in `out`, by default a page beside where one works, named after it. Returns what was written.
 ///
 /// # Errors
-/// As [`album`], or if the output has another ending than `.html` or `.png` or cannot be written.
+/// As [`album()`], or if the output has another ending than `.html` or `.png` or cannot be written.
 pub fn inspect(
     path: &Path,
     out: Option<&Path>,
