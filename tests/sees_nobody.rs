@@ -1,0 +1,39 @@
+//! Promise: real Kinect frames without a face never give one. Needs the data sets; skips without.
+#![cfg(feature = "studio")]
+
+mod common;
+
+use mien::face_model::FaceModel;
+use mien::pipeline::Pipeline;
+use mien::sensor::{Frame, Source};
+use mien::settings::Settings;
+
+#[test]
+fn people_from_behind_and_a_desk_have_no_face() {
+    let Some(data) = common::data() else { return };
+    let folder = tempfile::tempdir().expect("temporary folder");
+    common::write_kinect_recording(
+        &data,
+        &["five_people", "desk_000", "desk_001"],
+        10,
+        folder.path(),
+    );
+    let mut source = Source::recording(folder.path()).expect("a recording");
+    let model = FaceModel::shipped();
+    let mut pipeline =
+        Pipeline::new(&Settings::default(), source.registration(), &model).expect("stages");
+    let mut frame = Frame::default();
+    let mut frames = 0;
+    while source.next_frame(&mut frame).expect("readable") {
+        pipeline.follow(&frame);
+        let report = pipeline.report();
+        assert!(
+            report.landmarks.is_none(),
+            "frame {}: a face of confidence {}",
+            report.frame,
+            report.confidence
+        );
+        frames += 1;
+    }
+    assert_eq!(frames, 30);
+}
