@@ -91,7 +91,10 @@ mod tests {
     #[test]
     fn a_still_shape_is_steadied_and_a_step_followed() {
         let mut random = fastrand::Rng::with_seed(3);
-        let mut filter = ShapeFilter::new(Steadiness::default());
+        let mut filter = ShapeFilter::new(Steadiness {
+            still_hz: 1.0,
+            ..Steadiness::default()
+        });
         let (mut squares_in, mut squares_out) = (0.0, 0.0);
         let mut after_step = 0.0;
         for frame in 0..330u64 {
