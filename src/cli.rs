@@ -12,6 +12,7 @@ mien - facial expression from a Kinect v1 as FACS weights
 mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--fast] [--model FILE] [--require-device]
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
+mien devices                         sensors and serial ports that are there
 mien help | --help | --version
 
 --source S        kinect, kinect:SERIAL, simulated, simulated:SCENE, or the path of a recording
@@ -35,6 +36,8 @@ pub enum Command {
     CheckConfig(Option<PathBuf>),
     /// `print-config`, with the file if one was named.
     PrintConfig(Option<PathBuf>),
+    /// `devices`
+    Devices,
     /// `help`
     Help,
     /// `--version`
@@ -91,6 +94,11 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
     };
     let command = match command.as_str() {
         "help" => Command::Help,
+        "devices" => match parser.next()? {
+            Some(Long("help")) => return Ok(Command::Help),
+            Some(other) => return Err(other.unexpected().into()),
+            None => Command::Devices,
+        },
         "run" => run(&mut parser)?,
         "check-config" => match parser.next()? {
             Some(Value(path)) => Command::CheckConfig(Some(path.into())),
@@ -167,6 +175,7 @@ mod tests {
             Command::CheckConfig(Some("a.toml".into()))
         );
         assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
+        assert_eq!(words("devices").unwrap(), Command::Devices);
         assert_eq!(words("--version").unwrap(), Command::Version);
         assert_eq!(words("").unwrap(), Command::Help);
     }

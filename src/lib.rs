@@ -37,6 +37,7 @@ pub mod users;
 pub mod output;
 
 pub mod cli;
+pub mod devices;
 mod live;
 pub mod log;
 pub mod pipeline;

@@ -51,11 +51,9 @@ pub enum Failure {
         /// What is wrong with it.
         source: ModelError,
     },
-    /// No sensor, and one was required.
-    #[error(
-        "no Kinect on USB (expected 045e:02ae or 045e:02bf); plug one in, with its own power supply, or leave --require-device out"
-    )]
-    NoSensor,
+    /// No sensor that can be opened, and one was required.
+    #[error(transparent)]
+    NoSensor(kinect::KinectError),
     /// The source of frames.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -76,7 +74,7 @@ impl Failure {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Settings(_) => 2,
-            Self::NoSensor => 3,
+            Self::NoSensor(_) => 3,
             _ => 1,
         }
     }
@@ -124,24 +122,32 @@ pub enum NoKinect {
     Refuse,
 }
 
-/// Opens a source by name.
+/// Opens a source by name; `settings` are for a Kinect.
 ///
 /// # Errors
 /// If the source does not exist or cannot be opened.
-pub fn open(name: &str, no_kinect: NoKinect) -> Result<Source, Failure> {
+pub fn open(
+    name: &str,
+    no_kinect: NoKinect,
+    settings: kinect::Settings,
+) -> Result<Source, Failure> {
     let serial = match name.parse().unwrap_or_else(|never| match never {}) {
         SourceName::Recording(path) => return Ok(Source::recording(&path)?),
         SourceName::Simulated { scene } => return Ok(Source::simulated(scene.as_deref())?),
         SourceName::Kinect { serial } => serial,
     };
-    let (source, open) = Source::kinect(serial.as_deref(), kinect::Settings::default());
-    match no_kinect {
-        NoKinect::Refuse if !open => Err(Failure::NoSensor),
-        NoKinect::Simulate if !open => {
-            tracing::warn!("no Kinect that can be opened on USB: playing the simulated sensor");
+    let (source, problem) = Source::kinect(serial.as_deref(), settings);
+    match (no_kinect, problem) {
+        (NoKinect::Refuse, Some(problem)) => Err(Failure::NoSensor(problem)),
+        (NoKinect::Simulate, Some(problem)) => {
+            tracing::warn!("{problem}; until mien is started again the simulated sensor plays");
             Ok(Source::simulated(None)?)
         }
-        _ => Ok(source),
+        (NoKinect::Wait, Some(problem)) => {
+            tracing::warn!("waiting for the Kinect: {problem}");
+            Ok(source)
+        }
+        (_, None) => Ok(source),
     }
 }
 
@@ -187,7 +193,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         (false, Some(_)) => NoKinect::Wait,
         (false, None) => NoKinect::Simulate,
     };
-    let mut source = open(&name, no_kinect)?;
+    let mut source = open(&name, no_kinect, settings.sensor.kinect)?;
     let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
     let mut outputs = outputs(&settings, run.csv.as_ref(), &pipeline)?;
     let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
@@ -195,17 +201,12 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();
     let mut left = run.frames.unwrap_or(u64::MAX);
-    let mut waiting = false;
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
         match source.next_frame(&mut frame) {
-            Ok(true) => waiting = false,
+            Ok(true) => {}
             Ok(false) => break,
-            Err(problem @ SourceError::Waiting(_)) => {
-                if !std::mem::replace(&mut waiting, true) {
-                    tracing::warn!("{problem}");
-                }
-                continue;
-            }
+            // For what, the sensor's thread has said.
+            Err(SourceError::Waiting(_)) => continue,
             Err(problem) => return Err(problem.into()),
         }
         if signals.reload.swap(false, Ordering::Relaxed) {

@@ -41,6 +41,10 @@ fn main() -> ExitCode {
         Command::CheckConfig(file) => service::settings(file.as_deref()).map(|_| ()),
         Command::PrintConfig(file) => service::settings(file.as_deref())
             .map(|settings: Settings| print!("{}", settings.to_toml())),
+        Command::Devices => {
+            print!("{}", mien::devices::report());
+            Ok(())
+        }
         Command::Run(run) => service::run(&run),
     };
     match done {

@@ -224,7 +224,7 @@ pub enum DeviceError {
     },
     /// The device node may not be opened.
     #[error(
-        "no permission to open the Kinect at /dev/bus/usb/{bus:03}/{address:03}; install systemd/mien.rules in /etc/udev/rules.d and plug it in again"
+        "no permission to open the Kinect at /dev/bus/usb/{bus:03}/{address:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
     )]
     Access {
         /// Bus number.
@@ -251,6 +251,14 @@ pub enum DeviceError {
         bus: u8,
         /// Address on the bus.
         address: u8,
+    },
+    /// Connected at a speed that cannot carry the streams.
+    #[error(
+        "the Kinect is connected at {speed}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port of the computer itself, with a good cable"
+    )]
+    Slow {
+        /// Speed found.
+        speed: &'static str,
     },
     /// The chosen alternate setting lacks an isochronous endpoint.
     #[error(

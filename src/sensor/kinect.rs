@@ -25,12 +25,19 @@ mod exchange;
 mod motion;
 
 /// What can be chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Kinect for Windows: measure from 0.4 m instead of 0.8 m. No effect on the others.
     pub near_mode: bool,
     /// Hold exposure and white balance once a face is tracked, so that the face's texture does not drift.
     pub freeze_exposure: bool,
+    /// Tilt the sensor when it is opened.
+    pub set_tilt: bool,
+    /// To this many degrees above the horizon, limited to ±31.
+    pub tilt_deg: f32,
+    /// Reset the audio device of the later models on opening. Some units keep streaming only then, others lose their audio
+    /// device by it for seconds; it is never fatal.
+    pub reset_audio: bool,
 }
 
 impl Default for Settings {
@@ -38,6 +45,9 @@ impl Default for Settings {
         Self {
             near_mode: true,
             freeze_exposure: false,
+            set_tilt: false,
+            tilt_deg: 0.0,
+            reset_audio: false,
         }
     }
 }
@@ -153,6 +163,11 @@ impl<S: PacketSource> Kinect<S> {
         kinect.set(register::DEPTH_STREAM, 0)?;
         kinect.set(register::COLOUR_STREAM, 0)?;
         kinect.read_calibration()?;
+        if settings.set_tilt
+            && let Err(problem) = kinect.tilt(settings.tilt_deg)
+        {
+            tracing::info!("the sensor is not tilted: {problem}");
+        }
         Ok(kinect)
     }
 

@@ -80,7 +80,10 @@ impl LiveKinect {
     /// A Kinect on USB: the one with `serial`, else the first that is free. Returns at once, whether or not it is there.
     #[must_use]
     pub fn usb(serial: Option<String>, settings: Settings) -> Self {
-        Self::over(move || UsbKinect::open(serial.as_deref()), settings)
+        Self::over(
+            move || UsbKinect::open(serial.as_deref(), settings.reset_audio),
+            settings,
+        )
     }
 
     /// Whatever `open` opens; it is called again until it succeeds, and whenever the device is lost.
@@ -213,23 +216,31 @@ fn feed<S: PacketSource>(
     settings: Settings,
 ) {
     let mut pair = RawPair::default();
+    let mut attempted = false;
     loop {
         let problem = match open()
             .map_err(KinectError::from)
             .and_then(|source| Kinect::open(source, settings))
         {
-            Ok(kinect) => match stream(shared, kinect, &mut pair) {
-                Ok(()) => return,
-                Err(problem) => problem,
-            },
+            Ok(kinect) => {
+                attempted = true;
+                match stream(shared, kinect, &mut pair) {
+                    Ok(()) => return,
+                    Err(problem) => problem,
+                }
+            }
             Err(problem) => problem,
         };
         let mut inner = shared.lock();
         if inner.status.waiting_for.as_ref() != Some(&problem) {
-            tracing::warn!("waiting for the Kinect: {problem}");
+            // What became of the first attempt is for the one who asked for the sensor to say.
+            if attempted {
+                tracing::warn!("waiting for the Kinect: {problem}");
+            }
             inner.status.waiting_for = Some(problem);
             shared.news.notify_all();
         }
+        attempted = true;
         let deadline = Instant::now() + RETRY;
         loop {
             if inner.end {

@@ -180,12 +180,14 @@ impl Source {
     }
 
     /// A Kinect on USB: the one with `serial`, else the first that is free. Returns when it is open or the first attempt has
-    /// failed, within seconds; `true` if it is open. A closed one is waited for by [`Self::next_frame`].
+    /// failed, within seconds, with the reason if it is not open. That one is waited for by [`Self::next_frame`].
     #[must_use]
-    pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, bool) {
+    pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, Option<KinectError>) {
         let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
         let status = live.wait_for_first_attempt(Duration::from_secs(10));
-        (Self::Kinect(Box::new(live)), status.openings > 0)
+        let problem = (status.openings == 0)
+            .then(|| status.waiting_for.unwrap_or(DeviceError::TimedOut.into()));
+        (Self::Kinect(Box::new(live)), problem)
     }
 
     /// Fills `frame` with the next one; `false` if there are no more.

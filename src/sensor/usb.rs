@@ -63,11 +63,11 @@ pub struct UsbKinect {
 }
 
 impl UsbKinect {
-    /// Opens the Kinect with `serial`, or the first that is free.
+    /// Opens the Kinect with `serial`, or the first that is free; resets its audio device first if asked to.
     ///
     /// # Errors
     /// None there, or none that may be had; each with the way out.
-    pub fn open(serial: Option<&str>) -> Result<Self, DeviceError> {
+    pub fn open(serial: Option<&str>, reset_audio: bool) -> Result<Self, DeviceError> {
         let Opened {
             model,
             serial,
@@ -75,7 +75,7 @@ impl UsbKinect {
             motor,
             audio,
             context,
-        } = usb_devices::open(serial)?;
+        } = usb_devices::open(serial, reset_audio)?;
         Ok(Self {
             model,
             serial,
@@ -411,7 +411,9 @@ mod tests {
     /// Holds on any machine: whatever is or is not plugged in, the answer is a device or one of the sentences.
     #[test]
     fn a_kinect_that_does_not_exist_is_an_error_with_a_remedy() {
-        let problem = UsbKinect::open(Some("no such serial")).err().unwrap();
+        let problem = UsbKinect::open(Some("no such serial"), false)
+            .err()
+            .unwrap();
         assert!(
             matches!(
                 problem,

@@ -21,6 +21,10 @@ const MOTOR: u16 = 0x02b0;
 const AUDIO: [u16; 4] = [0x02ad, 0x02be, 0x02c3, 0x02bb];
 /// The hub of the later models.
 const HUB: u16 = 0x02c2;
+/// Product ids of every part of every model, cameras first.
+pub const PRODUCTS: [u16; 8] = [
+    0x02ae, 0x02bf, MOTOR, AUDIO[0], AUDIO[1], AUDIO[2], AUDIO[3], HUB,
+];
 /// Where Linux keeps the device nodes.
 const NODES: &str = "/dev/bus/usb";
 /// Where Linux tells the bound drivers.
@@ -58,27 +62,23 @@ pub struct Listed {
     pub motor: bool,
 }
 
+/// One line; the trouble is a sentence of its own.
 impl core::fmt::Display for Listed {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "{}, serial {}, {}, bus {} address {}, ",
-            self.model, self.serial, self.speed, self.bus, self.address
+            "kinect:{} {}, {}, bus {} address {}, ",
+            self.serial, self.model, self.speed, self.bus, self.address
         )?;
         match &self.driver {
             Driver::Free => f.write_str("free")?,
-            Driver::Kernel(name) => {
-                write!(f, "kernel driver {name} (is detached while mien runs)")?;
-            }
+            Driver::Kernel(name) => write!(f, "driver {name} (detached while mien runs)")?,
             Driver::Program => f.write_str("in use by a program")?,
         }
-        if !self.motor {
-            f.write_str(", no motor")?;
+        if self.motor {
+            return Ok(());
         }
-        match &self.trouble {
-            Some(trouble) => write!(f, "; {trouble}"),
-            None => Ok(()),
-        }
+        f.write_str(", no motor")
     }
 }
 
@@ -110,7 +110,7 @@ pub(super) struct Opened {
 }
 
 /// Opens the camera with `serial`, else the first that is not in use, claims it and chooses the setting with the streams.
-pub(super) fn open(serial: Option<&str>) -> Result<Opened, DeviceError> {
+pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, DeviceError> {
     let bus = Bus::scan()?;
     let cameras: Vec<_> = bus.cameras().collect();
     if cameras.is_empty() {
@@ -135,6 +135,9 @@ pub(super) fn open(serial: Option<&str>) -> Result<Opened, DeviceError> {
         }
         match bus.claim(device, model) {
             Ok(camera) => {
+                if reset_audio && model != Model::Xbox1414 {
+                    bus.reset_audio(device);
+                }
                 let motor = bus
                     .part(device, &[MOTOR])
                     .and_then(|device| device.open().ok());
@@ -249,15 +252,38 @@ impl Bus {
         })
     }
 
+    /// See [`super::kinect::Settings::reset_audio`]. The handles of the other parts stay valid.
+    fn reset_audio(&self, camera: &Device<Context>) {
+        let Some(audio) = self.part(camera, &AUDIO) else {
+            return;
+        };
+        if let Err(problem) = audio.open().and_then(|handle| handle.reset()) {
+            tracing::info!("the Kinect's audio device was not reset: {problem}");
+        }
+    }
+
     fn serial(&self, camera: &Device<Context>, model: Model) -> String {
-        let read = |device: &Device<Context>| {
+        // Linux read it when the device was plugged in, and shows it to everybody.
+        let known = |device: &Device<Context>| {
+            let file = Path::new(SYSFS).join(socket(device)).join("serial");
+            Some(std::fs::read_to_string(file).ok()?.trim().to_owned())
+        };
+        let asked = |device: &Device<Context>| {
             let descriptor = device.device_descriptor().ok()?;
-            let serial = device
-                .open()
-                .ok()?
-                .read_serial_number_string_ascii(&descriptor)
-                .ok()?;
-            serial.chars().any(|c| c != '0').then_some(serial)
+            let handle = device.open().ok()?;
+            handle.read_serial_number_string_ascii(&descriptor).ok()
+        };
+        let read = |device: &Device<Context>| {
+            known(device)
+                .or_else(|| asked(device))
+                // What a device says of itself may end up on a terminal.
+                .map(|serial| {
+                    serial
+                        .chars()
+                        .filter(char::is_ascii_graphic)
+                        .collect::<String>()
+                })
+                .filter(|serial| serial.chars().any(|c| c != '0'))
         };
         let own = match model {
             Model::Xbox1414 => read(camera),
@@ -268,9 +294,11 @@ impl Bus {
 
     fn list(&self, device: &Device<Context>, model: Model) -> Listed {
         let (bus, address) = (device.bus_number(), device.address());
+        let driver = driver(device);
         let trouble = match device.open() {
-            Ok(_) => None,
             Err(problem) => Some(opening(problem, bus, address)),
+            Ok(_) if driver == Driver::Program => Some(DeviceError::Busy { bus, address }),
+            Ok(_) => fit(device, model).err(),
         };
         Listed {
             model,
@@ -278,7 +306,7 @@ impl Bus {
             speed: speed(device.speed()),
             bus,
             address,
-            driver: driver(device),
+            driver,
             trouble,
             motor: match model {
                 Model::Xbox1414 => self.part(device, &[MOTOR]).is_some(),
@@ -301,7 +329,7 @@ impl Bus {
         handle
             .claim_interface(0)
             .map_err(|problem| opening(problem, bus, address))?;
-        let alternate = alternate_with_streams(device, model)?;
+        let alternate = fit(device, model)?;
         if alternate != 0 {
             handle
                 .set_alternate_setting(0, alternate)
@@ -313,6 +341,16 @@ impl Bus {
         }
         Ok(handle)
     }
+}
+
+/// Whether the connection and the descriptors can carry the streams; the alternate setting to choose.
+fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
+    if matches!(device.speed(), Speed::Low | Speed::Full) {
+        return Err(DeviceError::Slow {
+            speed: speed(device.speed()),
+        });
+    }
+    alternate_with_streams(device, model)
 }
 
 /// The alternate setting of interface 0 in which both streams have an isochronous endpoint, the model's usual one first.

@@ -148,6 +148,49 @@ pub(super) const KEYS: &[Key] = &[
         },
     ),
     key(
+        "sensor",
+        "near_mode",
+        "Kinect for Windows: measure from 0.4 m on instead of 0.8 m.",
+        |s| Kind::Bool {
+            value: &mut s.sensor.kinect.near_mode,
+        },
+    ),
+    key(
+        "sensor",
+        "freeze_exposure",
+        "Whether exposure and white balance are held while a face is tracked.",
+        |s| Kind::Bool {
+            value: &mut s.sensor.kinect.freeze_exposure,
+        },
+    ),
+    key(
+        "sensor",
+        "set_tilt",
+        "Whether the Kinect's motor is moved when it is opened.",
+        |s| Kind::Bool {
+            value: &mut s.sensor.kinect.set_tilt,
+        },
+    ),
+    key(
+        "sensor",
+        "tilt_deg",
+        "Where to, against the horizon.",
+        |s| Kind::Float {
+            value: Number::Single(&mut s.sensor.kinect.tilt_deg),
+            min: -31.0,
+            max: 31.0,
+            unit: "degrees",
+        },
+    ),
+    key(
+        "sensor",
+        "reset_audio",
+        "Second series and Kinect for Windows: reset the audio device on opening; for units that stop streaming without.",
+        |s| Kind::Bool {
+            value: &mut s.sensor.kinect.reset_audio,
+        },
+    ),
+    key(
         "segment",
         "max_distance_m",
         "Nobody is looked for beyond this distance.",

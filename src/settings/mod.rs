@@ -13,6 +13,7 @@ use toml::de::{DeTable, DeValue};
 
 use keys::{KEYS, Key, Kind, SECTIONS};
 
+use crate::sensor::kinect;
 use crate::{expression, landmarks, output, pose, segment};
 
 /// Everything that can be configured, in the stages' own types.
@@ -51,6 +52,8 @@ pub struct SensorSettings {
     pub source: String,
     /// Path of a face model; empty = the built-in one.
     pub model: String,
+    /// What can be chosen of a Kinect.
+    pub kinect: kinect::Settings,
 }
 
 impl Default for SensorSettings {
@@ -58,6 +61,7 @@ impl Default for SensorSettings {
         Self {
             source: "kinect".into(),
             model: String::new(),
+            kinect: kinect::Settings::default(),
         }
     }
 }

@@ -300,8 +300,8 @@ fn run_record(words: &Words) -> Result<(), Fault> {
         .value::<String>("source")?
         .unwrap_or_else(|| "kinect".into());
     let seconds = words.value("seconds")?.unwrap_or(10.0);
-    let mut source =
-        service::open(&name, NoKinect::Simulate).map_err(|failure| service_fault(&failure))?;
+    let mut source = service::open(&name, NoKinect::Simulate, Default::default())
+        .map_err(|failure| service_fault(&failure))?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
