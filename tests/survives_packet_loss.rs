@@ -55,6 +55,7 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
     let mut clock = PictureClock::default();
     let mut frame = Frame::default();
     let mut delivered = 0;
+    let mut index = None;
     let milliseconds = seconds * 1000;
     for millisecond in 0..milliseconds + 200 {
         if millisecond == milliseconds {
@@ -77,11 +78,14 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
                     frame.index
                 );
                 assert_eq!(frame.colour_ticks, frame.ticks.wrapping_add(70_000));
+                assert!(index.replace(frame.index) < Some(frame.index));
                 delivered += 1;
             })
             .unwrap();
     }
     let health = kinect.health();
+    // Numbered are the whole depth pictures, paired or not.
+    assert!(index < Some(health.streams[Stream::Depth.index()].pictures));
     Outcome {
         frames: kinect.source().inner().player().frames(),
         delivered,

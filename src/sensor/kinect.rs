@@ -295,9 +295,11 @@ impl<S: PacketSource> Kinect<S> {
             let i = received.stream.index();
             heard[i] |= !received.bytes.is_empty();
             let assembler = &mut assemblers[i];
-            if let Some(ticks) = assembler.push(received.intact, received.bytes)
-                && pairing.offer(received.stream, ticks, assembler.picture(), pair)
-            {
+            let Some(ticks) = assembler.push(received.intact, received.bytes) else {
+                return;
+            };
+            let number = assembler.tally().pictures - 1;
+            if pairing.offer(received.stream, number, ticks, assembler.picture(), pair) {
                 health.pairs += 1;
                 each(pair);
             }
@@ -355,7 +357,7 @@ impl<S: PacketSource> Kinect<S> {
 pub fn develop(pair: &RawPair, clock: &mut PictureClock, frame: &mut Frame) {
     let [colour_ticks, ticks] = pair.ticks;
     let [bayer, packed] = &pair.pictures;
-    (frame.index, frame.at) = clock.stamp(ticks);
+    (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
     (frame.ticks, frame.colour_ticks) = (ticks, colour_ticks);
     unpack_depth(
         packed.first_chunk().expect("a depth picture's length"),

@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use super::Frame;
 use super::camera::Registration;
-use super::device::{DeviceError, Model, PacketSource};
+use super::device::{DeviceError, Model, PacketSource, Stream};
 use super::kinect::{Health, Kinect, KinectError, Settings, develop};
 use super::motor::Light;
 use super::pairing::RawPair;
@@ -217,6 +217,8 @@ fn feed<S: PacketSource>(
 ) {
     let mut pair = RawPair::default();
     let mut attempted = false;
+    // Whole depth pictures of former openings: numbering goes on.
+    let mut pictures = 0;
     loop {
         let problem = match open()
             .map_err(KinectError::from)
@@ -224,7 +226,7 @@ fn feed<S: PacketSource>(
         {
             Ok(kinect) => {
                 attempted = true;
-                match stream(shared, kinect, &mut pair) {
+                match stream(shared, kinect, &mut pair, &mut pictures) {
                     Ok(()) => return,
                     Err(problem) => problem,
                 }
@@ -259,11 +261,12 @@ fn feed<S: PacketSource>(
     }
 }
 
-/// Streams until the end is asked for (`Ok`) or the device fails.
+/// Streams until the end is asked for (`Ok`) or the device fails. `pictures`: whole depth pictures before and after.
 fn stream<S: PacketSource>(
     shared: &Shared,
     mut kinect: Kinect<S>,
     pair: &mut RawPair,
+    pictures: &mut u64,
 ) -> Result<(), KinectError> {
     let opening = {
         let mut inner = shared.lock();
@@ -283,6 +286,7 @@ fn stream<S: PacketSource>(
             let mut delivered = false;
             kinect.poll(POLL, pair, |pair| {
                 delivered = true;
+                pair.number += *pictures;
                 hand_over(shared, opening, pair);
             })?;
             let mut inner = shared.lock();
@@ -315,9 +319,10 @@ fn stream<S: PacketSource>(
         tracing::debug!("LED: {problem}");
     }
     kinect.stop();
+    *pictures += kinect.health().streams[Stream::Depth.index()].pictures;
     let mut inner = shared.lock();
     inner.status.health = kinect.health();
-    for stream in super::device::Stream::BOTH {
+    for stream in Stream::BOTH {
         let health = &inner.status.health;
         let tally = health.streams[stream.index()];
         tracing::info!(

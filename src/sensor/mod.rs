@@ -41,7 +41,7 @@ pub const NO_DEPTH: u16 = 2047;
 /// Big (1.2 MB): owned once, handed by reference.
 #[derive(Clone)]
 pub struct Frame {
-    /// Number of the depth picture within its stream, from 0, counting skipped ones.
+    /// Number of the depth picture, from 0: in a recording among all its entries, live among all whole ones since the start.
     pub index: u64,
     /// Capture time of the depth picture, counted from the first one of the stream.
     pub at: Timestamp,

@@ -20,6 +20,8 @@ const SLOWNESS: i32 = 16;
 /// A depth and a colour picture of the same moment, as they came.
 #[derive(Clone, Debug)]
 pub struct RawPair {
+    /// Number of the depth picture among all whole ones since the start, from 0.
+    pub number: u64,
     /// Stamps by stream, 60 MHz.
     pub ticks: [u32; 2],
     /// Picture bytes by stream: Bayer, packed depth.
@@ -29,6 +31,7 @@ pub struct RawPair {
 impl Default for RawPair {
     fn default() -> Self {
         Self {
+            number: 0,
             ticks: [0; 2],
             pictures: Stream::BOTH
                 .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
@@ -39,6 +42,7 @@ impl Default for RawPair {
 struct Slot {
     /// Running number of arrival; `None` = free.
     arrival: Option<u64>,
+    number: u64,
     ticks: u32,
     picture: Box<[u8]>,
 }
@@ -57,6 +61,7 @@ impl Default for Pairing {
             slots: Stream::BOTH.map(|stream| {
                 core::array::from_fn(|_| Slot {
                     arrival: None,
+                    number: 0,
                     ticks: 0,
                     picture: vec![0; Layout::of(stream).bytes].into_boxed_slice(),
                 })
@@ -90,10 +95,12 @@ impl Pairing {
         self.offset
     }
 
-    /// Takes a picture (its buffer is swapped for a free one). True if that made a pair, which is then in `pair`.
+    /// Takes picture `number` of a stream (its buffer is swapped for a free one). True if that made a pair, which is then
+    /// in `pair`.
     pub fn offer(
         &mut self,
         stream: Stream,
+        number: u64,
         ticks: u32,
         picture: &mut Box<[u8]>,
         pair: &mut RawPair,
@@ -104,6 +111,7 @@ impl Pairing {
         let slot = self.free_slot(own);
         let taken = &mut self.slots[own][slot];
         taken.arrival = Some(self.arrivals);
+        taken.number = number;
         taken.ticks = ticks;
         core::mem::swap(&mut taken.picture, picture);
 
@@ -131,6 +139,8 @@ impl Pairing {
         } else {
             [partner, slot]
         };
+        let depth = Stream::Depth.index();
+        pair.number = self.slots[depth][chosen[depth]].number;
         for side in 0..2 {
             let slot = &mut self.slots[side][chosen[side]];
             pair.ticks[side] = slot.ticks;
@@ -189,8 +199,14 @@ mod tests {
         fn offer(&mut self, stream: Stream, number: u8, ticks: u32) -> Option<[u8; 2]> {
             let buffer = &mut self.buffers[stream.index()];
             buffer[0] = number;
-            let made = self.pairing.offer(stream, ticks, buffer, &mut self.pair);
-            made.then(|| [0, 1].map(|side| self.pair.pictures[side][0]))
+            let made = self
+                .pairing
+                .offer(stream, number.into(), ticks, buffer, &mut self.pair);
+            made.then(|| {
+                let pictures = [0, 1].map(|side| self.pair.pictures[side][0]);
+                assert_eq!(self.pair.number, u64::from(pictures[1]));
+                pictures
+            })
         }
     }
 

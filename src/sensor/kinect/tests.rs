@@ -40,7 +40,7 @@ fn time_per_frame() {
             };
             let assembler = &mut assemblers[stream.index()];
             if let Some(ticks) = assembler.push(received.intact, received.bytes)
-                && pairing.offer(*stream, ticks, assembler.picture(), &mut pair)
+                && pairing.offer(*stream, 0, ticks, assembler.picture(), &mut pair)
             {
                 frames += 1;
                 if with_pictures {
