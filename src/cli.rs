@@ -13,6 +13,7 @@ mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
 mien devices                         sensors and serial ports that are there
+mien send-test      [--config FILE]  sweeps every unit 0-1-0 to every output, its name in the log
 mien help | --help | --version
 
 --source S        kinect, kinect:SERIAL, simulated, simulated:SCENE, or the path of a recording
@@ -38,6 +39,8 @@ pub enum Command {
     PrintConfig(Option<PathBuf>),
     /// `devices`
     Devices,
+    /// `send-test`, with the file if one was named.
+    SendTest(Option<PathBuf>),
     /// `help`
     Help,
     /// `--version`
@@ -112,6 +115,12 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
             Some(other) => return Err(other.unexpected().into()),
             None => Command::PrintConfig(None),
         },
+        "send-test" => match parser.next()? {
+            Some(Long("config")) => Command::SendTest(Some(parser.value()?.into())),
+            Some(Long("help")) => return Ok(Command::Help),
+            Some(other) => return Err(other.unexpected().into()),
+            None => Command::SendTest(None),
+        },
         _ => {
             return Err(
                 lexopt::Error::Custom(format!("unknown command {command:?}").into()).into(),
@@ -176,6 +185,10 @@ mod tests {
         );
         assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
         assert_eq!(words("devices").unwrap(), Command::Devices);
+        assert_eq!(
+            words("send-test --config a.toml").unwrap(),
+            Command::SendTest(Some("a.toml".into()))
+        );
         assert_eq!(words("--version").unwrap(), Command::Version);
         assert_eq!(words("").unwrap(), Command::Help);
     }

@@ -41,8 +41,11 @@ pub mod devices;
 mod live;
 pub mod log;
 pub mod pipeline;
+pub mod send_test;
 pub mod service;
 pub mod settings;
+pub mod status;
+mod wires;
 
 #[cfg(feature = "studio")]
 pub mod studio;

@@ -1,5 +1,6 @@
 //! The stages in order: the drawing of the library as code.
 
+use crate::capacity::UNITS;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
 use crate::expression::saved::Learned;
@@ -7,7 +8,7 @@ use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::geometry::Rigid;
 use crate::landmarks::{LandmarkStage, Landmarks};
-use crate::output::Report;
+use crate::output::{Command, Report};
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
 use crate::sensor::Frame;
@@ -32,6 +33,8 @@ pub struct Pipeline {
     frame: u64,
     at: Timestamp,
     state: TrackingState,
+    /// Learned ranges, one for each unit.
+    ranges: heapless::Vec<[f32; 3], UNITS>,
 }
 
 /// Why a pipeline cannot be made of these settings and this model.
@@ -73,6 +76,7 @@ impl Pipeline {
             frame: 0,
             at: Timestamp::default(),
             state: TrackingState::Absent,
+            ranges: heapless::Vec::new(),
         })
     }
 
@@ -108,6 +112,7 @@ impl Pipeline {
         let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
         self.expression
             .observe(&landmarks, &sensor_from_head, frame.at);
+        self.ranges = self.expression.unit_ranges();
         self.seen = Some((sensor_from_head, landmarks));
         true
     }
@@ -138,6 +143,7 @@ impl Pipeline {
                 frozen: self.expression.weights().frozen,
                 measures: &self.expression.weights().measures,
                 weights: self.expression.weights().units(),
+                ranges: &self.ranges,
                 ..known
             },
             _ => known,
@@ -158,6 +164,16 @@ impl Pipeline {
             .iter()
             .map(|name| name.as_str())
             .collect()
+    }
+
+    /// Does what a receiver asks for; a slot without a user is left as it is.
+    pub fn obey(&mut self, command: Command) {
+        match command {
+            Command::Forget(SLOT) => self.forget(),
+            Command::Freeze(SLOT, frozen) => self.expression.freeze(frozen),
+            Command::Neutral(SLOT) => self.expression.take_neutral(),
+            Command::Forget(_) | Command::Freeze(..) | Command::Neutral(_) => {}
+        }
     }
 
     /// The frames now come from another camera.

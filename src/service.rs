@@ -5,24 +5,22 @@ use std::io::{self, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::cli::{CsvTarget, Run};
 use crate::face_model::{FaceModel, ModelError};
 use crate::geometry::yaw_pitch_roll;
-use crate::live;
 use crate::output::csv::Csv;
-use crate::output::osc::Osc;
-use crate::output::osc::faceosc::FaceOsc;
-use crate::output::osc::vmc::Vmc;
-use crate::output::osc::vrchat::VrChat;
-use crate::output::serial::Serial;
 use crate::output::{Output, OutputError, Report};
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::{Frame, Pacer, Source, SourceError, SourceName, kinect};
 use crate::settings::{Settings, SettingsError};
+use crate::status::Status;
+use crate::time::Timestamp;
 use crate::users::TrackingState;
+use crate::{live, send_test, wires};
 
 /// Where the configuration is looked for when none is named.
 const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
@@ -196,42 +194,61 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut source = open(&name, no_kinect, settings.sensor.kinect)?;
     let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
     let mut outputs = outputs(&settings, run.csv.as_ref(), &pipeline)?;
+    let mut status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
     let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
     let signals = Signals::watch()?;
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();
     let mut left = run.frames.unwrap_or(u64::MAX);
+    let mut last = Instant::now();
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
-        match source.next_frame(&mut frame) {
-            Ok(true) => {}
-            Ok(false) => break,
-            // For what, the sensor's thread has said.
-            Err(SourceError::Waiting(_)) => continue,
-            Err(problem) => return Err(problem.into()),
-        }
         if signals.reload.swap(false, Ordering::Relaxed) {
             settings = reload(run, settings);
             let learned = pipeline.expression().learned();
             pipeline = Pipeline::new(&settings, source.registration(), &model)?;
             pipeline.adopt(&learned);
             outputs.truncate(usize::from(run.csv.is_some()));
-            outputs.extend(wires(&settings, &pipeline)?);
+            outputs.extend(wires::open(&settings, &pipeline.unit_names())?);
+            status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+        }
+        match source.next_frame(&mut frame) {
+            Ok(true) => {}
+            Ok(false) => break,
+            // For what, the sensor's thread has said.
+            Err(SourceError::Waiting(_)) => {
+                let nobody = nobody(&frame, last.elapsed());
+                // The CSV has rows of frames only.
+                for wire in outputs.iter_mut().skip(run.csv.is_some().into()) {
+                    wire.send(&nobody)?;
+                }
+                status.observe(&nobody, None);
+                hear(&mut outputs, &mut pipeline);
+                status.write(outputs.iter().map(|output| output.tally()));
+                continue;
+            }
+            Err(problem) => return Err(problem.into()),
         }
         if !run.fast && !matches!(source, Source::Kinect(_)) {
             pacer.wait(frame.at);
         }
+        last = Instant::now();
+        let arrived = source.arrived().unwrap_or(last);
         // Another Kinect may have been plugged in.
         if source.registration() != pipeline.camera().registration() {
             pipeline.set_camera(source.registration());
         }
         pipeline.follow(&frame);
-        let report = pipeline.report();
+        let report = Report {
+            latency_us: arrived.elapsed().as_micros().try_into().unwrap_or(u32::MAX),
+            ..pipeline.report()
+        };
         if let Source::Kinect(live) = &mut source {
             live.show_tracking(report.state.is_present());
         }
         for output in &mut outputs {
             output.send(&report)?;
         }
+        status.observe(&report, Some(arrived.elapsed()));
         if let Some(live) = &mut live {
             live.show(
                 &report,
@@ -242,6 +259,8 @@ pub fn run(run: &Run) -> Result<(), Failure> {
                     .map(|name| name.as_str()),
             );
         }
+        hear(&mut outputs, &mut pipeline);
+        status.write(outputs.iter().map(|output| output.tally()));
         left -= 1;
     }
     if let Some(live) = live {
@@ -251,6 +270,38 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         tracing::warn!(frames = source.skipped(), "damaged frames were skipped");
     }
     Ok(())
+}
+
+/// What is known while no frames come: the wires' heartbeat goes on, and faces on them are let go.
+fn nobody(last: &Frame, since: Duration) -> Report<'static> {
+    Report {
+        frame: last.index,
+        at: Timestamp::from_us(last.at.as_us() + since.as_micros() as u64),
+        ..Report::default()
+    }
+}
+
+/// Obeys what receivers ask for.
+fn hear(outputs: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+    for output in outputs {
+        while let Some(command) = output.next_command() {
+            tracing::info!("asked over OSC: {command:?}");
+            pipeline.obey(command);
+        }
+    }
+}
+
+/// `mien send-test`: every unit swept on every output.
+///
+/// # Errors
+/// As [`Failure`] lists.
+pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
+    let settings = settings(config)?;
+    // The names are what the command is for.
+    crate::log::start(settings.log.level.max(tracing::Level::INFO));
+    let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
+    let signals = Signals::watch()?;
+    Ok(send_test::sweep(&settings, &model(named)?, &signals.stop)?)
 }
 
 /// The configuration read again; the old one if the new one is refused.
@@ -285,40 +336,8 @@ fn outputs(
         }
         None => {}
     }
-    outputs.extend(wires(settings, pipeline)?);
+    outputs.extend(wires::open(settings, &units)?);
     Ok(outputs)
-}
-
-fn wires(settings: &Settings, pipeline: &Pipeline) -> Result<Vec<Box<dyn Output>>, Failure> {
-    let mut wires: Vec<Box<dyn Output>> = Vec::new();
-    if settings.osc.enabled {
-        wires.push(Box::new(Osc::new(
-            settings.osc.clone(),
-            &pipeline.unit_names(),
-        )?));
-    }
-    if settings.vmc.enabled {
-        wires.push(Box::new(Vmc::new(
-            settings.vmc.clone(),
-            &pipeline.unit_names(),
-        )?));
-    }
-    if settings.vrchat.enabled {
-        wires.push(Box::new(VrChat::new(
-            settings.vrchat.clone(),
-            &pipeline.unit_names(),
-        )?));
-    }
-    if settings.faceosc.enabled {
-        wires.push(Box::new(FaceOsc::new(settings.faceosc.clone())?));
-    }
-    if !settings.serial.port.is_empty() {
-        wires.push(Box::new(Serial::new(
-            &settings.serial,
-            &pipeline.unit_names(),
-        )?));
-    }
-    Ok(wires)
 }
 
 /// The line on standard output: overwritten in place on a terminal, one a second elsewhere.

@@ -145,11 +145,11 @@ fn receiver(style: Style) -> (UdpSocket, osc::Settings) {
     socket
         .set_read_timeout(Some(Duration::from_millis(300)))
         .unwrap();
-    let target = socket.local_addr().unwrap().to_string();
+    let targets = vec![socket.local_addr().unwrap().to_string()];
     (
         socket,
         osc::Settings {
-            target,
+            targets,
             style,
             ..osc::Settings::default()
         },
@@ -207,7 +207,10 @@ fn osc_tells_everything_of_a_face() {
     let alive = [Int(0), Text(env!("CARGO_PKG_VERSION").into()), Float(0.033)];
     assert_eq!(find(&datagrams, "/face/alive"), [alive]);
     assert_eq!(datagrams[2][0].addr, "/face/1/frame", "first in its bundle");
-    assert_eq!(datagrams[2][0].args, [Int(0), Int(33), Int(2), Float(0.8)]);
+    assert_eq!(
+        datagrams[2][0].args,
+        [Int(0), Int(33), Int(2), Float(0.8), Float(0.0)]
+    );
     assert_eq!(
         find(&datagrams, "/face/1/au"),
         [[Float(0.5), Float(0.0), Float(1.0)]]
@@ -218,7 +221,7 @@ fn osc_tells_everything_of_a_face() {
     let numbers = [0.1, -0.25, 0.75, turn.x, turn.y, turn.z, turn.w].map(Float);
     assert_eq!(find(&datagrams, "/face/1/pose"), [numbers]);
     assert_eq!(find(&datagrams, "/face/1/present"), [[Int(1)]]);
-    assert_eq!((osc.sent(), osc.dropped()), (3, 0));
+    assert_eq!((osc.tally().sent, osc.tally().dropped), (3, 0));
 }
 
 #[test]
@@ -313,7 +316,7 @@ fn osc_without_a_receiver_goes_on() {
     ] {
         let mut osc = Osc::new(
             osc::Settings {
-                target,
+                targets: vec![target],
                 ..osc::Settings::default()
             },
             &UNITS,
@@ -323,7 +326,7 @@ fn osc_without_a_receiver_goes_on() {
             osc.send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
                 .unwrap();
         }
-        assert_eq!(osc.sent() + osc.dropped(), 52);
+        assert_eq!(osc.tally().sent + osc.tally().dropped, 52);
     }
 }
 
@@ -331,7 +334,7 @@ fn osc_without_a_receiver_goes_on() {
 fn osc_settings_that_cannot_work_are_told() {
     let refused = |target: &str, prefix: &str| {
         let settings = osc::Settings {
-            target: target.into(),
+            targets: vec![target.into()],
             prefix: prefix.into(),
             ..osc::Settings::default()
         };
@@ -355,11 +358,11 @@ fn osc_settings_that_cannot_work_are_told() {
 
 #[test]
 fn vmc_moves_an_avatar() {
-    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
     let units = ["AU26", "AU12L", "AU12R", "AU43L", "AU43R", "AU99"];
     let mut vmc = Vmc::new(
         vmc::Settings {
-            target,
+            targets,
             ..vmc::Settings::default()
         },
         &units,
@@ -429,7 +432,7 @@ fn vmc_moves_an_avatar() {
 
 #[test]
 fn vmc_with_everything_measured_applies_once_and_last() {
-    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
     let role = vmc::Role::Assistant;
     let names: Vec<String> = (0..70)
         .flat_map(|i| ["", "L", "R"].map(|side| format!("AU{i}{side}")))
@@ -437,7 +440,7 @@ fn vmc_with_everything_measured_applies_once_and_last() {
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let mut vmc = Vmc::new(
         vmc::Settings {
-            target,
+            targets,
             role,
             ..vmc::Settings::default()
         },
@@ -465,11 +468,11 @@ fn vmc_with_everything_measured_applies_once_and_last() {
 
 #[test]
 fn vrchat_hears_what_has_changed() {
-    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
     let units = ["AU26", "AU12L", "AU43L", "AU5L"];
     let mut vrchat = VrChat::new(
         vrchat::Settings {
-            target,
+            targets,
             ..vrchat::Settings::default()
         },
         &units,
@@ -535,10 +538,10 @@ fn vrchat_hears_what_has_changed() {
 
 #[test]
 fn faceosc_sends_distances_on_the_face() {
-    let (socket, osc::Settings { target, .. }) = receiver(Style::Both);
+    let (socket, osc::Settings { targets, .. }) = receiver(Style::Both);
     let mut faceosc = FaceOsc::new(faceosc::Settings {
-        target,
-        enabled: true,
+        targets,
+        ..faceosc::Settings::default()
     })
     .unwrap();
     let mut face = landmarks();
@@ -557,9 +560,12 @@ fn faceosc_sends_distances_on_the_face() {
         ..report(0, 0, TrackingState::Tracking, &[0.0; 3])
     };
     faceosc.send(&whole).unwrap();
-    faceosc.send(&nobody(33)).unwrap();
+    // Held, then not found.
+    faceosc.send(&nobody(150)).unwrap();
+    faceosc.send(&nobody(250)).unwrap();
     let datagrams = received(&socket);
     assert_eq!(find(&datagrams, "/found"), [[Int(1)], [Int(0)]]);
+    assert_eq!(find(&datagrams, "/gesture/jaw").len(), 2);
     assert_eq!(datagrams[1].len(), 11);
     let number = |address: &str, i: usize| find(&datagrams, address)[0][i].clone().float().unwrap();
     assert!((number("/gesture/mouth/width", 0) - 14.0).abs() < 1e-4);

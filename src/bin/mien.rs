@@ -45,6 +45,7 @@ fn main() -> ExitCode {
             print!("{}", mien::devices::report());
             Ok(())
         }
+        Command::SendTest(file) => service::send_test(file.as_deref()),
         Command::Run(run) => service::run(&run),
     };
     match done {

@@ -248,6 +248,22 @@ impl Expression {
         }
     }
 
+    /// Low, rest and high of the measure behind each column, in the order of [`Self::unit_names`].
+    #[must_use]
+    pub fn unit_ranges(&self) -> heapless::Vec<[f32; 3], UNITS> {
+        let paper = matches!(self.learners, Learners::Paper(_));
+        let rows = self.units.rows.iter().zip(self.ranges());
+        rows.flat_map(|(row, range)| {
+            let kind = row.kind(paper);
+            let bounds = [range.low, range.rest, range.high].map(|bound| bound as f32);
+            core::iter::repeat_n(
+                bounds,
+                usize::from(kind.rises()) + usize::from(kind.falls()),
+            )
+        })
+        .collect()
+    }
+
     /// How often a change of person was noticed here.
     #[must_use]
     pub fn resets(&self) -> u64 {

@@ -5,7 +5,7 @@
 
 use std::io::Write;
 
-use super::{Output, OutputError, Report};
+use super::{Output, OutputError, Report, Tally};
 use crate::capacity::LANDMARKS;
 use crate::landmarks::Landmarks;
 
@@ -22,6 +22,7 @@ pub struct Csv<W> {
     row: Vec<u8>,
     measures: usize,
     units: usize,
+    rows: u64,
 }
 
 impl<W: Write> Csv<W> {
@@ -53,6 +54,7 @@ impl<W: Write> Csv<W> {
             row,
             measures: measures.len(),
             units: units.len(),
+            rows: 0,
         };
         csv.write_row()?;
         Ok(csv)
@@ -118,6 +120,14 @@ impl<W: Write> Output for Csv<W> {
             self.number(weight, FINE);
         }
         self.row.push(b'\n');
+        self.rows += 1;
         self.write_row()
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.rows,
+            ..Tally::of("csv")
+        }
     }
 }

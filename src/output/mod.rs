@@ -5,13 +5,18 @@
 //! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
 
 pub mod csv;
+mod face;
 pub mod osc;
 pub mod serial;
+mod view;
 
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 use crate::time::Timestamp;
 pub use crate::users::TrackingState;
+pub use face::LossPolicy;
+use face::{OneFace, WireWeights};
+pub use view::{UnitView, View, is_name};
 
 /// Version of the order and meaning of units on the wires; rises when an index changes its meaning.
 pub const SCHEMA_VERSION: i32 = 1;
@@ -39,6 +44,53 @@ pub struct Report<'a> {
     pub measures: &'a [f32],
     /// In the order of the units' names; empty when lost or absent.
     pub weights: &'a [f32],
+    /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when lost or
+    /// absent.
+    pub ranges: &'a [[f32; 3]],
+    /// From the frame's arrival to its being sent, µs; 0 if not known.
+    pub latency_us: u32,
+}
+
+/// What a receiver asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Forget what was learned of the user in a slot.
+    Forget(usize),
+    /// Stop learning of the user in a slot, or go on with it.
+    Freeze(usize, bool),
+    /// Take the present face of the user in a slot for rest.
+    Neutral(usize),
+}
+
+/// What an output has done so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tally {
+    /// The section of the configuration it comes from.
+    pub name: &'static str,
+    /// Datagrams, frames or rows sent, over all targets.
+    pub sent: u64,
+    /// Those that were dropped: not taken at once, replaced by a newer one, or nowhere to go yet.
+    pub dropped: u64,
+    /// Whether there is somewhere to send to: false while a serial port is absent.
+    pub connected: bool,
+    /// Weights that were no numbers and were sent as 0.
+    pub not_numbers: u64,
+    /// Commands taken, and those refused as malformed or too many.
+    pub commands: [u64; 2],
+}
+
+impl Tally {
+    /// Nothing yet.
+    const fn of(name: &'static str) -> Self {
+        Self {
+            name,
+            sent: 0,
+            dropped: 0,
+            connected: true,
+            not_numbers: 0,
+            commands: [0; 2],
+        }
+    }
 }
 
 /// Somewhere reports go.
@@ -49,6 +101,14 @@ pub trait Output {
     /// Only if the output can never work again, as a file on a full disk. A receiver or a port that is not there is a
     /// state of the output, not an error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
+
+    /// What was done so far.
+    fn tally(&self) -> Tally;
+
+    /// What a receiver asked for since the last time, one at a time; most outputs only talk.
+    fn next_command(&mut self) -> Option<Command> {
+        None
+    }
 }
 
 /// Why an output cannot be made or used.
@@ -63,6 +123,16 @@ pub enum OutputError {
     /// No UDP socket.
     #[error("cannot open a UDP socket to send OSC: {source}; is the network configured?")]
     Socket {
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Commands cannot be listened for.
+    #[error(
+        "cannot listen for OSC commands at {address:?}: {source}; expected a free address:port of this machine, like 127.0.0.1:9131"
+    )]
+    Listen {
+        /// What was given.
+        address: String,
         /// What the system said.
         source: std::io::Error,
     },
@@ -92,6 +162,14 @@ pub enum OutputError {
         /// Bytes there are.
         most: usize,
     },
+    /// A unit is asked for that there is not.
+    #[error(
+        "serial.units names {unit:?}, which is not measured with these settings; take it out of the list"
+    )]
+    Unit {
+        /// What was given.
+        unit: String,
+    },
     /// A thread cannot be started.
     #[error(
         "cannot start a thread for an output: {source}; is memory or the number of tasks limited?"
@@ -102,119 +180,12 @@ pub enum OutputError {
     },
 }
 
-/// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LossPolicy {
-    /// How long the last weights are kept, seconds.
-    pub hold_s: f32,
-    /// How long they then take to fade, seconds.
-    pub decay_s: f32,
-}
-
-impl Default for LossPolicy {
-    fn default() -> Self {
-        Self {
-            hold_s: 0.2,
-            decay_s: 0.4,
-        }
-    }
-}
-
-/// The weights of one user as a wire shows them.
-struct WireWeights {
-    weights: Box<[f32]>,
-    seen: Option<Timestamp>,
-    /// Share of the weights that is shown now.
-    share: f32,
-    policy: LossPolicy,
-}
-
-impl WireWeights {
-    fn new(units: usize, policy: LossPolicy) -> Self {
-        Self {
-            weights: vec![0.0; units].into_boxed_slice(),
-            seen: None,
-            share: 0.0,
-            policy,
-        }
-    }
-
-    /// Takes what a report says: weights, or their absence.
-    fn observe(&mut self, report: &Report) {
-        if report.state.is_present() && !report.weights.is_empty() {
-            for (i, weight) in self.weights.iter_mut().enumerate() {
-                *weight = unit_range(report.weights.get(i).copied().unwrap_or(0.0));
-            }
-            self.seen = Some(report.at);
-        }
-        let LossPolicy { hold_s, decay_s } = self.policy;
-        self.share = self.seen.map_or(0.0, |seen| {
-            let since = report.at.seconds_since(seen) as f32 - hold_s;
-            if since <= 0.0 {
-                1.0
-            } else {
-                unit_range(1.0 - since / decay_s)
-            }
-        });
-    }
-
-    fn reset(&mut self) {
-        (self.seen, self.share) = (None, 0.0);
-    }
-
-    /// Whether all is at rest.
-    fn is_neutral(&self) -> bool {
-        self.share <= 0.0
-    }
-
-    /// 0…1, as shown now.
-    fn shown(&self) -> impl ExactSizeIterator<Item = f32> + Clone {
-        self.weights.iter().map(|weight| weight * self.share)
-    }
-}
-
-/// Chooses the face of a wire that carries one: the first user seen is followed until lost, then whoever comes next.
-struct OneFace {
-    weights: WireWeights,
-    user: Option<usize>,
-    present: bool,
-}
-
-impl OneFace {
-    fn new(units: usize, policy: LossPolicy) -> Self {
-        Self {
-            weights: WireWeights::new(units, policy),
-            user: None,
-            present: false,
-        }
-    }
-
-    /// The state to show, with the weights as they are then; `None` if the report is of a face that is not on this wire.
-    fn follow(&mut self, report: &Report) -> Option<TrackingState> {
-        if report.user.is_some() && report.user != self.user {
-            if self.present || !report.state.is_present() {
-                return None;
-            }
-            // The next face: nothing of the one before may fade into it.
-            self.user = report.user;
-            self.weights.reset();
-        }
-        self.present = report.state.is_present() && report.user.is_some();
-        self.weights.observe(report);
-        Some(if report.user.is_some() {
-            report.state
-        } else {
-            TrackingState::Absent
-        })
-    }
-}
-
-/// Into 0…1; what is not a number becomes 0.
+/// Into 0…1; what is not a finite number becomes 0.
 fn unit_range(value: f32) -> f32 {
-    if value.is_nan() {
-        0.0
-    } else {
+    if value.is_finite() {
         value.clamp(0.0, 1.0)
+    } else {
+        0.0
     }
 }
 
@@ -240,48 +211,6 @@ impl Every {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn report(ms: u64, state: TrackingState, weights: &[f32]) -> Report<'_> {
-        Report {
-            at: Timestamp::from_us(1000 * ms),
-            state,
-            weights,
-            ..Report::default()
-        }
-    }
-
-    #[test]
-    fn weights_are_clamped_and_numbers() {
-        let mut wire = WireWeights::new(5, LossPolicy::default());
-        let weights = [f32::NAN, -0.5, 1.7, f32::INFINITY, 0.25];
-        wire.observe(&report(0, TrackingState::Tracking, &weights));
-        assert!(wire.shown().eq([0.0, 0.0, 1.0, 1.0, 0.25]));
-    }
-
-    #[test]
-    fn a_lost_face_is_held_then_fades_to_neutral() {
-        let mut wire = WireWeights::new(1, LossPolicy::default());
-        wire.observe(&report(1000, TrackingState::Tracking, &[0.8]));
-        for (ms, expected) in [
-            (1033, 0.8),
-            (1200, 0.8),
-            (1400, 0.4),
-            (1500, 0.2),
-            (1600, 0.0),
-            (9000, 0.0),
-        ] {
-            wire.observe(&report(ms, TrackingState::Lost, &[]));
-            let shown = wire.shown().next().unwrap();
-            assert!(
-                (shown - expected).abs() < 1e-4,
-                "{shown} after {} ms",
-                ms - 1000
-            );
-        }
-        assert!(wire.is_neutral());
-        wire.observe(&report(9033, TrackingState::Tracking, &[0.5]));
-        assert!(wire.shown().eq([0.5]));
-    }
 
     #[test]
     fn what_is_repeated_is_due_at_once_and_then_in_its_period() {

@@ -2,18 +2,24 @@
 //!
 //! | address | arguments | when |
 //! | --- | --- | --- |
-//! | `/face/<u>/frame` | number, time ms, state, confidence | every report, first of its datagram |
+//! | `/face/<u>/frame` | number, time ms, state, confidence, latency ms | every report, first of its datagram |
 //! | `/face/<u>/au` | all weights in the order of the schema | every report (styles vector, both) |
 //! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
+//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it | every 5 s with a face, if wanted |
+//!
+//! The latency is the time from the frame's arrival in this machine to its being sent. Units stand under their names in
+//! the configuration. Receivers may ask for something, if the configuration lets them ([`commands`]).
 //!
 //! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
 //! programmes that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
 
+pub mod commands;
 pub mod faceosc;
+mod names;
 mod packet;
 mod parameters;
 pub mod vmc;
@@ -21,15 +27,18 @@ pub mod vrchat;
 mod wire;
 
 use super::{
-    Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, WireWeights,
-    unit_range,
+    Command, Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState,
+    View, WireWeights, unit_range,
 };
 use crate::capacity::USERS;
+use commands::{Commands, Request};
 use packet::Argument;
 use wire::Wire;
 
 /// How often the names of the units are repeated, for receivers that come later; seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
+/// How often learned ranges are told; seconds.
+const RANGES_PERIOD_S: f64 = 5.0;
 /// How often presence and life are told; seconds.
 const ALIVE_PERIOD_S: f64 = 1.0;
 
@@ -50,12 +59,20 @@ pub enum Style {
 pub struct Settings {
     /// Whether anything is sent.
     pub enabled: bool,
-    /// `host:port`.
-    pub target: String,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
     /// What every address starts with.
     pub prefix: String,
     /// How weights are sent.
     pub style: Style,
+    /// Whether learned ranges are sent.
+    pub ranges: bool,
+    /// Whether commands of receivers are taken.
+    pub commands: bool,
+    /// Where they are listened for, `address:port`.
+    pub listen: String,
+    /// How the units are shown.
+    pub view: View,
     /// What is sent of a face that is lost.
     pub loss: LossPolicy,
 }
@@ -64,9 +81,13 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             enabled: true,
-            target: "127.0.0.1:9130".to_owned(),
+            targets: vec!["127.0.0.1:9130".to_owned()],
             prefix: "/face".to_owned(),
             style: Style::default(),
+            ranges: false,
+            commands: false,
+            listen: "127.0.0.1:9131".to_owned(),
+            view: View::default(),
             loss: LossPolicy::default(),
         }
     }
@@ -76,11 +97,15 @@ impl Default for Settings {
 pub struct Osc {
     wire: Wire,
     style: Style,
+    ranges: bool,
+    /// Names as they are shown.
     units: Box<[String]>,
+    view: View,
     users: [User; USERS],
     schema: Every,
     alive: Every,
     alive_count: i32,
+    commands: Option<Commands>,
 }
 
 /// What was sent of one user.
@@ -90,6 +115,7 @@ struct User {
     known: bool,
     present: bool,
     presence: Every,
+    range: Every,
     weights: WireWeights,
 }
 
@@ -100,14 +126,14 @@ impl Osc {
     /// If the settings are unusable, or there is no socket to be had.
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let Settings {
-            target,
-            prefix,
-            style,
-            loss,
-            ..
+            prefix, view, loss, ..
         } = settings;
+        let names: Box<[String]> = units
+            .iter()
+            .map(|unit| view.name(unit).to_owned())
+            .collect();
         // Address, tags, version and the names, each padded; with room for the bundle's own bytes.
-        let bytes = units.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
+        let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + prefix.len() + 40;
         if bytes > packet::LARGEST {
             return Err(OutputError::Names {
                 units: units.len(),
@@ -118,34 +144,35 @@ impl Osc {
         if prefix.is_empty() {
             return Err(OutputError::Prefix { prefix });
         }
-        let wire = Wire::open(target, prefix)?;
+        let commands = settings
+            .commands
+            .then(|| Commands::listen(&settings.listen, &prefix))
+            .transpose()?;
         Ok(Self {
-            wire,
-            style,
-            units: units.iter().map(|&name| name.to_owned()).collect(),
+            wire: Wire::open(&settings.targets, prefix)?,
+            style: settings.style,
+            ranges: settings.ranges,
+            units: names,
             users: std::array::from_fn(|_| User {
                 count: 0,
                 known: false,
                 present: false,
                 presence: Every::default(),
-                weights: WireWeights::new(units.len(), loss),
+                range: Every::default(),
+                weights: WireWeights::new(view.channels(units), loss),
             }),
+            view,
             schema: Every::default(),
             alive: Every::default(),
             alive_count: 0,
+            commands,
         })
     }
 
-    /// Datagrams sent.
+    /// Where commands are listened for, if they are.
     #[must_use]
-    pub fn sent(&self) -> u64 {
-        self.wire.sent()
-    }
-
-    /// Datagrams the system did not take, or for which the target's name is not found yet.
-    #[must_use]
-    pub fn dropped(&self) -> u64 {
-        self.wire.dropped()
+    pub fn listens_at(&self) -> Option<std::net::SocketAddr> {
+        self.commands.as_ref().and_then(Commands::address)
     }
 
     /// Everything about one user, from here on in the present datagram.
@@ -157,6 +184,7 @@ impl Osc {
             Argument::Int(milliseconds(report)),
             Argument::Int(state.code().into()),
             Argument::Float(if present { confidence } else { 0.0 }),
+            Argument::Float(report.latency_us as f32 * 1e-3),
         ];
         user.count = next(user.count);
         wire.message(format_args!("/{slot}/frame"), head.into_iter());
@@ -176,6 +204,7 @@ impl Osc {
             }
         }
         if let Some(pose) = report.sensor_from_head.filter(|_| present) {
+            let pose = self.view.pose(pose);
             let place = pose.translation.vector;
             // nalgebra keeps quaternions as x, y, z, w.
             let turn = pose.rotation.coords;
@@ -195,6 +224,17 @@ impl Osc {
                 format_args!("/{slot}/present"),
                 std::iter::once(Argument::Int(present.into())),
             );
+        }
+        // Ranges are of the unit itself, not of its reflection nor its gain.
+        let wanted = self.ranges && present && !report.ranges.is_empty();
+        if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
+            for (name, range) in self.units.iter().zip(report.ranges) {
+                let numbers = range.map(|bound| if bound.is_finite() { bound } else { 0.0 });
+                wire.message(
+                    format_args!("/{slot}/range/{name}"),
+                    numbers.into_iter().map(Argument::Float),
+                );
+            }
         }
     }
 
@@ -247,6 +287,26 @@ impl Output for Osc {
         }
         self.wire.flush();
         Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        let weights = self.users.iter().map(|user| &user.weights);
+        Tally {
+            sent: self.wire.sent(),
+            dropped: self.wire.dropped(),
+            not_numbers: weights.map(WireWeights::not_numbers).sum(),
+            commands: self.commands.as_ref().map_or([0; 2], Commands::counts),
+            ..Tally::of("osc")
+        }
+    }
+
+    fn next_command(&mut self) -> Option<Command> {
+        loop {
+            match self.commands.as_mut()?.next_request()? {
+                Request::Schema => self.send_schema(),
+                Request::Command(command) => return Some(command),
+            }
+        }
     }
 }
 

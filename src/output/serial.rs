@@ -10,12 +10,17 @@
 //! `HH` is the XOR of all bytes between `$` and `*`, two upper-case hexadecimal digits (the rule of NMEA 0183); lines end in
 //! CR LF. A line that does not check is to be ignored, so a receiver may join at any time.
 //!
+//! What the line cannot carry is planned at the start (see `serial/budget.rs`): the rate is lowered, below `min_rate_hz`
+//! units are left out, and the log says so once.
+//!
 //! A line has one face: the first user seen is followed until lost, then whoever comes next. A thread of its own feeds the
 //! port, so that a slow or stuck one holds up nothing: one frame waits, the newest; those it replaces are counted. The
 //! thread keeps to the baud rate itself, because some ports (USB, pseudo-terminals) take more than the line does. A port
-//! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes.
+//! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes, under
+//! the stable name the system has for it, if it has one. `tcp:host:port` is a port behind a socket, as of a serial server.
 //! Memory: four buffers of 2 kB.
 
+mod budget;
 mod cobs;
 mod line;
 mod port;
@@ -26,9 +31,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::{
-    LossPolicy, OneFace, Output, OutputError, Report, SCHEMA_VERSION, TrackingState, unit_range,
+    LossPolicy, OneFace, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
+    unit_range,
 };
-use crate::geometry::{Rigid, yaw_pitch_roll};
+use crate::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use line::Line;
 pub use port::PortState;
 use port::Shared;
@@ -51,7 +57,7 @@ pub enum Style {
 /// Which port, and how it is used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Path of the port, as `/dev/serial/by-id/…`; empty = no serial output.
+    /// Path of the port, as `/dev/serial/by-id/…`, or `tcp:host:port`; empty = no serial output.
     pub port: String,
     /// Bits per second.
     pub baud: u32,
@@ -59,6 +65,14 @@ pub struct Settings {
     pub style: Style,
     /// Whether poses are sent too.
     pub pose: bool,
+    /// FACS names of the units to send, the most important first; empty = all.
+    pub units: Vec<String>,
+    /// Frames a second below which units are left out, Hz.
+    pub min_rate_hz: f32,
+    /// Whether the line DTR is raised on opening; else it stays as the system has it.
+    pub dtr: bool,
+    /// How the units are shown.
+    pub view: View,
     /// What is sent of a face that is lost.
     pub loss: LossPolicy,
 }
@@ -70,6 +84,10 @@ impl Default for Settings {
             baud: 115_200,
             style: Style::default(),
             pose: false,
+            units: Vec::new(),
+            min_rate_hz: 10.0,
+            dtr: false,
+            view: View::default(),
             loss: LossPolicy::default(),
         }
     }
@@ -82,9 +100,10 @@ pub struct Serial {
     lines: Line,
     count: u16,
     style: Style,
-    /// Names of the units, for the style `plot`.
+    /// Names of the units that are sent, as shown.
     units: Box<[String]>,
     pose: bool,
+    view: View,
     face: OneFace,
     last_ms: u32,
 }
@@ -93,26 +112,18 @@ impl Serial {
     /// Starts feeding the port. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the names do not fit a line, or no thread can be started. Not if the port is absent.
+    /// If a unit is asked for that there is not, the names do not fit a line, or no thread can be started. Not if the port
+    /// is absent.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
-        let mut header = Line::new();
-        let bytes = units.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
-        let names_fit = match settings.style {
-            Style::Text => header.sentence(|line| {
-                write!(line, "AUH,1,{SCHEMA_VERSION}")?;
-                units.iter().try_for_each(|name| write!(line, ",{name}"))
-            }),
-            // A plotter would take a header for data.
-            Style::Plot => true,
-            Style::Cobs => cobs::hello(units, &mut header),
-        };
-        if !names_fit || bytes > line::LARGEST / 2 {
-            return Err(OutputError::Names {
-                units: units.len(),
-                bytes,
-                most: line::LARGEST / 2,
-            });
-        }
+        let view = &settings.view;
+        let planned = plan(settings, units)?;
+        let names: Box<[String]> = planned
+            .iter()
+            .map(|&unit| view.name(units[unit]).to_owned())
+            .collect();
+        let header = header(settings.style, &names)?;
+        let channels = view.channels(units);
+        let channels = planned.iter().map(|&unit| channels[unit]).collect();
         let shared = Arc::new(Shared::new());
         let thread = port::feed(settings, header, Arc::clone(&shared))?;
         Ok(Self {
@@ -121,9 +132,10 @@ impl Serial {
             lines: Line::new(),
             count: 0,
             style: settings.style,
-            units: units.iter().map(|&name| name.to_owned()).collect(),
+            units: names,
             pose: settings.pose,
-            face: OneFace::new(units.len(), settings.loss),
+            view: view.clone(),
+            face: OneFace::of(channels, settings.loss),
             last_ms: 0,
         })
     }
@@ -140,6 +152,12 @@ impl Serial {
         self.shared.dropped()
     }
 
+    /// Names of the units that are sent, as shown.
+    #[must_use]
+    pub fn units(&self) -> &[String] {
+        &self.units
+    }
+
     /// Hands the frame to the thread.
     fn put(&mut self, state: TrackingState, report: &Report) {
         self.lines.clear();
@@ -148,31 +166,62 @@ impl Serial {
         } else {
             0.0
         };
-        let (count, ms) = (self.count, self.last_ms);
-        let mut weights = self.face.weights.shown();
         let pose = report
             .sensor_from_head
             .filter(|_| self.pose && state.is_present());
+        let frame = FrameOf {
+            count: self.count,
+            ms: self.last_ms,
+            state,
+            confidence,
+            flags: cobs::flags(state, report),
+            pose: pose.map(|pose| self.view.pose(pose)),
+        };
         // The names fit half a buffer; so do the weights and a pose the whole.
-        let line = &mut self.lines;
-        match self.style {
+        let weights = self.face.weights.shown();
+        frame.write(self.style, &self.units, weights, &mut self.lines);
+        self.count = self.count.wrapping_add(1);
+        self.shared.put(&self.lines);
+    }
+}
+
+/// What a frame says besides its weights.
+struct FrameOf {
+    count: u16,
+    ms: u32,
+    state: TrackingState,
+    confidence: f32,
+    flags: u8,
+    pose: Option<Rigid>,
+}
+
+impl FrameOf {
+    fn write(
+        &self,
+        style: Style,
+        names: &[String],
+        mut weights: impl ExactSizeIterator<Item = f32>,
+        line: &mut Line,
+    ) {
+        let (count, ms) = (self.count, self.ms);
+        match style {
             Style::Text => {
                 line.sentence(|line| {
                     write!(
                         line,
                         "AU,{count},{ms},{},{}",
-                        state.code(),
-                        (confidence * 99.0).round()
+                        self.state.code(),
+                        (self.confidence * 99.0).round()
                     )?;
                     weights.try_for_each(|weight| write!(line, ",{}", (weight * 100.0).round()))
                 });
-                if let Some(pose) = pose {
+                if let Some(pose) = &self.pose {
                     line.sentence(|line| write_pose(count, pose, line));
                 }
             }
             Style::Plot => {
                 line.all_or_nothing(|line| {
-                    for (i, (name, weight)) in self.units.iter().zip(weights).enumerate() {
+                    for (i, (name, weight)) in names.iter().zip(weights).enumerate() {
                         let comma = if i > 0 { "," } else { "" };
                         write!(line, "{comma}{name}:{}", (weight * 100.0).round())?;
                     }
@@ -180,15 +229,125 @@ impl Serial {
                 });
             }
             Style::Cobs => {
-                cobs::weights(count, ms, state, report, confidence, weights, line);
-                if let Some(pose) = pose {
+                cobs::weights(count, ms, self.flags, self.confidence, weights, line);
+                if let Some(pose) = &self.pose {
                     cobs::pose(count, ms, pose, line);
                 }
             }
         }
-        self.count = self.count.wrapping_add(1);
-        self.shared.put(&self.lines);
     }
+
+    /// The longest there is.
+    fn longest(pose: bool) -> Self {
+        // Four digits and a sign, as many as the sensor sees, and angles have as many.
+        let far = || {
+            let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
+            Rigid::from_parts(Vector::repeat(-9.999).into(), turn)
+        };
+        Self {
+            count: u16::MAX,
+            ms: u32::MAX,
+            state: TrackingState::Lost,
+            confidence: 1.0,
+            flags: u8::MAX,
+            pose: pose.then(far),
+        }
+    }
+}
+
+/// Longest names times that make room for them and a frame in a buffer.
+const NAMES_MOST: usize = line::LARGEST / 2;
+
+/// What is sent on opening and every few seconds.
+fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
+    let mut header = Line::new();
+    let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
+    let names_fit = match style {
+        Style::Text => header.sentence(|line| {
+            write!(line, "AUH,1,{SCHEMA_VERSION}")?;
+            names.iter().try_for_each(|name| write!(line, ",{name}"))
+        }),
+        // A plotter would take a header for data.
+        Style::Plot => true,
+        Style::Cobs => cobs::hello(names, &mut header),
+    };
+    if !names_fit || bytes > NAMES_MOST {
+        return Err(OutputError::Names {
+            units: names.len(),
+            bytes,
+            most: NAMES_MOST,
+        });
+    }
+    Ok(header)
+}
+
+/// Indices of the units that are sent; what the line cannot carry is said once.
+fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> {
+    let index = |name: &String| {
+        let found = units.iter().position(|unit| unit == name);
+        found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
+    };
+    let listed = settings.units.iter().map(index);
+    let listed: Vec<usize> = listed.collect::<Result<_, _>>()?;
+    let wanted = if listed.is_empty() {
+        (0..units.len()).collect()
+    } else {
+        listed.clone()
+    };
+    let names = |of: &[usize]| -> Box<[String]> {
+        let names = of.iter().map(|&unit| settings.view.name(units[unit]));
+        names.map(str::to_owned).collect()
+    };
+    // Names too long for a line are told before any plan is made.
+    let all = names(&wanted);
+    header(settings.style, &all)?;
+    let bytes = |of: &[usize]| {
+        let (names, mut line) = (names(of), Line::new());
+        let full = std::iter::repeat_n(1.0, of.len());
+        FrameOf::longest(settings.pose).write(settings.style, &names, full, &mut line);
+        let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
+        (line.bytes().len(), header)
+    };
+    let rank = |unit: usize| match listed.iter().position(|&listed| listed == unit) {
+        Some(at) => at,
+        None => budget::rank(units[unit]),
+    };
+    let longest = match settings.style {
+        Style::Cobs if settings.pose => budget::AVR_RING + cobs::POSE_BYTES,
+        Style::Cobs => budget::AVR_RING,
+        _ => line::LARGEST,
+    };
+    let baud = settings.baud;
+    let plan = budget::plan(
+        baud,
+        settings.min_rate_hz,
+        longest,
+        wanted.clone(),
+        rank,
+        bytes,
+    );
+    let dropped: Vec<usize> = wanted
+        .into_iter()
+        .filter(|unit| !plan.units.contains(unit))
+        .collect();
+    let port = &settings.port;
+    if !dropped.is_empty() {
+        tracing::warn!(
+            "serial port {port} carries {} of {} units at {baud} bit/s: left out are {}",
+            plan.units.len(),
+            all.len(),
+            names(&dropped).join(" ")
+        );
+    }
+    if plan.rate_hz < budget::FRAMES_HZ {
+        tracing::warn!(
+            "serial port {port} takes {:.1} frames a second of up to {} bytes at {baud} bit/s, the newest each time; {} come from the sensor",
+            plan.rate_hz,
+            plan.frame_bytes,
+            budget::FRAMES_HZ
+        );
+    }
+    Ok(plan.units)
 }
 
 /// Place in millimetres, angles in tenths of a degree.
@@ -210,6 +369,16 @@ impl Output for Serial {
         self.last_ms = (report.at.as_us() / 1000) as u32;
         self.put(state, report);
         Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.shared.sent(),
+            dropped: self.dropped(),
+            connected: self.state() == PortState::Open,
+            not_numbers: self.face.weights.not_numbers(),
+            ..Tally::of("serial")
+        }
     }
 }
 

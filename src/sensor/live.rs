@@ -48,8 +48,8 @@ struct Shared {
 }
 
 struct Inner {
-    /// Filled pairs, oldest first, each with the opening it belongs to.
-    ring: VecDeque<(u64, RawPair)>,
+    /// Filled pairs, oldest first, each with the opening it belongs to and the time it was whole.
+    ring: VecDeque<(u64, Instant, RawPair)>,
     free: Vec<RawPair>,
     status: Status,
     registration: Registration,
@@ -72,6 +72,7 @@ pub struct LiveKinect {
     clock: PictureClock,
     /// Opening of the last frame, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
+    arrived: Option<Instant>,
     pair: RawPair,
     registration: Registration,
 }
@@ -114,6 +115,7 @@ impl LiveKinect {
             thread,
             clock: PictureClock::default(),
             last: None,
+            arrived: None,
             pair: RawPair::default(),
             registration: Registration::default(),
         }
@@ -124,7 +126,8 @@ impl LiveKinect {
         let deadline = Instant::now() + wait;
         let mut inner = self.shared.lock();
         let opening = loop {
-            if let Some((opening, mut pair)) = inner.ring.pop_front() {
+            if let Some((opening, arrived, mut pair)) = inner.ring.pop_front() {
+                self.arrived = Some(arrived);
                 core::mem::swap(&mut self.pair, &mut pair);
                 inner.free.push(pair);
                 break opening;
@@ -185,6 +188,12 @@ impl LiveKinect {
     #[must_use]
     pub const fn registration(&self) -> &Registration {
         &self.registration
+    }
+
+    /// When the last frame was whole in this machine's memory.
+    #[must_use]
+    pub fn arrived(&self) -> Option<Instant> {
+        self.arrived
     }
 
     /// Tells the sensor whether a face is tracked: LED, and exposure if the settings say so. Cheap to call every frame.
@@ -347,14 +356,14 @@ fn stream<S: PacketSource>(
 fn hand_over(shared: &Shared, opening: u64, pair: &mut RawPair) {
     let mut inner = shared.lock();
     if inner.ring.len() == RING
-        && let Some((_, oldest)) = inner.ring.pop_front()
+        && let Some((_, _, oldest)) = inner.ring.pop_front()
     {
         inner.status.overwritten += 1;
         inner.free.push(oldest);
     }
     if let Some(mut free) = inner.free.pop() {
         core::mem::swap(&mut free, pair);
-        inner.ring.push_back((opening, free));
+        inner.ring.push_back((opening, Instant::now(), free));
         shared.news.notify_all();
     }
 }

@@ -214,6 +214,15 @@ impl Source {
         }
     }
 
+    /// When the last frame was whole in this machine's memory; `None` where frames are made or read on request.
+    #[must_use]
+    pub fn arrived(&self) -> Option<Instant> {
+        match self {
+            Self::Kinect(live) => live.arrived(),
+            Self::Recording(_) | Self::Simulated(_) => None,
+        }
+    }
+
     /// Calibration of the sensor behind the frames.
     #[must_use]
     pub fn registration(&self) -> &Registration {

@@ -3,7 +3,8 @@
 use super::Settings;
 use crate::expression::measures::Scale;
 use crate::output::osc::Style;
-use crate::output::osc::vmc::Role;
+use crate::output::osc::vmc::{Names, Role};
+use crate::output::osc::vrchat::{MOST_BITS, Values};
 use crate::output::serial;
 use crate::pose::smoothing::Smoothing;
 use crate::{expression, landmarks, pose};
@@ -16,13 +17,19 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("landmarks", "The 68 points."),
     ("learning", "How each person's ranges are learned."),
     ("users", "What happens when a face is lost."),
+    (UNITS, UNITS_ABOUT),
     ("osc", "OSC over UDP, the native schema."),
     ("vmc", "OSC for avatar programmes, VMC protocol."),
     ("vrchat", "OSC for VRChat, Unified Expressions."),
     ("faceosc", "OSC as FaceOSC sends it."),
     ("serial", "A serial port."),
+    ("status", "What the programme tells of itself, in files."),
     ("log", "What is written to standard error."),
 ];
+
+/// The section whose keys are the units' names.
+pub(super) const UNITS: &str = "units";
+const UNITS_ABOUT: &str = "Names and gains of units on the wires, for those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
 
 /// What a key may hold and where it is kept.
 pub(super) enum Kind<'a> {
@@ -45,6 +52,13 @@ pub(super) enum Kind<'a> {
         value: &'a mut String,
         form: &'static str,
         valid: fn(&str) -> bool,
+    },
+    /// One text, or several in an array.
+    Texts {
+        value: &'a mut Vec<String>,
+        form: &'static str,
+        valid: fn(&str) -> bool,
+        least: usize,
     },
     Choice {
         value: usize,
@@ -113,6 +127,8 @@ const LANDMARK_METHODS: [landmarks::Method; 2] =
 const LEARNING_METHODS: [expression::Method; 2] =
     [expression::Method::Robust, expression::Method::Paper];
 const SCALES: [Scale; 3] = [Scale::ByMethod, Scale::Frame, Scale::Learnt];
+const NAMES: [Names; 4] = [Names::Arkit, Names::Vrm0, Names::Vrm1, Names::Units];
+const VALUES: [Values; 3] = [Values::Float, Values::Binary, Values::Both];
 const ROLES: [Role; 2] = [Role::Performer, Role::Assistant];
 const SERIAL_STYLES: [serial::Style; 3] = [
     serial::Style::Text,
@@ -120,6 +136,8 @@ const SERIAL_STYLES: [serial::Style; 3] = [
     serial::Style::Cobs,
 ];
 const STYLES: [Style; 3] = [Style::Vector, Style::Scalar, Style::Both];
+
+const MIRROR: &str = "Whether left and right change places, as in a mirror.";
 
 fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
     all.iter().position(|one| one == value).unwrap_or_default()
@@ -353,9 +371,12 @@ pub(super) const KEYS: &[Key] = &[
             value: &mut s.osc.enabled,
         }
     }),
-    key("osc", "target", "Where to.", |s| {
-        host_port(&mut s.osc.target)
-    }),
+    key(
+        "osc",
+        "target",
+        "Where to: hosts, broadcast addresses or multicast groups.",
+        |s| targets(&mut s.osc.targets),
+    ),
     key("osc", "prefix", "What every address starts with.", |s| {
         Kind::Text {
             value: &mut s.osc.prefix,
@@ -375,6 +396,35 @@ pub(super) const KEYS: &[Key] = &[
     ),
     key(
         "osc",
+        "ranges",
+        "Whether learned ranges are sent, every 5 s.",
+        |s| Kind::Bool {
+            value: &mut s.osc.ranges,
+        },
+    ),
+    key(
+        "osc",
+        "commands",
+        "Whether /face/cmd/forget, freeze, neutral and schema are listened for.",
+        |s| Kind::Bool {
+            value: &mut s.osc.commands,
+        },
+    ),
+    key(
+        "osc",
+        "listen",
+        "Where they are listened for; 127.0.0.1 hears this machine only.",
+        |s| Kind::Text {
+            value: &mut s.osc.listen,
+            form: "address:port",
+            valid: |text| text.parse::<std::net::SocketAddr>().is_ok(),
+        },
+    ),
+    key("osc", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.osc.view.mirror,
+    }),
+    key(
+        "osc",
         "hold_s",
         "How long the last weights of a lost face are kept.",
         |s| single(&mut s.osc.loss.hold_s, 0.0, 60.0, "s"),
@@ -390,9 +440,12 @@ pub(super) const KEYS: &[Key] = &[
             value: &mut s.vmc.enabled,
         }
     }),
-    key("vmc", "target", "Where to.", |s| {
-        host_port(&mut s.vmc.target)
-    }),
+    key(
+        "vmc",
+        "target",
+        "Where to: hosts, broadcast addresses or multicast groups.",
+        |s| targets(&mut s.vmc.targets),
+    ),
     key(
         "vmc",
         "role",
@@ -403,6 +456,19 @@ pub(super) const KEYS: &[Key] = &[
             set: |s, index| s.vmc.role = ROLES[index],
         },
     ),
+    key(
+        "vmc",
+        "names",
+        "Whose names the blend shapes have: ARKit's, VRM avatars', or the units' own.",
+        |s| Kind::Choice {
+            value: index_of(&NAMES, &s.vmc.names),
+            names: &["arkit", "vrm0", "vrm1", "units"],
+            set: |s, index| s.vmc.names = NAMES[index],
+        },
+    ),
+    key("vmc", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.vmc.view.mirror,
+    }),
     key(
         "vmc",
         "hold_s",
@@ -420,9 +486,12 @@ pub(super) const KEYS: &[Key] = &[
             value: &mut s.vrchat.enabled,
         }
     }),
-    key("vrchat", "target", "Where to.", |s| {
-        host_port(&mut s.vrchat.target)
-    }),
+    key(
+        "vrchat",
+        "target",
+        "Where to: hosts, broadcast addresses or multicast groups.",
+        |s| targets(&mut s.vrchat.targets),
+    ),
     key(
         "vrchat",
         "prefix",
@@ -433,6 +502,30 @@ pub(super) const KEYS: &[Key] = &[
             valid: |text| text.is_empty() || text.ends_with('/'),
         },
     ),
+    key(
+        "vrchat",
+        "values",
+        "Parameters as numbers, made of switches, or both.",
+        |s| Kind::Choice {
+            value: index_of(&VALUES, &s.vrchat.values),
+            names: &["float", "binary", "both"],
+            set: |s, index| s.vrchat.values = VALUES[index],
+        },
+    ),
+    key(
+        "vrchat",
+        "bits",
+        "Switches of a parameter besides its sign.",
+        |s| Kind::Integer {
+            value: &mut s.vrchat.bits,
+            min: 1,
+            max: MOST_BITS,
+            unit: "",
+        },
+    ),
+    key("vrchat", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.vrchat.view.mirror,
+    }),
     key(
         "vrchat",
         "hold_s",
@@ -450,8 +543,17 @@ pub(super) const KEYS: &[Key] = &[
             value: &mut s.faceosc.enabled,
         }
     }),
-    key("faceosc", "target", "Where to.", |s| {
-        host_port(&mut s.faceosc.target)
+    key(
+        "faceosc",
+        "target",
+        "Where to: hosts, broadcast addresses or multicast groups.",
+        |s| targets(&mut s.faceosc.targets),
+    ),
+    key("faceosc", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.faceosc.mirror,
+    }),
+    key("faceosc", "hold_s", "How long a lost face is kept.", |s| {
+        single(&mut s.faceosc.hold_s, 0.0, 60.0, "s")
     }),
     key(
         "serial",
@@ -459,8 +561,8 @@ pub(super) const KEYS: &[Key] = &[
         "Where to; empty = no serial output.",
         |s| Kind::Text {
             value: &mut s.serial.port,
-            form: "the path of a port, like \"/dev/ttyUSB0\", or empty",
-            valid: |_| true,
+            form: "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty",
+            valid: |text| text.strip_prefix("tcp:").is_none_or(is_host_port),
         },
     ),
     key("serial", "baud", "Speed.", |s| Kind::Integer {
@@ -486,6 +588,34 @@ pub(super) const KEYS: &[Key] = &[
     }),
     key(
         "serial",
+        "units",
+        "Units to send, the most important first; empty = all.",
+        |s| Kind::Texts {
+            value: &mut s.serial.units,
+            form: "units, like [\"AU26\", \"AU25\"]",
+            valid: super::units::is_unit,
+            least: 0,
+        },
+    ),
+    key(
+        "serial",
+        "min_rate_hz",
+        "Frames a second below which units are left out on a slow line.",
+        |s| single(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz"),
+    ),
+    key(
+        "serial",
+        "dtr",
+        "Whether DTR is raised on opening, which resets many boards; else it stays as it is.",
+        |s| Kind::Bool {
+            value: &mut s.serial.dtr,
+        },
+    ),
+    key("serial", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.serial.view.mirror,
+    }),
+    key(
+        "serial",
         "hold_s",
         "How long the last weights of a lost face are kept.",
         |s| single(&mut s.serial.loss.hold_s, 0.0, 60.0, "s"),
@@ -495,6 +625,16 @@ pub(super) const KEYS: &[Key] = &[
         "decay_s",
         "How long they then take to fade to neutral.",
         |s| single(&mut s.serial.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "status",
+        "path",
+        "Rewritten once a second, with mien.prom for Prometheus beside it; empty = neither.",
+        |s| Kind::Text {
+            value: &mut s.status.path,
+            form: "the path of a file in an existing directory, or empty",
+            valid: |_| true,
+        },
     ),
     key("log", "level", "Least severity written.", |s| {
         Kind::Choice {
@@ -523,13 +663,16 @@ fn double<'a>(value: &'a mut f64, min: f32, max: f32, unit: &'static str) -> Kin
     }
 }
 
-fn host_port(value: &mut String) -> Kind<'_> {
-    Kind::Text {
+fn targets(value: &mut Vec<String>) -> Kind<'_> {
+    Kind::Texts {
         value,
-        form: "host:port",
-        valid: |text| {
-            text.rsplit_once(':')
-                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
-        },
+        form: "host:port, or several as [\"host:port\", \"host:port\"]",
+        valid: is_host_port,
+        least: 1,
     }
+}
+
+fn is_host_port(text: &str) -> bool {
+    text.rsplit_once(':')
+        .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
 }

@@ -4,6 +4,7 @@
 //! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
 
 mod keys;
+mod units;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,7 +12,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use keys::{KEYS, Key, Kind, SECTIONS};
+use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
 
 use crate::sensor::kinect;
 use crate::{expression, landmarks, output, pose, segment};
@@ -31,6 +32,8 @@ pub struct Settings {
     pub learning: expression::Settings,
     /// What happens when a face is lost.
     pub users: UserSettings,
+    /// Names and gains of units, for every wire.
+    pub units: Vec<output::UnitView>,
     /// OSC over UDP.
     pub osc: output::osc::Settings,
     /// OSC for avatar programmes, VMC protocol.
@@ -41,6 +44,8 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// What is told in files.
+    pub status: StatusSettings,
     /// What is logged.
     pub log: LogSettings,
 }
@@ -80,6 +85,21 @@ impl Default for UserSettings {
         Self {
             hold_s: 0.5,
             forget_s: 2.0,
+        }
+    }
+}
+
+/// What is told in files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StatusSettings {
+    /// Path of the status file; empty = none.
+    pub path: String,
+}
+
+impl Default for StatusSettings {
+    fn default() -> Self {
+        Self {
+            path: "/run/mien/status.json".into(),
         }
     }
 }
@@ -193,6 +213,15 @@ impl Settings {
                 ));
             };
             for (key, value) in table {
+                if section_name == UNITS {
+                    units::assign(key.get_ref(), value, &mut settings.units).map_err(
+                        |(span, expected, found)| {
+                            let span = span.unwrap_or(key.span());
+                            wrong(span.start, expected, found)
+                        },
+                    )?;
+                    continue;
+                }
                 let Some(known) = KEYS
                     .iter()
                     .find(|k| k.section == section_name && k.name == key.get_ref().as_ref())
@@ -223,6 +252,9 @@ impl Settings {
         let mut copy = self.clone();
         for (section, about) in SECTIONS {
             let _ = write!(text, "\n# {about}\n[{section}]\n");
+            if *section == UNITS {
+                units::print(&self.units, &mut text);
+            }
             for key in KEYS.iter().filter(|key| key.section == *section) {
                 let (allowed, value) = match (key.kind)(&mut copy) {
                     Kind::Float {
@@ -242,6 +274,7 @@ impl Settings {
                     ),
                     Kind::Bool { value } => ("true or false".into(), value.to_string()),
                     Kind::Text { value, form, .. } => (form.into(), toml_string(value)),
+                    Kind::Texts { value, form, .. } => (form.into(), toml_strings(value)),
                     Kind::Choice { value, names, .. } => (quoted(names), toml_string(names[value])),
                 };
                 let _ = write!(
@@ -276,12 +309,27 @@ fn toml_string(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
+/// One string as such, any other number of them as an array.
+fn toml_strings(texts: &[String]) -> String {
+    match texts {
+        [text] => toml_string(text),
+        _ => {
+            let all: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
+            format!("[{}]", all.join(", "))
+        }
+    }
+}
+
 fn describe(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("{text:?}"),
         DeValue::Integer(number) => number.as_str().to_owned(),
         DeValue::Float(number) => number.as_str().to_owned(),
         DeValue::Boolean(value) => value.to_string(),
+        DeValue::Array(all) => {
+            let all: Vec<String> = all.iter().map(|value| describe(value.get_ref())).collect();
+            format!("[{}]", all.join(", "))
+        }
         other => format!("a value of type {}", other.type_str()),
     }
 }
@@ -346,6 +394,24 @@ fn assign(
             Some(text) if valid(text) => text.clone_into(slot),
             _ => return refuse(format!("{path} to be {form}")),
         },
+        Kind::Texts {
+            value: slot,
+            form,
+            valid,
+            least,
+        } => {
+            let texts: Option<Vec<&str>> = match (value.as_str(), value.as_array()) {
+                (Some(text), _) => Some(vec![text]),
+                (_, Some(all)) => all.iter().map(|text| text.get_ref().as_str()).collect(),
+                _ => None,
+            };
+            match texts {
+                Some(texts) if texts.len() >= least && texts.iter().all(|text| valid(text)) => {
+                    *slot = texts.into_iter().map(str::to_owned).collect();
+                }
+                _ => return refuse(format!("{path} to be {form}")),
+            }
+        }
         Kind::Choice { names, set, .. } => match value
             .as_str()
             .and_then(|text| names.iter().position(|n| *n == text))
@@ -405,6 +471,64 @@ mod tests {
     fn an_unknown_section_and_a_bare_value_are_refused() {
         assert!(refused("[user]\n").contains("a.toml:1:2: expected one of the sections sensor,"));
         assert!(refused("users = 3\n").contains("expected a section [users], found 3"));
+    }
+
+    #[test]
+    fn units_get_names_and_gains() {
+        let text = "[units]\nAU26 = { name = \"jaw\", gain = 1.5 }\nAU12L.gain = 2\n";
+        // AU12 is not measured yet.
+        assert!(refused(text).contains("a.toml:3:1: expected one of the units AU25, "));
+        let text = text.replace("AU12L", "AU2L");
+        let settings = Settings::parse(&text, Path::new("a.toml")).unwrap();
+        let units: Vec<_> = settings
+            .units
+            .iter()
+            .map(|view| (view.unit.as_str(), view.name.as_str(), view.gain))
+            .collect();
+        assert_eq!(units, [("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]);
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+        for (text, part) in [
+            (
+                "AU26 = 3",
+                "expected a table like { name = \"jaw\", gain = 1.2 }, found 3",
+            ),
+            (
+                "AU26 = { gain = -1 }",
+                "expected units.AU26.gain from 0 to 10, found -1",
+            ),
+            ("AU26 = { size = 1 }", "expected name or gain, found size"),
+            ("AU26 = { name = \"a b\" }", "found \"a b\""),
+            (
+                "AU26 = { name = \"AU25\" }",
+                "no other unit has, found \"AU25\"",
+            ),
+        ] {
+            let message = refused(&format!("[units]\n{text}"));
+            assert!(
+                message.contains("a.toml:2:") && message.contains(part),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn targets_are_one_or_several() {
+        let text = "[osc]\ntarget = [\"a:1\", \"239.0.0.1:2\"]\n[vmc]\ntarget = \"b:3\"\n";
+        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        assert_eq!(settings.osc.targets, ["a:1", "239.0.0.1:2"]);
+        assert_eq!(settings.vmc.targets, ["b:3"]);
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+        assert!(refused("[osc]\ntarget = []").ends_with("found []"));
+        assert!(refused("[osc]\ntarget = [\"a:1\", \"b\"]").ends_with("found [\"a:1\", \"b\"]"));
+        assert!(
+            refused("[serial]\nunits = [\"AU99\"]").contains("a.toml:2:9: expected serial.units")
+        );
     }
 
     #[test]

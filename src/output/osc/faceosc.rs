@@ -2,14 +2,17 @@
 //!
 //! `/found` alone, then one bundle per frame: `/pose/position` in pixels, `/pose/scale`, `/pose/orientation` in radians
 //! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face, the head's turning taken out, in FaceOSC's
-//! unit of about 3.6 mm (a mouth is about 14 wide); the scale is pixels per unit. Left and right are the subject's own. One face:
-//! the first seen, until lost.
+//! unit of about 3.6 mm (a mouth is about 14 wide); the scale is pixels per unit. Left and right are the subject's own;
+//! mirrored, they change places, and the picture is reflected. One face: the first seen, until lost. A lost face is held for
+//! a while, then not found: distances have no neutral to fade to.
 
 use super::packet::Argument;
 use super::wire::Wire;
+use crate::capacity::WIDTH;
 use crate::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::landmarks::Landmarks;
-use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report};
+use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+use crate::time::Timestamp;
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
@@ -21,15 +24,21 @@ const FOUND_S: f64 = 1.0;
 pub struct Settings {
     /// Whether anything is sent.
     pub enabled: bool,
-    /// `host:port`.
-    pub target: String,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
+    /// Whether left and right change places.
+    pub mirror: bool,
+    /// How long a lost face is held, seconds.
+    pub hold_s: f32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
             enabled: false,
-            target: "127.0.0.1:8338".to_owned(),
+            targets: vec!["127.0.0.1:8338".to_owned()],
+            mirror: false,
+            hold_s: LossPolicy::default().hold_s,
         }
     }
 }
@@ -46,34 +55,47 @@ const GESTURES: [Gesture; 8] = [
     ("jaw", &[33], &[7, 8, 9]),
     ("nostrils", &[31], &[35]),
 ];
+/// The same with left and right changed.
+const MIRRORED: [usize; 8] = [0, 1, 3, 2, 5, 4, 6, 7];
+
+/// What one frame says of a face.
+#[derive(Clone, Copy)]
+struct Numbers {
+    /// Position, scale, orientation.
+    pose: [f32; 6],
+    gestures: [f32; 8],
+}
 
 /// A sender of raw distances.
 pub struct FaceOsc {
     wire: Wire,
     face: OneFace,
+    view: View,
+    hold_s: f32,
     found: bool,
     repeat: Every,
+    /// The last face seen, and when.
+    last: Option<(Numbers, Timestamp)>,
 }
 
 impl FaceOsc {
-    /// Opens the socket.
+    /// Opens the sockets.
     ///
     /// # Errors
-    /// If the target is unusable, or there is no socket to be had.
+    /// If a target is unusable, or there is no socket to be had.
     pub fn new(settings: Settings) -> Result<Self, OutputError> {
         Ok(Self {
-            wire: Wire::open(settings.target, String::new())?,
-            // Distances do not fade: a face that is lost is not found.
-            face: OneFace::new(0, LossPolicy::default()),
+            wire: Wire::open(&settings.targets, String::new())?,
+            face: OneFace::new(&[], &View::default(), LossPolicy::default()),
+            view: View {
+                mirror: settings.mirror,
+                ..View::default()
+            },
+            hold_s: settings.hold_s,
             found: false,
             repeat: Every::default(),
+            last: None,
         })
-    }
-
-    /// Datagrams sent, and those that could not be.
-    #[must_use]
-    pub fn sent_and_dropped(&self) -> (u64, u64) {
-        (self.wire.sent(), self.wire.dropped())
     }
 
     fn send_found(&mut self, found: bool) {
@@ -85,40 +107,22 @@ impl FaceOsc {
         self.wire.flush();
     }
 
-    fn send_face(&mut self, sensor_from_head: &Rigid, landmarks: &Landmarks) {
+    fn measure(&self, sensor_from_head: &Rigid, landmarks: &Landmarks) -> Numbers {
         let count = landmarks.pixels.len() as f32;
-        let centre = [0, 1].map(|axis| {
-            landmarks
-                .pixels
-                .iter()
-                .map(|pixel| pixel[axis])
-                .sum::<f32>()
-                / count
-        });
+        let mean_px = |axis: usize| {
+            let sum: f32 = landmarks.pixels.iter().map(|pixel| pixel[axis]).sum();
+            sum / count
+        };
+        let mut x = mean_px(0);
+        if self.view.mirror {
+            x = (WIDTH - 1) as f32 - x;
+        }
         let corners = [39, 42].map(|i| landmarks.pixels[i]);
         let apart_px = (corners[0][0] - corners[1][0]).hypot(corners[0][1] - corners[1][1]);
         // Turned away, the eyes come closer in the picture, not on the face.
         let across = sensor_from_head.rotation * (landmarks.head[42] - landmarks.head[39]);
         let scale = apart_px * UNIT_M / across.xy().norm();
-        let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
-        let numbers = [centre[0], centre[1], scale, pitch, yaw, roll].map(finite);
-
-        let wire = &mut self.wire;
-        let floats = |values: &[f32]| -> heapless::Vec<Argument<'static>, 3> {
-            values.iter().copied().map(Argument::Float).collect()
-        };
-        wire.message(
-            format_args!("/pose/position"),
-            floats(&numbers[..2]).into_iter(),
-        );
-        wire.message(
-            format_args!("/pose/scale"),
-            floats(&numbers[2..3]).into_iter(),
-        );
-        wire.message(
-            format_args!("/pose/orientation"),
-            floats(&numbers[3..]).into_iter(),
-        );
+        let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(sensor_from_head).rotation);
         let mean = |group: &[usize]| {
             let sum = group
                 .iter()
@@ -126,8 +130,23 @@ impl FaceOsc {
                 .sum::<crate::geometry::Vector>();
             Point::from(sum / group.len() as f32)
         };
-        for (name, from, to) in GESTURES {
-            let distance = finite((mean(from) - mean(to)).norm() / UNIT_M);
+        let distance = |i: usize| {
+            let (_, from, to) = GESTURES[if self.view.mirror { MIRRORED[i] } else { i }];
+            finite((mean(from) - mean(to)).norm() / UNIT_M)
+        };
+        Numbers {
+            pose: [x, mean_px(1), scale, pitch, yaw, roll].map(finite),
+            gestures: std::array::from_fn(distance),
+        }
+    }
+
+    fn send_numbers(&mut self, Numbers { pose, gestures }: Numbers) {
+        let wire = &mut self.wire;
+        let floats = |range: std::ops::Range<usize>| range.map(move |i| Argument::Float(pose[i]));
+        wire.message(format_args!("/pose/position"), floats(0..2));
+        wire.message(format_args!("/pose/scale"), floats(2..3));
+        wire.message(format_args!("/pose/orientation"), floats(3..6));
+        for ((name, ..), distance) in GESTURES.iter().zip(gestures) {
             wire.message(
                 format_args!("/gesture/{name}"),
                 std::iter::once(Argument::Float(distance)),
@@ -137,7 +156,7 @@ impl FaceOsc {
     }
 }
 
-/// What is not a number becomes 0.
+/// What is no number becomes 0.
 fn finite(value: f32) -> f32 {
     if value.is_finite() { value } else { 0.0 }
 }
@@ -147,16 +166,33 @@ impl Output for FaceOsc {
         let Some(state) = self.face.follow(report) else {
             return Ok(());
         };
-        let found = state.is_present();
+        match (report.sensor_from_head, report.landmarks) {
+            (Some(pose), Some(landmarks)) if state.is_present() => {
+                self.last = Some((self.measure(pose, landmarks), report.at));
+            }
+            _ => {
+                let hold_s = f64::from(self.hold_s);
+                self.last = self
+                    .last
+                    .filter(|&(_, seen)| report.at.seconds_since(seen) <= hold_s);
+            }
+        }
+        let found = self.last.is_some();
         if self.repeat.due(report.at, FOUND_S) || found != self.found {
             self.send_found(found);
         }
-        if let (true, Some(pose), Some(landmarks)) =
-            (found, report.sensor_from_head, report.landmarks)
-        {
-            self.send_face(pose, landmarks);
+        if let Some((numbers, _)) = self.last {
+            self.send_numbers(numbers);
         }
         Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.wire.sent(),
+            dropped: self.wire.dropped(),
+            ..Tally::of("faceosc")
+        }
     }
 }
 

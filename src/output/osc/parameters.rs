@@ -1,19 +1,24 @@
 //! Other programmes' parameters as sums of our units: tables of names, resolved against the units there are at the start.
 
+use std::borrow::Cow;
+
+/// A gain, and the units it applies to.
+pub(super) type Term = (f32, &'static [&'static str]);
+
 /// A parameter in terms of units. Of several units in one term the largest counts: left and right, where the parameter has
 /// no sides, or a unit without sides, where the parameter has them.
 pub(super) struct Definition {
     pub(super) name: &'static str,
     /// Value at rest.
     pub(super) rest: f32,
-    /// Gain, and the units it applies to. The first must be there, else the parameter is left out: what is not measured is
+    /// Summed. The units of the first must be there, else the parameter is left out: what is not measured is
     /// not sent.
-    pub(super) terms: &'static [(f32, &'static [&'static str])],
+    pub(super) terms: &'static [Term],
 }
 
 /// A parameter that can be computed.
 pub(super) struct Parameter {
-    pub(super) name: &'static str,
+    pub(super) name: Cow<'static, str>,
     rest: f32,
     terms: Box<[(f32, Box<[usize]>)]>,
 }
@@ -28,7 +33,7 @@ impl Parameter {
                 .collect()
         };
         let resolved = table.iter().map(|definition| Self {
-            name: definition.name,
+            name: definition.name.into(),
             rest: definition.rest,
             terms: definition
                 .terms
@@ -46,6 +51,26 @@ impl Parameter {
             .collect()
     }
 
+    /// Each unit by itself, under the given names.
+    pub(super) fn of_units<'a>(names: impl Iterator<Item = &'a str>) -> Box<[Self]> {
+        names
+            .enumerate()
+            .map(|(unit, name)| Self {
+                name: name.to_owned().into(),
+                rest: 0.0,
+                terms: Box::new([(1.0, Box::new([unit]) as Box<[usize]>)]),
+            })
+            .collect()
+    }
+
+    /// Whether there are weights that make it negative.
+    pub(super) fn can_be_negative(&self) -> bool {
+        let least = |(gain, units): &(f32, Box<[usize]>)| {
+            if units.is_empty() { 0.0 } else { gain.min(0.0) }
+        };
+        self.rest + self.terms.iter().map(least).sum::<f32>() < 0.0
+    }
+
     /// Value for weights of 0…1, limited to −1…1.
     pub(super) fn value(&self, weights: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {
         let weight = |index: usize| weights.clone().nth(index).unwrap_or(0.0);
@@ -56,11 +81,8 @@ impl Parameter {
     }
 }
 
-/// A definition with nothing but one term.
-pub(super) const fn plain(
-    name: &'static str,
-    terms: &'static [(f32, &'static [&'static str])],
-) -> Definition {
+/// A definition that is 0 at rest.
+pub(super) const fn plain(name: &'static str, terms: &'static [Term]) -> Definition {
     Definition {
         name,
         rest: 0.0,
@@ -89,7 +111,7 @@ mod tests {
         let weights = [0.5, 0.25, 0.4, 0.8, 1.0];
         let values: Vec<_> = parameters
             .iter()
-            .map(|p| (p.name, p.value(weights.into_iter())))
+            .map(|p| (&*p.name, p.value(weights.into_iter())))
             .collect();
         assert_eq!(
             values,

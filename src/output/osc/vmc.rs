@@ -1,18 +1,23 @@
 //! OSC preset `vmc`: the Virtual Motion Capture protocol, for avatars.
 //!
 //! As performer (default, to a marionette at port 39539): availability, time, root, the bone `Head`, blend shapes. As assistant
-//! (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have ARKit's names; only those
-//! that are measured are sent. `Apply` closes the frame, in the last datagram.
+//! (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have the names of ARKit, of VRM 0 or
+//! VRM 1 ([`super::names`]), or the units' own; only those that are measured are sent. `Apply` closes the frame, in the last
+//! datagram. `OK` tells whether a face is tracked (version 2.7 of the protocol).
 //!
 //! Coordinates are Unity's: left-handed, y up, z forward of the avatar. Ours, mirrored in all three axes (x to the
 //! subject's left, y down, z into the head), are exactly that: positions change their sign and rotations keep their numbers.
 //! One face: the first seen, until lost.
 
+use super::names;
 use super::packet::Argument;
-use super::parameters::{Definition, Parameter, plain};
+use super::parameters::Parameter;
 use super::wire::Wire;
 use crate::geometry::Rigid;
-use crate::output::{LossPolicy, OneFace, Output, OutputError, Report};
+use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+
+/// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
+const CALIBRATED: [i32; 2] = [3, 0];
 
 /// What this programme is to the receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,15 +29,33 @@ pub enum Role {
     Assistant,
 }
 
+/// Whose names the blend shapes have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Names {
+    /// Apple's ARKit.
+    #[default]
+    Arkit,
+    /// Avatars of VRM 0.
+    Vrm0,
+    /// Avatars of VRM 1.
+    Vrm1,
+    /// The units' own, as the configuration has them.
+    Units,
+}
+
 /// Where and how it goes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Whether anything is sent.
     pub enabled: bool,
-    /// `host:port`.
-    pub target: String,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
     /// What this programme is to the receiver.
     pub role: Role,
+    /// Whose names the blend shapes have.
+    pub names: Names,
+    /// How the units are shown.
+    pub view: View,
     /// What is sent of a face that is lost.
     pub loss: LossPolicy,
 }
@@ -41,65 +64,20 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             enabled: false,
-            target: "127.0.0.1:39539".to_owned(),
+            targets: vec!["127.0.0.1:39539".to_owned()],
             role: Role::default(),
+            names: Names::default(),
+            view: View::default(),
             loss: LossPolicy::default(),
         }
     }
 }
 
-/// ARKit's blend shapes in terms of action units.
-const SHAPES: [Definition; 44] = [
-    plain("browInnerUp", &[(1.0, &["AU1L", "AU1R", "AU1"])]),
-    plain("browOuterUpLeft", &[(1.0, &["AU2L", "AU2"])]),
-    plain("browOuterUpRight", &[(1.0, &["AU2R", "AU2"])]),
-    plain("browDownLeft", &[(1.0, &["AU4L", "AU4"])]),
-    plain("browDownRight", &[(1.0, &["AU4R", "AU4"])]),
-    plain("eyeWideLeft", &[(1.0, &["AU5L", "AU5"])]),
-    plain("eyeWideRight", &[(1.0, &["AU5R", "AU5"])]),
-    plain("cheekSquintLeft", &[(1.0, &["AU6L", "AU6"])]),
-    plain("cheekSquintRight", &[(1.0, &["AU6R", "AU6"])]),
-    plain("eyeSquintLeft", &[(1.0, &["AU7L", "AU7"])]),
-    plain("eyeSquintRight", &[(1.0, &["AU7R", "AU7"])]),
-    plain("noseSneerLeft", &[(1.0, &["AU9L", "AU9"])]),
-    plain("noseSneerRight", &[(1.0, &["AU9R", "AU9"])]),
-    plain("mouthUpperUpLeft", &[(1.0, &["AU10L", "AU10"])]),
-    plain("mouthUpperUpRight", &[(1.0, &["AU10R", "AU10"])]),
-    plain("mouthSmileLeft", &[(1.0, &["AU12L", "AU12"])]),
-    plain("mouthSmileRight", &[(1.0, &["AU12R", "AU12"])]),
-    plain("mouthDimpleLeft", &[(1.0, &["AU14L", "AU14"])]),
-    plain("mouthDimpleRight", &[(1.0, &["AU14R", "AU14"])]),
-    plain("mouthFrownLeft", &[(1.0, &["AU15L", "AU15"])]),
-    plain("mouthFrownRight", &[(1.0, &["AU15R", "AU15"])]),
-    plain("mouthLowerDownLeft", &[(1.0, &["AU16L", "AU16"])]),
-    plain("mouthLowerDownRight", &[(1.0, &["AU16R", "AU16"])]),
-    plain("mouthShrugLower", &[(1.0, &["AU17"])]),
-    plain("mouthPucker", &[(1.0, &["AU18"])]),
-    plain("mouthStretchLeft", &[(1.0, &["AU20L", "AU20"])]),
-    plain("mouthStretchRight", &[(1.0, &["AU20R", "AU20"])]),
-    plain("mouthFunnel", &[(1.0, &["AU22"])]),
-    plain("mouthPressLeft", &[(1.0, &["AU24L", "AU24"])]),
-    plain("mouthPressRight", &[(1.0, &["AU24R", "AU24"])]),
-    plain("jawOpen", &[(1.0, &["AU26", "AU27"])]),
-    plain("mouthRollLower", &[(1.0, &["AU28"])]),
-    plain("mouthRollUpper", &[(1.0, &["AU28"])]),
-    plain("jawForward", &[(1.0, &["AU29"])]),
-    plain("jawLeft", &[(1.0, &["AU30L"])]),
-    plain("jawRight", &[(1.0, &["AU30R"])]),
-    plain("cheekPuff", &[(1.0, &["AU33", "AU34"])]),
-    plain("eyeBlinkLeft", &[(1.0, &["AU43L", "AU43", "AU45L"])]),
-    plain("eyeBlinkRight", &[(1.0, &["AU43R", "AU43", "AU45R"])]),
-    plain("eyeLookInLeft", &[(1.0, &["AU62L"])]),
-    plain("eyeLookInRight", &[(1.0, &["AU61R"])]),
-    plain("eyeLookOutLeft", &[(1.0, &["AU61L"])]),
-    plain("eyeLookOutRight", &[(1.0, &["AU62R"])]),
-    plain("tongueOut", &[(1.0, &["AU19"])]),
-];
-
 /// A sender of avatar movements.
 pub struct Vmc {
     wire: Wire,
     role: Role,
+    view: View,
     face: OneFace,
     shapes: Box<[Parameter]>,
 }
@@ -110,24 +88,27 @@ impl Vmc {
     /// # Errors
     /// If the target is unusable, or there is no socket to be had.
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let shapes = match settings.names {
+            Names::Arkit => Parameter::resolve(&names::ARKIT, units),
+            Names::Vrm0 => Parameter::resolve(&names::VRM0, units),
+            Names::Vrm1 => Parameter::resolve(&names::VRM1, units),
+            Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
+        };
         Ok(Self {
-            wire: Wire::open(settings.target, "/VMC/Ext".to_owned())?,
+            wire: Wire::open(&settings.targets, "/VMC/Ext".to_owned())?,
             role: settings.role,
-            face: OneFace::new(units.len(), settings.loss),
-            shapes: Parameter::resolve(&SHAPES, units),
+            face: OneFace::new(units, &settings.view, settings.loss),
+            view: settings.view,
+            shapes,
         })
     }
 
-    /// Datagrams sent, and those that could not be.
-    #[must_use]
-    pub fn sent_and_dropped(&self) -> (u64, u64) {
-        (self.wire.sent(), self.wire.dropped())
-    }
-
-    fn send_frame(&mut self, seconds: f32, sensor_from_head: Option<&Rigid>) {
+    fn send_frame(&mut self, seconds: f32, tracked: bool, sensor_from_head: Option<&Rigid>) {
         let wire = &mut self.wire;
         if self.role == Role::Performer {
-            wire.message(format_args!("/OK"), std::iter::once(Argument::Int(1)));
+            let [state, mode] = CALIBRATED;
+            let ok = [1, state, mode, tracked.into()].map(Argument::Int);
+            wire.message(format_args!("/OK"), ok.into_iter());
             wire.message(
                 format_args!("/T"),
                 std::iter::once(Argument::Float(seconds)),
@@ -137,7 +118,8 @@ impl Vmc {
                 placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
             );
         }
-        let pose = sensor_from_head.map(|pose| (pose.translation.vector, pose.rotation.coords));
+        let pose = sensor_from_head.map(|pose| self.view.pose(pose));
+        let pose = pose.map(|pose| (pose.translation.vector, pose.rotation.coords));
         if let Some((place, turn)) =
             pose.filter(|(p, q)| p.iter().chain(q.iter()).all(|number| number.is_finite()))
         {
@@ -155,8 +137,8 @@ impl Vmc {
             }
         }
         for shape in &self.shapes {
-            let value = shape.value(self.face.weights.shown());
-            let arguments = [Argument::Text(shape.name), Argument::Float(value)];
+            let value = shape.value(self.face.weights.shown()).max(0.0);
+            let arguments = [Argument::Text(&shape.name), Argument::Float(value)];
             wire.message(format_args!("/Blend/Val"), arguments.into_iter());
         }
         wire.message(format_args!("/Blend/Apply"), std::iter::empty());
@@ -178,12 +160,23 @@ impl Output for Vmc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if let Some(state) = self.face.follow(report) {
             let seconds = (report.at.as_us() as f64 * 1e-6) as f32;
+            let present = state.is_present();
             self.send_frame(
                 seconds,
-                report.sensor_from_head.filter(|_| state.is_present()),
+                present,
+                report.sensor_from_head.filter(|_| present),
             );
         }
         Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.wire.sent(),
+            dropped: self.wire.dropped(),
+            not_numbers: self.face.weights.not_numbers(),
+            ..Tally::of("vmc")
+        }
     }
 }
 
@@ -191,6 +184,6 @@ impl Drop for Vmc {
     /// Neutral.
     fn drop(&mut self) {
         self.face.weights.reset();
-        self.send_frame(0.0, None);
+        self.send_frame(0.0, false, None);
     }
 }

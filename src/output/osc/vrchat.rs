@@ -4,11 +4,14 @@
 //! measured is sent, and only what has changed; everything once a second, for avatars that were loaded meanwhile. The
 //! switches `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` tell whether there is a face. One face: the first
 //! seen, until lost.
+//!
+//! An avatar has few bits for its parameters, so authors make them of switches: a value v of n bits is the whole number
+//! |v| × (2ⁿ − 1), cut, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
-use super::parameters::{Definition, Parameter, plain};
+use super::parameters::{Definition, Parameter, Term, plain};
 use super::wire::Wire;
-use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report};
+use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 use crate::time::Timestamp;
 
 /// Changes below this are not sent: less than the 8 bits the receiver passes on.
@@ -22,13 +25,34 @@ const SWITCHES: [&str; 3] = [
     "LipTrackingActive",
 ];
 
+/// Most bits of a parameter made of switches.
+pub const MOST_BITS: u32 = 8;
+
+/// How values are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Values {
+    /// As numbers.
+    #[default]
+    Float,
+    /// As switches, one for each bit.
+    Binary,
+    /// Both ways.
+    Both,
+}
+
 /// Where and how it goes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Whether anything is sent.
     pub enabled: bool,
-    /// `host:port`.
-    pub target: String,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
+    /// How values are sent.
+    pub values: Values,
+    /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
+    pub bits: u32,
+    /// How the units are shown.
+    pub view: View,
     /// What the avatar's author put before the names; empty, or ending in a slash.
     pub prefix: String,
     /// What is sent of a face that is lost.
@@ -39,7 +63,10 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             enabled: false,
-            target: "127.0.0.1:9000".to_owned(),
+            targets: vec!["127.0.0.1:9000".to_owned()],
+            values: Values::default(),
+            bits: 4,
+            view: View::default(),
             prefix: "FT/".to_owned(),
             loss: LossPolicy::default(),
         }
@@ -47,7 +74,7 @@ impl Default for Settings {
 }
 
 /// An eye is open to 0.75 at rest, and to 1 when wide.
-const fn lid(name: &'static str, terms: &'static [(f32, &'static [&'static str])]) -> Definition {
+const fn lid(name: &'static str, terms: &'static [Term]) -> Definition {
     Definition {
         name,
         rest: 0.75,
@@ -107,64 +134,116 @@ const PARAMETERS: [Definition; 26] = [
 pub struct VrChat {
     wire: Wire,
     face: OneFace,
-    parameters: Box<[Parameter]>,
-    /// What was sent last of each.
-    last: Box<[f32]>,
+    values: Values,
+    bits: u32,
+    parameters: Box<[Sent]>,
     active: bool,
     refresh: Every,
 }
 
+/// A parameter and what was sent of it last.
+struct Sent {
+    parameter: Parameter,
+    value: f32,
+    /// Its bits, the sign above them.
+    switches: u32,
+    /// Whether it can be below 0.
+    signed: bool,
+}
+
 impl VrChat {
-    /// Opens the socket. `units` are the names in the order of the weights.
+    /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
     /// If the settings are unusable, or there is no socket to be had.
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
-        let parameters = Parameter::resolve(&PARAMETERS, units);
+        let parameters = Parameter::resolve(&PARAMETERS, units).into_iter();
         Ok(Self {
             wire: Wire::open(
-                settings.target,
+                &settings.targets,
                 format!("/avatar/parameters/{}v2", settings.prefix),
             )?,
-            face: OneFace::new(units.len(), settings.loss),
-            last: vec![f32::NAN; parameters.len()].into_boxed_slice(),
-            parameters,
+            face: OneFace::new(units, &settings.view, settings.loss),
+            values: settings.values,
+            bits: settings.bits.clamp(1, MOST_BITS),
+            parameters: parameters
+                .map(|parameter| Sent {
+                    signed: parameter.can_be_negative(),
+                    parameter,
+                    value: f32::NAN,
+                    switches: 0,
+                })
+                .collect(),
             active: false,
             refresh: Every::default(),
         })
     }
 
-    /// Datagrams sent, and those that could not be.
-    #[must_use]
-    pub fn sent_and_dropped(&self) -> (u64, u64) {
-        (self.wire.sent(), self.wire.dropped())
-    }
-
     fn send_frame(&mut self, at: Timestamp, active: bool) {
+        let wire = &mut self.wire;
         let all = self.refresh.due(at, REFRESH_S);
         if all || active != self.active {
             self.active = active;
             for name in SWITCHES {
-                self.wire.message(
+                wire.message(
                     format_args!("/{name}"),
                     std::iter::once(Argument::Bool(active)),
                 );
             }
         }
-        for (parameter, last) in self.parameters.iter().zip(&mut self.last) {
-            let value = parameter.value(self.face.weights.shown());
-            // Rest and the ends are sent exactly: an eye must not stay open by a hair.
-            let changed = (value - *last).abs() >= LEAST_CHANGE
-                || (value != *last && [-1.0, 0.0, 1.0].contains(&value));
-            if all || changed {
-                *last = value;
-                self.wire.message(
-                    format_args!("/{}", parameter.name),
-                    std::iter::once(Argument::Float(value)),
-                );
+        for sent in &mut self.parameters {
+            let value = sent.parameter.value(self.face.weights.shown());
+            if self.values != Values::Binary {
+                sent.send_number(value, all, wire);
+            }
+            if self.values != Values::Float {
+                sent.send_switches(value, self.bits, all, wire);
             }
         }
-        self.wire.flush();
+        wire.flush();
+    }
+}
+
+impl Sent {
+    fn send_number(&mut self, value: f32, always: bool, wire: &mut Wire) {
+        // Rest and the ends are sent exactly: an eye must not stay open by a hair.
+        let changed = (value - self.value).abs() >= LEAST_CHANGE
+            || (value != self.value && [-1.0, 0.0, 1.0].contains(&value));
+        if always || changed {
+            self.value = value;
+            wire.message(
+                format_args!("/{}", self.parameter.name),
+                std::iter::once(Argument::Float(value)),
+            );
+        }
+    }
+
+    fn send_switches(&mut self, value: f32, bits: u32, always: bool, wire: &mut Wire) {
+        // Without a switch for the sign what is negative is cut to 0.
+        let size = if self.signed {
+            value.abs()
+        } else {
+            value.max(0.0)
+        };
+        let most = (1 << bits) - 1;
+        let whole = (size * most as f32) as u32;
+        let negative = u32::from(value < 0.0 && whole > 0);
+        let switches = whole | negative << bits;
+        let changed = if always { !0 } else { switches ^ self.switches };
+        self.switches = switches;
+        let mut send = |bit: u32, address: std::fmt::Arguments| {
+            if changed >> bit & 1 == 1 {
+                let on = switches >> bit & 1 == 1;
+                wire.message(address, std::iter::once(Argument::Bool(on)));
+            }
+        };
+        let name = &self.parameter.name;
+        for bit in 0..bits {
+            send(bit, format_args!("/{name}{}", 1 << bit));
+        }
+        if self.signed {
+            send(bits, format_args!("/{name}Negative"));
+        }
     }
 }
 
@@ -174,6 +253,15 @@ impl Output for VrChat {
             self.send_frame(report.at, state.is_present());
         }
         Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.wire.sent(),
+            dropped: self.wire.dropped(),
+            not_numbers: self.face.weights.not_numbers(),
+            ..Tally::of("vrchat")
+        }
     }
 }
 

@@ -1,5 +1,8 @@
-//! The socket OSC goes out of. It does not block: what it cannot take is dropped and counted. A receiver that is not there
-//! changes nothing. A target given by name is looked up on a thread of its own, again and again until it is found.
+//! The sockets OSC goes out of, one for each target, so that what waits for one (an absent host's address is asked for on
+//! the local net while the system keeps the datagram) takes no room from the others. They do not block: what one cannot
+//! take is dropped and counted. A receiver that is not there changes nothing. Targets may be hosts, broadcast addresses
+//! (as 192.168.1.255) or multicast groups (as 239.255.91.30; sent with a reach of one network, as the system has it). A
+//! target given by name is looked up on a thread of its own, again and again until it is found.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::{Arc, OnceLock};
@@ -13,29 +16,24 @@ const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 /// Longest prefix, so that an address always leaves room for what it carries.
 const LONGEST_PREFIX: usize = 64;
 
-/// The socket and the datagram being filled.
+/// The sockets and the datagram being filled.
 pub(super) struct Wire {
-    socket: UdpSocket,
-    target: Arc<OnceLock<SocketAddr>>,
+    targets: Box<[Target]>,
     packet: Packet,
     prefix: String,
     sent: u64,
     dropped: u64,
 }
 
-impl Wire {
-    /// Opens a socket for `target` (`host:port`); every address starts with `prefix`.
-    ///
-    /// # Errors
-    /// If the target or the prefix is unusable, or there is no socket to be had.
-    pub(super) fn open(target: String, prefix: String) -> Result<Self, OutputError> {
-        let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
-        let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
-        if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
-            return Err(OutputError::Prefix { prefix });
-        }
-        let target = look_up(target)?;
-        let any = match target.get() {
+struct Target {
+    socket: UdpSocket,
+    address: Arc<OnceLock<SocketAddr>>,
+}
+
+impl Target {
+    fn open(target: &str) -> Result<Self, OutputError> {
+        let address = look_up(target.to_owned())?;
+        let any = match address.get() {
             Some(SocketAddr::V6(_)) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
             _ => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
         };
@@ -47,9 +45,29 @@ impl Wire {
                 Ok(socket)
             })
             .map_err(|source| OutputError::Socket { source })?;
+        Ok(Self { socket, address })
+    }
+
+    fn send(&self, datagram: &[u8]) -> bool {
+        let address = self.address.get();
+        address.is_some_and(|address| self.socket.send_to(datagram, address).is_ok())
+    }
+}
+
+impl Wire {
+    /// Opens a socket for each of `targets` (`host:port`); every address starts with `prefix`.
+    ///
+    /// # Errors
+    /// If a target or the prefix is unusable, or there is no socket to be had.
+    pub(super) fn open(targets: &[String], prefix: String) -> Result<Self, OutputError> {
+        let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
+        let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
+        if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
+            return Err(OutputError::Prefix { prefix });
+        }
+        let targets = targets.iter().map(|target| Target::open(target));
         Ok(Self {
-            socket,
-            target,
+            targets: targets.collect::<Result<_, _>>()?,
             packet: Packet::new(),
             prefix,
             sent: 0,
@@ -57,7 +75,7 @@ impl Wire {
         })
     }
 
-    /// Datagrams sent.
+    /// Datagrams sent, over all targets.
     pub(super) fn sent(&self) -> u64 {
         self.sent
     }
@@ -83,20 +101,19 @@ impl Wire {
         }
     }
 
-    /// Sends the datagram, if there is anything in it.
+    /// Sends the datagram to every target, if there is anything in it.
     pub(super) fn flush(&mut self) {
         if self.packet.is_empty() {
             return;
         }
-        let taken = self
-            .target
-            .get()
-            .is_some_and(|target| self.socket.send_to(self.packet.bytes(), target).is_ok());
-        *(if taken {
-            &mut self.sent
-        } else {
-            &mut self.dropped
-        }) += 1;
+        for target in &self.targets {
+            let taken = target.send(self.packet.bytes());
+            *(if taken {
+                &mut self.sent
+            } else {
+                &mut self.dropped
+            }) += 1;
+        }
         self.packet.clear();
     }
 }

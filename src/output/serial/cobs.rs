@@ -5,11 +5,13 @@
 //! | --- | --- |
 //! | 1 weights | type, number, time ms (u16, wraps), flags, confidence 0…255, count, weights 0…255, CRC |
 //! | 2 pose | type, number, time ms, x y z in mm, quaternion x y z w × 32767, all i16, CRC |
-//! | 16 hello | type, schema version, count, for each unit the length of its name and the name, CRC |
+//! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
+//! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
-//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot. A weights frame of up to 52
-//! units fits the 64 bytes an AVR keeps of what it has not read yet.
+//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot. No frame is longer than what
+//! an AVR keeps of what it has not read yet: weights of up to 52 units, and as many names as fit.
 
+use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
 use crate::geometry::Rigid;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
@@ -57,38 +59,51 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
     })
 }
 
-/// The names of the units.
-pub(super) fn hello(units: &[&str], line: &mut Line) -> bool {
+/// Bytes of a pose on the wire.
+pub(super) const POSE_BYTES: usize = 22;
+/// Bytes a payload may have: the ring less the checksum, the code of the stuffing and the zero.
+const LONGEST_PAYLOAD: usize = AVR_RING - 4;
+
+/// The names of the units, in as many frames as they need; `false` if there is no room.
+pub(super) fn hello(names: &[String], line: &mut Line) -> bool {
+    let Ok(count) = u8::try_from(names.len()) else {
+        return false;
+    };
+    let version = SCHEMA_VERSION as u8;
     let mut payload = Payload::new();
-    let filled = (|| {
-        payload
-            .extend_from_slice(&[0x10, SCHEMA_VERSION as u8, u8::try_from(units.len()).ok()?])
-            .ok()?;
-        units.iter().try_for_each(|name| {
-            payload.push(u8::try_from(name.len()).ok()?).ok()?;
-            payload.extend_from_slice(name.as_bytes()).ok()
-        })
-    })();
-    filled.is_some() && append(payload, line)
+    let mut filled = payload.extend_from_slice(&[0x10, version, count]).is_ok();
+    for (index, name) in (0..count).zip(names) {
+        if payload.len() + 1 + name.len() > LONGEST_PAYLOAD {
+            filled &= append(std::mem::take(&mut payload), line);
+            filled &= payload.extend_from_slice(&[0x12, version, index]).is_ok();
+        }
+        let length = u8::try_from(name.len()).unwrap_or(u8::MAX);
+        filled &= payload.push(length).is_ok();
+        filled &= payload.extend_from_slice(name.as_bytes()).is_ok();
+    }
+    filled && append(payload, line)
+}
+
+/// State, frozen ranges and slot in one byte.
+pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
+    u8::from(state == TrackingState::Tracking)
+        | u8::from(report.frozen) << 1
+        | u8::from(state == TrackingState::Warming) << 2
+        | u8::from(matches!(state, TrackingState::Held | TrackingState::Lost)) << 3
+        | (report.user.unwrap_or(0) as u8 & 3) << 4
 }
 
 /// Number, state and weights (0…1).
 pub(super) fn weights(
     number: u16,
     ms: u32,
-    state: TrackingState,
-    report: &Report,
+    flags: u8,
     confidence: f32,
     weights: impl ExactSizeIterator<Item = f32>,
     line: &mut Line,
 ) -> bool {
     let byte = |value: f32| (value * 255.0).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let flags = u8::from(state == TrackingState::Tracking)
-        | u8::from(report.frozen) << 1
-        | u8::from(state == TrackingState::Warming) << 2
-        | u8::from(matches!(state, TrackingState::Held | TrackingState::Lost)) << 3
-        | (report.user.unwrap_or(0) as u8 & 3) << 4;
     let head = [
         1,
         number as u8,
@@ -153,13 +168,11 @@ mod tests {
     #[test]
     fn weights_are_the_reference_frame() {
         let mut line = Line::new();
-        let report = Report::default();
         let values = [0.0, 128.0 / 255.0, 1.0];
         assert!(weights(
             1,
             33,
-            TrackingState::Tracking,
-            &report,
+            1,
             200.0 / 255.0,
             values.into_iter(),
             &mut line
@@ -179,11 +192,11 @@ mod tests {
                 frozen,
                 ..Report::default()
             };
+            let flags = flags(state, &report);
             assert!(weights(
                 7,
                 0x10203,
-                state,
-                &report,
+                flags,
                 0.0,
                 [0.0].into_iter(),
                 &mut line
@@ -226,7 +239,7 @@ mod tests {
     #[test]
     fn hello_names_the_units_and_a_pose_its_numbers() {
         let mut line = Line::new();
-        assert!(hello(&["AU25", "AU12L"], &mut line));
+        assert!(hello(&["AU25".into(), "AU12L".into()], &mut line));
         let payload = unstuffed(line.bytes());
         assert_eq!(
             payload[..payload.len() - 2],
@@ -242,22 +255,43 @@ mod tests {
         let payload = unstuffed(line.bytes());
         assert_eq!(payload[..10], [2, 9, 33, 0, 100, 0, 0x06, 0xff, 0xee, 0x02]);
         assert_eq!(payload[10..18], [0, 0, 0, 0, 0, 0, 0xff, 0x7f]);
-        assert!(!hello(&["AU"; 300], &mut line));
+        assert_eq!(line.bytes().len(), POSE_BYTES);
+        assert!(!hello(&vec!["AU".into(); 300], &mut line));
+    }
+
+    #[test]
+    fn many_names_come_in_frames_that_fit_the_ring() {
+        let names: Vec<String> = (0..40).map(|i| format!("AU{i}L")).collect();
+        let mut line = Line::new();
+        assert!(hello(&names, &mut line));
+        let mut back = Vec::new();
+        for frame in line.bytes().split_inclusive(|&byte| byte == 0) {
+            assert!(frame.len() <= AVR_RING);
+            let payload = unstuffed(frame);
+            let (head, mut rest) = payload[..payload.len() - 2].split_at(3);
+            let first = back.len() as u8;
+            assert_eq!(
+                head,
+                if first == 0 {
+                    [0x10, 1, 40]
+                } else {
+                    [0x12, 1, first]
+                }
+            );
+            while let Some((&length, after)) = rest.split_first() {
+                let (name, after) = after.split_at(length.into());
+                back.push(String::from_utf8(name.to_vec()).unwrap());
+                rest = after;
+            }
+        }
+        assert_eq!(back, names);
     }
 
     #[test]
     fn fifty_two_units_fit_the_ring_of_an_avr() {
         let mut line = Line::new();
         let values = std::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
-        assert!(weights(
-            0,
-            0,
-            TrackingState::Held,
-            &Report::default(),
-            0.0,
-            values.into_iter(),
-            &mut line
-        ));
+        assert!(weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line));
         assert!(line.bytes().len() <= 63, "{}", line.bytes().len());
     }
 }

@@ -1,17 +1,26 @@
 //! The thread between the pipeline and a serial port.
+//!
+//! A USB adapter's `/dev/ttyUSB0` may be another adapter's tomorrow. So the first time a port is open, the name that the
+//! system keeps for that very device (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
 
 use std::io::{ErrorKind, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::Settings;
 use super::line::Line;
+use super::{Settings, Style, budget};
 use crate::output::OutputError;
 
 /// How often the names of the units are repeated.
-const HEADER_PERIOD: Duration = Duration::from_secs(5);
+const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
+/// Where the system keeps stable names of serial devices.
+const STABLE_NAMES: &str = "/dev/serial/by-id";
+/// How long a serial server may take to answer.
+const CONNECTING: Duration = Duration::from_secs(1);
 /// First and longest pause before an absent port is tried again.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 /// How long one write may take: less than a frame.
@@ -20,8 +29,6 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
 const STUCK: Duration = Duration::from_secs(2);
 /// The same when the programme is ending.
 const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
-/// Bits on the line per byte: start, eight, stop.
-const BITS_PER_BYTE: u64 = 10;
 
 /// Whether a port is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,6 +45,7 @@ pub(super) struct Shared {
     waiting: Mutex<Waiting>,
     /// Wakes the thread.
     changed: Condvar,
+    sent: AtomicU64,
     dropped: AtomicU64,
 }
 
@@ -57,6 +65,7 @@ impl Shared {
                 stop: false,
             }),
             changed: Condvar::new(),
+            sent: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         }
     }
@@ -83,6 +92,11 @@ impl Shared {
 
     pub(super) fn state(&self) -> PortState {
         self.lock().state
+    }
+
+    /// Frames written.
+    pub(super) fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
     }
 
     pub(super) fn dropped(&self) -> u64 {
@@ -118,20 +132,30 @@ pub(super) fn feed(
     header: Line,
     shared: Arc<Shared>,
 ) -> Result<JoinHandle<()>, OutputError> {
-    let (path, baud) = (settings.port.clone(), settings.baud.max(1));
+    let (mut path, baud, dtr) = (settings.port.clone(), settings.baud.max(1), settings.dtr);
+    // Ends what a frame that was cut off has left with the receiver.
+    let delimiter: &[u8] = match settings.style {
+        Style::Cobs => &[0],
+        Style::Text | Style::Plot => b"\r\n",
+    };
     let thread = std::thread::Builder::new().name("serial".to_owned());
     thread
         .spawn(move || {
             let mut pause = PAUSES[0];
-            let mut told = false;
+            let (mut told, mut cut) = (false, false);
             loop {
-                let port = serialport::new(&path, baud).timeout(WRITE_TIMEOUT).open();
-                match port {
+                match open(&path, baud, dtr) {
                     Ok(mut port) => {
                         tracing::info!("serial port {path} is open");
+                        if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
+                            tracing::info!("serial port {path} is looked for as {name} from now on");
+                            path = name;
+                        }
                         shared.set_state(PortState::Open);
                         let opened = Instant::now();
-                        let end = write_frames(port.as_mut(), baud, &header, &shared);
+                        let mut writer = Writer { port: port.as_mut(), baud, shared: &shared, cut };
+                        let end = writer.frames(delimiter, &header);
+                        cut = writer.cut;
                         shared.set_state(PortState::Absent);
                         let Err(error) = end else { return };
                         tracing::warn!("serial port {path} is lost ({error}), trying to open it again");
@@ -156,65 +180,137 @@ pub(super) fn feed(
         .map_err(|source| OutputError::Thread { source })
 }
 
-/// Writes frames until told to stop (`Ok`) or the port fails.
-fn write_frames(
-    port: &mut dyn Write,
+/// Opens a device or connects to a serial server.
+fn open(path: &str, baud: u32, dtr: bool) -> std::io::Result<Box<dyn Write>> {
+    if let Some(server) = path.strip_prefix("tcp:") {
+        let address = server.to_socket_addrs()?.next();
+        let address = address.ok_or(ErrorKind::AddrNotAvailable)?;
+        let stream = TcpStream::connect_timeout(&address, CONNECTING)?;
+        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+        stream.set_nodelay(true)?;
+        return Ok(Box::new(stream));
+    }
+    let port = serialport::new(path, baud).timeout(WRITE_TIMEOUT);
+    // The system raises DTR by itself when a port is opened first; what it does is left alone unless asked for.
+    let port = if dtr {
+        port.dtr_on_open(true)
+    } else {
+        port.preserve_dtr_on_open()
+    };
+    Ok(Box::new(port.open_native()?))
+}
+
+/// The name in `names` that leads to the same device as `path`; `None` if there is none, or `path` is one already.
+fn stable_name(path: &Path, names: &Path) -> Option<String> {
+    if path.starts_with(names) {
+        return None;
+    }
+    let device = path.canonicalize().ok()?;
+    let links = std::fs::read_dir(names).ok()?;
+    let mut found: Vec<PathBuf> = links
+        .filter_map(|link| Some(link.ok()?.path()))
+        .filter(|link| link.canonicalize().is_ok_and(|leads_to| leads_to == device))
+        .collect();
+    found.sort();
+    found
+        .into_iter()
+        .next()?
+        .into_os_string()
+        .into_string()
+        .ok()
+}
+
+/// Writes to an open port.
+struct Writer<'a> {
+    port: &'a mut dyn Write,
     baud: u32,
-    header: &Line,
-    shared: &Shared,
-) -> std::io::Result<()> {
-    let mut line = Line::new();
-    let mut header_sent: Option<Instant> = None;
-    loop {
-        if header_sent.is_none_or(|at| at.elapsed() >= HEADER_PERIOD) {
-            write_paced(port, baud, header.bytes(), shared)?;
-            header_sent = Some(Instant::now());
+    shared: &'a Shared,
+    /// Whether the receiver was left with a part of a frame.
+    cut: bool,
+}
+
+impl Writer<'_> {
+    /// Writes frames until told to stop (`Ok`) or the port fails.
+    fn frames(&mut self, delimiter: &[u8], header: &Line) -> std::io::Result<()> {
+        let mut line = Line::new();
+        let mut header_sent: Option<Instant> = None;
+        if self.cut {
+            self.paced(delimiter)?;
         }
-        let stop = shared.take(HEADER_PERIOD, &mut line);
-        write_paced(port, baud, line.bytes(), shared)?;
-        if stop {
-            return Ok(());
+        loop {
+            if header_sent.is_none_or(|at| at.elapsed() >= HEADER_PERIOD) {
+                self.paced(header.bytes())?;
+                header_sent = Some(Instant::now());
+            }
+            let stop = self.shared.take(HEADER_PERIOD, &mut line);
+            if !line.bytes().is_empty() {
+                self.paced(line.bytes())?;
+                self.shared.sent.fetch_add(1, Ordering::Relaxed);
+            }
+            if stop {
+                return Ok(());
+            }
         }
+    }
+
+    /// Writes all bytes and waits for as long as the line needs for them. A part of a frame is never left behind on
+    /// purpose: what the port does not take in time is tried again.
+    fn paced(&mut self, mut bytes: &[u8]) -> std::io::Result<()> {
+        let start = Instant::now();
+        let line_s = bytes.len() as f32 / budget::bytes_per_second(self.baud);
+        let mut progress = start;
+        while !bytes.is_empty() {
+            match self.port.write(bytes) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(taken) => {
+                    bytes = &bytes[taken..];
+                    self.cut = !bytes.is_empty();
+                    progress = Instant::now();
+                }
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
+                    ) =>
+                {
+                    let limit = if self.shared.lock().stop {
+                        STUCK_AT_THE_END
+                    } else {
+                        STUCK
+                    };
+                    if progress.elapsed() > limit {
+                        return Err(ErrorKind::TimedOut.into());
+                    }
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        std::thread::sleep(Duration::from_secs_f32(line_s).saturating_sub(start.elapsed()));
+        Ok(())
     }
 }
 
-/// Writes all bytes and waits for as long as the line needs for them. A part of a sentence is never left behind on purpose:
-/// what the port does not take in time is tried again.
-fn write_paced(
-    port: &mut dyn Write,
-    baud: u32,
-    mut bytes: &[u8],
-    shared: &Shared,
-) -> std::io::Result<()> {
-    let start = Instant::now();
-    let line_time =
-        Duration::from_micros(bytes.len() as u64 * BITS_PER_BYTE * 1_000_000 / u64::from(baud));
-    let mut progress = start;
-    while !bytes.is_empty() {
-        match port.write(bytes) {
-            Ok(0) => return Err(ErrorKind::WriteZero.into()),
-            Ok(taken) => {
-                bytes = &bytes[taken..];
-                progress = Instant::now();
-            }
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
-                ) =>
-            {
-                let limit = if shared.lock().stop {
-                    STUCK_AT_THE_END
-                } else {
-                    STUCK
-                };
-                if progress.elapsed() > limit {
-                    return Err(ErrorKind::TimedOut.into());
-                }
-            }
-            Err(error) => return Err(error),
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_is_found_under_its_stable_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let (names, device) = (folder.path().join("by-id"), folder.path().join("ttyUSB0"));
+        std::fs::create_dir(&names).unwrap();
+        std::fs::write(&device, "").unwrap();
+        std::fs::write(folder.path().join("ttyUSB1"), "").unwrap();
+        assert_eq!(stable_name(&device, &names), None);
+        for (link, to) in [
+            ("usb-B", "ttyUSB1"),
+            ("usb-A", "ttyUSB0"),
+            ("usb-C", "ttyUSB0"),
+        ] {
+            std::os::unix::fs::symlink(folder.path().join(to), names.join(link)).unwrap();
         }
+        let stable = names.join("usb-A").to_str().unwrap().to_owned();
+        assert_eq!(stable_name(&device, &names), Some(stable.clone()));
+        assert_eq!(stable_name(Path::new(&stable), &names), None);
     }
-    std::thread::sleep(line_time.saturating_sub(start.elapsed()));
-    Ok(())
 }

@@ -1,0 +1,198 @@
+//! The face a wire shows: weights limited and held or faded while nobody is seen, and which face is shown where only one
+//! can be.
+
+use super::view::{Channel, View};
+use super::{Report, TrackingState, unit_range};
+use crate::time::Timestamp;
+
+/// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LossPolicy {
+    /// How long the last weights are kept, seconds.
+    pub hold_s: f32,
+    /// How long they then take to fade, seconds.
+    pub decay_s: f32,
+}
+
+impl Default for LossPolicy {
+    fn default() -> Self {
+        Self {
+            hold_s: 0.2,
+            decay_s: 0.4,
+        }
+    }
+}
+
+/// The weights of one user as a wire shows them.
+pub(super) struct WireWeights {
+    channels: Box<[Channel]>,
+    weights: Box<[f32]>,
+    seen: Option<Timestamp>,
+    /// Share of the weights that is shown now.
+    share: f32,
+    policy: LossPolicy,
+    not_numbers: u64,
+}
+
+impl WireWeights {
+    pub(super) fn new(channels: Box<[Channel]>, policy: LossPolicy) -> Self {
+        Self {
+            weights: vec![0.0; channels.len()].into_boxed_slice(),
+            channels,
+            seen: None,
+            share: 0.0,
+            policy,
+            not_numbers: 0,
+        }
+    }
+
+    /// Takes what a report says: weights, or their absence.
+    pub(super) fn observe(&mut self, report: &Report) {
+        if report.state.is_present() && !report.weights.is_empty() {
+            for (shown, channel) in self.weights.iter_mut().zip(&self.channels) {
+                let weight = report.weights.get(channel.source).copied().unwrap_or(0.0);
+                self.not_numbers += u64::from(!weight.is_finite());
+                *shown = unit_range(weight * channel.gain);
+            }
+            self.seen = Some(report.at);
+        }
+        let LossPolicy { hold_s, decay_s } = self.policy;
+        self.share = self.seen.map_or(0.0, |seen| {
+            let since = report.at.seconds_since(seen) as f32 - hold_s;
+            if since <= 0.0 {
+                1.0
+            } else {
+                unit_range(1.0 - since / decay_s)
+            }
+        });
+    }
+
+    pub(super) fn reset(&mut self) {
+        (self.seen, self.share) = (None, 0.0);
+    }
+
+    /// Whether all is at rest.
+    pub(super) fn is_neutral(&self) -> bool {
+        self.share <= 0.0
+    }
+
+    /// 0…1, as shown now.
+    pub(super) fn shown(&self) -> impl ExactSizeIterator<Item = f32> + Clone {
+        self.weights.iter().map(|weight| weight * self.share)
+    }
+
+    /// Weights that were no numbers and were shown as 0.
+    pub(super) fn not_numbers(&self) -> u64 {
+        self.not_numbers
+    }
+}
+
+/// Chooses the face of a wire that carries one: the first user seen is followed until lost, then whoever comes next.
+pub(super) struct OneFace {
+    pub(super) weights: WireWeights,
+    user: Option<usize>,
+    present: bool,
+}
+
+impl OneFace {
+    pub(super) fn new(units: &[&str], view: &View, policy: LossPolicy) -> Self {
+        Self::of(view.channels(units), policy)
+    }
+
+    pub(super) fn of(channels: Box<[Channel]>, policy: LossPolicy) -> Self {
+        Self {
+            weights: WireWeights::new(channels, policy),
+            user: None,
+            present: false,
+        }
+    }
+
+    /// The state to show, with the weights as they are then; `None` if the report is of a face that is not on this wire.
+    pub(super) fn follow(&mut self, report: &Report) -> Option<TrackingState> {
+        if report.user.is_some() && report.user != self.user {
+            if self.present || !report.state.is_present() {
+                return None;
+            }
+            // The next face: nothing of the one before may fade into it.
+            self.user = report.user;
+            self.weights.reset();
+        }
+        self.present = report.state.is_present() && report.user.is_some();
+        self.weights.observe(report);
+        Some(if report.user.is_some() {
+            report.state
+        } else {
+            TrackingState::Absent
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::UnitView;
+
+    fn report(ms: u64, state: TrackingState, weights: &[f32]) -> Report<'_> {
+        Report {
+            at: Timestamp::from_us(1000 * ms),
+            state,
+            weights,
+            ..Report::default()
+        }
+    }
+
+    fn wire(units: &[&str], view: &View) -> WireWeights {
+        WireWeights::new(view.channels(units), LossPolicy::default())
+    }
+
+    #[test]
+    fn weights_are_clamped_and_numbers() {
+        let mut wire = wire(&["a", "b", "c", "d", "e"], &View::default());
+        let weights = [f32::NAN, -0.5, 1.7, f32::INFINITY, 0.25];
+        wire.observe(&report(0, TrackingState::Tracking, &weights));
+        assert!(wire.shown().eq([0.0, 0.0, 1.0, 0.0, 0.25]));
+        assert_eq!(wire.not_numbers(), 2);
+    }
+
+    #[test]
+    fn gains_apply_before_the_limit() {
+        let view = View {
+            units: vec![UnitView {
+                unit: "AU26".into(),
+                name: "jaw".into(),
+                gain: 2.0,
+            }],
+            ..View::default()
+        };
+        let mut wire = wire(&["AU25", "AU26"], &view);
+        wire.observe(&report(0, TrackingState::Tracking, &[0.4, 0.4]));
+        assert!(wire.shown().eq([0.4, 0.8]));
+        wire.observe(&report(0, TrackingState::Tracking, &[0.4, 0.7]));
+        assert!(wire.shown().eq([0.4, 1.0]));
+    }
+
+    #[test]
+    fn a_lost_face_is_held_then_fades_to_neutral() {
+        let mut wire = wire(&["AU26"], &View::default());
+        wire.observe(&report(1000, TrackingState::Tracking, &[0.8]));
+        for (ms, expected) in [
+            (1033, 0.8),
+            (1200, 0.8),
+            (1400, 0.4),
+            (1500, 0.2),
+            (1600, 0.0),
+            (9000, 0.0),
+        ] {
+            wire.observe(&report(ms, TrackingState::Lost, &[]));
+            let shown = wire.shown().next().unwrap();
+            assert!(
+                (shown - expected).abs() < 1e-4,
+                "{shown} after {} ms",
+                ms - 1000
+            );
+        }
+        assert!(wire.is_neutral());
+        wire.observe(&report(9033, TrackingState::Tracking, &[0.5]));
+        assert!(wire.shown().eq([0.5]));
+    }
+}

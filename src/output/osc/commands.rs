@@ -1,0 +1,304 @@
+//! Commands over OSC, for receivers that may ask for something. Off by default, and on this machine only unless the
+//! configuration names another address.
+//!
+//! | address | arguments | what it does |
+//! | --- | --- | --- |
+//! | `/face/cmd/forget` | slot | forgets what was learned of the user |
+//! | `/face/cmd/freeze` | slot, 0 or 1 | stops learning of the user, or goes on with it |
+//! | `/face/cmd/neutral` | slot | takes the user's present face for rest |
+//! | `/face/cmd/schema` | | sends the schema now |
+//!
+//! What comes in is not trusted: a datagram is read into a fixed buffer, bundles may be nested twice, and of each frame's
+//! time only so many datagrams are looked at; the rest waits in the socket, which the system bounds. What is malformed,
+//! unknown, has other arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its
+//! datagram if that cannot be told apart. Nothing allocates.
+
+use std::net::{SocketAddr, UdpSocket};
+
+use crate::capacity::USERS;
+use crate::output::{Command, OutputError};
+
+/// Longest datagram looked at; a longer one is cut by the system and then found malformed.
+const LARGEST: usize = 1472;
+/// Datagrams looked at between two frames.
+const DATAGRAMS: usize = 8;
+/// Commands of one datagram that are kept; further ones are refused.
+const REQUESTS: usize = 16;
+/// Bundles in bundles in bundles are refused.
+const DEPTH: usize = 3;
+/// Arguments a command has at most.
+const ARGUMENTS: usize = 2;
+
+/// What a message asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Send the names of the units now.
+    Schema,
+    /// Something for the pipeline.
+    Command(Command),
+}
+
+/// The listening socket.
+pub struct Commands {
+    socket: UdpSocket,
+    /// Start of the addresses, as `/face`.
+    prefix: String,
+    waiting: heapless::Deque<Request, REQUESTS>,
+    looked_at: usize,
+    taken: u64,
+    refused: u64,
+}
+
+impl Commands {
+    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`.
+    ///
+    /// # Errors
+    /// If it is no address of this machine, or taken.
+    pub fn listen(address: &str, prefix: &str) -> Result<Self, OutputError> {
+        let socket = UdpSocket::bind(address).and_then(|socket| {
+            socket.set_nonblocking(true)?;
+            Ok(socket)
+        });
+        Ok(Self {
+            socket: socket.map_err(|source| OutputError::Listen {
+                address: address.to_owned(),
+                source,
+            })?,
+            prefix: prefix.to_owned(),
+            waiting: heapless::Deque::new(),
+            looked_at: 0,
+            taken: 0,
+            refused: 0,
+        })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.socket.local_addr().ok()
+    }
+
+    /// Commands taken and refused.
+    #[must_use]
+    pub fn counts(&self) -> [u64; 2] {
+        [self.taken, self.refused]
+    }
+
+    /// The next request; `None` ends a round, after which the limit of datagrams starts anew.
+    pub fn next_request(&mut self) -> Option<Request> {
+        let mut bytes = [0; LARGEST];
+        loop {
+            if let Some(request) = self.waiting.pop_front() {
+                self.taken += 1;
+                return Some(request);
+            }
+            let length = (self.looked_at < DATAGRAMS)
+                .then(|| self.socket.recv(&mut bytes).ok())
+                .flatten();
+            let Some(length) = length else {
+                self.looked_at = 0;
+                return None;
+            };
+            self.looked_at += 1;
+            let waiting = &mut self.waiting;
+            self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
+                waiting.push_back(request).is_ok()
+            });
+        }
+    }
+}
+
+/// Hands the requests of a datagram to `take`, which tells whether it had room; how many messages were refused.
+pub fn requests(datagram: &[u8], prefix: &str, take: &mut dyn FnMut(Request) -> bool) -> u64 {
+    packet(datagram, prefix, DEPTH, take)
+}
+
+fn packet(bytes: &[u8], prefix: &str, depth: usize, take: &mut dyn FnMut(Request) -> bool) -> u64 {
+    let Some(mut rest) = bytes.strip_prefix(b"#bundle\0") else {
+        let done = message(bytes, prefix).is_some_and(take);
+        return u64::from(!done);
+    };
+    // The time tag says when; commands are for now.
+    if depth == 0 || rest.len() < 8 {
+        return 1;
+    }
+    rest = &rest[8..];
+    let mut refused = 0;
+    while !rest.is_empty() {
+        let Some((element, after)) = element(rest) else {
+            return refused + 1;
+        };
+        refused += packet(element, prefix, depth - 1, take);
+        rest = after;
+    }
+    refused
+}
+
+/// The first element of a bundle behind its length, and what follows.
+fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk::<4>()?;
+    rest.split_at_checked(usize::try_from(u32::from_be_bytes(*length)).ok()?)
+}
+
+/// A string and what follows its padding.
+fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
+    let end = bytes.iter().position(|&byte| byte == 0)?;
+    let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
+    let zeros = text[end..].iter().all(|&byte| byte == 0);
+    Some((
+        std::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
+        rest,
+    ))
+}
+
+fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
+    let (address, rest) = string(bytes)?;
+    let (tags, mut rest) = string(rest)?;
+    let mut arguments = heapless::Vec::<i32, ARGUMENTS>::new();
+    for tag in tags.strip_prefix(',')?.chars() {
+        // Numbers from patching programs are often floats; truth has no bytes.
+        let value = match tag {
+            'i' | 'f' => {
+                let (number, after) = rest.split_first_chunk::<4>()?;
+                rest = after;
+                if tag == 'i' {
+                    i32::from_be_bytes(*number)
+                } else {
+                    whole(f32::from_be_bytes(*number))?
+                }
+            }
+            'T' => 1,
+            'F' => 0,
+            _ => return None,
+        };
+        arguments.push(value).ok()?;
+    }
+    if !rest.is_empty() {
+        return None;
+    }
+    let slot = |number: i32| usize::try_from(number).ok().filter(|&slot| slot < USERS);
+    let command = match (
+        address.strip_prefix(prefix)?.strip_prefix("/cmd/")?,
+        &arguments[..],
+    ) {
+        ("forget", &[user]) => Command::Forget(slot(user)?),
+        ("neutral", &[user]) => Command::Neutral(slot(user)?),
+        ("freeze", &[user, on @ 0..=1]) => Command::Freeze(slot(user)?, on == 1),
+        ("schema", []) => return Some(Request::Schema),
+        _ => return None,
+    };
+    Some(Request::Command(command))
+}
+
+/// A float that is a whole number.
+fn whole(number: f32) -> Option<i32> {
+    (number.fract() == 0.0 && number.abs() < 1e6).then_some(number as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::osc::packet::{Argument, Packet};
+
+    fn read(bytes: &[u8]) -> (Vec<Request>, u64) {
+        let mut all = Vec::new();
+        let refused = requests(bytes, "/face", &mut |request| {
+            all.push(request);
+            true
+        });
+        (all, refused)
+    }
+
+    fn bundle(messages: &[(&str, &[Argument])]) -> Packet {
+        let mut packet = Packet::new();
+        for &(address, arguments) in messages {
+            let arguments = arguments.iter().copied();
+            assert!(packet.push("/face", format_args!("{address}"), arguments));
+        }
+        packet
+    }
+
+    #[test]
+    fn commands_are_what_they_say() {
+        use Argument::{Bool, Float, Int};
+        let packet = bundle(&[
+            ("/cmd/forget", &[Int(2)]),
+            ("/cmd/freeze", &[Int(0), Int(1)]),
+            ("/cmd/freeze", &[Float(3.0), Bool(false)]),
+            ("/cmd/neutral", &[Float(1.0)]),
+            ("/cmd/schema", &[]),
+        ]);
+        let expected = [
+            Request::Command(Command::Forget(2)),
+            Request::Command(Command::Freeze(0, true)),
+            Request::Command(Command::Freeze(3, false)),
+            Request::Command(Command::Neutral(1)),
+            Request::Schema,
+        ];
+        assert_eq!(read(packet.bytes()), (expected.to_vec(), 0));
+        // The same without a bundle around it.
+        assert_eq!(read(&packet.bytes()[20..48]), (vec![expected[0]], 0));
+    }
+
+    #[test]
+    fn what_is_malformed_is_refused_one_by_one() {
+        use Argument::{Float, Int, Text};
+        let packet = bundle(&[
+            ("/cmd/forget", &[Int(4)]),
+            ("/cmd/forget", &[Int(-1)]),
+            ("/cmd/forget", &[]),
+            ("/cmd/forget", &[Int(0), Int(0), Int(0)]),
+            ("/cmd/forget", &[Text("0")]),
+            ("/cmd/freeze", &[Int(0), Int(2)]),
+            ("/cmd/neutral", &[Float(f32::NAN)]),
+            ("/cmd/neutral", &[Float(0.5)]),
+            ("/cmd/fly", &[Int(0)]),
+            ("/0/frame", &[Int(0)]),
+            ("/cmd/neutral", &[Int(0)]),
+        ]);
+        let neutral = Request::Command(Command::Neutral(0));
+        assert_eq!(read(packet.bytes()), (vec![neutral], 10));
+        for bytes in [
+            &b""[..],
+            b"#bundle\0",
+            b"/face",
+            b"/face/cmd/schema\0\0\0\0",
+        ] {
+            assert_eq!(read(bytes), (vec![], 1), "{bytes:?}");
+        }
+    }
+
+    #[test]
+    fn deep_nests_are_not_followed() {
+        let mut bytes = bundle(&[("/cmd/schema", &[])]).bytes().to_vec();
+        for depth in 1..8 {
+            assert_eq!(read(&bytes).0.len(), usize::from(depth <= DEPTH));
+            let length = u32::try_from(bytes.len()).unwrap().to_be_bytes();
+            let outer = [
+                b"#bundle\0\0\0\0\0\0\0\0\x01".to_vec(),
+                length.to_vec(),
+                bytes,
+            ];
+            bytes = outer.concat();
+        }
+    }
+
+    #[test]
+    fn no_bytes_whatever_do_harm() {
+        let mut random = fastrand::Rng::with_seed(7);
+        let good = bundle(&[
+            ("/cmd/forget", &[Argument::Int(2)]),
+            ("/cmd/freeze", &[Argument::Int(0), Argument::Int(1)]),
+        ]);
+        for _ in 0..200_000 {
+            let mut bytes = good.bytes().to_vec();
+            for _ in 0..random.usize(1..6) {
+                let i = random.usize(..bytes.len());
+                bytes[i] = random.u8(..);
+            }
+            bytes.truncate(random.usize(..=bytes.len()));
+            let (taken, _) = read(&bytes);
+            assert!(taken.len() <= 2);
+        }
+    }
+}

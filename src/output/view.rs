@@ -1,0 +1,167 @@
+//! How an output shows the units: under which names, how strong, and whether as in a mirror.
+//!
+//! Gains and names belong to the receiving side: a gain of 1.5 on `AU26` opens every rig's jaw half as far again, a name
+//! replaces `AU26` in addresses, headers and plots. Mirrored, left and right change places and the head moves as its
+//! reflection: for a person who looks at their own avatar. The CSV shows the units as they are.
+
+use crate::geometry::{Rigid, Rotation};
+
+/// Longest name of a unit on a wire, bytes.
+pub(super) const LONGEST_NAME: usize = 24;
+
+/// What is changed about one unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnitView {
+    /// The unit's FACS name, as `AU12L`.
+    pub unit: String,
+    /// Its name on the wires.
+    pub name: String,
+    /// What its weight is multiplied by before it is limited to 0…1.
+    pub gain: f32,
+}
+
+/// How an output shows the units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct View {
+    /// Whether left and right change places.
+    pub mirror: bool,
+    /// Units that are changed; the others keep their name and a gain of 1.
+    pub units: Vec<UnitView>,
+}
+
+/// Where a weight on the wire comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Channel {
+    /// Index among the weights of a report.
+    pub(super) source: usize,
+    pub(super) gain: f32,
+}
+
+impl View {
+    fn of(&self, unit: &str) -> Option<&UnitView> {
+        self.units.iter().find(|view| view.unit == unit)
+    }
+
+    /// The name of a unit on the wire.
+    #[must_use]
+    pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
+        self.of(unit).map_or(unit, |view| view.name.as_str())
+    }
+
+    /// A channel for every unit, in their order.
+    pub(super) fn channels(&self, units: &[&str]) -> Box<[Channel]> {
+        let source = |i: usize| {
+            let opposite = if self.mirror {
+                other_side(units[i])
+            } else {
+                None
+            };
+            let found = opposite.and_then(|name| units.iter().position(|unit| *unit == name));
+            found.unwrap_or(i)
+        };
+        (0..units.len())
+            .map(|i| Channel {
+                source: source(i),
+                gain: self.of(units[i]).map_or(1.0, |view| view.gain),
+            })
+            .collect()
+    }
+
+    /// The pose as it is shown.
+    #[must_use]
+    pub fn pose(&self, sensor_from_head: &Rigid) -> Rigid {
+        if self.mirror {
+            mirrored(sensor_from_head)
+        } else {
+            *sensor_from_head
+        }
+    }
+}
+
+/// Whether a text may name a unit on every wire: in an OSC address, between commas, before a colon.
+#[must_use]
+pub fn is_name(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}/:$".contains(c);
+    !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)
+}
+
+/// `AU12R` for `AU12L`; `None` for a unit without sides.
+fn other_side(unit: &str) -> Option<String> {
+    let (stem, other) = if let Some(stem) = unit.strip_suffix('L') {
+        (stem, 'R')
+    } else {
+        (unit.strip_suffix('R')?, 'L')
+    };
+    Some(format!("{stem}{other}"))
+}
+
+/// The reflection of a pose in the plane x = 0 of the sensor, of a head that is its own reflection.
+fn mirrored(pose: &Rigid) -> Rigid {
+    let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+    Rigid::from_parts(
+        nalgebra::Vector3::new(-place.x, place.y, place.z).into(),
+        Rotation::new_unchecked(nalgebra::Quaternion::new(turn.w, turn.x, -turn.y, -turn.z)),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+
+    #[test]
+    fn a_mirror_swaps_the_sides_and_leaves_the_rest() {
+        let view = View {
+            mirror: true,
+            units: vec![UnitView {
+                unit: "AU12L".into(),
+                name: "smile".into(),
+                gain: 2.0,
+            }],
+        };
+        let units = ["AU26", "AU12L", "AU12R", "AU9L"];
+        let sources: Vec<_> = view
+            .channels(&units)
+            .iter()
+            .map(|c| (c.source, c.gain))
+            .collect();
+        // The gain belongs to what is shown; a side without its other stays.
+        assert_eq!(sources, [(0, 1.0), (2, 2.0), (1, 1.0), (3, 1.0)]);
+        assert_eq!(units.map(|unit| view.name(unit))[1], "smile");
+    }
+
+    #[test]
+    fn a_mirrored_head_turns_and_leans_the_other_way() {
+        let pose = Rigid::from_parts(
+            nalgebra::Vector3::new(0.1, 0.2, 0.7).into(),
+            rotation_from_yaw_pitch_roll(0.3, -0.2, 0.1),
+        );
+        let back = mirrored(&pose);
+        let (yaw, pitch, roll) = yaw_pitch_roll(&back.rotation);
+        assert!(
+            (yaw + 0.3).abs() < 1e-6 && (pitch + 0.2).abs() < 1e-6 && (roll + 0.1).abs() < 1e-6
+        );
+        assert_eq!(
+            back.translation.vector,
+            nalgebra::Vector3::new(-0.1, 0.2, 0.7)
+        );
+        assert!((mirrored(&back).to_homogeneous() - pose.to_homogeneous()).norm() < 1e-6);
+    }
+
+    #[test]
+    fn names_are_such_that_every_wire_carries_them() {
+        assert!(is_name("AU12L") && is_name("jaw-open_1"));
+        for bad in [
+            "",
+            "a b",
+            "a,b",
+            "a/b",
+            "a*",
+            "ü",
+            "x".repeat(25).as_str(),
+            "a:b",
+        ] {
+            assert!(!is_name(bad), "{bad}");
+        }
+    }
+}

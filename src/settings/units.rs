@@ -1,0 +1,105 @@
+//! The section `[units]`: keys are names of units, values say what is changed about them.
+
+use std::fmt::Write as _;
+use std::ops::Range;
+
+use toml::Spanned;
+use toml::de::DeValue;
+
+use super::{describe, integer, toml_string};
+use crate::expression::units::Units;
+use crate::output::{UnitView, is_name};
+
+/// Largest gain: what more of it would do is better done on the receiving side.
+const LARGEST_GAIN: f32 = 10.0;
+
+/// Names of all units, with either method of learning.
+fn known() -> Vec<String> {
+    let table = Units::shipped();
+    let mut names: Vec<String> = Vec::new();
+    for name in [false, true].iter().flat_map(|&paper| table.columns(paper)) {
+        if !names.iter().any(|known| *known == name.as_str()) {
+            names.push(name.as_str().to_owned());
+        }
+    }
+    names
+}
+
+/// Whether there is a unit of that name.
+pub(super) fn is_unit(name: &str) -> bool {
+    known().iter().any(|known| known == name)
+}
+
+/// What is wrong: where, what was expected, what was found.
+type Refusal = (Option<Range<usize>>, String, String);
+
+/// Adds what is changed about `unit`.
+pub(super) fn assign(
+    unit: &str,
+    value: &Spanned<DeValue<'_>>,
+    views: &mut Vec<UnitView>,
+) -> Result<(), Refusal> {
+    let known = known();
+    if !known.iter().any(|known| known == unit) {
+        let expected = format!("one of the units {}", known.join(", "));
+        return Err((None, expected, unit.to_owned()));
+    }
+    let refuse = |value: &Spanned<DeValue<'_>>, expected: String| {
+        Err((Some(value.span()), expected, describe(value.get_ref())))
+    };
+    let Some(table) = value.get_ref().as_table() else {
+        return refuse(value, "a table like { name = \"jaw\", gain = 1.2 }".into());
+    };
+    let mut view = UnitView {
+        unit: unit.to_owned(),
+        name: unit.to_owned(),
+        gain: 1.0,
+    };
+    for (key, value) in table {
+        let key_name: &str = key.get_ref();
+        match key_name {
+            "gain" => {
+                let number = match value.get_ref() {
+                    DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
+                    DeValue::Integer(number) => integer(number).map(|number| number as f32),
+                    _ => None,
+                };
+                match number {
+                    Some(gain) if (0.0..=LARGEST_GAIN).contains(&gain) => view.gain = gain,
+                    _ => {
+                        let expected = format!("units.{unit}.gain from 0 to {LARGEST_GAIN}");
+                        return refuse(value, expected);
+                    }
+                }
+            }
+            "name" => {
+                let name = value.get_ref().as_str();
+                let taken = |name: &str| {
+                    known.iter().any(|known| known == name && known != unit)
+                        || views.iter().any(|view| view.name == name)
+                };
+                match name {
+                    Some(name) if is_name(name) && !taken(name) => name.clone_into(&mut view.name),
+                    _ => {
+                        let expected = format!(
+                            "units.{unit}.name of at most 24 letters, digits and signs such as _ or -, that no other unit has"
+                        );
+                        return refuse(value, expected);
+                    }
+                }
+            }
+            _ => return Err((Some(key.span()), "name or gain".into(), key_name.to_owned())),
+        }
+    }
+    views.push(view);
+    Ok(())
+}
+
+/// The lines of the section.
+pub(super) fn print(views: &[UnitView], text: &mut String) {
+    let _ = writeln!(text, "# One of {}", known().join(", "));
+    for UnitView { unit, name, gain } in views {
+        let name = toml_string(name);
+        let _ = writeln!(text, "{unit} = {{ name = {name}, gain = {gain:?} }}");
+    }
+}
