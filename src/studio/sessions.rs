@@ -128,6 +128,8 @@ pub struct Following {
     pub measure: Measure,
     /// Pearson correlation of the measure with the true one, mean over people.
     pub measured: f64,
+    /// Pearson correlation of the measure's signed weight (rise − fall) with the true activation, mean over people.
+    pub signed: f64,
     /// Pearson correlation of the weight with the true activation, mean over people.
     pub correlation: f64,
     /// Of the person it is worst for.
@@ -357,6 +359,7 @@ fn table(played: &[Played]) -> Table {
     let mut following = Vec::new();
     for (m, row) in Units::shipped().rows.iter().enumerate() {
         let measured = mean(&each(&|seen| seen.measures[m]));
+        let signed = mean(&each(&|seen| [seen.weights[m], seen.activations[m]]));
         for (unit, side) in [(&row.rises, 1.0), (&row.falls, -1.0)] {
             let Some(unit) = unit else { continue };
             let pair =
@@ -366,6 +369,7 @@ fn table(played: &[Played]) -> Table {
                 unit: unit.as_str().to_owned(),
                 measure: Measure::ALL[m],
                 measured,
+                signed,
                 correlation: mean(&weights),
                 worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
                 error: all(&|seen: &Seen| {
@@ -451,18 +455,19 @@ impl Display for Table {
         writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
         writeln!(
             f,
-            "\n| unit | correlation of weight and true activation (worst person) | error of the weight | measure | its correlation |\n| --- | --- | --- | --- | --- |"
+            "\n| unit | correlation of weight and true activation (worst person) | error of the weight | measure | its correlation | of its signed weight |\n| --- | --- | --- | --- | --- | --- |"
         )?;
         for one in &self.following {
             writeln!(
                 f,
-                "| `{}` | {:.3} ({:.3}) | {:.3} | `m_{}` | {:.3} |",
+                "| `{}` | {:.3} ({:.3}) | {:.3} | `m_{}` | {:.3} | {:.3} |",
                 one.unit,
                 one.correlation,
                 one.worst,
                 one.error,
                 one.measure.name(),
-                one.measured
+                one.measured,
+                one.signed
             )?;
         }
         Ok(())

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use crate::capacity::LANDMARKS;
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Point, Rotation, Vector};
 
 /// What a triangle shows; training renders vary the look of each part on its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -178,6 +178,13 @@ impl HeadAsset {
     #[must_use]
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|e| e.name == name)
+    }
+
+    /// Turns the neutral face within the head frame; expressions keep their directions.
+    pub fn turn(&mut self, rotation: &Rotation) {
+        for p in &mut self.neutral {
+            *p = rotation * *p;
+        }
     }
 
     /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).

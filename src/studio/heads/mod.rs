@@ -1,4 +1,7 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
+//!
+//! Head frames: metres, origin between the inner eye corners, turned so that the stable points of the neutral face lie best
+//! on those of the mean head (least squares).
 
 pub mod average;
 pub mod dress;
@@ -12,9 +15,10 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::geometry::Vector;
+use crate::geometry::{Rotation, Vector};
 use crate::sensor::virtual_head::{Expression, HeadAsset, Part, Site};
 use crate::studio::ict::{IctError, IctHead, part};
+use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.
 const STILL_M: f32 = 2e-5;
@@ -69,13 +73,25 @@ pub fn textured_heads(
         .map(|portrait| {
             let photograph = portrait.photograph()?;
             let fit = fit::fit(&ict, &plain.landmarks, &portrait.points, &usable);
+            let mut asset = wardrobe.dress(&ict, &fit, &portrait.points, &photograph);
+            set_upright(&mut asset, &plain);
             Ok(PersonHead {
                 person: portrait.person,
                 set: portrait.set.clone(),
-                asset: wardrobe.dress(&ict, &fit, &portrait.points, &photograph),
+                asset,
             })
         })
         .collect()
+}
+
+/// Sets the head into its frame as the shape model does: the stable points of the neutral face lie best on those of the
+/// mean head. The identity modes of the mesh leave that open (up to 5° of pitch between people), and a pose is only as
+/// well defined as the frame it is of.
+fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
+    let [own, target] = [&*asset, mean].map(|head| head.landmarks_on(&head.neutral));
+    let rotation = Similarity::between(&own, &target).rotation;
+    asset.turn(&Rotation::from_rotation_matrix(&rotation));
+    asset.centre();
 }
 
 /// Completes the expressions; tells which of them may be used to explain a portrait (those of the source).
