@@ -8,6 +8,7 @@
 
 use std::collections::HashMap;
 
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::mesh::{Mesh, Vec3};
@@ -353,33 +354,39 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
             )
             .into();
     }
+    let rows: Vec<[Vec<[f32; 3]>; 2]> = shapes
+        .par_iter()
+        .map(|shape| {
+            let moved = source
+                .iter()
+                .map(|&v| scaled(&shape.displacement[v]))
+                .collect();
+            let deformed: Vec<Vec3> = mesh
+                .positions
+                .iter()
+                .zip(&shape.displacement)
+                .map(|(p, d)| p + d)
+                .collect();
+            let turned = mesh.vertex_normals(&deformed);
+            let bent = source
+                .iter()
+                .map(|&v| {
+                    let d = turned[v] - smooth[v];
+                    let d = [d.x as f32, d.y as f32, d.z as f32];
+                    if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
+                        [0.0; 3]
+                    } else {
+                        d
+                    }
+                })
+                .collect();
+            [moved, bent]
+        })
+        .collect();
     let mut targets = Vec::new();
-    for shape in shapes {
-        let moved: Vec<[f32; 3]> = source
-            .iter()
-            .map(|&v| scaled(&shape.displacement[v]))
-            .collect();
-        let deformed: Vec<Vec3> = mesh
-            .positions
-            .iter()
-            .zip(&shape.displacement)
-            .map(|(p, d)| p + d)
-            .collect();
-        let turned = mesh.vertex_normals(&deformed);
-        let bent: Vec<[f32; 3]> = source
-            .iter()
-            .map(|&v| {
-                let d = turned[v] - smooth[v];
-                let d = [d.x as f32, d.y as f32, d.z as f32];
-                if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
-                    [0.0; 3]
-                } else {
-                    d
-                }
-            })
-            .collect();
-        let position = target(&mut glb, &moved, dense, true);
-        let normal = target(&mut glb, &bent, dense, false);
+    for [moved, bent] in &rows {
+        let position = target(&mut glb, moved, dense, true);
+        let normal = target(&mut glb, bent, dense, false);
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();

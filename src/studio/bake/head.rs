@@ -9,8 +9,7 @@
 //!   height of the bite; everything else follows the skin nearest to it (lashes, tear line, brows of their own).
 //!
 //! Frame: `axes` maps (left, up, out) of the face to mesh coordinates. Units: the mesh's own.
-//! Cost: linear, plus a few shortest paths. Limits: a head without eyeballs or teeth simply has none; a tongue that is one
-//! piece with both gums follows the jaw below the bite with a soft edge.
+//! Cost: linear, plus a few shortest paths. Limits: a head without eyeballs or teeth simply has none.
 
 use std::collections::BinaryHeap;
 
@@ -19,6 +18,7 @@ use nalgebra::Matrix3;
 use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3, connected};
+use super::mouth::Piece;
 use super::names::{LANDMARKS, NAMES};
 
 /// Why a head cannot be baked.
@@ -117,6 +117,8 @@ pub struct Head {
     pub balls: [Option<Ball>; 2],
     /// How each vertex moves.
     pub follow: Vec<Follow>,
+    /// Share of the motion of the tongue's tip.
+    pub tongue: Vec<f32>,
     /// Middle of the jaw's axis.
     pub hinge: Vec3,
 }
@@ -227,6 +229,7 @@ impl Head {
             socket: vec![f32::NAN; n],
             behind_lids: vec![false; n],
             follow: vec![Follow::Still; n],
+            tongue: vec![0.0; n],
             balls: [None, None],
             mesh,
             film,
@@ -358,26 +361,9 @@ impl Head {
             }
         }
         for v in 0..n {
-            let c = component[v] as usize;
-            self.follow[v] = kind[c];
-            if let Follow::Jaw(_) = kind[c] {
-                let (low, high) = boxes[c];
-                let middle = self.axes * ((low + high) / 2.0);
-                // A tooth moves as a whole; gums and tongue in one piece bend at the bite.
-                let at = if (high - low).max() < TOOTH * w {
-                    middle
-                } else {
-                    self.mesh.positions[v]
-                };
-                let soft = if (high - low).max() < TOOTH * w {
-                    1e-6
-                } else {
-                    0.08
-                };
-                let share = smooth(-soft * w, soft * w, self.below_bite(&at));
-                self.follow[v] = Follow::Jaw(share as f32);
-            }
+            self.follow[v] = kind[component[v] as usize];
         }
+        self.find_mouth(component, &boxes);
         for side in 0..2 {
             self.balls[side] = Ball::of(&self.mesh, &self.axes, |v| {
                 ball_parts[side].contains(&component[v])
@@ -403,6 +389,61 @@ impl Head {
                         Follow::Still
                     };
                 }
+            }
+        }
+    }
+}
+
+impl Head {
+    /// Shares of teeth, gums and tongue; `boxes` are the parts' in the face frame.
+    fn find_mouth(&mut self, component: &[u32], boxes: &[(Vec3, Vec3)]) {
+        let w = self.eye_distance;
+        let mut large: Vec<(u32, Vec<u32>)> = Vec::new();
+        let mut teeth: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
+        for v in 0..self.follow.len() {
+            if !matches!(self.follow[v], Follow::Jaw(_)) {
+                continue;
+            }
+            let (low, high) = boxes[component[v] as usize];
+            if (high - low).max() < TOOTH * w {
+                let below = self.below_bite(&(self.axes * ((low + high) / 2.0))) > 0.0;
+                teeth[usize::from(below)].push(v as u32);
+                self.follow[v] = Follow::Jaw(f32::from(u8::from(below)));
+                continue;
+            }
+            match large.iter_mut().find(|(c, _)| *c == component[v]) {
+                Some((_, vertices)) => vertices.push(v as u32),
+                None => large.push((component[v], vec![v as u32])),
+            }
+        }
+        if large.is_empty() {
+            return;
+        }
+        let normals = self.mesh.vertex_normals(&self.mesh.positions);
+        for (_, vertices) in &large {
+            let piece = Piece {
+                vertices,
+                teeth: [&teeth[0], &teeth[1]],
+                positions: &self.mesh.positions,
+                normals: &normals,
+                rings: &self.rings,
+                operator: &self.operator,
+                up: self.axes.column(1).into_owned(),
+                out: self.axes.column(2).into_owned(),
+                eye_distance: w,
+            };
+            let soft = 0.08 * w;
+            let shares = piece.shares().unwrap_or_else(|| {
+                let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
+                vertices
+                    .iter()
+                    .map(|v| smooth(-soft, soft, height(v)))
+                    .collect()
+            });
+            let tongue = piece.tongue(&shares);
+            for (k, &v) in vertices.iter().enumerate() {
+                self.follow[v as usize] = Follow::Jaw(shares[k] as f32);
+                self.tongue[v as usize] = tongue[k] as f32;
             }
         }
     }

@@ -13,6 +13,8 @@
 //! Memory: one factor (about 100 numbers per vertex). Limits: discs are flood-filled along edges within a straight-line
 //! radius, so they do not jump to the other lip, but on very coarse meshes they are single vertices.
 
+use rayon::prelude::*;
+
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::sparse::{Factor, Singular};
@@ -152,7 +154,11 @@ impl Field {
                 rhs[k as usize] += w * shape[c as usize];
             }
         }
-        let solved = self.factor.solve_columns(lengths.len(), |r, s| rhs[s][r]);
+        // A few columns at a time, in parallel.
+        let solved: Vec<Vec<f64>> = rhs
+            .par_chunks(9)
+            .flat_map_iter(|some| self.factor.solve_columns(some.len(), |r, s| some[s][r]))
+            .collect();
         lengths
             .iter()
             .zip(solved)

@@ -27,14 +27,18 @@ pub struct Figures {
     pub eye_depth: f64,
     /// Widest gap left between the lid lines of an eye that the shape closes.
     pub lid_gap: Option<f64>,
-    /// Deepest crossing of the inner lip landmarks, beyond what the neutral has.
+    /// Deepest crossing of the inner lip lines, beyond what the neutral has.
     pub lips_cross: f64,
 }
 
 /// The skin's triangles and how they lie in their surroundings in the neutral shape.
 pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
-    neutral: Vec<(Vec3, f64)>,
+    /// Triangles at each vertex, stored flat.
+    starts: Vec<u32>,
+    at: Vec<u32>,
+    /// Doubled area and cosine with the surroundings of every triangle.
+    neutral: Vec<(f64, f64)>,
 }
 
 impl Surroundings {
@@ -51,21 +55,116 @@ impl Surroundings {
                 triangles.push(t.map(|k| face[k].vertex));
             }
         }
-        let neutral = normals(head, &triangles, &head.mesh.positions);
-        Self { triangles, neutral }
+        let n = head.mesh.positions.len();
+        let mut starts = vec![0_u32; n + 1];
+        for &v in triangles.iter().flatten() {
+            starts[v as usize + 1] += 1;
+        }
+        for v in 0..n {
+            starts[v + 1] += starts[v];
+        }
+        let (mut fill, mut at) = (starts.clone(), vec![0_u32; triangles.len() * 3]);
+        for (k, t) in triangles.iter().enumerate() {
+            for &v in t {
+                at[fill[v as usize] as usize] = k as u32;
+                fill[v as usize] += 1;
+            }
+        }
+        let mut out = Self {
+            triangles,
+            starts,
+            at,
+            neutral: Vec::new(),
+        };
+        let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
+        out.neutral = out.lie(head, &head.mesh.positions, &all);
+        out
     }
 
-    /// Inverted triangles, and how many lost 98 % of their area.
+    fn around(&self, v: u32) -> &[u32] {
+        &self.at[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
+    }
+
+    /// All triangles that see a vertex with `changed` set in their surroundings, ascending.
     #[must_use]
-    pub fn inverted(&self, head: &Head, moved: &[Vec3]) -> (Vec<[u32; 3]>, usize) {
-        let (mut inverted, mut collapsed) = (Vec::new(), 0);
-        let now = normals(head, &self.triangles, moved);
-        for ((t, now), before) in self.triangles.iter().zip(&now).zip(&self.neutral) {
-            if before.1 > 0.3 {
-                if now.1 < 0.0 {
-                    inverted.push(*t);
+    pub fn seeing(&self, head: &Head, changed: impl Fn(usize) -> bool) -> Vec<u32> {
+        // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
+        let mut near: Vec<bool> = (0..self.starts.len() - 1).map(changed).collect();
+        for _ in 0..2 {
+            let marked: Vec<u32> = (0..near.len() as u32)
+                .filter(|&v| near[v as usize])
+                .collect();
+            for v in marked {
+                for &o in head.rings.of(v as usize) {
+                    near[o as usize] = true;
                 }
-                collapsed += usize::from(now.0.norm() < 0.02 * before.0.norm());
+            }
+        }
+        (0..self.triangles.len() as u32)
+            .filter(|&k| self.triangles[k as usize].iter().any(|&v| near[v as usize]))
+            .collect()
+    }
+
+    /// Doubled area and cosine with the mean normal of the surroundings, for some of the triangles.
+    fn lie(&self, head: &Head, p: &[Vec3], some: &[u32]) -> Vec<(f64, f64)> {
+        let normal = |k: u32| {
+            let [a, b, c] = self.triangles[k as usize].map(|v| p[v as usize]);
+            (b - a).cross(&(c - a))
+        };
+        // Sums are made once for every vertex that is needed.
+        let mut wanted = vec![0_u8; p.len()];
+        for &k in some {
+            for v in self.triangles[k as usize] {
+                wanted[v as usize] = 2;
+            }
+        }
+        for v in 0..p.len() {
+            if wanted[v] == 2 {
+                for &o in head.rings.of(v) {
+                    wanted[o as usize] = wanted[o as usize].max(1);
+                }
+            }
+        }
+        let mut one = vec![Vec3::zeros(); p.len()];
+        for v in (0..p.len()).filter(|&v| wanted[v] > 0) {
+            one[v] = self.around(v as u32).iter().map(|&k| normal(k)).sum();
+        }
+        let mut two = vec![Vec3::zeros(); p.len()];
+        for v in (0..p.len()).filter(|&v| wanted[v] == 2) {
+            let ring = head.rings.of(v).iter();
+            two[v] = ring.fold(one[v], |sum, &o| sum + one[o as usize]);
+        }
+        some.iter()
+            .map(|&k| {
+                let n = normal(k);
+                let around: Vec3 = self.triangles[k as usize]
+                    .iter()
+                    .map(|&v| two[v as usize])
+                    .sum();
+                let size = n.norm() * around.norm();
+                (
+                    n.norm(),
+                    if size > 0.0 {
+                        n.dot(&around) / size
+                    } else {
+                        0.0
+                    },
+                )
+            })
+            .collect()
+    }
+
+    /// Inverted triangles among some, and how many of them lost 98 % of their area.
+    #[must_use]
+    pub fn inverted(&self, head: &Head, moved: &[Vec3], some: &[u32]) -> (Vec<[u32; 3]>, usize) {
+        let (mut inverted, mut collapsed) = (Vec::new(), 0);
+        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some)) {
+            let before = self.neutral[k as usize];
+            if before.1 > 0.3 {
+                if cosine < 0.0 {
+                    inverted.push(self.triangles[k as usize]);
+                }
+                collapsed += usize::from(area < 0.02 * before.0);
             }
         }
         (inverted, collapsed)
@@ -77,45 +176,6 @@ pub struct Judge<'a> {
     head: &'a Head,
     around: Surroundings,
     mirror: Option<Vec<u32>>,
-}
-
-/// Doubled-area normals of all triangles and the cosine with their surroundings.
-fn normals(head: &Head, triangles: &[[u32; 3]], p: &[Vec3]) -> Vec<(Vec3, f64)> {
-    let n: Vec<Vec3> = triangles
-        .iter()
-        .map(|t| {
-            let [a, b, c] = t.map(|v| p[v as usize]);
-            (b - a).cross(&(c - a))
-        })
-        .collect();
-    let mut one = vec![Vec3::zeros(); p.len()];
-    for (t, n) in triangles.iter().zip(&n) {
-        for &v in t {
-            one[v as usize] += n;
-        }
-    }
-    let two: Vec<Vec3> = (0..p.len())
-        .map(|v| {
-            head.rings
-                .of(v)
-                .iter()
-                .fold(one[v], |sum, &o| sum + one[o as usize])
-        })
-        .collect();
-    triangles
-        .iter()
-        .zip(n)
-        .map(|(t, n)| {
-            let around: Vec3 = t.iter().map(|&v| two[v as usize]).sum();
-            let size = n.norm() * around.norm();
-            let cosine = if size > 0.0 {
-                n.dot(&around) / size
-            } else {
-                0.0
-            };
-            (n, cosine)
-        })
-        .collect()
 }
 
 impl<'a> Judge<'a> {
@@ -154,7 +214,9 @@ impl<'a> Judge<'a> {
                 out.outside = out.outside.max(length);
             }
         }
-        let (inverted, collapsed) = self.around.inverted(head, &moved);
+        let changed = |v: usize| moved[v] != head.mesh.positions[v];
+        let some = self.around.seeing(head, changed);
+        let (inverted, collapsed) = self.around.inverted(head, &moved, &some);
         (out.inverted, out.collapsed) = (inverted.len(), collapsed);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
@@ -176,12 +238,9 @@ impl<'a> Judge<'a> {
                 out.lid_gap = Some(self.gap(side, &moved) / w);
             }
         }
-        let up = head.axes.column(1);
-        for (upper, lower) in [(61, 67), (62, 66), (63, 65)] {
-            let gap = |p: &[Vec3]| {
-                (p[head.points[upper] as usize] - p[head.points[lower] as usize]).dot(&up)
-            };
-            let crossing = (-gap(&moved)).max(0.0) - (-gap(&head.mesh.positions)).max(0.0);
+        let lips = [&head.mesh.positions, &moved].map(|p| lip_gaps(head, p));
+        for (before, now) in lips[0].iter().zip(&lips[1]) {
+            let crossing = (-now).max(0.0) - (-before).max(0.0);
             out.lips_cross = out.lips_cross.max(crossing / w);
         }
         out
@@ -232,6 +291,32 @@ impl<'a> Judge<'a> {
         }
         (size > 0.0).then(|| (miss / size).sqrt())
     }
+}
+
+/// Height of every vertex of the upper inner lip line above the lower line, straight below it or above it.
+fn lip_gaps(head: &Head, p: &[Vec3]) -> Vec<f64> {
+    let (left, up) = (head.axes.column(0), head.axes.column(1));
+    let lower: Vec<(f64, f64)> = head
+        .lips
+        .lower
+        .iter()
+        .map(|&v| &p[v as usize])
+        .map(|p| (p.dot(&left), p.dot(&up)))
+        .collect();
+    let upper = &head.lips.upper;
+    upper[1..upper.len() - 1]
+        .iter()
+        .map(|&v| {
+            let (x, y) = (p[v as usize].dot(&left), p[v as usize].dot(&up));
+            let below = lower.windows(2).find_map(|s| {
+                let (low, high) = (s[0].0.min(s[1].0), s[0].0.max(s[1].0));
+                (low <= x && x <= high && high > low)
+                    .then(|| s[0].1 + (s[1].1 - s[0].1) * (x - s[0].0) / (s[1].0 - s[0].0))
+            });
+            // Beyond the corners there is nothing to cross.
+            below.map_or(0.0, |below| y - below)
+        })
+        .collect()
 }
 
 /// Mirror partner of every vertex (`u32::MAX` for few without), or `None` for a mesh that is not symmetric.

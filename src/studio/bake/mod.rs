@@ -18,6 +18,7 @@ pub mod influence;
 pub mod laplacian;
 pub mod measure;
 pub mod mesh;
+mod mouth;
 pub mod names;
 pub mod obj;
 pub mod recipe;

@@ -332,9 +332,12 @@ impl Entry {
             close,
             gaze,
             jaw,
-            tongue: self
-                .tongue
-                .map(|[up, forwards]| head.axes * Vec3::new(0.0, up, forwards) * w),
+            tongue: self.tongue.map(|[up, forwards]| {
+                // The tongue lies in the jaw: its directions turn with the jaw of the shape it is added to.
+                let base = above.iter().find(|t| Some(&t.name) == self.upon.as_ref());
+                let turn = base.and_then(|t| t.jaw).unwrap_or_default().rotation;
+                turn * (head.axes * Vec3::new(0.0, up, forwards) * w)
+            }),
             undo,
         })
     }

@@ -31,7 +31,7 @@ impl View {
         Self {
             yaw: 0.0,
             middle: Vec3::new(root.x, chin.y + 0.52 * tall, root.z),
-            height: 1.75 * tall,
+            height: 1.5 * tall,
         }
     }
 }
@@ -78,6 +78,7 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
             Follow::Skin if !head.socket[corner[0]].is_nan() => [150.0, 70.0, 66.0],
             Follow::Skin => [214.0, 168.0, 142.0],
             Follow::Eyeball(_) => [235.0, 238.0, 245.0],
+            Follow::Jaw(_) if head.tongue[corner[0]] > 0.0 => [205.0, 112.0, 108.0],
             Follow::Jaw(_) => [225.0, 205.0, 185.0],
             Follow::Nearest(_) | Follow::Still => continue,
         };

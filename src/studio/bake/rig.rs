@@ -25,6 +25,8 @@ use super::sparse::Singular;
 
 /// Height that moving lid skin keeps above the eyeball, in eye distances: a lid's edge is not thinner.
 const LID_MARGIN: f64 = 0.012;
+/// Skin nearer than this to a lid line that closes takes part, in eye distances.
+const BESIDE_LID: f64 = 0.22;
 /// Rounds of lifting sunk lid skin.
 const LID_ROUNDS: usize = 2;
 /// Rounds of smoothing around inverted triangles.
@@ -300,6 +302,22 @@ fn skin(
             }
         }
     }
+    // Lid lines that are closed speak for the skin beside them, up to the corners, whose landmarks stay.
+    for seam in (0..2)
+        .filter(|&s| target.close[s].is_some())
+        .map(|s| &head.lids[s])
+    {
+        for v in seam.upper.iter().chain(&seam.lower) {
+            let Some(size) = goal.get(v).map(Vec3::norm) else {
+                continue;
+            };
+            let p = positions[*v as usize];
+            for (k, u) in u.iter_mut().enumerate().filter(|&(k, _)| head.skin[k]) {
+                let far = (positions[k] - p).norm() / (BESIDE_LID * w);
+                *u = u.max(size * (1.0 - far));
+            }
+        }
+    }
     let mut area: Vec<bool> = (0..positions.len())
         .map(|v| head.skin[v] && u[v] > settings.edge * w)
         .collect();
@@ -399,11 +417,12 @@ fn relax(
     }
     let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
     let mut patch = vec![false; d.len()];
+    let mut moved: Vec<Vec3> = (0..d.len())
+        .map(|v| head.mesh.positions[v] + d[v] + below(v))
+        .collect();
+    let mut some = around.seeing(head, |v| moved[v] != head.mesh.positions[v]);
     for round in 0..RELAX_ROUNDS {
-        let moved: Vec<Vec3> = (0..d.len())
-            .map(|v| head.mesh.positions[v] + d[v] + below(v))
-            .collect();
-        let (inverted, _) = around.inverted(head, &moved);
+        let (inverted, _) = around.inverted(head, &moved, &some);
         if inverted.is_empty() {
             break;
         }
@@ -411,6 +430,10 @@ fn relax(
             patch[v as usize] = true;
             for &o in head.rings.of(v as usize) {
                 patch[o as usize] = true;
+            }
+            // What cannot be had with lids that meet gives way at last, vertex by vertex.
+            if round >= RELAX_ROUNDS / 2 {
+                held[v as usize] = false;
             }
         }
         if round % GROW_EVERY == GROW_EVERY - 1 {
@@ -446,6 +469,11 @@ fn relax(
                 d[v as usize] = lifted;
             }
         }
+        // Only the patch has changed; what lies around it is unturned since the last look.
+        for v in 0..d.len() {
+            moved[v] = head.mesh.positions[v] + d[v] + below(v);
+        }
+        some = around.seeing(head, |v| patch[v]);
     }
 }
 
@@ -481,7 +509,7 @@ fn sunk(head: &Head, d: &[Vec3]) -> Vec<(u32, Vec3)> {
 
 /// Everything that is not skin.
 fn followers(head: &Head, target: &Target, d: &mut [Vec3], area: &mut [bool]) {
-    let tongue = target.tongue.map(|tip| tongue(head, tip));
+    let tip = target.tongue.unwrap_or_default();
     for v in 0..d.len() {
         let p = head.mesh.positions[v];
         let moved = match head.follow[v] {
@@ -495,7 +523,7 @@ fn followers(head: &Head, target: &Target, d: &mut [Vec3], area: &mut [bool]) {
                 let jaw = target.jaw.map_or(Vec3::zeros(), |jaw| {
                     jaw.transform_point(&p.into()).coords - p
                 });
-                jaw * f64::from(share) + tongue.as_ref().map_or(Vec3::zeros(), |t| t[v])
+                jaw * f64::from(share) + tip * f64::from(head.tongue[v])
             }
         };
         if moved != Vec3::zeros() {
@@ -503,55 +531,4 @@ fn followers(head: &Head, target: &Target, d: &mut [Vec3], area: &mut [bool]) {
             area[v] = true;
         }
     }
-}
-
-/// The tongue stretched forwards: parts of the mouth between the lower teeth, more the nearer to the tip.
-fn tongue(head: &Head, tip: Vec3) -> Vec<Vec3> {
-    let w = head.eye_distance;
-    let positions = &head.mesh.positions;
-    let (component, count) = head.mesh.components(&head.rings);
-    let mut size = vec![0_usize; count];
-    for (v, &c) in component.iter().enumerate() {
-        if matches!(head.follow[v], Follow::Jaw(_)) {
-            size[c as usize] += 1;
-        }
-    }
-    // Gums and tongue are the largest part in the mouth; teeth are small ones.
-    let Some(largest) = (0..count).max_by_key(|&c| size[c]).filter(|&c| size[c] > 0) else {
-        return vec![Vec3::zeros(); positions.len()];
-    };
-    let teeth: Vec<Vec3> = (0..positions.len())
-        .filter(|&v| {
-            matches!(head.follow[v], Follow::Jaw(s) if s > 0.5) && component[v] as usize != largest
-        })
-        .map(|v| positions[v])
-        .collect();
-    let (left, out) = (head.axes.column(0), head.axes.column(2));
-    let middle = 0.5 * (head.point(62) + head.point(66));
-    let member = |v: usize| {
-        let share = match head.follow[v] {
-            Follow::Jaw(share) if component[v] as usize == largest => f64::from(share),
-            _ => return 0.0,
-        };
-        let p = positions[v];
-        let near = teeth
-            .iter()
-            .map(|t| (t - p).norm())
-            .fold(f64::INFINITY, f64::min);
-        let side = (p - middle).dot(&left).abs();
-        share * smooth(0.08 * w, 0.14 * w, near) * (1.0 - smooth(0.40 * w, 0.52 * w, side))
-    };
-    let members: Vec<f64> = (0..positions.len()).map(member).collect();
-    let depth = |v: usize| positions[v].dot(&out);
-    let inside = || (0..positions.len()).filter(|&v| members[v] > 0.5);
-    let front = inside().map(depth).fold(f64::NEG_INFINITY, f64::max);
-    let back = inside().map(depth).fold(f64::INFINITY, f64::min);
-    (0..positions.len())
-        .map(|v| {
-            if members[v] == 0.0 {
-                return Vec3::zeros();
-            }
-            tip * (members[v] * smooth(back + 0.2 * (front - back), front, depth(v)))
-        })
-        .collect()
 }

@@ -1,0 +1,177 @@
+//! What lies in the mouth: which share of the jaw's motion gums, teeth and tongue take, and which part of them is tongue.
+//!
+//! * Teeth are small parts and move as a whole, with the jaw if they lie below the bite.
+//! * Gums and tongue often come as one piece, whose tongue rises above the bite: a height would cut it in two. So the
+//!   share is a harmonic field on the piece, 0 at the upper teeth and 1 at the lower ones; it changes at the back of the
+//!   throat, where upper and lower half hang together.
+//! * Tongue is what lies inside the arch of the lower teeth and faces outwards (gums there face inwards), and what is
+//!   near it along the surface.
+//!
+//! Frame and units: the mesh's; `axes` as in [`super::head`]. Cost: one small factor per piece and teeth times vertices of it.
+//! Limits: a piece that touches no teeth follows the jaw by the height of its vertices; a mouth without lower teeth has
+//! no tongue.
+
+use super::head::smooth;
+use super::laplacian::Operator;
+use super::mesh::{Rings, Vec3};
+use super::sparse::Factor;
+
+/// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
+const AT_TOOTH: f64 = 0.04;
+/// The harmonic share below which a vertex stays, and above which it goes with the jaw all the way.
+const STAYS: f64 = 0.45;
+const GOES: f64 = 0.80;
+/// The tongue's sides lie at least this far inside the teeth and face outwards with this cosine, in eye distances.
+const INSIDE: f64 = 0.054;
+const OUTWARDS: f64 = 0.5;
+/// Along the surface from those sides: tongue up to the first, not beyond the second, in eye distances.
+const TONGUE: [f64; 2] = [0.38, 0.55];
+/// The tongue's root: this part of its length from the back stays.
+const ROOT: f64 = 0.35;
+
+/// One large piece of the mouth's inside and the teeth around it.
+pub(super) struct Piece<'a> {
+    /// Vertices of the piece, ascending.
+    pub(super) vertices: &'a [u32],
+    /// Vertices of the upper and of the lower teeth.
+    pub(super) teeth: [&'a [u32]; 2],
+    /// All positions and unit normals of the mesh.
+    pub(super) positions: &'a [Vec3],
+    /// See `positions`.
+    pub(super) normals: &'a [Vec3],
+    /// Edge neighbours.
+    pub(super) rings: &'a Rings,
+    /// The mesh's operators.
+    pub(super) operator: &'a Operator,
+    /// Upwards and outwards.
+    pub(super) up: Vec3,
+    /// See `up`.
+    pub(super) out: Vec3,
+    /// Inner-eye-corner distance.
+    pub(super) eye_distance: f64,
+}
+
+/// Nearest of `others` and its distance; `None` if there are none.
+fn nearest(positions: &[Vec3], others: &[u32], p: &Vec3) -> Option<(Vec3, f64)> {
+    others
+        .iter()
+        .map(|&o| positions[o as usize])
+        .map(|q| (q, (q - p).norm_squared()))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(q, d)| (q, d.sqrt()))
+}
+
+impl Piece<'_> {
+    /// Share of the jaw's motion for each of the piece's vertices; `None` if it does not touch both rows of teeth.
+    pub(super) fn shares(&self) -> Option<Vec<f64>> {
+        let touch = AT_TOOTH * self.eye_distance;
+        let mut place = vec![u32::MAX; self.positions.len()];
+        let (mut free, mut given) = (Vec::new(), vec![f64::NAN; self.vertices.len()]);
+        let mut touched = [false; 2];
+        for (k, &v) in self.vertices.iter().enumerate() {
+            let p = &self.positions[v as usize];
+            let far = |row: usize| {
+                nearest(self.positions, self.teeth[row], p).map_or(f64::INFINITY, |n| n.1)
+            };
+            let (upper, lower) = (far(0), far(1));
+            if upper.min(lower) < touch {
+                let row = usize::from(lower < upper);
+                given[k] = row as f64;
+                touched[row] = true;
+            } else if self.operator.area[v as usize] > 0.0 {
+                place[v as usize] = free.len() as u32;
+                free.push(v);
+            }
+        }
+        if touched != [true; 2] {
+            return None;
+        }
+        let mut value = vec![0.0; self.positions.len()];
+        for (&v, &share) in self.vertices.iter().zip(&given) {
+            value[v as usize] = if share.is_nan() { 0.0 } else { share };
+        }
+        let factor = Factor::of(&self.operator.positive, &free, &place, &[]).ok()?;
+        let solved = factor.solve_columns(1, |k, _| {
+            let row = self.operator.positive.row(free[k] as usize);
+            row.filter(|&(c, _)| place[c] == u32::MAX)
+                .fold(0.0, |sum, (c, weight)| sum - weight * value[c])
+        });
+        for (&v, &share) in free.iter().zip(&solved[0]) {
+            value[v as usize] = smooth(STAYS, GOES, share);
+        }
+        Some(self.vertices.iter().map(|&v| value[v as usize]).collect())
+    }
+
+    /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip.
+    pub(super) fn tongue(&self, shares: &[f64]) -> Vec<f64> {
+        let mut none = vec![0.0; self.vertices.len()];
+        let lower = self.teeth[1];
+        if lower.is_empty() {
+            return none;
+        }
+        let flat = |d: Vec3| {
+            let d = d - self.up * d.dot(&self.up);
+            let length = d.norm();
+            if length > 0.0 { d / length } else { d }
+        };
+        let arch = lower
+            .iter()
+            .map(|&v| self.positions[v as usize])
+            .sum::<Vec3>()
+            / lower.len() as f64;
+        let mut local = vec![u32::MAX; self.positions.len()];
+        for (k, &v) in self.vertices.iter().enumerate() {
+            local[v as usize] = k as u32;
+        }
+        let sides: Vec<u32> = (0..self.vertices.len() as u32)
+            .filter(|&k| {
+                let v = self.vertices[k as usize] as usize;
+                let p = self.positions[v];
+                let Some((tooth, _)) = nearest(self.positions, lower, &p) else {
+                    return false;
+                };
+                shares[k as usize] > 0.9
+                    && self.normals[v].dot(&flat(p - arch)) > OUTWARDS
+                    && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * self.eye_distance
+            })
+            .collect();
+        // Distances along edges from the sides, relaxed until nothing changes; the piece is small.
+        let mut along = vec![f64::INFINITY; self.vertices.len()];
+        let mut queue: std::collections::VecDeque<u32> = sides.iter().copied().collect();
+        for &k in &sides {
+            along[k as usize] = 0.0;
+        }
+        let last = TONGUE[1] * self.eye_distance;
+        while let Some(k) = queue.pop_front() {
+            let v = self.vertices[k as usize];
+            for &o in self.rings.of(v as usize) {
+                let there = local[o as usize];
+                if there == u32::MAX || shares[there as usize] < 0.5 {
+                    continue;
+                }
+                let edge = self.positions[v as usize] - self.positions[o as usize];
+                let total = along[k as usize] + edge.norm();
+                if total < along[there as usize] && total < last {
+                    along[there as usize] = total;
+                    queue.push_back(there);
+                }
+            }
+        }
+        let member: Vec<f64> = along
+            .iter()
+            .map(|d| 1.0 - smooth(TONGUE[0] * self.eye_distance, last, d.min(last)))
+            .collect();
+        let depth = |k: usize| self.positions[self.vertices[k] as usize].dot(&self.out);
+        let inside = || (0..member.len()).filter(|&k| member[k] > 0.5).map(depth);
+        let (front, back) = (
+            inside().fold(f64::NEG_INFINITY, f64::max),
+            inside().fold(f64::INFINITY, f64::min),
+        );
+        if front > back {
+            for (k, share) in none.iter_mut().enumerate() {
+                *share = member[k] * smooth(back + ROOT * (front - back), front, depth(k));
+            }
+        }
+        none
+    }
+}
