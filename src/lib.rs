@@ -43,6 +43,7 @@ pub mod log;
 pub mod pipeline;
 pub mod send_test;
 pub mod service;
+pub mod service_manager;
 pub mod settings;
 pub mod status;
 mod wires;

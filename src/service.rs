@@ -16,6 +16,7 @@ use crate::output::csv::Csv;
 use crate::output::{Output, OutputError, Report};
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::{Frame, Pacer, Source, SourceError, SourceName, kinect};
+use crate::service_manager::ServiceManager;
 use crate::settings::{Settings, SettingsError};
 use crate::status::Status;
 use crate::time::Timestamp;
@@ -197,12 +198,15 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
     let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
     let signals = Signals::watch()?;
+    let mut manager = ServiceManager::from_environment();
+    manager.ready();
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();
     let mut left = run.frames.unwrap_or(u64::MAX);
     let mut last = Instant::now();
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
         if signals.reload.swap(false, Ordering::Relaxed) {
+            manager.reloading();
             settings = reload(run, settings);
             let learned = pipeline.expression().learned();
             pipeline = Pipeline::new(&settings, source.registration(), &model)?;
@@ -210,6 +214,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             outputs.truncate(usize::from(run.csv.is_some()));
             outputs.extend(wires::open(&settings, &pipeline.unit_names())?);
             status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+            manager.ready();
         }
         match source.next_frame(&mut frame) {
             Ok(true) => {}
@@ -224,6 +229,9 @@ pub fn run(run: &Run) -> Result<(), Failure> {
                 status.observe(&nobody, None);
                 hear(&mut outputs, &mut pipeline);
                 status.write(outputs.iter().map(|output| output.tally()));
+                let now = Instant::now();
+                manager.alive(now);
+                manager.state(format_args!("waiting for the sensor"), now);
                 continue;
             }
             Err(problem) => return Err(problem.into()),
@@ -259,10 +267,15 @@ pub fn run(run: &Run) -> Result<(), Failure> {
                     .map(|name| name.as_str()),
             );
         }
+        let state = report.state;
         hear(&mut outputs, &mut pipeline);
         status.write(outputs.iter().map(|output| output.tally()));
+        let now = Instant::now();
+        manager.alive(now);
+        manager.state(format_args!("{}", state.name()), now);
         left -= 1;
     }
+    manager.stopping();
     if let Some(live) = live {
         live.end();
     }
