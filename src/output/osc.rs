@@ -31,6 +31,7 @@ use super::{
     View, WireWeights, unit_range,
 };
 use crate::capacity::USERS;
+use crate::time::Timestamp;
 use commands::{Commands, Request};
 use packet::Argument;
 use wire::Wire;
@@ -105,6 +106,8 @@ pub struct Osc {
     schema: Every,
     alive: Every,
     alive_count: i32,
+    /// Time of the last report.
+    at: Timestamp,
     commands: Option<Commands>,
 }
 
@@ -165,6 +168,7 @@ impl Osc {
             schema: Every::default(),
             alive: Every::default(),
             alive_count: 0,
+            at: Timestamp::default(),
             commands,
         })
     }
@@ -260,6 +264,7 @@ impl Osc {
 
 impl Output for Osc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.at = report.at;
         if self.schema.due(report.at, SCHEMA_PERIOD_S) {
             self.send_schema();
         }
@@ -318,7 +323,7 @@ impl Drop for Osc {
                 let user = &mut self.users[slot];
                 (user.known, user.present) = (true, true);
                 user.weights.reset();
-                let at = user.presence.last.unwrap_or_default();
+                let at = self.at;
                 self.send_user(
                     slot,
                     &Report {

@@ -3,7 +3,7 @@
 //! `serial/cobs.rs`). The style `text`:
 //!
 //! ```text
-//! $AU,<number>,<t_ms>,<state>,<confidence 0…99>,<weights 0…100>*HH      per frame
+//! $AU,<number>,<t_ms>,<state>,<confidence 0…99>,<weights 0…100>*HH      per frame; `full` instead of 100
 //! $AUP,<number>,<x>,<y>,<z mm>,<yaw>,<pitch>,<roll, tenths of a degree>*HH   per frame, if wanted
 //! $AUH,1,<schema>,<names of the units>*HH                               on opening and every 5 s
 //! ```
@@ -22,6 +22,7 @@
 
 mod budget;
 mod cobs;
+mod frame;
 mod line;
 mod port;
 
@@ -34,7 +35,7 @@ use super::{
     LossPolicy, OneFace, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
     unit_range,
 };
-use crate::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+use frame::Frame;
 use line::Line;
 pub use port::PortState;
 use port::Shared;
@@ -63,6 +64,8 @@ pub struct Settings {
     pub baud: u32,
     /// What is written.
     pub style: Style,
+    /// What a weight of 1 is in the styles `text` and `plot`: 100 are whole percents.
+    pub full: u32,
     /// Whether poses are sent too.
     pub pose: bool,
     /// FACS names of the units to send, the most important first; empty = all.
@@ -83,6 +86,7 @@ impl Default for Settings {
             port: String::new(),
             baud: 115_200,
             style: Style::default(),
+            full: 100,
             pose: false,
             units: Vec::new(),
             min_rate_hz: 10.0,
@@ -99,6 +103,7 @@ pub struct Serial {
     thread: Option<JoinHandle<()>>,
     lines: Line,
     count: u16,
+    full: u32,
     style: Style,
     /// Names of the units that are sent, as shown.
     units: Box<[String]>,
@@ -131,6 +136,7 @@ impl Serial {
             thread: Some(thread),
             lines: Line::new(),
             count: 0,
+            full: settings.full,
             style: settings.style,
             units: names,
             pose: settings.pose,
@@ -169,8 +175,9 @@ impl Serial {
         let pose = report
             .sensor_from_head
             .filter(|_| self.pose && state.is_present());
-        let frame = FrameOf {
+        let frame = Frame {
             count: self.count,
+            full: self.full,
             ms: self.last_ms,
             state,
             confidence,
@@ -185,77 +192,7 @@ impl Serial {
     }
 }
 
-/// What a frame says besides its weights.
-struct FrameOf {
-    count: u16,
-    ms: u32,
-    state: TrackingState,
-    confidence: f32,
-    flags: u8,
-    pose: Option<Rigid>,
-}
-
-impl FrameOf {
-    fn write(
-        &self,
-        style: Style,
-        names: &[String],
-        mut weights: impl ExactSizeIterator<Item = f32>,
-        line: &mut Line,
-    ) {
-        let (count, ms) = (self.count, self.ms);
-        match style {
-            Style::Text => {
-                line.sentence(|line| {
-                    write!(
-                        line,
-                        "AU,{count},{ms},{},{}",
-                        self.state.code(),
-                        (self.confidence * 99.0).round()
-                    )?;
-                    weights.try_for_each(|weight| write!(line, ",{}", (weight * 100.0).round()))
-                });
-                if let Some(pose) = &self.pose {
-                    line.sentence(|line| write_pose(count, pose, line));
-                }
-            }
-            Style::Plot => {
-                line.all_or_nothing(|line| {
-                    for (i, (name, weight)) in names.iter().zip(weights).enumerate() {
-                        let comma = if i > 0 { "," } else { "" };
-                        write!(line, "{comma}{name}:{}", (weight * 100.0).round())?;
-                    }
-                    line.put(b"\r\n")
-                });
-            }
-            Style::Cobs => {
-                cobs::weights(count, ms, self.flags, self.confidence, weights, line);
-                if let Some(pose) = &self.pose {
-                    cobs::pose(count, ms, pose, line);
-                }
-            }
-        }
-    }
-
-    /// The longest there is.
-    fn longest(pose: bool) -> Self {
-        // Four digits and a sign, as many as the sensor sees, and angles have as many.
-        let far = || {
-            let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
-            Rigid::from_parts(Vector::repeat(-9.999).into(), turn)
-        };
-        Self {
-            count: u16::MAX,
-            ms: u32::MAX,
-            state: TrackingState::Lost,
-            confidence: 1.0,
-            flags: u8::MAX,
-            pose: pose.then(far),
-        }
-    }
-}
-
-/// Longest names times that make room for them and a frame in a buffer.
+/// Bytes of names that leave room in a buffer.
 const NAMES_MOST: usize = line::LARGEST / 2;
 
 /// What is sent on opening and every few seconds.
@@ -304,7 +241,7 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> 
     let bytes = |of: &[usize]| {
         let (names, mut line) = (names(of), Line::new());
         let full = std::iter::repeat_n(1.0, of.len());
-        FrameOf::longest(settings.pose).write(settings.style, &names, full, &mut line);
+        Frame::longest(settings.pose, settings.full).write(settings.style, &names, full, &mut line);
         let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
         (line.bytes().len(), header)
     };
@@ -348,17 +285,6 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> 
         );
     }
     Ok(plan.units)
-}
-
-/// Place in millimetres, angles in tenths of a degree.
-fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> std::fmt::Result {
-    let place = sensor_from_head.translation.vector * 1000.0;
-    let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
-    let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
-    write!(line, "AUP,{count}")?;
-    // A cast of what is not a number gives 0.
-    let mut numbers = place.iter().chain(&angles);
-    numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))
 }
 
 impl Output for Serial {

@@ -581,6 +581,17 @@ pub(super) const KEYS: &[Key] = &[
             set: |s, index| s.serial.style = SERIAL_STYLES[index],
         },
     ),
+    key(
+        "serial",
+        "full",
+        "What a weight of 1 is in lines; 100 are whole percents.",
+        |s| Kind::Integer {
+            value: &mut s.serial.full,
+            min: 10,
+            max: 10_000,
+            unit: "",
+        },
+    ),
     key("serial", "pose", "Whether head poses are sent too.", |s| {
         Kind::Bool {
             value: &mut s.serial.pose,

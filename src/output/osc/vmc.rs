@@ -80,6 +80,8 @@ pub struct Vmc {
     view: View,
     face: OneFace,
     shapes: Box<[Parameter]>,
+    /// Time of the last frame.
+    seconds: f32,
 }
 
 impl Vmc {
@@ -100,10 +102,11 @@ impl Vmc {
             face: OneFace::new(units, &settings.view, settings.loss),
             view: settings.view,
             shapes,
+            seconds: 0.0,
         })
     }
 
-    fn send_frame(&mut self, seconds: f32, tracked: bool, sensor_from_head: Option<&Rigid>) {
+    fn send_frame(&mut self, tracked: bool, sensor_from_head: Option<&Rigid>) {
         let wire = &mut self.wire;
         if self.role == Role::Performer {
             let [state, mode] = CALIBRATED;
@@ -111,7 +114,7 @@ impl Vmc {
             wire.message(format_args!("/OK"), ok.into_iter());
             wire.message(
                 format_args!("/T"),
-                std::iter::once(Argument::Float(seconds)),
+                std::iter::once(Argument::Float(self.seconds)),
             );
             wire.message(
                 format_args!("/Root/Pos"),
@@ -159,13 +162,9 @@ fn placed(
 impl Output for Vmc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if let Some(state) = self.face.follow(report) {
-            let seconds = (report.at.as_us() as f64 * 1e-6) as f32;
+            self.seconds = (report.at.as_us() as f64 * 1e-6) as f32;
             let present = state.is_present();
-            self.send_frame(
-                seconds,
-                present,
-                report.sensor_from_head.filter(|_| present),
-            );
+            self.send_frame(present, report.sensor_from_head.filter(|_| present));
         }
         Ok(())
     }
@@ -184,6 +183,6 @@ impl Drop for Vmc {
     /// Neutral.
     fn drop(&mut self) {
         self.face.weights.reset();
-        self.send_frame(0.0, false, None);
+        self.send_frame(false, None);
     }
 }
