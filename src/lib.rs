@@ -36,6 +36,7 @@ pub mod users;
 
 pub mod output;
 
+pub mod allocations;
 pub mod cli;
 pub mod devices;
 mod live;

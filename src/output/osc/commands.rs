@@ -241,6 +241,41 @@ mod tests {
     }
 
     #[test]
+    fn commands_come_back_as_they_were_written() {
+        let mut random = fastrand::Rng::with_seed(9);
+        for _ in 0..2000 {
+            let mut packet = Packet::new();
+            let expected: Vec<Request> = (0..random.usize(..16))
+                .map(|_| {
+                    let (slot, on) = (random.usize(..USERS), random.bool());
+                    let slot_sent = Argument::Int(slot as i32);
+                    let (name, arguments, request) = match random.u8(..4) {
+                        0 => (
+                            "forget",
+                            vec![slot_sent],
+                            Request::Command(Command::Forget(slot)),
+                        ),
+                        1 => (
+                            "neutral",
+                            vec![slot_sent],
+                            Request::Command(Command::Neutral(slot)),
+                        ),
+                        2 => {
+                            let frozen = Request::Command(Command::Freeze(slot, on));
+                            ("freeze", vec![slot_sent, Argument::Int(on.into())], frozen)
+                        }
+                        _ => ("schema", vec![], Request::Schema),
+                    };
+                    let address = format_args!("/cmd/{name}");
+                    assert!(packet.push("/face", address, arguments.into_iter()));
+                    request
+                })
+                .collect();
+            assert_eq!(read(packet.bytes()), (expected, 0));
+        }
+    }
+
+    #[test]
     fn what_is_malformed_is_refused_one_by_one() {
         use Argument::{Float, Int, Text};
         let packet = bundle(&[

@@ -170,6 +170,67 @@ mod tests {
     }
 
     #[test]
+    fn another_decoder_reads_back_whatever_is_written() {
+        use rosc::OscType;
+        let mut random = fastrand::Rng::with_seed(3);
+        for _ in 0..5000 {
+            let texts: Vec<String> = (0..8)
+                .map(|_| {
+                    (0..random.usize(..12))
+                        .map(|_| random.alphanumeric())
+                        .collect()
+                })
+                .collect();
+            let mut packet = Packet::new();
+            let mut expected = Vec::new();
+            loop {
+                let address = &texts[random.usize(..8)];
+                let arguments: Vec<(Argument, OscType)> = (0..random.usize(..24))
+                    .map(|_| match random.u8(..4) {
+                        0 => {
+                            let number = random.i32(..);
+                            (Argument::Int(number), OscType::Int(number))
+                        }
+                        1 => {
+                            let number = f32::from_bits(random.u32(..) & 0xff7f_ffff);
+                            (Argument::Float(number), OscType::Float(number))
+                        }
+                        2 => {
+                            let truth = random.bool();
+                            (Argument::Bool(truth), OscType::Bool(truth))
+                        }
+                        _ => {
+                            let text = &texts[random.usize(..8)];
+                            (Argument::Text(text), OscType::String(text.clone()))
+                        }
+                    })
+                    .collect();
+                let ours = arguments.iter().map(|(ours, _)| *ours);
+                if !packet.push("/p", format_args!("/{address}"), ours) {
+                    break;
+                }
+                let theirs = arguments.into_iter().map(|(_, theirs)| theirs);
+                expected.push((format!("/p/{address}"), theirs.collect::<Vec<_>>()));
+            }
+            assert!(packet.bytes().len() <= LARGEST && packet.bytes().len() % 4 == 0);
+            let (rest, read) = rosc::decoder::decode_udp(packet.bytes()).unwrap();
+            let rosc::OscPacket::Bundle(bundle) = read else {
+                panic!("not a bundle")
+            };
+            let read: Vec<_> = bundle
+                .content
+                .into_iter()
+                .map(|packet| match packet {
+                    rosc::OscPacket::Message(message) => (message.addr, message.args),
+                    rosc::OscPacket::Bundle(_) => panic!("bundle in a bundle"),
+                })
+                .collect();
+            assert!(rest.is_empty());
+            assert_eq!(read, expected);
+        }
+    }
+
+    #[test]
     fn what_does_not_fit_leaves_no_trace() {
         let mut packet = Packet::new();
         let mut count = 0;

@@ -92,3 +92,49 @@ fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> std::fmt
     let mut numbers = place.iter().chain(&angles);
     numbers.try_for_each(|number| write!(line, ",{}", number.round() as i32))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_read_back_to_half_a_step_and_none_is_longer_than_the_longest() {
+        let mut random = fastrand::Rng::with_seed(4);
+        for _ in 0..2000 {
+            let units = random.usize(1..60);
+            let weights: Vec<f32> = (0..units).map(|_| random.f32()).collect();
+            let full = random.u32(10..=10_000);
+            let frame = Frame {
+                count: random.u16(..),
+                full,
+                ms: random.u32(..),
+                state: TrackingState::Held,
+                confidence: random.f32(),
+                flags: 0,
+                pose: None,
+            };
+            let mut line = Line::new();
+            frame.write(Style::Text, &[], weights.iter().copied(), &mut line);
+            let text = std::str::from_utf8(line.bytes()).unwrap();
+            let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
+            let numbers: Vec<u32> = sentence
+                .split(',')
+                .map(|word| word.parse().unwrap())
+                .collect();
+            assert_eq!(numbers[..3], [frame.count.into(), frame.ms, 3]);
+            assert!((numbers[3] as f32 / 99.0 - frame.confidence).abs() <= 0.5 / 99.0 + 1e-6);
+            assert_eq!(numbers.len(), 4 + units);
+            for (number, weight) in numbers[4..].iter().zip(&weights) {
+                let back = *number as f32 / full as f32;
+                assert!(
+                    (back - weight).abs() <= 0.5 / full as f32 + 1e-6,
+                    "{back} {weight}"
+                );
+            }
+            let mut longest = Line::new();
+            let ones = std::iter::repeat_n(1.0, units);
+            Frame::longest(false, full).write(Style::Text, &[], ones, &mut longest);
+            assert!(line.bytes().len() <= longest.bytes().len());
+        }
+    }
+}

@@ -294,6 +294,52 @@ impl Writer<'_> {
 mod tests {
     use super::*;
 
+    /// Takes so many bytes, then is gone.
+    struct Failing(Vec<u8>, usize);
+
+    impl Write for Failing {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            let taken = bytes.len().min(self.1 - self.0.len());
+            self.0.extend_from_slice(&bytes[..taken]);
+            match taken {
+                0 => Err(ErrorKind::BrokenPipe.into()),
+                _ => Ok(taken),
+            }
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_was_cut_off_is_ended_before_anything_else_is_sent() {
+        let shared = Shared::new();
+        let mut header = Line::new();
+        header.put(b"$AUH*00\r\n").unwrap();
+        let mut cut = false;
+        for (takes, expected) in [
+            (4, &b"$AUH"[..]),
+            (1, b"\r"),
+            (11, b"\r\n$AUH*00\r\n"),
+            (9, b"$AUH*00\r\n"),
+        ] {
+            let mut port = Failing(Vec::new(), takes);
+            let mut writer = Writer {
+                port: &mut port,
+                baud: 4_000_000,
+                shared: &shared,
+                cut,
+            };
+            let mut frame = Line::new();
+            frame.put(b"$AU").unwrap();
+            shared.put(&frame);
+            assert!(writer.frames(b"\r\n", &header).is_err());
+            cut = writer.cut;
+            assert_eq!(port.0, expected);
+        }
+    }
+
     #[test]
     fn a_device_is_found_under_its_stable_name() {
         let folder = tempfile::tempdir().unwrap();

@@ -1,0 +1,391 @@
+//! What a rig is wired with: several targets of every kind, names and gains, mirrors, commands, the sweep without a face.
+
+use std::net::{Ipv4Addr, UdpSocket};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use mien::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien::output::osc::vmc::{self, Vmc};
+use mien::output::osc::vrchat::{self, VrChat};
+use mien::output::osc::{self, Osc, Style};
+use mien::output::serial::{self, Serial};
+use mien::output::{self, Output, Report, TrackingState, UnitView, View};
+use mien::time::Timestamp;
+use rosc::{OscMessage, OscPacket, OscType};
+use serialport::{SerialPort, TTYPort};
+
+const UNITS: [&str; 4] = ["AU26", "AU2L", "AU2R", "AU43L"];
+
+fn report(ms: u64, weights: &[f32]) -> Report<'_> {
+    Report {
+        at: Timestamp::from_us(1000 * ms),
+        user: Some(0),
+        state: TrackingState::Tracking,
+        confidence: 1.0,
+        weights,
+        ..Report::default()
+    }
+}
+
+fn receiver(address: &str) -> UdpSocket {
+    let socket = UdpSocket::bind(address).unwrap();
+    socket
+        .set_read_timeout(Some(Duration::from_millis(300)))
+        .unwrap();
+    socket
+}
+
+fn messages(socket: &UdpSocket) -> Vec<OscMessage> {
+    let (mut all, mut bytes) = (Vec::new(), vec![0; 65_536]);
+    while let Ok(length) = socket.recv(&mut bytes) {
+        let (_, packet) = rosc::decoder::decode_udp(&bytes[..length]).unwrap();
+        let OscPacket::Bundle(bundle) = packet else {
+            panic!("not a bundle")
+        };
+        all.extend(bundle.content.into_iter().map(|packet| match packet {
+            OscPacket::Message(message) => message,
+            OscPacket::Bundle(_) => panic!("bundle in a bundle"),
+        }));
+    }
+    all
+}
+
+fn floats(all: &[OscMessage], address: &str) -> Vec<f32> {
+    let found = all.iter().filter(|message| message.addr == address);
+    found
+        .flat_map(|message| message.args.iter().filter_map(|arg| arg.clone().float()))
+        .collect()
+}
+
+fn view(mirror: bool) -> View {
+    let unit = |unit: &str, name: &str, gain| UnitView {
+        unit: unit.into(),
+        name: name.into(),
+        gain,
+    };
+    View {
+        mirror,
+        units: vec![unit("AU26", "jaw", 2.0), unit("AU2L", "AU2L", 0.5)],
+    }
+}
+
+#[test]
+fn hosts_groups_and_networks_all_hear_the_same_and_absent_ones_hold_nobody_up() {
+    let host = receiver("127.0.0.1:0");
+    let sixth = UdpSocket::bind("[::1]:0").ok();
+    let broadcast = receiver("0.0.0.0:0");
+    let group = receiver("0.0.0.0:0");
+    let joined = group.join_multicast_v4(&Ipv4Addr::new(239, 255, 91, 30), &Ipv4Addr::UNSPECIFIED);
+    let port = |socket: &UdpSocket| socket.local_addr().unwrap().port();
+    let mut targets = vec![
+        "240.0.0.1:9".to_owned(),
+        "nobody.invalid:9".to_owned(),
+        format!("127.0.0.1:{}", port(&host)),
+        format!("127.255.255.255:{}", port(&broadcast)),
+        format!("239.255.91.30:{}", port(&group)),
+    ];
+    targets.extend(
+        sixth
+            .as_ref()
+            .map(|socket| format!("[::1]:{}", port(socket))),
+    );
+    let settings = osc::Settings {
+        targets,
+        ..osc::Settings::default()
+    };
+    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    for ms in 0..30 {
+        osc.send(&report(33 * ms, &[0.25, 0.5, 0.75, 1.0])).unwrap();
+    }
+    let sent = osc.tally();
+    assert!(sent.sent >= 2 * 32 && sent.dropped >= 32, "{sent:?}");
+    let expected = messages(&host);
+    assert_eq!(floats(&expected, "/face/0/au/AU26"), [0.25; 30]);
+    assert_eq!(messages(&broadcast), expected, "broadcast");
+    match joined {
+        Ok(()) if sent.sent >= 4 * 32 => assert_eq!(messages(&group), expected, "multicast"),
+        _ => println!("skipped: this machine has no way to a multicast group"),
+    }
+    if let Some(sixth) = sixth {
+        sixth
+            .set_read_timeout(Some(Duration::from_millis(300)))
+            .unwrap();
+        assert_eq!(messages(&sixth), expected, "IPv6");
+    }
+}
+
+#[test]
+fn names_gains_and_the_mirror_are_the_output_s() {
+    let socket = receiver("127.0.0.1:0");
+    let targets = vec![socket.local_addr().unwrap().to_string()];
+    let pose = Rigid::from_parts(
+        Vector::new(0.1, 0.2, 0.7).into(),
+        rotation_from_yaw_pitch_roll(0.5, 0.0, 0.0),
+    );
+    let face = Report {
+        sensor_from_head: Some(&pose),
+        ..report(0, &[0.3, 0.8, 0.2, 0.0])
+    };
+    let settings = osc::Settings {
+        targets: targets.clone(),
+        style: Style::Both,
+        view: view(true),
+        ..osc::Settings::default()
+    };
+    Osc::new(settings, &UNITS).unwrap().send(&face).unwrap();
+    let heard = messages(&socket);
+    // The jaw twice as wide; the left brow shows half of the right one.
+    assert_eq!(floats(&heard, "/face/0/au")[..3], [0.6, 0.1, 0.8]);
+    assert_eq!(floats(&heard, "/face/0/au/jaw")[0], 0.6);
+    let place = &floats(&heard, "/face/0/pose")[..7];
+    assert_eq!(place[..3], [-0.1, 0.2, 0.7]);
+    assert!((place[4] + 0.25f32.sin()).abs() < 1e-6, "{place:?}");
+    let schema = heard.iter().find(|m| m.addr == "/face/schema").unwrap();
+    assert_eq!(schema.args[1], OscType::String("jaw".into()));
+
+    for (names, expected) in [
+        (vmc::Names::Units, vec!["jaw", "AU2L", "AU2R", "AU43L"]),
+        (vmc::Names::Vrm0, vec!["A", "Blink_L"]),
+        (vmc::Names::Vrm1, vec!["aa", "surprised", "blinkLeft"]),
+    ] {
+        let settings = vmc::Settings {
+            targets: targets.clone(),
+            names,
+            view: view(false),
+            ..vmc::Settings::default()
+        };
+        Vmc::new(settings, &UNITS).unwrap().send(&face).unwrap();
+        let heard = messages(&socket);
+        let values = heard.iter().filter(|m| m.addr == "/VMC/Ext/Blend/Val");
+        let names: Vec<String> = values
+            .map(|message| message.args[0].clone().string().unwrap())
+            .collect();
+        // Once with the face, once neutral.
+        assert_eq!(names, [&expected[..], &expected].concat());
+    }
+}
+
+#[test]
+fn switches_are_the_bits_of_a_value() {
+    let socket = receiver("127.0.0.1:0");
+    let settings = vrchat::Settings {
+        targets: vec![socket.local_addr().unwrap().to_string()],
+        values: vrchat::Values::Binary,
+        bits: 3,
+        ..vrchat::Settings::default()
+    };
+    let mut vrchat = VrChat::new(settings, &["AU30L", "AU30R", "AU26"]).unwrap();
+    let mut heard = |ms: u64, weights: [f32; 3]| {
+        vrchat.send(&report(ms, &weights)).unwrap();
+        let all = messages(&socket);
+        let switches = all.into_iter().filter_map(|message| {
+            let name = message.addr.strip_prefix("/avatar/parameters/FT/v2/")?;
+            let on = message.args[0].clone().bool()?;
+            (!name.ends_with("Active")).then(|| (name.to_owned(), on))
+        });
+        switches.collect::<Vec<_>>()
+    };
+    let named = |all: &[(&str, bool)]| -> Vec<(String, bool)> {
+        all.iter()
+            .map(|&(name, on)| (name.to_owned(), on))
+            .collect()
+    };
+    // |−0.75| × 7 = 5.25: 1 and 4. 0.9 × 7 = 6.3: 2 and 4.
+    let first = [
+        ("JawOpen1", false),
+        ("JawOpen2", true),
+        ("JawOpen4", true),
+        ("JawX1", true),
+        ("JawX2", false),
+        ("JawX4", true),
+        ("JawXNegative", true),
+    ];
+    assert_eq!(heard(0, [0.75, 0.0, 0.9]), named(&first));
+    assert_eq!(heard(33, [0.75, 0.0, 0.9]), []);
+    let changed = [("JawOpen1", true), ("JawXNegative", false)];
+    assert_eq!(heard(66, [0.0, 0.75, 1.0]), named(&changed));
+}
+
+#[test]
+fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
+    let command = |address: &str, args: Vec<OscType>| {
+        rosc::encoder::encode(&OscPacket::Message(OscMessage {
+            addr: address.into(),
+            args,
+        }))
+        .unwrap()
+    };
+    let mut closed = Osc::new(osc::Settings::default(), &UNITS).unwrap();
+    assert_eq!((closed.listens_at(), closed.next_command()), (None, None));
+
+    let socket = receiver("127.0.0.1:0");
+    let settings = osc::Settings {
+        targets: vec![socket.local_addr().unwrap().to_string()],
+        commands: true,
+        listen: "127.0.0.1:0".into(),
+        ..osc::Settings::default()
+    };
+    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    let to = osc.listens_at().unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let send = |bytes: &[u8]| sender.send_to(bytes, to).unwrap();
+    send(&command(
+        "/face/cmd/freeze",
+        vec![OscType::Int(0), OscType::Int(1)],
+    ));
+    send(b"nonsense");
+    send(&command("/face/cmd/forget", vec![OscType::Int(9)]));
+    send(&command("/face/cmd/schema", vec![]));
+    send(&command("/face/cmd/neutral", vec![OscType::Int(0)]));
+    assert_eq!(osc.next_command(), Some(output::Command::Freeze(0, true)));
+    assert_eq!(osc.next_command(), Some(output::Command::Neutral(0)));
+    assert_eq!(osc.next_command(), None);
+    assert_eq!(osc.tally().commands, [3, 2]);
+    assert_eq!(messages(&socket)[0].addr, "/face/schema");
+    // A flood takes no more of a frame than a few datagrams.
+    for _ in 0..200 {
+        send(&command("/face/cmd/forget", vec![OscType::Int(0)]));
+    }
+    let round = std::iter::from_fn(|| osc.next_command()).count();
+    assert!((1..=16).contains(&round), "{round} in one round");
+
+    let taken = osc::Settings {
+        commands: true,
+        listen: to.to_string(),
+        ..osc::Settings::default()
+    };
+    let refused = Osc::new(taken, &UNITS).err().unwrap().to_string();
+    assert!(
+        refused.starts_with("cannot listen for OSC commands at"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_slow_line_leaves_out_the_least_telling_units() {
+    let (_reader, port) = TTYPort::pair().unwrap();
+    let units = ["AU5L", "AU26", "AU9L", "AU25", "AU43L", "AU43R"];
+    let sent = |baud, units_wanted: &[&str], min_rate_hz| {
+        let settings = serial::Settings {
+            port: port.name().unwrap(),
+            baud,
+            units: units_wanted.iter().map(|&unit| unit.to_owned()).collect(),
+            min_rate_hz,
+            ..serial::Settings::default()
+        };
+        Serial::new(&settings, &units).map(|serial| serial.units().to_vec())
+    };
+    assert_eq!(sent(115_200, &[], 10.0).unwrap(), units);
+    // 456 bytes a second: ten lines of 45 bytes, of which 30 are not weights.
+    assert_eq!(sent(4800, &[], 10.0).unwrap(), ["AU26", "AU25", "AU43L"]);
+    assert_eq!(
+        sent(115_200, &["AU9L", "AU26"], 10.0).unwrap(),
+        ["AU9L", "AU26"]
+    );
+    assert_eq!(sent(1200, &["AU9L", "AU26"], 30.0).unwrap(), ["AU9L"]);
+    let refused = sent(115_200, &["AU99"], 10.0).unwrap_err().to_string();
+    assert!(refused.contains("\"AU99\""), "{refused}");
+}
+
+#[test]
+fn send_test_sweeps_every_unit_and_names_it() {
+    let socket = receiver("127.0.0.1:0");
+    let (mut reader, port) = TTYPort::pair().unwrap();
+    reader.set_timeout(Duration::from_millis(50)).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mien.toml");
+    let configuration = format!(
+        "[osc]\ntarget = \"{}\"\n[serial]\nport = \"{}\"\n[units]\nAU26.name = \"jaw\"\n[log]\nlevel = \"error\"\n",
+        socket.local_addr().unwrap(),
+        port.name().unwrap()
+    );
+    std::fs::write(&path, configuration).unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_mien"))
+        .arg("send-test")
+        .arg("--config")
+        .arg(&path)
+        .stderr(Stdio::piped())
+        .stdin(Stdio::null())
+        .spawn()
+        .unwrap();
+    let lines = std::thread::spawn(move || {
+        let (mut text, mut bytes) = (String::new(), [0; 4096]);
+        let mut quiet = 0;
+        // It is over when the neutral line has come.
+        while quiet < 400
+            && !text
+                .lines()
+                .any(|line| line.contains(",0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0*"))
+        {
+            match std::io::Read::read(&mut reader, &mut bytes) {
+                Ok(length) => text.push_str(&String::from_utf8_lossy(&bytes[..length])),
+                Err(_) => quiet += 1,
+            }
+        }
+        text
+    });
+    let heard = std::thread::spawn(move || {
+        let mut all = Vec::new();
+        let mut quiet = 0;
+        while quiet < 20 {
+            let some = messages(&socket);
+            quiet = if some.is_empty() { quiet + 1 } else { 0 };
+            let last = some
+                .last()
+                .is_some_and(|m| m.addr == "/face/0/present" && m.args == [OscType::Int(0)]);
+            all.extend(some);
+            if last {
+                break;
+            }
+        }
+        all
+    });
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success());
+    let log = String::from_utf8(output.stderr).unwrap();
+    let (heard, text) = (heard.join().unwrap(), lines.join().unwrap());
+    let schema = heard.iter().find(|m| m.addr == "/face/schema").unwrap();
+    let names: Vec<String> = schema.args[1..]
+        .iter()
+        .map(|name| name.clone().string().unwrap())
+        .collect();
+    assert!(names.len() >= 19 && names.contains(&"jaw".to_owned()));
+    let vectors: Vec<Vec<f32>> = heard
+        .iter()
+        .filter(|m| m.addr == "/face/0/au")
+        .map(|m| {
+            m.args
+                .iter()
+                .map(|arg| arg.clone().float().unwrap())
+                .collect()
+        })
+        .collect();
+    let mut at = 0;
+    for (i, name) in names.iter().enumerate() {
+        let logged = if name == "jaw" {
+            "AU26 as jaw ("
+        } else {
+            &format!("{name} (")
+        };
+        assert!(log.contains(logged), "{logged} not in {log}");
+        // Up to 1 and down again, all others at rest, one unit after the other.
+        let peak = vectors[at..].iter().position(|vector| vector[i] == 1.0);
+        at += peak.unwrap_or_else(|| panic!("{name} does not come to 1 in its turn"));
+        let others = vectors[at].iter().enumerate();
+        assert!(
+            others
+                .filter(|&(j, _)| j != i)
+                .all(|(_, &weight)| weight == 0.0)
+        );
+        assert!(
+            vectors[at..]
+                .iter()
+                .any(|vector| vector.iter().all(|&weight| weight == 0.0))
+        );
+    }
+    assert!(vectors.last().unwrap().iter().all(|&weight| weight == 0.0));
+    let full = text
+        .lines()
+        .filter(|line| line.starts_with("$AU,") && line.contains(",100"));
+    assert!(full.count() >= names.len(), "on the serial port");
+}

@@ -1,0 +1,156 @@
+//! Sending on every wire at once takes less than a tenth of a millisecond and no memory. By itself in its program: the
+//! allocator counts what any thread asks for.
+
+use std::io::Read;
+use std::net::UdpSocket;
+use std::time::{Duration, Instant};
+
+use mien::allocations::Counting;
+use mien::capacity::LANDMARKS;
+use mien::geometry::{Point, Rigid};
+use mien::landmarks::Landmarks;
+use mien::output::osc::faceosc::{self, FaceOsc};
+use mien::output::osc::vmc::{self, Vmc};
+use mien::output::osc::vrchat::{self, VrChat};
+use mien::output::osc::{self, Osc};
+use mien::output::serial::{self, PortState, Serial};
+use mien::output::{Output, Report, TrackingState};
+use mien::status::Status;
+use mien::time::Timestamp;
+use serialport::{SerialPort, TTYPort};
+
+#[global_allocator]
+static MEMORY: Counting = Counting::new();
+
+const UNITS: [&str; 19] = [
+    "AU25", "AU20", "AU18", "AU30L", "AU30R", "AU29", "AU22", "AU28", "AU2L", "AU4L", "AU2R",
+    "AU4R", "AU5L", "AU43L", "AU5R", "AU43R", "AU9L", "AU9R", "AU26",
+];
+/// Frames of a run: 100 s.
+const FRAMES: u64 = 3000;
+/// Frames until everything has been sent once.
+const FIRST: u64 = 200;
+
+#[test]
+fn all_wires_at_once_cost_a_tenth_of_a_millisecond_and_no_memory() {
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let targets = vec![receiver.local_addr().unwrap().to_string()];
+    let (mut reader, port) = TTYPort::pair().unwrap();
+    reader.set_timeout(Duration::from_millis(20)).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut status = Status::new(
+        folder.path().join("status.json").to_str().unwrap(),
+        "",
+        &UNITS,
+    );
+    let serial = serial::Settings {
+        port: port.name().unwrap(),
+        baud: 921_600,
+        pose: true,
+        ..serial::Settings::default()
+    };
+    let serial = Serial::new(&serial, &UNITS).unwrap();
+    let waited = Instant::now();
+    while serial.state() != PortState::Open && waited.elapsed() < Duration::from_secs(20) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let osc = osc::Settings {
+        targets: targets.clone(),
+        ranges: true,
+        commands: true,
+        listen: "127.0.0.1:0".into(),
+        ..osc::Settings::default()
+    };
+    let vmc = vmc::Settings {
+        targets: targets.clone(),
+        ..vmc::Settings::default()
+    };
+    let vrchat = vrchat::Settings {
+        targets: targets.clone(),
+        values: vrchat::Values::Both,
+        bits: 8,
+        ..vrchat::Settings::default()
+    };
+    let faceosc = faceosc::Settings {
+        targets,
+        ..faceosc::Settings::default()
+    };
+    let mut outputs: [Box<dyn Output>; 5] = [
+        Box::new(Osc::new(osc, &UNITS).unwrap()),
+        Box::new(Vmc::new(vmc, &UNITS).unwrap()),
+        Box::new(VrChat::new(vrchat, &UNITS).unwrap()),
+        Box::new(FaceOsc::new(faceosc).unwrap()),
+        Box::new(serial),
+    ];
+
+    let pose = Rigid::translation(0.1, 0.0, 0.8);
+    let landmarks = Landmarks {
+        head: std::array::from_fn(|i| Point::new(i as f32 * 1e-3, 0.01, 0.0)),
+        pixels: [[320.0, 240.0]; LANDMARKS],
+        point_confidence: [1.0; LANDMARKS],
+        confidence: 1.0,
+    };
+    let mut random = fastrand::Rng::with_seed(1);
+    let mut times = Vec::with_capacity(FRAMES as usize);
+    let mut before = 0;
+    let mut bytes = [0; 4096];
+    for frame in 0..FRAMES {
+        // Every unit moves in every frame; now and then nobody is there.
+        let weights: [f32; UNITS.len()] = std::array::from_fn(|_| random.f32());
+        let ranges = [[0.1, 0.2, 0.3]; UNITS.len()];
+        let at = Timestamp::from_us(frame * 33_333);
+        let face = Report {
+            frame,
+            at,
+            user: Some(0),
+            state: TrackingState::Tracking,
+            confidence: 0.9,
+            sensor_from_head: Some(&pose),
+            landmarks: Some(&landmarks),
+            weights: &weights,
+            ranges: &ranges,
+            latency_us: 9000,
+            ..Report::default()
+        };
+        let nobody = Report {
+            frame,
+            at,
+            ..Report::default()
+        };
+        let report = if frame % 300 < 250 { &face } else { &nobody };
+        if frame == FIRST {
+            before = MEMORY.requests();
+        }
+        let start = Instant::now();
+        for output in &mut outputs {
+            output.send(report).unwrap();
+            while output.next_command().is_some() {}
+        }
+        times.push(start.elapsed());
+        status.observe(report, Some(start.elapsed()));
+        status.write(outputs.iter().map(|output| output.tally()));
+        if frame % 10 == 0 {
+            // Time for the port, which is read so that it goes on taking.
+            let _ = reader.read(&mut bytes);
+        }
+    }
+    let asked = MEMORY.requests() - before;
+    for tally in outputs.iter().map(|output| output.tally()) {
+        println!(
+            "{}: {} sent, {} dropped",
+            tally.name, tally.sent, tally.dropped
+        );
+        assert!(tally.sent > 100, "{tally:?}");
+    }
+    times.sort_unstable();
+    let at = |share: f64| times[(share * (times.len() - 1) as f64) as usize];
+    println!(
+        "per frame: median {:?}, 99 % {:?}; {asked} requests for memory in {} frames",
+        at(0.5),
+        at(0.99),
+        FRAMES - FIRST
+    );
+    assert_eq!(asked, 0);
+    // The promised figure, not a time limit of the test: a busy machine is slower, so the median counts.
+    assert!(at(0.5) <= Duration::from_micros(100), "{:?}", at(0.5));
+}
