@@ -212,7 +212,7 @@ mod tests {
                 let theirs = arguments.into_iter().map(|(_, theirs)| theirs);
                 expected.push((format!("/p/{address}"), theirs.collect::<Vec<_>>()));
             }
-            assert!(packet.bytes().len() <= LARGEST && packet.bytes().len() % 4 == 0);
+            assert!(packet.bytes().len() <= LARGEST && packet.bytes().len().is_multiple_of(4));
             let (rest, read) = rosc::decoder::decode_udp(packet.bytes()).unwrap();
             let rosc::OscPacket::Bundle(bundle) = read else {
                 panic!("not a bundle")
