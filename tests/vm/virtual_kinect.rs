@@ -7,8 +7,11 @@
 //! ```text
 //! virtual-kinect --camera SOCKET [--motor SOCKET] [--audio SOCKET] [--model 1414|1473|1517] [--rate FPS]
 //!     [--scene pattern|simulated|simulated:NAME] [--lost P] [--repeated P] [--damaged P] [--short P] [--bus-error P]
-//!     [--clean-after FRAME] [--unplug-at FRAME] [--unplugged-for SECONDS]
+//!     [--clean-after FRAME] [--unplug-at FRAME] [--unplugged-for SECONDS] [--unpowered] [--no-streams]
 //! ```
+//! `--unpowered`: the camera never shows, as without 12 V. `--no-streams`: its descriptors have alternate setting 0 alone,
+//! without endpoints.
+//!
 //! Prints one line `injected …` per stream when QEMU has gone.
 
 use std::error::Error;
@@ -69,6 +72,8 @@ struct Descriptors {
     function: Function,
     model: Model,
     serial: String,
+    /// A camera as it should be, with a setting that has the isochronous endpoints.
+    streams: bool,
 }
 
 impl Descriptors {
@@ -101,7 +106,7 @@ impl Descriptors {
     /// Endpoints of an alternate setting: address, attributes, packet size.
     fn endpoints(&self, alternate: u8) -> Vec<(u8, u8, u16)> {
         match self.function {
-            Function::Camera if alternate == self.model.alternate_setting() => {
+            Function::Camera if self.streams && alternate == self.model.alternate_setting() => {
                 vec![(0x81, 1, 0x0bc0), (0x82, 1, 0x0bc0)]
             }
             Function::Audio => vec![(0x81, 2, 512), (0x01, 2, 512)],
@@ -111,7 +116,7 @@ impl Descriptors {
 
     fn configuration(&self) -> Vec<u8> {
         let last = match self.function {
-            Function::Camera => self.model.alternate_setting(),
+            Function::Camera if self.streams => self.model.alternate_setting(),
             _ => 0,
         };
         let mut body = Vec::new();
@@ -421,6 +426,7 @@ fn serve(
     device: &Mutex<Device>,
     unplug: &mut Option<Unplug>,
     clean_after: u64,
+    powered: bool,
 ) -> Result<()> {
     socket.set_read_timeout(Some(Duration::from_millis(1)))?;
     let mut session = Session {
@@ -453,9 +459,11 @@ fn serve(
         }
     };
     session.wire.wide_ids = theirs & WIDE_IDS != 0;
-    session.connect();
     let mut due = Instant::now();
     let mut plug_in_at: Option<Instant> = None;
+    if powered {
+        session.connect();
+    }
     loop {
         session.wire.flush()?;
         if !session.wire.fill()? {
@@ -464,7 +472,7 @@ fn serve(
         while let Some((kind, id, body)) = session.wire.next() {
             session.handle(kind, id, &body);
         }
-        if descriptors.function != Function::Camera {
+        if descriptors.function != Function::Camera || !powered {
             continue;
         }
         let now = Instant::now();
@@ -524,6 +532,7 @@ fn main() -> Result<()> {
         let at = arguments.iter().position(|argument| argument == name)?;
         arguments.get(at + 1).cloned()
     };
+    let has = |name: &str| arguments.iter().any(|argument| argument == name);
     let number = |name: &str, default: f64| -> Result<f64> {
         Ok(option(name).map_or(Ok(default), |text| text.parse())?)
     };
@@ -567,9 +576,10 @@ fn main() -> Result<()> {
                 function,
                 model,
                 serial: "A22595W00862214A".into(),
+                streams: false,
             };
             while let Ok((socket, _)) = listener.accept() {
-                if let Err(e) = serve(socket, &descriptors, &device, &mut None, u64::MAX) {
+                if let Err(e) = serve(socket, &descriptors, &device, &mut None, u64::MAX, true) {
                     eprintln!("{e}");
                 }
             }
@@ -581,8 +591,17 @@ fn main() -> Result<()> {
         function: Function::Camera,
         model,
         serial: "A00366A08793039A".into(),
+        streams: !has("--no-streams"),
     };
-    let result = serve(socket, &descriptors, &device, &mut unplug, clean_after);
+    let powered = !has("--unpowered");
+    let result = serve(
+        socket,
+        &descriptors,
+        &device,
+        &mut unplug,
+        clean_after,
+        powered,
+    );
     let device = device.lock().expect("no holder panics");
     let camera = device.inner().camera();
     println!(

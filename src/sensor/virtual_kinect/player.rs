@@ -68,8 +68,9 @@ impl<D: FnMut(&mut Frame) -> bool> Player<D> {
         alive
     }
 
-    /// Hands to `sink` every packet due until `now` on the streams that are `on`. False when the scene has ended. A stream
-    /// switched on in the middle of a frame starts with the next one; with both off the scene stands still.
+    /// Hands to `sink` every packet due until `now` on the streams that are `on`. False when the scene has ended. The scene
+    /// begins when both streams are on, so that its first frame has both pictures; with both off it stands still. A stream
+    /// switched on in the middle of a frame starts with the next one.
     pub fn play(
         &mut self,
         now: Duration,
@@ -78,6 +79,8 @@ impl<D: FnMut(&mut Frame) -> bool> Player<D> {
     ) -> bool {
         if on == [false; 2] {
             self.began = None;
+        }
+        if self.began.is_none() && on != [true; 2] {
             return true;
         }
         let total = self
