@@ -12,6 +12,8 @@ pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
 const MASK: u64 = 0x7ff;
 
 /// Unpacks a depth picture.
+// As for luma: inlined, the pictures could overlap for all the compiler knows.
+#[inline(never)]
 pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
     for (bytes, pixels) in packed
         .as_chunks::<11>()

@@ -44,7 +44,14 @@ fn time_per_frame() {
             {
                 frames += 1;
                 if with_pictures {
-                    develop(&pair, &mut clock, &mut frame);
+                    let t = Instant::now();
+                    unpack_depth(pair.pictures[1].first_chunk().unwrap(), &mut frame.depth);
+                    let a = t.elapsed();
+                    frame.bayer.copy_from_slice(&pair.pictures[0]);
+                    let b = t.elapsed();
+                    colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+                    let c = t.elapsed();
+                    if round == 20 && frames > 20 { println!("{a:?} {:?} {:?}", b - a, c - b); }
                 }
             }
         }
@@ -63,6 +70,21 @@ fn time_per_frame() {
         unpack_depth(pair.pictures[1].first_chunk().unwrap(), &mut frame.depth);
         std::hint::black_box(&mut frame);
         unpack = unpack.min(start.elapsed().as_secs_f64() * 1e3);
+    }
+    for what in ["bayer", "luma", "unpack", "develop"] {
+        let mut best = f64::MAX;
+        for _ in 0..100 {
+            let start = Instant::now();
+            match what {
+                "bayer" => frame.bayer.copy_from_slice(&pair.pictures[0]),
+                "luma" => colour::luma_from_bayer(&frame.bayer, &mut frame.luma),
+                "unpack" => unpack_depth(pair.pictures[1].first_chunk().unwrap(), &mut frame.depth),
+                _ => develop(&pair, &mut clock, &mut frame),
+            }
+            std::hint::black_box(&mut frame);
+            best = best.min(start.elapsed().as_secs_f64() * 1e3);
+        }
+        println!("{what} {best:.3} ms");
     }
     println!(
         "unpacking {unpack:.3} ms, packets to pictures {best_packets:.3} ms, with depth, Bayer and luma {best_all:.3} ms per frame"
