@@ -13,6 +13,7 @@ mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
 mien devices                         sensors and serial ports that are there
+mien bench          [--source S] [--frames N]  time per stage and memory, without the source's own cost
 mien send-test      [--config FILE]  sweeps every unit 0-1-0 to every output, its name in the log
 mien help | --help | --version
 
@@ -39,6 +40,8 @@ pub enum Command {
     PrintConfig(Option<PathBuf>),
     /// `devices`
     Devices,
+    /// `bench`
+    Bench(Bench),
     /// `send-test`, with the file if one was named.
     SendTest(Option<PathBuf>),
     /// `help`
@@ -64,6 +67,15 @@ pub struct Run {
     pub model: Option<PathBuf>,
     /// No sensor is a failure.
     pub require_device: bool,
+}
+
+/// Arguments of `bench`.
+#[derive(Debug, Default, PartialEq)]
+pub struct Bench {
+    /// Source of frames; else the simulated sensor.
+    pub source: Option<String>,
+    /// Frames that count.
+    pub frames: Option<u64>,
 }
 
 /// Where a CSV goes.
@@ -102,6 +114,18 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
             Some(other) => return Err(other.unexpected().into()),
             None => Command::Devices,
         },
+        "bench" => {
+            let mut bench = Bench::default();
+            while let Some(word) = parser.next()? {
+                match word {
+                    Long("source") => bench.source = Some(parser.value()?.string()?),
+                    Long("frames") => bench.frames = Some(parser.value()?.parse()?),
+                    Long("help") => return Ok(Command::Help),
+                    other => return Err(other.unexpected().into()),
+                }
+            }
+            Command::Bench(bench)
+        }
         "run" => run(&mut parser)?,
         "check-config" => match parser.next()? {
             Some(Value(path)) => Command::CheckConfig(Some(path.into())),
@@ -185,6 +209,14 @@ mod tests {
         );
         assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
         assert_eq!(words("devices").unwrap(), Command::Devices);
+        let bench = Bench {
+            source: Some("session".into()),
+            frames: Some(60),
+        };
+        assert_eq!(
+            words("bench --source session --frames 60").unwrap(),
+            Command::Bench(bench)
+        );
         assert_eq!(
             words("send-test --config a.toml").unwrap(),
             Command::SendTest(Some("a.toml".into()))

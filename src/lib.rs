@@ -37,6 +37,7 @@ pub mod users;
 pub mod output;
 
 pub mod allocations;
+pub mod bench;
 pub mod cli;
 pub mod devices;
 mod live;

@@ -37,6 +37,19 @@ pub struct Pipeline {
     ranges: heapless::Vec<[f32; 3], UNITS>,
 }
 
+/// Stages of [`Pipeline::follow`], in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Heads out of the depth picture.
+    Segment,
+    /// Where the head is.
+    Pose,
+    /// The 68 points.
+    Landmarks,
+    /// Measures, ranges, weights.
+    Expression,
+}
+
 /// Why a pipeline cannot be made of these settings and this model.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
@@ -82,8 +95,13 @@ impl Pipeline {
 
     /// Follows one frame; [`Pipeline::report`] then tells what is known.
     pub fn follow(&mut self, frame: &Frame) {
+        self.follow_by_stage(frame, |_| {});
+    }
+
+    /// As [`Pipeline::follow`], and calls `after` at the end of each stage that is reached.
+    pub fn follow_by_stage(&mut self, frame: &Frame, after: impl FnMut(Stage)) {
         (self.frame, self.at) = (frame.index, frame.at);
-        self.state = if self.find(frame) {
+        self.state = if self.find(frame, after) {
             self.presence
                 .seen(frame.at, !self.expression.weights().warming)
         } else {
@@ -96,16 +114,21 @@ impl Pipeline {
     }
 
     /// Runs the stages; whether the face was found.
-    fn find(&mut self, frame: &Frame) -> bool {
-        let Some(cloud) = self.segmenter.segment(frame, &self.camera) else {
+    fn find(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) -> bool {
+        let cloud = self.segmenter.segment(frame, &self.camera);
+        after(Stage::Segment);
+        let Some(cloud) = cloud else {
             return false;
         };
-        let Some(pose) = self.pose.track(cloud, frame.at) else {
+        let pose = self.pose.track(cloud, frame.at);
+        after(Stage::Pose);
+        let Some(pose) = pose else {
             return false;
         };
         let fitted = self
             .landmarks
             .fit(&frame.luma, &self.camera, &pose, frame.at);
+        after(Stage::Landmarks);
         let Some(landmarks) = fitted.cloned() else {
             return false;
         };
@@ -114,6 +137,7 @@ impl Pipeline {
             .observe(&landmarks, &sensor_from_head, frame.at);
         self.ranges = self.expression.unit_ranges();
         self.seen = Some((sensor_from_head, landmarks));
+        after(Stage::Expression);
         true
     }
 

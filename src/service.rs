@@ -62,6 +62,9 @@ pub enum Failure {
     /// An output.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// Standard output.
+    #[error("cannot write to standard output: {0}; is the reader of the pipe gone?")]
+    Print(io::Error),
     /// Signals cannot be watched.
     #[error("cannot watch for signals: {0}; is the system out of memory?")]
     Signals(io::Error),

@@ -6,12 +6,13 @@ use mien::sensor::camera::{Registration, RegistrationTable};
 use mien::sensor::command::{Command, image_sensor, register};
 use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
 use mien::sensor::faults::{Faulty, Rates};
-use mien::sensor::kinect::{Kinect, KinectError, Settings, develop};
+use mien::sensor::kinect::{Kinect, KinectError, Settings};
 use mien::sensor::motor::Light;
 use mien::sensor::pairing::RawPair;
-use mien::sensor::picture_clock::PictureClock;
+use mien::sensor::simulated::Simulated;
+use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::sensor::virtual_kinect::VirtualKinect;
-use mien::sensor::{Frame, Source};
+use mien::sensor::{Frame, timestamp_from_ticks};
 
 const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
 
@@ -273,37 +274,28 @@ fn the_end_of_the_scene_is_an_unplugged_camera() {
     assert_eq!(pairs_in(&mut kinect, 5000), Err(DeviceError::Gone.into()));
 }
 
-/// What the pipeline makes of a session cannot depend on whether it went through USB packets: the frames are the same to the bit.
+/// What the pipeline makes of a session cannot depend on its going through USB packets: the frames are those drawn, to the
+/// bit, with the truth that goes with them.
 #[test]
-fn the_simulated_sensor_through_packets_is_the_simulated_sensor() {
-    let mut inside = Source::simulated(None).unwrap();
-    let scene = move |frame: &mut Frame| matches!(inside.next_frame(frame), Ok(true));
-    let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
-    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
-    kinect.start().unwrap();
-    let mut direct = Source::simulated(None).unwrap();
+fn the_simulated_sensor_gives_what_was_drawn_through_packets() {
+    let simulator = || Simulator::new(HeadAsset::shipped(), Scene::default(), 4);
+    let (mut through, mut direct) = (Simulated::from(simulator()), simulator());
+    assert_eq!(through.registration(), direct.camera().registration());
     let (mut expected, mut frame) = (Frame::default(), Frame::default());
-    let (mut pair, mut clock) = (RawPair::default(), PictureClock::default());
-    let mut frames = 0;
-    while frames < 20 {
-        kinect
-            .poll(Duration::from_millis(1), &mut pair, |pair| {
-                develop(pair, &mut clock, &mut frame);
-                assert!(direct.next_frame(&mut expected).unwrap());
-                assert_eq!(
-                    (frame.index, frame.at, frame.ticks, frame.colour_ticks),
-                    (
-                        expected.index,
-                        expected.at,
-                        expected.ticks,
-                        expected.colour_ticks
-                    )
-                );
-                assert!(frame.depth == expected.depth, "depth of frame {frames}");
-                assert!(frame.bayer == expected.bayer, "colour of frame {frames}");
-                assert!(frame.luma == expected.luma, "luma of frame {frames}");
-                frames += 1;
-            })
-            .unwrap();
+    for number in 0..20u32 {
+        let ticks = number * 2_000_000;
+        let at = timestamp_from_ticks(ticks.into());
+        let truth = direct.draw(at, &mut expected).unwrap();
+        through.next_frame(&mut frame);
+        assert_eq!(
+            (frame.index, frame.at, frame.ticks, frame.colour_ticks),
+            (number.into(), at, ticks, ticks)
+        );
+        assert!(frame.depth == expected.depth, "depth of frame {number}");
+        assert!(frame.bayer == expected.bayer, "colour of frame {number}");
+        assert!(frame.luma == expected.luma, "luma of frame {number}");
+        let found = through.truth().unwrap();
+        assert_eq!(found.sensor_from_head, truth.sensor_from_head);
+        assert_eq!(found.landmarks_px, truth.landmarks_px);
     }
 }

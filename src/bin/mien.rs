@@ -2,10 +2,14 @@
 
 use std::process::ExitCode;
 
+use mien::allocations::Counting;
 use mien::cli::{self, Command};
 use mien::face_model::FaceModel;
 use mien::service;
 use mien::settings::Settings;
+
+#[global_allocator]
+static MEMORY: Counting = Counting::new();
 
 #[expect(
     clippy::print_stdout,
@@ -44,6 +48,9 @@ fn main() -> ExitCode {
         Command::Devices => {
             print!("{}", mien::devices::report());
             Ok(())
+        }
+        Command::Bench(bench) => {
+            mien::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())
         }
         Command::SendTest(file) => service::send_test(file.as_deref()),
         Command::Run(run) => service::run(&run),

@@ -363,9 +363,11 @@ pub fn develop(pair: &RawPair, clock: &mut PictureClock, frame: &mut Frame) {
         packed.first_chunk().expect("a depth picture's length"),
         &mut frame.depth,
     );
+    develop_colour(bayer, frame);
+}
+
+/// The colour half of [`develop`]: Bayer and luma.
+pub(crate) fn develop_colour(bayer: &[u8], frame: &mut Frame) {
     frame.bayer.copy_from_slice(bayer);
     colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
 }
-
-#[cfg(test)]
-mod tests;

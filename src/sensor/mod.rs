@@ -228,7 +228,7 @@ impl Source {
     pub fn registration(&self) -> &Registration {
         match self {
             Self::Recording(recording) => recording.registration(),
-            Self::Simulated(simulated) => simulated.simulator().camera().registration(),
+            Self::Simulated(simulated) => simulated.registration(),
             Self::Kinect(live) => live.registration(),
         }
     }

@@ -1,15 +1,30 @@
 //! Packed 11-bit depth to 16-bit values and back.
 //!
 //! Pixel k occupies bits 11k … 11k+10 counted from the top bit of byte 0; eight pixels fill eleven bytes without a gap.
-//! Method: two overlapping big-endian 64-bit loads per eleven bytes hold pixels 0–4 and 5–7, so that each pixel is one
-//! shift and one mask. Reads 422 kB, writes 614 kB per picture, allocates nothing.
+//! Method: two overlapping big-endian 64-bit loads per eleven bytes hold pixels 0–3 and 4–7; four pixels at a time are then
+//! spread to 16 bits inside one word, so that they are stored at once. Reads 422 kB, writes 614 kB per picture, allocates
+//! nothing.
 
 use crate::capacity::PIXELS;
 
 /// Bytes of a packed depth picture.
 pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;
 
-const MASK: u64 = 0x7ff;
+/// Four pixels of 11 bits, the first one highest, in the low 44 bits of `packed`: each to its 16 bits.
+#[inline(always)]
+fn spread(packed: u64) -> [u16; 4] {
+    const PAIR: u64 = (1 << 22) - 1;
+    const LOW: u64 = 0x0000_07ff_0000_07ff;
+    // Halves first: pixels 0 and 1 to the low word, 2 and 3 to the high one; then each half the same way.
+    let halves = packed >> 22 & PAIR | (packed & PAIR) << 32;
+    let pixels = halves >> 11 & LOW | (halves & LOW) << 16;
+    [
+        pixels as u16,
+        (pixels >> 16) as u16,
+        (pixels >> 32) as u16,
+        (pixels >> 48) as u16,
+    ]
+}
 
 /// Unpacks a depth picture.
 // As for luma: inlined, the pictures could overlap for all the compiler knows.
@@ -27,17 +42,9 @@ pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
             eight.copy_from_slice(&bytes[at..at + 8]);
             u64::from_be_bytes(eight)
         };
-        let (head, tail) = (word(0), word(3));
-        let pixel = |word: u64, shift: u32| (word >> shift & MASK) as u16;
+        let [first, second] = [word(0) >> 20, word(3)].map(spread);
         *pixels = [
-            pixel(head, 53),
-            pixel(head, 42),
-            pixel(head, 31),
-            pixel(head, 20),
-            pixel(head, 9),
-            pixel(tail, 22),
-            pixel(tail, 11),
-            pixel(tail, 0),
+            first[0], first[1], first[2], first[3], second[0], second[1], second[2], second[3],
         ];
     }
 }

@@ -6,8 +6,8 @@
 //! * [`VirtualKinect`]: both as a [`PacketSource`] in this process, in virtual time: each poll lets one millisecond pass. The
 //!   whole driver runs on top of it unchanged.
 //!
-//! The scene is any `FnMut(&mut Frame) -> bool`; it fills depth, Bayer and stamps, and returns false when it has ended (the
-//! device is then gone). Limitations: only the formats the driver uses; nothing is simulated below the packet (no bus errors;
+//! What it sees is any [`View`]; it fills depth, Bayer and stamps, and returns false when it has ended (the device is then
+//! gone). Limitations: only the formats the driver uses; nothing is simulated below the packet (no bus errors;
 //! see [`super::faults`]).
 
 use core::time::Duration;
@@ -23,6 +23,18 @@ pub mod test_pattern;
 pub use camera::VirtualCamera;
 pub use player::Player;
 
+/// What a virtual Kinect sees. Closures do: `FnMut(&mut Frame) -> bool`.
+pub trait View {
+    /// Draws depth, Bayer and both stamps of the next frame; false when the scene has ended.
+    fn draw(&mut self, frame: &mut Frame) -> bool;
+}
+
+impl<F: FnMut(&mut Frame) -> bool> View for F {
+    fn draw(&mut self, frame: &mut Frame) -> bool {
+        self(frame)
+    }
+}
+
 /// A whole Kinect in this process, in virtual time.
 pub struct VirtualKinect<D> {
     camera: VirtualCamera,
@@ -33,18 +45,18 @@ pub struct VirtualKinect<D> {
     polled: [bool; 2],
 }
 
-/// What passes at each poll.
-const STEP: Duration = Duration::from_millis(1);
+/// What passes at each poll, at most.
+pub const STEP: Duration = Duration::from_millis(1);
 /// 30 pictures a second.
 pub const PERIOD: Duration = Duration::from_nanos(33_333_333);
 
-impl<D: FnMut(&mut Frame) -> bool> VirtualKinect<D> {
-    /// A `model` with the usual calibration that sees `draw`.
+impl<D: View> VirtualKinect<D> {
+    /// A `model` with the usual calibration that sees `view`.
     #[must_use]
-    pub fn new(model: Model, serial: &str, draw: D) -> Self {
+    pub fn new(model: Model, serial: &str, view: D) -> Self {
         Self {
             camera: VirtualCamera::new(model, Registration::default()),
-            player: Player::new(draw, PERIOD),
+            player: Player::new(view, PERIOD),
             serial: serial.to_owned(),
             now: Duration::ZERO,
             polled: [false; 2],
@@ -56,6 +68,19 @@ impl<D: FnMut(&mut Frame) -> bool> VirtualKinect<D> {
     pub const fn with_period(mut self, period: Duration) -> Self {
         self.player.period = period;
         self
+    }
+
+    /// With a calibration of its own. The distance between the cameras is always told as 2.3 cm, as units do.
+    #[must_use]
+    pub fn with_registration(mut self, registration: Registration) -> Self {
+        self.camera = VirtualCamera::new(self.camera.model(), registration);
+        self
+    }
+
+    /// What it sees.
+    #[must_use]
+    pub const fn view(&self) -> &D {
+        &self.player.view
     }
 
     /// Registers and motor.
@@ -71,7 +96,7 @@ impl<D: FnMut(&mut Frame) -> bool> VirtualKinect<D> {
     }
 }
 
-impl<D: FnMut(&mut Frame) -> bool> PacketSource for VirtualKinect<D> {
+impl<D: View> PacketSource for VirtualKinect<D> {
     fn model(&self) -> Model {
         self.camera.model()
     }

@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use super::View;
 use crate::sensor::Frame;
 use crate::sensor::device::{Received, Stream};
 use crate::sensor::packet::LONGEST;
@@ -15,7 +16,7 @@ const SLIP: Duration = Duration::from_millis(50);
 
 /// Cuts the frames of a scene into packets, on time.
 pub struct Player<D> {
-    draw: D,
+    pub(super) view: D,
     frame: Box<Frame>,
     packed: Box<[u8; PACKED_DEPTH]>,
     cutters: [Cutter; 2],
@@ -26,12 +27,12 @@ pub struct Player<D> {
     frames: u64,
 }
 
-impl<D: FnMut(&mut Frame) -> bool> Player<D> {
-    /// Plays `draw`, one frame per `period`.
+impl<D: View> Player<D> {
+    /// Plays `view`, one frame per `period`.
     #[must_use]
-    pub fn new(draw: D, period: Duration) -> Self {
+    pub fn new(view: D, period: Duration) -> Self {
         Self {
-            draw,
+            view,
             frame: Box::default(),
             packed: vec![0; PACKED_DEPTH]
                 .into_boxed_slice()
@@ -63,7 +64,7 @@ impl<D: FnMut(&mut Frame) -> bool> Player<D> {
     fn next_frame(&mut self) -> bool {
         self.sent = [0; 2];
         self.frames += 1;
-        let alive = (self.draw)(&mut self.frame);
+        let alive = self.view.draw(&mut self.frame);
         pack_depth(&self.frame.depth, &mut self.packed);
         alive
     }
