@@ -2,7 +2,7 @@
 
 use std::net::{Ipv4Addr, UdpSocket};
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use mien::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien::output::osc::vmc::{self, Vmc};
@@ -285,6 +285,27 @@ fn a_slow_line_leaves_out_the_least_telling_units() {
     assert_eq!(sent(1200, &["AU9L", "AU26"], 30.0).unwrap(), ["AU9L"]);
     let refused = sent(115_200, &["AU99"], 10.0).unwrap_err().to_string();
     assert!(refused.contains("\"AU99\""), "{refused}");
+}
+
+#[test]
+fn ports_open_at_every_speed() {
+    for baud in [
+        1200, 9600, 57_600, 115_200, 230_400, 250_000, 921_600, 2_000_000, 4_000_000,
+    ] {
+        let (_reader, port) = TTYPort::pair().unwrap();
+        let settings = serial::Settings {
+            port: port.name().unwrap(),
+            baud,
+            ..serial::Settings::default()
+        };
+        let serial = Serial::new(&settings, &UNITS).unwrap();
+        let start = Instant::now();
+        while !serial.tally().connected {
+            assert!(start.elapsed() < Duration::from_secs(20), "{baud} bit/s");
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        assert_eq!(port.baud_rate().unwrap(), baud);
+    }
 }
 
 #[test]

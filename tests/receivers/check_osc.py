@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -346,6 +347,52 @@ def main():
             for preset, messages in receiver.messages().items():
                 checked = CHECKS[preset](messages, rows, units, options)
                 print(f"   {receiver.name}: {preset}, {len(messages)} messages, {checked} compared")
+    check_commands(mien)
+
+
+def osc_message(address, *numbers):
+    """A message of whole numbers, by the letter of OSC 1.0."""
+    pad = lambda text: text.encode() + b"\0" * (4 - len(text) % 4)
+    return pad(address) + pad("," + "i" * len(numbers)) + b"".join(struct.pack(">i", number) for number in numbers)
+
+
+def check_commands(mien):
+    """A run that is asked, by commands good and bad, to forget the face, stop learning and tell the schema."""
+    (port,) = free_ports(1)
+    ears = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    ears.bind(("127.0.0.1", 0))
+    ears.settimeout(60)
+    frames, schemas, asked_at = [], [], []
+
+    def between(process):
+        while not frames or frames[-1][2] != 0:
+            datagram = ears.recv(2048)
+            if b"/face/schema" in datagram:
+                schemas.append(len(frames))
+            at = datagram.find(b"/face/0/frame")
+            if at < 0:
+                continue
+            frames.append(struct.unpack(">iii", datagram[at + 24 : at + 36]))
+            if frames[-1][2] == session.STATES["tracking"] and not asked_at:
+                asked_at.append(len(frames))
+                for bad in (b"nonsense", osc_message("/face/cmd/forget"), osc_message("/face/cmd/fly", 0)):
+                    ears.sendto(bad, ("127.0.0.1", port))
+                for words in (("forget", 0), ("freeze", 0, 1), ("schema",)):
+                    ears.sendto(osc_message("/face/cmd/" + words[0], *words[1:]), ("127.0.0.1", port))
+
+    configuration = f"""[osc]\ntarget = "127.0.0.1:{ears.getsockname()[1]}"\nstyle = "vector"\n
+commands = true\nlisten = "127.0.0.1:{port}"\n"""
+    arguments = ["--source", "simulated", "--frames", "220", "--fast"]
+    path, log, status = session.run(mien, configuration, arguments, between)
+    (at,) = asked_at
+    states = [state for _, _, state in frames]
+    tracking, warming = session.STATES["tracking"], session.STATES["warming"]
+    assert states[at - 1] == tracking and states[at + 2 : at + 32] == [warming] * 30, "the face is not forgotten"
+    assert any(at <= heard <= at + 2 for heard in schemas), schemas
+    (output,) = [output for output in status["outputs"] if output["name"] == "osc"]
+    assert (output["commands"], output["commands_refused"]) == (3, 3), output
+    assert status["users"][0]["frozen"] is True
+    print(f"-- commands: forgotten, frozen and told at frame {at}; 3 taken, 3 refused")
 
 
 if __name__ == "__main__":
