@@ -210,12 +210,20 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
         if signals.reload.swap(false, Ordering::Relaxed) {
             manager.reloading();
+            let old = settings.clone();
             settings = reload(run, settings);
             let learned = pipeline.expression().learned();
             pipeline = Pipeline::new(&settings, source.registration(), &model)?;
             pipeline.adopt(&learned);
             outputs.truncate(usize::from(run.csv.is_some()));
-            outputs.extend(wires::open(&settings, &pipeline.unit_names())?);
+            let units = pipeline.unit_names();
+            outputs.extend(match wires::open(&settings, &units) {
+                Ok(wires) => wires,
+                Err(problem) => {
+                    tracing::error!("{problem}; the outputs stay as they were");
+                    wires::open(&old, &units)?
+                }
+            });
             status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
             manager.ready();
         }

@@ -17,7 +17,8 @@
 //! port, so that a slow or stuck one holds up nothing: one frame waits, the newest; those it replaces are counted. The
 //! thread keeps to the baud rate itself, because some ports (USB, pseudo-terminals) take more than the line does. A port
 //! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes, under
-//! the stable name the system has for it, if it has one. `tcp:host:port` is a port behind a socket, as of a serial server.
+//! the stable name the system has for it, if it has one. `tcp:host:port` is a port behind a socket, as of a serial server;
+//! there the system keeps what a stuck reader has not read, so the newest frame wins only once that is full.
 //! Memory: four buffers of 2 kB.
 
 mod budget;
