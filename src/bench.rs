@@ -12,11 +12,11 @@ use std::time::Instant;
 use crate::cli::Bench;
 use crate::pipeline::{Pipeline, Stage};
 use crate::sensor::device::Stream;
-use crate::sensor::kinect::develop_colour;
+use crate::sensor::kinect::{develop_colour, develop_depth};
 use crate::sensor::packet::LONGEST;
 use crate::sensor::pairing::{Pairing, RawPair};
 use crate::sensor::stream::{Assembler, Cutter};
-use crate::sensor::unpack::{PACKED_DEPTH, pack_depth, unpack_depth};
+use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
 use crate::sensor::{Frame, SourceError};
 use crate::service::{self, Failure, NoKinect};
 
@@ -182,13 +182,9 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
             }
         }
         lap(PACKETS, &mut times);
-        let [bayer, packed] = &pair.pictures;
-        unpack_depth(
-            packed.first_chunk().expect("a depth picture's length"),
-            &mut frame.depth,
-        );
+        develop_depth(&pair, &mut frame);
         lap(UNPACK, &mut times);
-        develop_colour(bayer, &mut frame);
+        develop_colour(&mut pair, &mut frame);
         lap(LUMA, &mut times);
         (frame.index, frame.at) = (drawn.index, drawn.at);
         pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));

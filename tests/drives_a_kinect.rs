@@ -105,20 +105,38 @@ fn exposure_is_held_while_a_face_is_tracked_if_asked() {
 
 #[test]
 fn light_tilt_and_posture_of_both_kinds_of_motor() {
-    for (model, red) in [
-        (Model::Xbox1414, 2),
-        (Model::Xbox1473, 4),
-        (Model::Windows1517, 4),
+    for (model, [red, searching, tracking]) in [
+        (Model::Xbox1414, [2, 4, 1]),
+        (Model::Xbox1473, [4, 2, 3]),
+        (Model::Windows1517, [4, 2, 3]),
     ] {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
         kinect.set_light(Light::Red).unwrap();
         assert_eq!(kinect.source().camera().light(), red);
+        // Searching blinks, tracking is steady.
+        kinect.show_tracking(false);
+        assert_eq!(kinect.source().camera().light(), searching);
+        kinect.show_tracking(true);
+        assert_eq!(kinect.source().camera().light(), tracking);
         kinect.tilt(-12.0).unwrap();
         let posture = kinect.posture().unwrap();
         assert_eq!(posture.tilt_deg, Some(-12.0));
         assert!((posture.acceleration_g[1] - 1.0).abs() < 1e-3);
         kinect.tilt(80.0).unwrap();
         assert_eq!(kinect.posture().unwrap().tilt_deg, Some(31.0));
+    }
+}
+
+#[test]
+fn the_sensor_is_tilted_on_opening_if_asked() {
+    for (set_tilt, expected) in [(false, 0.0), (true, 8.0)] {
+        let settings = Settings {
+            set_tilt,
+            tilt_deg: 8.0,
+            ..Settings::default()
+        };
+        let mut kinect = Kinect::open(virtual_kinect(Model::Xbox1414), settings).unwrap();
+        assert_eq!(kinect.posture().unwrap().tilt_deg, Some(expected));
     }
 }
 

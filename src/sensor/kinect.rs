@@ -353,21 +353,29 @@ impl<S: PacketSource> Kinect<S> {
     }
 }
 
-/// Unpacks a pair into `frame`: depth, Bayer, luma, number and time.
-pub fn develop(pair: &RawPair, clock: &mut PictureClock, frame: &mut Frame) {
+/// Unpacks a pair into `frame`: depth, Bayer, luma, number and time. The Bayer picture is swapped, not copied.
+pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, frame: &mut Frame) {
     let [colour_ticks, ticks] = pair.ticks;
-    let [bayer, packed] = &pair.pictures;
     (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
     (frame.ticks, frame.colour_ticks) = (ticks, colour_ticks);
+    develop_depth(pair, frame);
+    develop_colour(pair, frame);
+}
+
+/// The depth half of [`develop`].
+pub(crate) fn develop_depth(pair: &RawPair, frame: &mut Frame) {
+    let packed = &pair.pictures[Stream::Depth.index()];
     unpack_depth(
         packed.first_chunk().expect("a depth picture's length"),
         &mut frame.depth,
     );
-    develop_colour(bayer, frame);
 }
 
 /// The colour half of [`develop`]: Bayer and luma.
-pub(crate) fn develop_colour(bayer: &[u8], frame: &mut Frame) {
-    frame.bayer.copy_from_slice(bayer);
+pub(crate) fn develop_colour(pair: &mut RawPair, frame: &mut Frame) {
+    let bayer = &mut pair.pictures[Stream::Colour.index()];
+    let taken = core::mem::take(bayer).try_into();
+    let former = core::mem::replace(&mut frame.bayer, taken.expect("a colour picture's length"));
+    *bayer = former;
     colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
 }

@@ -154,7 +154,7 @@ impl LiveKinect {
         }
         self.last = Some((opening, now));
         drop(inner);
-        develop(&self.pair, &mut self.clock, frame);
+        develop(&mut self.pair, &mut self.clock, frame);
         true
     }
 

@@ -1,6 +1,7 @@
 //! Runs in the guest: the driver against the virtual Kinect, every frame checked pixel by pixel.
 //!
-//! `vm-client FRAMES SECONDS` ends after that many frames or seconds and prints what was delivered, wrong, and lost by reason.
+//! `vm-client FRAMES SECONDS [SERIAL]` ends after that many frames or seconds and prints what was delivered, wrong, and lost by
+//! reason.
 //! Exit code 1 if any pixel was wrong or nothing came.
 
 use std::process::ExitCode;
@@ -48,7 +49,11 @@ fn main() -> ExitCode {
             .for_each(|device| println!("device {device}")),
         Err(problem) => println!("device none: {problem}"),
     }
-    let mut live = LiveKinect::usb(None, Settings::default());
+    let settings = Settings {
+        reset_audio: true,
+        ..Settings::default()
+    };
+    let mut live = LiveKinect::usb(arguments.get(3).cloned(), settings);
     let deadline = Instant::now() + Duration::from_secs(seconds);
     let mut frame = Frame::default();
     let (mut delivered, mut wrong_frames, mut wrong_pixels, mut mixed) = (0u64, 0u64, 0usize, 0u64);

@@ -8,6 +8,7 @@
 //! virtual-kinect --camera SOCKET [--motor SOCKET] [--audio SOCKET] [--model 1414|1473|1517] [--rate FPS]
 //!     [--scene pattern|simulated|simulated:NAME] [--lost P] [--repeated P] [--damaged P] [--short P] [--bus-error P]
 //!     [--clean-after FRAME] [--unplug-at FRAME] [--unplugged-for SECONDS] [--unpowered] [--no-streams]
+//!     [--serial SERIAL]
 //! ```
 //! `--unpowered`: the camera never shows, as without 12 V. `--no-streams`: its descriptors have alternate setting 0 alone,
 //! without endpoints.
@@ -213,7 +214,7 @@ fn main() -> Result<()> {
     let descriptors = Descriptors {
         function: Function::Camera,
         model,
-        serial: "A00366A08793039A".into(),
+        serial: option("--serial").unwrap_or_else(|| "A00366A08793039A".into()),
         streams: !has("--no-streams"),
     };
     let powered = !has("--unpowered");
