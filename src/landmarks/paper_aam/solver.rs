@@ -1,4 +1,16 @@
-//! Steps of the combined 2D+3D fit.
+//! Steps of the combined 2D+3D fit: alternately over (p, λ) and over (view, q), to lessen
+//!
+//! ```text
+//!   Σ_x [A0(x) + Σ λ_i A_i(x) − I(W(x; p))]² / u              image against the model's picture, equation (2)
+//! + |s0 + Σ p_i s_i − P_view(S0 + Σ q_k d_k S_k)|² / ρ²        2D shape, equation (1), against the projected 3D shape
+//! + |view − view of the depth pose|² / spread²                 the head pose
+//! + Σ (p_i / d_i)² + Σ (λ_i / d_i)² + Σ q_k²                   populations of shape, appearance, 3D shape
+//! ```
+//!
+//! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`], ρ = [`REPROJECTION_PX`] and spread =
+//! [`POSE_SPREAD`]. A step in (p, λ) is simultaneous inverse compositional: the derivative is the template's,
+//! `Δ = H⁻¹ Σ SDᵀ [I(W) − A]` with steepest-descent images `SD = [∇(A0 + Σ λ A) ∂W/∂p, A_i]` and `W ← W ∘ W(Δp)⁻¹`; a step in
+//! (view, q) is Gauss-Newton. q has fewer numbers than p but is not derived from it: a 2D mode is no 3D mode.
 
 use super::model::{MOST_HEAD_MODES, PaperAam};
 use super::warp::{STEP, Shape2, compose};
@@ -445,3 +457,6 @@ impl Solver {
 
 /// View parameters are in these units; kept here so that [`POSE_SPREAD`] stays true if they change.
 const _: () = assert!(UNITS[0] == 0.05 && UNITS[1] == 0.1 && UNITS[4] == 5.0);
+
+#[cfg(test)]
+mod tests;
