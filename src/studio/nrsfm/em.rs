@@ -8,9 +8,10 @@
 //! EM-PPCA again. The E-step is then a Kalman filter and Rauch-Tung-Striebel smoother. Missing points are left out of
 //! every sum. The scales have a Gaussian prior about 1 with learned variance, so that cameras that do not zoom stay at 1.
 //!
-//! Additions to the published method, each needed on real sequences: parameter expansion (Liu, Rubin, Wu 1998: the
-//! coefficients are brought back to N(0, I) after every E-step and the basis takes the factor), without which the
-//! convergence is hundreds of times slower; a Gaussian prior on the modes' entries; and a floor under σ² which the caller lowers step by step (annealing).
+//! Additions to the published method: parameter expansion (Liu, Rubin, Wu 1998: the coefficients are brought back to N(0, I)
+//! after every E-step and the basis takes the factor), without which the convergence is hundreds of times slower; a Gaussian
+//! prior on the modes' entries, worth a few per cent on real faces; and a floor under σ² which the caller lowers step by
+//! step (annealing).
 //!
 //! Units: the tracks', divided by their spread (the caller does that). Cost of a sweep: F (P K + K³) + P (3K + 3)³ / 6
 //! operations, the last term only with missing points. Memory: F K² + 9 P K numbers.
@@ -50,8 +51,10 @@ struct Products {
 /// Added to the normal matrix of every basis block, relative to its size: directions the cameras never saw stay at zero.
 const BASIS_RIDGE: f64 = 1e-7;
 /// Weight of the modes' prior in frames. Above 1 because neighbouring frames repeat each other's errors: what the modes
-/// leave over is no white noise. Without the prior, modes of a slowly turning face take up errors as depth (2 modes,
-/// real faces over ±25°: error 0.45 to 0.6 of the rigid mean shape's with it, 0.65 to 0.8 without).
+/// leave over is no white noise. It keeps modes from taking up errors as depth, which helps a little with real faces and
+/// costs a little on clean tracks. Error as a share of the rigid mean shape's, with and without it
+/// (`tests/recovers_shape_from_tracks.rs`): the three windows of real faces over ±25° 0.50, 0.81, 0.54 and 0.53, 0.84, 0.56;
+/// face1 0.78 and 0.86; face37 0.54 and 0.52; shark 0.05 and 0.03; yoga and pickup alike.
 const MODE_PRIOR: f64 = 3.0;
 /// Least standard deviation of the camera scales about 1.
 const SCALE_SPREAD_FLOOR: f64 = 1e-4;

@@ -358,3 +358,6 @@ fn spread(tracks: &Tracks) -> f64 {
         .sqrt()
         .max(f64::MIN_POSITIVE)
 }
+
+#[cfg(test)]
+mod tests;
