@@ -111,8 +111,13 @@ pub enum InspectError {
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// A model that cannot be read.
-    #[error(transparent)]
-    Model(#[from] ModelError),
+    #[error("{path}: {source}")]
+    Model {
+        /// The path.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: ModelError,
+    },
     /// The model's standard head is of no use.
     #[error(transparent)]
     Pose(crate::pose::PoseError),
@@ -165,11 +170,11 @@ pub fn album(path: &Path, model: &FaceModel) -> Result<album::Album, InspectErro
     let bytes = std::fs::read(path).map_err(unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     if bytes.starts_with(&MAGIC) || ending == "model" {
-        return Ok(model::inspect(
-            &name_of(path),
-            &FaceModel::read(&bytes)?,
-            bytes.len(),
-        ));
+        let model = FaceModel::read(&bytes).map_err(|source| InspectError::Model {
+            path: path.into(),
+            source,
+        })?;
+        return Ok(model::inspect(&name_of(path), &model, bytes.len()));
     }
     match (ending.to_str(), std::str::from_utf8(&bytes)) {
         (Some("csv"), Ok(text)) => run::inspect(path, text),
