@@ -209,7 +209,7 @@ def check_uno(mien, board, firmware, style, unit):
     assert span > 30, "the unit did not move"
 
 
-def check_port(mien, style, port, baseline):
+def check_port(mien, style, port):
     """Plugged in late, joined in the middle, not read for seconds, unplugged, plugged in again."""
     phases = []
 
@@ -250,10 +250,10 @@ def check_port(mien, style, port, baseline):
     _, log, status = session.run(mien, configuration(style, port.path, pose="true"), ["--source", "simulated"], happenings)
     latency = status["latency_ms"]
     print(f"   {type(port).__name__.lower()}, {style}: {', '.join(phases)}; latency {latency['median']:.1f} ms, 99 % {latency['p99']:.1f} ms")
-    assert latency["median"] < 2 * baseline["median"] + 2, f"frames took {baseline['median']} ms without a port"
     stuck = 1 if isinstance(port, Terminal) else 0
     for part, times in (("is open", 2 + stuck), ("is lost", 1 + stuck)):
         assert log.count(part) >= times, f"less than {times} times in the log: {part}\n{log}"
+    return latency["median"]
 
 
 def main():
@@ -262,26 +262,32 @@ def main():
         board, cobs, text, unit = rest
         for style, firmware in (("cobs", cobs), ("text", text)):
             check_uno(mien, board, firmware, style, int(unit))
-    _, _, status = session.run(mien, "[osc]\nenabled = false\n", ["--source", "simulated", "--frames", "100"])
-    baseline = status["latency_ms"]
-    print(f"   no port: latency {baseline['median']:.1f} ms, 99 % {baseline['p99']:.1f} ms")
-    checks = [(style, kind()) for style in ("text", "cobs") for kind in (Terminal, Socket)]
     problems = []
 
-    def run(style, port):
+    def guarded(check, *arguments):
         try:
-            check_port(mien, style, port, baseline)
+            medians.append(check(*arguments))
         except BaseException as problem:
             problems.append(problem)
             raise
 
-    # Two at once: they mostly wait.
-    for pair in (checks[:2], checks[2:]):
-        threads = [threading.Thread(target=run, args=check) for check in pair]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+    # Two ports at once, which mostly wait, and beside them a run without any: the machine may be busy with other things.
+    for style in ("text", "cobs"):
+        medians = []
+        ports = [threading.Thread(target=guarded, args=(check_port, mien, style, kind())) for kind in (Terminal, Socket)]
+        for port in ports:
+            port.start()
+
+        def until_done(process):
+            for port in ports:
+                port.join()
+            process.terminate()
+
+        _, _, status = session.run(mien, "[osc]\nenabled = false\n", ["--source", "simulated"], until_done)
+        without = status["latency_ms"]
+        print(f"   without a port at the same time: latency {without['median']:.1f} ms, 99 % {without['p99']:.1f} ms")
+        slow = [median for median in medians if median > 3 * without["median"] + 5]
+        assert not slow, f"frames take {slow} ms with a port, {without['median']} ms without"
     sys.exit(bool(problems))
 
 
