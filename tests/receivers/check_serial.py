@@ -20,6 +20,8 @@ import tty
 import session
 
 FULL = 1000
+# How long a programme may take to start, or to find a port again, on a machine that is busy.
+PATIENCE_S = 60
 
 
 def crc16(data):
@@ -214,7 +216,10 @@ def check_port(mien, style, port):
     phases = []
 
     def listen(name, seconds, pieces=1):
-        heard, until = b"", time.time() + seconds
+        heard, patience = b"", time.time() + PATIENCE_S
+        while not heard and time.time() < patience:
+            heard = port.read(0.05)
+        until = time.time() + seconds
         while time.time() < until:
             heard += port.read(0.05)
         frames = heard.split(b"\0" if style == "cobs" else b"\n")
@@ -222,12 +227,15 @@ def check_port(mien, style, port):
         whole = [cobs_payload(frame[:-1]) if style == "cobs" else sentence(frame) for frame in frames]
         # A delimiter by itself ends what was cut off before.
         broken = [i for i, frame in enumerate(whole) if frame is None and frames[i] not in (b"\0", b"\r\n")]
-        assert len(frames) > 20, f"{name}: {len(frames)} frames in {seconds} s"
+        assert len(frames) > 3, f"{name}: {len(frames)} frames in {seconds} s"
         assert len(broken) < 1 + pieces and all(i <= 1 or pieces > 1 for i in broken), f"{name}: broken {broken} of {len(frames)}"
         phases.append(f"{name} {len(frames)} ({len(broken)} broken)")
 
     def happenings(process):
-        time.sleep(1.5)
+        # Looked for and not found, then plugged in.
+        patience = time.time() + PATIENCE_S
+        while "cannot be opened" not in open(process.log).read() and time.time() < patience:
+            time.sleep(0.05)
         port.plug()
         listen("plugged in", 3.0)
         if isinstance(port, Terminal):
@@ -251,7 +259,7 @@ def check_port(mien, style, port):
     latency = status["latency_ms"]
     print(f"   {type(port).__name__.lower()}, {style}: {', '.join(phases)}; latency {latency['median']:.1f} ms, 99 % {latency['p99']:.1f} ms")
     stuck = 1 if isinstance(port, Terminal) else 0
-    for part, times in (("is open", 2 + stuck), ("is lost", 1 + stuck)):
+    for part, times in (("cannot be opened", 1), ("is open", 2 + stuck), ("is lost", 1 + stuck)):
         assert log.count(part) >= times, f"less than {times} times in the log: {part}\n{log}"
     return latency["median"]
 
@@ -281,6 +289,9 @@ def main():
         def until_done(process):
             for port in ports:
                 port.join()
+            patience = time.time() + PATIENCE_S
+            while not os.path.exists(process.status) and time.time() < patience:
+                time.sleep(0.05)
             process.terminate()
 
         _, _, status = session.run(mien, "[osc]\nenabled = false\n", ["--source", "simulated"], until_done)

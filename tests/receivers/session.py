@@ -68,9 +68,13 @@ def run(mien, configuration, arguments, while_running=None):
     command = [mien, "run", "--config", path("mien.toml"), "--csv", path("run.csv"), *arguments]
     with open(path("log"), "w") as log:
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
-        if while_running:
-            while_running(process)
-        code = process.wait()
+        process.log, process.status = path("log"), path("status.json")
+        try:
+            if while_running:
+                while_running(process)
+            code = process.wait()
+        finally:
+            process.kill()
     log = open(path("log")).read()
     assert code == 0, f"mien ended with {code}: {log}"
     with open(path("status.json")) as file:
