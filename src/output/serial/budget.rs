@@ -39,8 +39,8 @@ pub(super) struct Plan {
     pub(super) frame_bytes: usize,
 }
 
-/// Plans for a line of `baud`. `bytes` tells the longest frame and the names' bytes for some units; `wanted` are the units
-/// to choose from, most important last to go if `ranked`; `longest` bounds a frame.
+/// Plans for a line of `baud`. `wanted` are the indices of the units to choose from, `rank` their importance (0 is the
+/// last to go), `bytes` the length of the longest frame and of the names for some of them; no frame may exceed `longest`.
 pub(super) fn plan(
     baud: u32,
     min_rate_hz: f32,
