@@ -207,9 +207,9 @@ pub enum DeviceError {
         "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too"
     )]
     Absent,
-    /// Motor or hub there, camera not.
+    /// Hub or motor there, camera not.
     #[error(
-        "a Kinect's motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
+        "a Kinect's hub or motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
     )]
     NoPower,
     /// Cameras there, but not the one asked for.
