@@ -130,3 +130,36 @@ fn a_source_that_is_no_recording_is_refused() {
     assert!(sentence(&["run", "--source", path], 1).contains("INDEX.txt"));
     assert!(sentence(&["run", "--source", "simulated:circus"], 1).contains("circus"));
 }
+
+#[cfg(feature = "studio")]
+#[test]
+fn the_workstation_names_the_bad_file_too_and_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let mut flipped = include_bytes!("../config/face.model").to_vec();
+    flipped[300_000] ^= 0x10;
+    let model = file(folder.path(), "flipped.model", flipped);
+    let tracks = file(folder.path(), "uneven.csv", "1,2,3\n4,5\n");
+    let no_run = file(folder.path(), "no_run.csv", "a,b\n1,2\n");
+    let out = folder.path().join("out.png").to_string_lossy().into_owned();
+    let cases: [(&[&str], &str, &str); 3] = [
+        (&["inspect", &model], "flipped.model", "checksum"),
+        (&["inspect", &no_run], "no_run.csv", "column frame"),
+        (&["nrsfm", "--tracks", &tracks], "uneven.csv", "found 2"),
+    ];
+    for (words, name, found) in cases {
+        let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
+            .args(words)
+            .args(["--out", &out])
+            .output()
+            .expect("mien-studio starts");
+        let text = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(1), "{words:?}: {text}");
+        assert!(text.contains(name) && text.contains(found), "{text}");
+        assert_eq!(
+            text.lines().count(),
+            1,
+            "{words:?}: one sentence, not: {text}"
+        );
+        assert!(!Path::new(&out).exists());
+    }
+}

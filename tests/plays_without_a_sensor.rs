@@ -1,0 +1,101 @@
+//! Promise: the commands a newcomer types first work without hardware, and tables and recordings are exact to the byte.
+
+use std::process::{Command, Output};
+
+fn run(words: &[&str]) -> Output {
+    let output = Command::new(env!("CARGO_BIN_EXE_mien"))
+        .arg("run")
+        .args(words)
+        .output()
+        .expect("mien starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{words:?}: {said}");
+    output
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("UTF-8")
+}
+
+#[test]
+fn a_table_on_standard_output_is_alone_there() {
+    let output = run(&[
+        "--source",
+        "simulated",
+        "--fast",
+        "--frames",
+        "3",
+        "--csv",
+        "-",
+    ]);
+    let lines: Vec<&str> = text(&output.stdout).lines().collect();
+    assert_eq!(lines.len(), 4);
+    assert!(lines[0].starts_with("frame,time_us,user,state,confidence,tx_m"));
+    for (n, line) in lines[1..].iter().enumerate() {
+        assert!(line.starts_with(&format!("{n},")), "{line}");
+        assert_eq!(line.split(',').count(), lines[0].split(',').count());
+    }
+}
+
+#[test]
+fn without_a_kinect_one_line_says_so_and_the_simulated_sensor_plays() {
+    let output = run(&["--fast", "--frames", "40"]);
+    let said = text(&output.stderr);
+    let about: Vec<&str> = said.lines().filter(|line| line.contains("inect")).collect();
+    if about.is_empty() {
+        println!("skipped: a Kinect is plugged in");
+        return;
+    }
+    assert_eq!(about.len(), 1, "{said}");
+    assert!(about[0].contains("simulated sensor"), "{said}");
+    // One readable line a second, with the state and the turn of the head.
+    let live = text(&output.stdout);
+    assert!(live.contains("0:01.0 ") && live.contains("turn"), "{live}");
+}
+
+#[cfg(feature = "studio")]
+#[test]
+fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_frame() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let at = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
+    let recorded = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
+        .args(["record", "--source", "simulated", "--seconds", "1", "--out"])
+        .arg(at("session"))
+        .output()
+        .expect("mien-studio starts");
+    assert!(recorded.status.success(), "{}", text(&recorded.stderr));
+    let table = |source: &str, name: &str| {
+        let output = run(&[
+            "--source",
+            source,
+            "--fast",
+            "--frames",
+            "30",
+            "--csv",
+            &at(name),
+        ]);
+        let table = std::fs::read_to_string(at(name)).expect("a table");
+        (table, text(&output.stderr).to_owned())
+    };
+    let (direct, _) = table("simulated", "direct.csv");
+    for name in ["once.csv", "again.csv"] {
+        assert!(table(&at("session"), name).0 == direct, "{name} differs");
+    }
+    assert_eq!(direct.lines().count(), 31);
+
+    let cut = std::fs::read_dir(at("session"))
+        .expect("the recording")
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .find(|path| path.to_string_lossy().ends_with("-20000000.pgm"))
+        .expect("the eleventh depth picture");
+    let bytes = std::fs::read(&cut).expect("readable");
+    std::fs::write(&cut, &bytes[..1000]).expect("writable");
+    let (damaged, said) = table(&at("session"), "damaged.csv");
+    let about: Vec<&str> = said
+        .lines()
+        .filter(|line| line.contains("frame 10"))
+        .collect();
+    assert_eq!(about.len(), 1, "{said}");
+    assert!(!damaged.lines().any(|line| line.starts_with("10,")));
+    assert_eq!(damaged.lines().count(), 30);
+}
