@@ -1,5 +1,31 @@
-// What three.js sees of a baked GLB: npm install three@0.187.0 && node three.mjs FILE.glb
-globalThis.self=globalThis; globalThis.ProgressEvent=class{};
-import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js'; import fs from 'fs';
-const b=fs.readFileSync(process.argv[2]); const ab=b.buffer.slice(b.byteOffset,b.byteOffset+b.length);
-new GLTFLoader().parse(ab,'',g=>{let m;g.scene.traverse(o=>{if(o.isMesh&&!m)m=o});const d=m.morphTargetDictionary;console.log(Object.keys(d).length,'targets',Object.keys(d).slice(0,3),'relative',m.geometry.morphTargetsRelative,'animations',g.animations.length);const a=m.geometry.morphAttributes.position[d.jawOpen];let mx=0;for(let i=0;i<a.count;i++)mx=Math.max(mx,Math.hypot(a.getX(i),a.getY(i),a.getZ(i)));console.log('jawOpen max m',mx.toFixed(4));},e=>console.log('err',e));
+// What three.js sees of baked GLB files: names, and whether all of them carry the same displacements.
+// npm install three@0.187.0 && node three.mjs FILE.glb...
+globalThis.self = globalThis;
+globalThis.ProgressEvent = class {};
+import fs from 'fs';
+import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
+
+async function load(path) {
+  const file = fs.readFileSync(path);
+  const data = file.buffer.slice(file.byteOffset, file.byteOffset + file.length);
+  const gltf = await new GLTFLoader().parseAsync(data, '');
+  const meshes = [];
+  gltf.scene.traverse((o) => o.isMesh && o.morphTargetDictionary && meshes.push(o));
+  return { gltf, meshes };
+}
+
+let first;
+for (const path of process.argv.slice(2)) {
+  const { gltf, meshes } = await load(path);
+  const names = Object.keys(meshes[0].morphTargetDictionary);
+  let largest = 0, apart = 0;
+  const rows = meshes.map((m) => m.geometry.morphAttributes.position.map((a) => a.array));
+  rows.forEach((targets, m) => targets.forEach((row, t) => row.forEach((x, k) => {
+    largest = Math.max(largest, Math.abs(x));
+    if (first) apart = Math.max(apart, Math.abs(x - first[m][t][k]));
+  })));
+  console.log(`${path}: ${names.length} targets in ${meshes.length} meshes, ${names[0]} to ${names.at(-1)}, ` +
+    `relative ${meshes[0].geometry.morphTargetsRelative}, largest ${(largest * 1e3).toFixed(3)} mm, ` +
+    `animations ${gltf.animations.length}` + (first ? `, apart from the first ${(apart * 1e6).toFixed(3)} um` : ''));
+  first ??= rows;
+}

@@ -131,7 +131,21 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
     let mesh = &truth.mesh;
     let n = mesh.positions.len();
     let node: Vec<u32> = (0..n as u32).collect();
-    let operator = Operator::new(mesh, &node, n, |_| false);
+    let w = (mesh.positions[truth.landmarks[39] as usize]
+        - mesh.positions[truth.landmarks[42] as usize])
+        .norm();
+    let operator = Operator::new(
+        mesh,
+        &node,
+        n,
+        |_| false,
+        |v| {
+            let soft = truth.landmarks[36..].iter();
+            let far = soft.map(|&l| (mesh.positions[l as usize] - mesh.positions[v]).norm());
+            solve::stiffness(far.fold(f64::INFINITY, f64::min) / w)
+        },
+    );
+    let printed = operator.printed();
     let rings = mesh.rings();
     let (component, _) = mesh.components(&rings);
     let skin: Vec<bool> = (0..n)
@@ -142,9 +156,6 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
         .map(|v| (Truth::FACE.end..11_248).contains(&v))
         .collect();
     let free = vec![false; n];
-    let w = (mesh.positions[truth.landmarks[39] as usize]
-        - mesh.positions[truth.landmarks[42] as usize])
-        .norm();
     let moves: Vec<Vec<Vec3>> = truth
         .shapes
         .iter()
@@ -163,10 +174,10 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
         ("plain Laplacian, nothing else held", &free),
         ("plain Laplacian, head and neck held", &head),
     ] {
-        let baked = solve::plain(&operator, &skin, held, &truth.landmarks, &moves, 100.0)?;
+        let baked = solve::plain(&printed, &skin, held, &truth.landmarks, &moves, 100.0)?;
         table.push(row(name, &baked));
     }
-    let whole = System::new(&operator, skin.clone(), &truth.landmarks)?;
+    let whole = System::new(&printed, skin.clone(), &truth.landmarks)?;
     for s in [0.5, 2.0, 10.0] {
         let baked: Vec<_> = moves
             .par_iter()
@@ -180,7 +191,7 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
                 let d = influence::propagate(&rings, &mesh.positions, &controls, 10.0, 100);
                 let u: Vec<f64> = d.iter().map(Vec3::norm).collect();
                 whole.deform(
-                    &operator,
+                    &printed,
                     &mesh.positions,
                     &controls,
                     |v| (u[v] * s).min(1.0),

@@ -7,9 +7,11 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
 
+use super::glb::{Glb, GlbError};
 use super::head::{Head, HeadError};
 use super::mesh::Vec3;
 use super::obj::{self, ObjError};
+use super::patch::Foreign;
 use super::recipe::{Recipe, RecipeError, SHIPPED, Target};
 use super::rig::{self, Method, Shape};
 use super::solve::Settings;
@@ -20,19 +22,19 @@ use super::{glb, report};
 pub const HELP: &str = "\
 Bake blendshapes onto a neutral head.
 
-mien-studio bake --mesh FILE.obj --landmarks FILE --out FILE.glb
+mien-studio bake --mesh FILE.obj|FILE.glb --landmarks FILE --out FILE.glb
                  [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|laplacian] [--derive-controls]
                  [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]
 
-  --mesh       neutral head; quads, texture coordinates and vertex order are kept
-  --landmarks  68 vertex numbers from 0, one a line, in iBUG order
+  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
+               --out gets the shapes and keeps everything else
+  --landmarks  68 vertex numbers from 0, one a line, in iBUG order; of a GLB in the order of its position accessors
   --out        glTF with one morph target per shape
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
   --method     laplacian: plain least squares, for comparison
-  --derive-controls  the ten points on cheeks and forehead; on with a recipe, which names how they move. A table of
-               controls gets none: no way to move them from the 68 alone was closer to sculpted shapes left out
-               of its making than leaving them free
+  --derive-controls  with --controls: ten more points on cheeks and forehead, moved as skin slides between the 68. A
+               recipe names how they move and has them always
   --unit       unit of the mesh; default: told from the distance of the eyes
   --dense      morph targets in full, for programs that cannot read sparse ones
   --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
@@ -70,6 +72,14 @@ pub enum BakeError {
         path: PathBuf,
         /// Where and what.
         source: ObjError,
+    },
+    /// The glTF file is damaged or of a kind that cannot be baked onto.
+    #[error("{path}: {source}")]
+    Glb {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: GlbError,
     },
     /// The landmarks are not numbers.
     #[error("{path}: line {line}: expected a vertex number, found {found:?}")]
@@ -194,12 +204,15 @@ impl Request {
     }
 }
 
-fn read(path: &Path) -> Result<String, BakeError> {
-    let bytes = std::fs::read(path).map_err(|source| BakeError::Read {
+fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
+    std::fs::read(path).map_err(|source| BakeError::Read {
         path: path.into(),
         source,
-    })?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    })
+}
+
+fn read(path: &Path) -> Result<String, BakeError> {
+    Ok(String::from_utf8_lossy(&bytes(path)?).into_owned())
 }
 
 /// Writes through a temporary neighbour, so that no half file is left behind.
@@ -235,7 +248,7 @@ fn landmarks(path: &Path) -> Result<Vec<u64>, BakeError> {
 }
 
 /// Targets from a table of controls.
-fn table(path: &Path, head: &Head) -> Result<Vec<Target>, BakeError> {
+fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
     let text = read(path)?;
     let refuse = |line: usize, expected, found: &str| BakeError::Controls {
         path: path.into(),
@@ -287,6 +300,7 @@ fn table(path: &Path, head: &Head) -> Result<Vec<Target>, BakeError> {
                     upon: None,
                     controls: Vec::new(),
                     exact: true,
+                    derive,
                     close: [None; 2],
                     gaze: [None; 2],
                     jaw: None,
@@ -340,12 +354,26 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
 /// If something cannot be read, solved or written; nothing half-written is left.
 pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
-    let source = read(&request.mesh)?;
-    let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
-        path: request.mesh.clone(),
-        source,
-    })?;
-    let head = Head::new(mesh, &landmarks(&request.landmarks)?)?;
+    let bytes = bytes(&request.mesh)?;
+    let numbers = landmarks(&request.landmarks)?;
+    let (head, source, foreign) = if bytes.starts_with(b"glTF") {
+        let refuse = |source| BakeError::Glb {
+            path: request.mesh.clone(),
+            source,
+        };
+        let glb = Glb::parse(&bytes).map_err(refuse)?;
+        let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
+        let source = obj::emit(&mesh);
+        let head = Head::new(mesh, &foreign.landmarks(&numbers))?;
+        (head, source, Some(foreign))
+    } else {
+        let source = String::from_utf8_lossy(&bytes).into_owned();
+        let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
+            path: request.mesh.clone(),
+            source,
+        })?;
+        (Head::new(mesh, &numbers)?, source, None)
+    };
     let (metres, how) = match request.metres {
         Some(metres) => (metres, "as told"),
         None => {
@@ -367,14 +395,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         head.eye_distance * metres * 1e3
     );
     let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => {
-            if request.derive {
-                println!(
-                    "no points derived: a table stands for itself (see mien-studio bake --help)"
-                );
-            }
-            table(path, &head)?
-        }
+        (Some(path), _) => table(path, &head, request.derive)?,
         (None, path) => {
             let text = path
                 .as_ref()
@@ -416,10 +437,11 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         shapes.len(),
         start.elapsed().as_secs_f64()
     );
-    write(
-        &request.out,
-        &glb::build(&head.mesh, &shapes, metres, request.dense).emit(),
-    )?;
+    let out = match foreign {
+        Some(foreign) => foreign.patched(&shapes, request.dense),
+        None => glb::build(&head.mesh, &shapes, metres, request.dense),
+    };
+    write(&request.out, &out.emit())?;
     println!(
         "{} written at {:.2} s",
         request.out.display(),

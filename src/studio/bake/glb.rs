@@ -24,6 +24,8 @@ const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
 /// A target that moves more than this part of the vertices is smaller written in full.
 const DENSE_ABOVE: f64 = 0.85;
+/// More rows than this no accessor of a head has.
+const MOST: usize = 50_000_000;
 /// Normals that turn less than this are left: 0.06 degrees.
 const NORMAL_NOTHING: f32 = 1e-3;
 
@@ -146,27 +148,36 @@ impl Glb {
         if a["componentType"] != FLOAT {
             return Err(content("another component type"));
         }
-        let count = a["count"].as_u64().ok_or_else(|| content("no count"))? as usize;
+        let count = a["count"].as_u64().unwrap_or(u64::MAX) as usize;
+        if count > MOST {
+            return Err(content("no count, or one beyond any head"));
+        }
         let view = |k: &Value, offset: &Value, bytes: usize| {
             let v = &self.json["bufferViews"][k.as_u64().unwrap_or(u64::MAX) as usize];
-            let from = v["byteOffset"].as_u64().unwrap_or(0) as usize
-                + offset.as_u64().unwrap_or(0) as usize;
+            let from = v["byteOffset"].as_u64().unwrap_or(0) as usize;
+            let from = from.saturating_add(offset.as_u64().unwrap_or(0) as usize);
             self.bin
-                .get(from..from + bytes)
+                .get(from..from.saturating_add(bytes))
                 .ok_or_else(|| content("data that end too early"))
         };
         let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         let mut out = if a["bufferView"].is_null() {
             vec![0.0; count * width]
         } else {
-            view(&a["bufferView"], &a["byteOffset"], count * width * 4)?
-                .chunks_exact(4)
-                .map(float)
+            let stride = self.stride(&a["bufferView"]).max(width * 4);
+            let length = count.saturating_sub(1) * stride + width * 4;
+            let data = view(
+                &a["bufferView"],
+                &a["byteOffset"],
+                length.min(count * stride),
+            )?;
+            (0..count * width)
+                .map(|k| float(&data[k / width * stride + k % width * 4..]))
                 .collect()
         };
         let sparse = &a["sparse"];
         if let Some(n) = sparse["count"].as_u64() {
-            let n = n as usize;
+            let n = (n as usize).min(MOST);
             let small = sparse["indices"]["componentType"] == U16;
             let size = if small { 2 } else { 4 };
             let indices = view(
@@ -195,6 +206,42 @@ impl Glb {
             }
         }
         Ok(out)
+    }
+}
+
+impl Glb {
+    /// Bytes from one row of a view to the next; 0 if they follow each other.
+    fn stride(&self, view: &Value) -> usize {
+        let view = &self.json["bufferViews"][view.as_u64().unwrap_or(u64::MAX) as usize];
+        view["byteStride"].as_u64().unwrap_or(0).min(255) as usize
+    }
+
+    /// Values of an accessor of whole numbers.
+    ///
+    /// # Errors
+    /// If the accessor does not exist, is of another type or reaches over the data.
+    pub fn indices(&self, accessor: usize) -> Result<Vec<u32>, GlbError> {
+        let content = |found: &str| GlbError::Content {
+            expected: "an accessor of whole numbers within the data",
+            found: format!("accessor {accessor}: {found}"),
+        };
+        let a = &self.json["accessors"][accessor];
+        let size = match a["componentType"].as_u64() {
+            Some(5121) => 1,
+            Some(5123) => 2,
+            Some(5125) => 4,
+            _ => return Err(content("another component type")),
+        };
+        let count = a["count"].as_u64().unwrap_or(u64::MAX) as usize;
+        let view = &self.json["bufferViews"][a["bufferView"].as_u64().unwrap_or(u64::MAX) as usize];
+        let offset = |v: &Value| v["byteOffset"].as_u64().unwrap_or(0) as usize;
+        let from = offset(view).saturating_add(offset(a));
+        let data = self
+            .bin
+            .get(from..from.saturating_add(count.saturating_mul(size)))
+            .ok_or_else(|| content("data that end too early"))?;
+        let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
+        Ok(data.chunks_exact(size).map(number).collect())
     }
 }
 
@@ -228,7 +275,12 @@ fn bounds<'a>(values: impl IntoIterator<Item = &'a [f32; 3]>) -> ([f32; 3], [f32
 }
 
 /// A target's accessor: nothing, sparse or dense, whichever fits.
-fn target(glb: &mut Glb, values: &[[f32; 3]], dense: bool, with_bounds: bool) -> usize {
+pub(super) fn push_target(
+    glb: &mut Glb,
+    values: &[[f32; 3]],
+    dense: bool,
+    with_bounds: bool,
+) -> usize {
     let moved: Vec<usize> = (0..values.len())
         .filter(|&v| values[v] != [0.0; 3])
         .collect();
@@ -385,8 +437,8 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
         .collect();
     let mut targets = Vec::new();
     for [moved, bent] in &rows {
-        let position = target(&mut glb, moved, dense, true);
-        let normal = target(&mut glb, bent, dense, false);
+        let position = push_target(&mut glb, moved, dense, true);
+        let normal = push_target(&mut glb, bent, dense, false);
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();

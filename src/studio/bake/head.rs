@@ -20,6 +20,8 @@ use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3, connected};
 use super::mouth::Piece;
 use super::names::{LANDMARKS, NAMES};
+use super::nearest::Nearest;
+use super::solve::stiffness;
 
 /// Why a head cannot be baked.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -213,7 +215,17 @@ impl Head {
         let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
         let operator = {
             let node: Vec<u32> = (0..n as u32).collect();
-            Operator::new(&mesh, &node, n, |f| film[f])
+            // Landmarks of lids and lips.
+            let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
+            let stiff = |v: usize| {
+                let p = mesh.positions[v];
+                let nearest = soft
+                    .iter()
+                    .map(|q| (q - p).norm_squared())
+                    .fold(f64::INFINITY, f64::min);
+                stiffness(nearest.sqrt() / eye_distance)
+            };
+            Operator::new(&mesh, &node, n, |f| film[f], stiff)
         };
         let normals = mesh.vertex_normals(&mesh.positions);
         points.extend(derived_points(
@@ -374,14 +386,11 @@ impl Head {
             .filter(|&v| self.skin[v as usize])
             .filter(|&v| !self.behind_lids[v as usize] && self.socket[v as usize].is_nan())
             .collect();
+        let nearest = Nearest::new(&self.mesh.positions, &candidates);
         for v in 0..n {
             if attached[component[v] as usize] && !self.rings.of(v).is_empty() {
                 let p = self.mesh.positions[v];
-                let nearest = candidates.iter().min_by(|&&a, &&b| {
-                    let d = |v: u32| (self.mesh.positions[v as usize] - p).norm_squared();
-                    d(a).total_cmp(&d(b))
-                });
-                if let Some(&s) = nearest {
+                if let Some(s) = nearest.of(&p) {
                     let near = (self.mesh.positions[s as usize] - p).norm() < w;
                     self.follow[v] = if near {
                         Follow::Nearest(s)
@@ -423,7 +432,8 @@ impl Head {
         for (_, vertices) in &large {
             let piece = Piece {
                 vertices,
-                teeth: [&teeth[0], &teeth[1]],
+                teeth: [0, 1].map(|row: usize| Nearest::new(&self.mesh.positions, &teeth[row])),
+                lower: &teeth[1],
                 positions: &self.mesh.positions,
                 normals: &normals,
                 rings: &self.rings,

@@ -191,7 +191,7 @@ mod tests {
 
     fn field(mesh: &Mesh, controls: &[u32], lambda: f64, radius: f64) -> Field {
         let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        let op = Operator::new(mesh, &node, node.len(), |_| false);
+        let op = Operator::new(mesh, &node, node.len(), |_| false, |_| 1.0);
         let active = vec![true; node.len()];
         Field::new(
             &op,

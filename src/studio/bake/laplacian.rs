@@ -1,8 +1,11 @@
 //! The mesh's Laplacian operator with cotangent weights, paper section 4, equations (10) and (11).
 //!
 //! `l_v = Σ ω_i (v_i − v)`, `ω_i = ½ (cot α_i + cot β_i)`. Stored here is `L = −M`, so that `L` is positive semidefinite:
-//! `(L x)_v = Σ ω_i (x_v − x_i)`. Rows are not divided by areas: with areas the measured error on true expressions is
-//! larger (see [`super::solve`]).
+//! `(L x)_v = Σ ω_i (x_v − x_i)`, which is the Laplacian times the vertex's area A.
+//!
+//! The energy is `Σ ρ/A |L d|²`, a sum that stands for the integral of `ρ |Δd|²` over the surface: how finely the mesh is
+//! sampled cancels out. The stiffness ρ is given by place. Without it (`Σ |L d|²`, as printed) the sampling itself is the
+//! stiffness, which changes with every remeshing.
 //!
 //! Units: cotangents are pure numbers, so `L x` has the unit of `x`. A face of four corners counts with half of each of
 //! its two splits, so that no diagonal is preferred and a symmetric mesh has a symmetric operator.
@@ -24,7 +27,9 @@ pub struct Operator {
     pub cotangent: Rows,
     /// The same with every edge weight at least 0.001, for fields that must obey a maximum principle.
     pub positive: Rows,
-    /// `LᵀL`, the matrix of the energy |L d|².
+    /// Weight ρ/A of each row in the energy; 0 for vertices without area.
+    pub weight: Vec<f64>,
+    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy.
     pub energy: Rows,
     /// A third of the area of the triangles at each vertex, squared units of the mesh.
     pub area: Vec<f64>,
@@ -48,9 +53,16 @@ fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
 
 impl Operator {
     /// Builds the operators for the positions of `mesh`; `node` maps a vertex to the unknown that carries it (copies of
-    /// a point at a seam share one), `nodes` is their number. Faces that pass `skip` tie nothing together.
+    /// a point at a seam share one), `nodes` is their number. Faces that pass `skip` tie nothing together; `stiffness` is
+    /// ρ of a vertex, a pure number.
     #[must_use]
-    pub fn new(mesh: &Mesh, node: &[u32], nodes: usize, skip: impl Fn(usize) -> bool) -> Self {
+    pub fn new(
+        mesh: &Mesh,
+        node: &[u32],
+        nodes: usize,
+        skip: impl Fn(usize) -> bool,
+        stiffness: impl Fn(usize) -> f64,
+    ) -> Self {
         // Half-edge weights (a, b, ω) with a < b, summed below.
         let mut halves: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.corners.len() * 3);
         let mut area = vec![0.0; nodes];
@@ -99,11 +111,36 @@ impl Operator {
             Rows::from_triplets(nodes, &triplets)
         };
         let cotangent = rows(&|w| w);
+        // In units of the mean area, so that numbers stay near 1 in any unit of the mesh.
+        let mean = area.iter().sum::<f64>() / nodes.max(1) as f64;
+        let weight: Vec<f64> = (0..nodes)
+            .map(|v| {
+                if area[v] > 0.0 {
+                    stiffness(v) * mean / area[v]
+                } else {
+                    0.0
+                }
+            })
+            .collect();
         Self {
             positive: rows(&|w| w.max(LEAST_WEIGHT)),
-            energy: cotangent.squared(),
+            energy: cotangent.squared(&weight),
+            weight,
             cotangent,
             area,
+        }
+    }
+
+    /// The same with the energy as printed, `Σ |L d|²`.
+    #[must_use]
+    pub fn printed(&self) -> Self {
+        let weight = vec![1.0; self.area.len()];
+        Self {
+            cotangent: self.cotangent.clone(),
+            positive: self.positive.clone(),
+            energy: self.cotangent.squared(&weight),
+            weight,
+            area: self.area.clone(),
         }
     }
 
@@ -124,7 +161,7 @@ mod tests {
 
     fn operator(mesh: &Mesh) -> Operator {
         let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        Operator::new(mesh, &node, node.len(), |_| false)
+        Operator::new(mesh, &node, node.len(), |_| false, |_| 1.0)
     }
 
     #[test]

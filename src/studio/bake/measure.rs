@@ -238,8 +238,9 @@ impl<'a> Judge<'a> {
                 out.lid_gap = Some(self.gap(side, &moved) / w);
             }
         }
-        let lips = [&head.mesh.positions, &moved].map(|p| lip_gaps(head, p));
-        for (before, now) in lips[0].iter().zip(&lips[1]) {
+        let before = lip_gaps(head, |v| head.mesh.positions[v as usize]);
+        let now = lip_gaps(head, |v| moved[v as usize]);
+        for ((.., before), (.., now)) in before.into_iter().zip(now) {
             let crossing = (-now).max(0.0) - (-before).max(0.0);
             out.lips_cross = out.lips_cross.max(crossing / w);
         }
@@ -293,28 +294,27 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Height of every vertex of the upper inner lip line above the lower line, straight below it or above it.
-fn lip_gaps(head: &Head, p: &[Vec3]) -> Vec<f64> {
+/// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its
+/// height above the lower line there. Beyond the corners there is nothing to cross.
+pub(super) fn lip_gaps(head: &Head, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f64)> {
     let (left, up) = (head.axes.column(0), head.axes.column(1));
-    let lower: Vec<(f64, f64)> = head
-        .lips
-        .lower
-        .iter()
-        .map(|&v| &p[v as usize])
-        .map(|p| (p.dot(&left), p.dot(&up)))
-        .collect();
+    let flat = |v: u32| (p(v).dot(&left), p(v).dot(&up));
+    let lower = &head.lips.lower;
     let upper = &head.lips.upper;
     upper[1..upper.len() - 1]
         .iter()
         .map(|&v| {
-            let (x, y) = (p[v as usize].dot(&left), p[v as usize].dot(&up));
-            let below = lower.windows(2).find_map(|s| {
-                let (low, high) = (s[0].0.min(s[1].0), s[0].0.max(s[1].0));
-                (low <= x && x <= high && high > low)
-                    .then(|| s[0].1 + (s[1].1 - s[0].1) * (x - s[0].0) / (s[1].0 - s[0].0))
+            let (x, y) = flat(v);
+            let met = lower.windows(2).find_map(|s| {
+                let ((ax, ay), (bx, by)) = (flat(s[0]), flat(s[1]));
+                if bx == ax || (x - ax) * (x - bx) > 0.0 {
+                    return None;
+                }
+                let t = (x - ax) / (bx - ax);
+                Some((s[usize::from(t > 0.5)], y - (ay + (by - ay) * t)))
             });
-            // Beyond the corners there is nothing to cross.
-            below.map_or(0.0, |below| y - below)
+            let (other, gap) = met.unwrap_or((lower[0], f64::INFINITY));
+            (v, other, gap)
         })
         .collect()
 }

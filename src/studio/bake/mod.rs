@@ -11,6 +11,7 @@
 
 pub mod benchmark;
 pub mod command;
+pub mod derive;
 pub mod eyeball;
 pub mod glb;
 pub mod head;
@@ -20,7 +21,9 @@ pub mod measure;
 pub mod mesh;
 mod mouth;
 pub mod names;
+mod nearest;
 pub mod obj;
+pub mod patch;
 pub mod recipe;
 pub mod render;
 pub mod report;

@@ -14,6 +14,7 @@
 use super::head::smooth;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
+use super::nearest::Nearest;
 use super::sparse::Factor;
 
 /// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
@@ -33,8 +34,10 @@ const ROOT: f64 = 0.35;
 pub(super) struct Piece<'a> {
     /// Vertices of the piece, ascending.
     pub(super) vertices: &'a [u32],
-    /// Vertices of the upper and of the lower teeth.
-    pub(super) teeth: [&'a [u32]; 2],
+    /// The upper and the lower teeth.
+    pub(super) teeth: [Nearest; 2],
+    /// Vertices of the lower teeth.
+    pub(super) lower: &'a [u32],
     /// All positions and unit normals of the mesh.
     pub(super) positions: &'a [Vec3],
     /// See `positions`.
@@ -51,16 +54,6 @@ pub(super) struct Piece<'a> {
     pub(super) eye_distance: f64,
 }
 
-/// Nearest of `others` and its distance; `None` if there are none.
-fn nearest(positions: &[Vec3], others: &[u32], p: &Vec3) -> Option<(Vec3, f64)> {
-    others
-        .iter()
-        .map(|&o| positions[o as usize])
-        .map(|q| (q, (q - p).norm_squared()))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(q, d)| (q, d.sqrt()))
-}
-
 impl Piece<'_> {
     /// Share of the jaw's motion for each of the piece's vertices; `None` if it does not touch both rows of teeth.
     pub(super) fn shares(&self) -> Option<Vec<f64>> {
@@ -71,7 +64,8 @@ impl Piece<'_> {
         for (k, &v) in self.vertices.iter().enumerate() {
             let p = &self.positions[v as usize];
             let far = |row: usize| {
-                nearest(self.positions, self.teeth[row], p).map_or(f64::INFINITY, |n| n.1)
+                let tooth = self.teeth[row].of(p);
+                tooth.map_or(f64::INFINITY, |t| (self.positions[t as usize] - p).norm())
             };
             let (upper, lower) = (far(0), far(1));
             if upper.min(lower) < touch {
@@ -105,7 +99,7 @@ impl Piece<'_> {
     /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip.
     pub(super) fn tongue(&self, shares: &[f64]) -> Vec<f64> {
         let mut none = vec![0.0; self.vertices.len()];
-        let lower = self.teeth[1];
+        let lower = self.lower;
         if lower.is_empty() {
             return none;
         }
@@ -127,9 +121,10 @@ impl Piece<'_> {
             .filter(|&k| {
                 let v = self.vertices[k as usize] as usize;
                 let p = self.positions[v];
-                let Some((tooth, _)) = nearest(self.positions, lower, &p) else {
+                let Some(tooth) = self.teeth[1].of(&p) else {
                     return false;
                 };
+                let tooth = self.positions[tooth as usize];
                 shares[k as usize] > 0.9
                     && self.normals[v].dot(&flat(p - arch)) > OUTWARDS
                     && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * self.eye_distance

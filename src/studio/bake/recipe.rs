@@ -110,6 +110,8 @@ pub struct Target {
     pub controls: Vec<(u32, Vec3)>,
     /// The controls must be met exactly, even at the price of an inverted triangle.
     pub exact: bool,
+    /// The tool's own points on cheeks and forehead are added, see [`super::derive`].
+    pub derive: bool,
     /// Lid closing per eye (left, right): amount and line.
     pub close: [Option<(f64, f64)>; 2],
     /// Eyeball rotation per eye.
@@ -329,6 +331,7 @@ impl Entry {
                 .filter_map(|(k, d)| Some((head.points[k], d?)))
                 .collect(),
             exact: false,
+            derive: false,
             close,
             gaze,
             jaw,

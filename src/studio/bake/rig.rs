@@ -15,9 +15,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::derive;
 use super::head::{Follow, Head, Seam, smooth};
 use super::influence::Field;
-use super::measure::Surroundings;
+use super::measure::{Surroundings, lip_gaps};
 use super::mesh::Vec3;
 use super::recipe::Target;
 use super::solve::{self, Settings, System};
@@ -27,10 +28,12 @@ use super::sparse::Singular;
 const LID_MARGIN: f64 = 0.012;
 /// Skin nearer than this to a lid line that closes takes part, in eye distances.
 const BESIDE_LID: f64 = 0.22;
-/// Rounds of lifting sunk lid skin.
-const LID_ROUNDS: usize = 2;
+/// Rounds of lifting sunk lid skin and parting crossed lips.
+const CONTACT_ROUNDS: usize = 2;
+/// Lips that cross by less than this are left, in eye distances: 0.05 mm.
+const TOUCH: f64 = 0.0015;
 /// Rounds of smoothing around inverted triangles.
-const RELAX_ROUNDS: usize = 48;
+const RELAX_ROUNDS: usize = 72;
 /// Rounds after which the smoothed patch grows by a ring.
 const GROW_EVERY: usize = 3;
 /// Inside of the mouth nearer than this to the lip line stays free, in eye distances, so that lips can roll.
@@ -121,6 +124,16 @@ pub fn bake(
             Some(all) => (all[k].clone(), head.skin.clone(), 0),
             None => {
                 let mut solved = skin(head, target, &influence[k], settings, base)?;
+                if target.derive {
+                    let mut more = target.clone();
+                    for (v, d) in derive::derived(head, &solved.0) {
+                        // What the table itself says of a point stands.
+                        if !more.controls.iter().any(|c| c.0 == v) {
+                            more.controls.push((v, d));
+                        }
+                    }
+                    solved = skin(head, &more, &influence[k], settings, base)?;
+                }
                 if !target.exact {
                     relax(head, &around, target, base, &mut solved);
                 }
@@ -187,20 +200,14 @@ fn spread(
 /// The comparison method on the whole skin.
 fn plain(head: &Head, targets: &[Target]) -> Result<Vec<Vec<Vec3>>, Singular> {
     let held = vec![false; head.skin.len()];
+    let operator = head.operator.printed();
     targets
         .par_iter()
         .map(|target| {
             let goal = controls(head, target);
             let vertices: Vec<u32> = goal.keys().copied().collect();
             let shape: Vec<Vec3> = goal.values().copied().collect();
-            let baked = solve::plain(
-                &head.operator,
-                &head.skin,
-                &held,
-                &vertices,
-                &[shape],
-                100.0,
-            )?;
+            let baked = solve::plain(&operator, &head.skin, &held, &vertices, &[shape], 100.0)?;
             Ok(baked.into_iter().next().unwrap_or_default())
         })
         .collect()
@@ -363,7 +370,7 @@ fn skin(
     }
     let mut unknowns = 0;
     let mut d = Vec::new();
-    for round in 0..=LID_ROUNDS {
+    for round in 0..=CONTACT_ROUNDS {
         let list: Vec<(u32, Vec3)> = goal.iter().map(|(&v, &d)| (v, d)).collect();
         let vertices: Vec<u32> = list.iter().map(|c| c.0).collect();
         let system = System::new(&head.operator, area.clone(), &vertices)?;
@@ -376,18 +383,22 @@ fn skin(
             settings.rounds,
         );
         unknowns = unknowns.max(system.unknowns());
-        let sunk = sunk(head, &d);
-        // A table of controls says itself how lids go.
-        if sunk.is_empty() || target.exact {
+        // A table of controls says itself how lids and lips go.
+        if target.exact {
+            break;
+        }
+        let (sunk, crossed) = (sunk(head, &d), crossed(head, &d, base));
+        if sunk.is_empty() && crossed.is_empty() {
             break;
         }
         for (v, lifted) in sunk {
-            if round == LID_ROUNDS {
+            if round == CONTACT_ROUNDS {
                 d[v as usize] = lifted;
             } else {
                 goal.insert(v, lifted);
             }
         }
+        goal.extend(crossed);
     }
     for &v in goal.keys() {
         area[v as usize] = true;
@@ -406,6 +417,7 @@ fn relax(
     (d, area, _): &mut (Vec<Vec3>, Vec<bool>, usize),
 ) {
     let mut held = vec![false; d.len()];
+    let closes = target.close.iter().flatten().any(|c| c.0 > 0.99);
     for side in 0..2 {
         if target.close[side].is_some_and(|(amount, _)| amount > 0.99) {
             let seam = &head.lids[side];
@@ -447,8 +459,34 @@ fn relax(
         let inside: Vec<usize> = (0..patch.len())
             .filter(|&v| patch[v] && area[v] && !held[v])
             .collect();
+        // Slivers in a fold outlast all smoothing: in the second half they and more and more around them move as one,
+        // except at lids that meet, which that would open.
+        let together = if closes {
+            0
+        } else {
+            (round + 1)
+                .saturating_sub(RELAX_ROUNDS / 2)
+                .div_ceil(GROW_EVERY)
+        };
+        for t in inverted.iter().filter(|_| together > 0) {
+            let mut cluster = t.to_vec();
+            for _ in 0..together {
+                for k in 0..cluster.len() {
+                    cluster.extend(head.rings.of(cluster[k] as usize));
+                }
+                cluster.sort_unstable();
+                cluster.dedup();
+            }
+            cluster.retain(|&v| area[v as usize] && !held[v as usize]);
+            let all = |v: &u32| d[*v as usize] + below(*v as usize);
+            let mean = cluster.iter().map(all).sum::<Vec3>() / cluster.len().max(1) as f64;
+            for v in cluster {
+                d[v as usize] = mean - below(v as usize);
+                patch[v as usize] = true;
+            }
+        }
         // Several sweeps, or a large patch would take as many rounds as it has rings.
-        for _ in 0..16 {
+        for _ in 0..if together > 0 { 0 } else { 16 } {
             let smoothed: Vec<Vec3> = inside
                 .iter()
                 .map(|&v| {
@@ -502,6 +540,26 @@ fn sunk(head: &Head, d: &[Vec3]) -> Vec<(u32, Vec3)> {
             if ball.height(&moved) < least - 1e-4 * w {
                 found.push((v as u32, ball.lifted(&moved, least) - p));
             }
+        }
+    }
+    found
+}
+
+/// Vertices of the inner lip lines that passed the other lip further than in the neutral, each half of the way back.
+fn crossed(head: &Head, d: &[Vec3], base: Option<&[Vec3]>) -> Vec<(u32, Vec3)> {
+    let up = head.axes.column(1).into_owned();
+    let at = |v: u32| head.mesh.positions[v as usize];
+    let before = lip_gaps(head, at);
+    let now = lip_gaps(head, |v| {
+        at(v) + d[v as usize] + base.map_or(Vec3::zeros(), |b| b[v as usize])
+    });
+    let mut found = Vec::new();
+    for ((.., before), (upper, lower, now)) in before.into_iter().zip(now) {
+        let excess = before.min(0.0) - now;
+        let moves = d[upper as usize] != Vec3::zeros() || d[lower as usize] != Vec3::zeros();
+        if moves && excess > TOUCH * head.eye_distance {
+            found.push((upper, d[upper as usize] + up * (excess / 2.0)));
+            found.push((lower, d[lower as usize] - up * (excess / 2.0)));
         }
     }
     found

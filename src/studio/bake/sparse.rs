@@ -84,9 +84,9 @@ impl Rows {
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
     }
 
-    /// The product with itself; for a symmetric matrix `L` that is `LᵀL`.
+    /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
     #[must_use]
-    pub fn squared(&self) -> Self {
+    pub fn squared(&self, weight: &[f64]) -> Self {
         let n = self.len();
         let mut out = Self {
             starts: Vec::with_capacity(n + 1),
@@ -99,6 +99,7 @@ impl Rows {
         let mut touched: Vec<u32> = Vec::new();
         for r in 0..n {
             for (m, a) in self.row(r) {
+                let a = a * weight[m];
                 for (c, b) in self.row(m) {
                     if !seen[c] {
                         seen[c] = true;
@@ -228,7 +229,7 @@ mod tests {
     #[test]
     fn squaring_equals_multiplying_twice() {
         let l = path(7);
-        let square = l.squared();
+        let square = l.squared(&[1.0; 7]);
         let x: Vec<Vec3> = (0..7)
             .map(|k| Vec3::new(k as f64, (k * k) as f64, 1.0))
             .collect();

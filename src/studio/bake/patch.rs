@@ -1,0 +1,313 @@
+//! Heads that come as binary glTF (also VRM): their skin is read for baking, and the shapes are added to the file as it is.
+//!
+//! All triangles of all meshes are taken together; vertices at the same place are one for the solver and move alike, so
+//! that seams stay closed. Landmarks count the vertices of the POSITION accessors in the order of their first use. Everything
+//! in the file stays: materials, textures, skeletons, animations, targets under other names; a target of the same name is
+//! replaced.
+//!
+//! Units: the file's own (metres by the standard). Limits: positions are taken as stored, before node transforms and
+//! skinning; one buffer inside the file; no compressed or quantised positions; targets carry positions only.
+
+use std::collections::HashMap;
+
+use serde_json::{Value, json};
+
+use super::glb::{Glb, GlbError, push_target};
+use super::mesh::{Corner, Mesh, Vec3};
+use super::rig::Shape;
+
+/// A head read from a file, and where its vertices came from.
+pub struct Foreign {
+    glb: Glb,
+    /// Accessor and, for each of its rows, the vertex of the mesh.
+    sources: Vec<(usize, Vec<u32>)>,
+}
+
+impl Foreign {
+    /// Reads the meshes of a file as one.
+    ///
+    /// # Errors
+    /// If it has no triangles, or data that are compressed, external or damaged.
+    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
+        let content = |expected, found: String| GlbError::Content { expected, found };
+        let buffers = glb.json["buffers"].as_array().map_or(0, Vec::len);
+        if buffers != 1 || !glb.json["buffers"][0]["uri"].is_null() {
+            return Err(content(
+                "one buffer inside the file",
+                format!("{buffers} buffers, or one outside; export as a single .glb"),
+            ));
+        }
+        let mut mesh = Mesh {
+            materials: vec!["skin".into()],
+            ..Mesh::default()
+        };
+        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+        let mut sources: Vec<(usize, Vec<u32>)> = Vec::new();
+        for primitive in primitives(&glb.json) {
+            if primitive["mode"].as_u64().unwrap_or(4) != 4 {
+                continue;
+            }
+            let Some(accessor) = primitive["attributes"]["POSITION"].as_u64() else {
+                continue;
+            };
+            let accessor = accessor as usize;
+            let at = match sources.iter().position(|(a, _)| *a == accessor) {
+                Some(at) => at,
+                None => {
+                    let rows = glb.floats(accessor, 3)?;
+                    let vertices = rows.chunks_exact(3).map(|row| {
+                        // Adding 0 makes one zero of both.
+                        let key = [row[0], row[1], row[2]].map(|x| (x + 0.0).to_bits());
+                        *known.entry(key).or_insert_with(|| {
+                            mesh.positions.push(Vec3::from_fn(|k, _| f64::from(row[k])));
+                            mesh.positions.len() as u32 - 1
+                        })
+                    });
+                    sources.push((accessor, vertices.collect()));
+                    sources.len() - 1
+                }
+            };
+            let vertices = &sources[at].1;
+            let order: Vec<u32> = match primitive["indices"].as_u64() {
+                Some(indices) => glb.indices(indices as usize)?,
+                None => (0..vertices.len() as u32).collect(),
+            };
+            for corner in order.chunks_exact(3) {
+                let face: Option<Vec<Corner>> = corner
+                    .iter()
+                    .map(|&k| {
+                        let vertex = *vertices.get(k as usize)?;
+                        Some(Corner {
+                            vertex,
+                            uv: None,
+                            normal: None,
+                        })
+                    })
+                    .collect();
+                let face = face.ok_or_else(|| {
+                    content(
+                        "indices of vertices that exist",
+                        format!("one beyond the {} of accessor {accessor}", vertices.len()),
+                    )
+                })?;
+                mesh.push_face(&face, 0);
+            }
+        }
+        if mesh.faces() == 0
+            || mesh
+                .positions
+                .iter()
+                .any(|p| !p.iter().all(|x| x.is_finite()))
+        {
+            return Err(content(
+                "triangles with finite positions",
+                format!("{} faces", mesh.faces()),
+            ));
+        }
+        Ok((mesh, Self { glb, sources }))
+    }
+
+    /// Vertices of the mesh by the numbers that a landmark file uses; unknown ones stay beyond the end.
+    #[must_use]
+    pub fn landmarks(&self, numbers: &[u64]) -> Vec<u64> {
+        let all: Vec<u32> = self.sources.iter().flat_map(|(_, v)| v).copied().collect();
+        numbers
+            .iter()
+            .map(|&k| {
+                all.get(k as usize)
+                    .map_or(k.max(u64::from(u32::MAX)), |&v| u64::from(v))
+            })
+            .collect()
+    }
+
+    /// The file with the shapes added to every mesh that they move.
+    #[must_use]
+    pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
+        let moves = |accessor: u64, sources: &[(usize, Vec<u32>)]| {
+            let source = sources.iter().find(|(a, _)| *a as u64 == accessor);
+            source.is_some_and(|(_, vertices)| {
+                shapes.iter().any(|s| {
+                    vertices
+                        .iter()
+                        .any(|&v| s.displacement[v as usize] != Vec3::zeros())
+                })
+            })
+        };
+        let meshes = self.glb.json["meshes"].as_array().map_or(0, Vec::len);
+        let mut written: HashMap<(u64, usize), usize> = HashMap::new();
+        for m in 0..meshes {
+            let list = self.glb.json["meshes"][m]["primitives"].clone();
+            let list: &[Value] = list.as_array().map_or(&[], Vec::as_slice);
+            let position = |p: &Value| p["attributes"]["POSITION"].as_u64();
+            if !list
+                .iter()
+                .filter_map(position)
+                .any(|a| moves(a, &self.sources))
+            {
+                continue;
+            }
+            let had = list[0]["targets"].as_array().map_or(0, Vec::len);
+            let mut names = names(&self.glb.json["meshes"][m], had);
+            let places: Vec<usize> = shapes
+                .iter()
+                .map(|shape| {
+                    names
+                        .iter()
+                        .position(|n| *n == shape.name)
+                        .unwrap_or_else(|| {
+                            names.push(shape.name.clone());
+                            names.len() - 1
+                        })
+                })
+                .collect();
+            for (p, primitive) in list.iter().enumerate() {
+                let mut targets = primitive["targets"].as_array().cloned().unwrap_or_default();
+                targets.resize(names.len(), Value::Null);
+                for (k, shape) in shapes.iter().enumerate() {
+                    let accessor = position(primitive).unwrap_or(u64::MAX);
+                    let index = *written.entry((accessor, k)).or_insert_with(|| {
+                        let source = self.sources.iter().find(|(a, _)| *a as u64 == accessor);
+                        let rows: Vec<[f32; 3]> = match source {
+                            Some((_, vertices)) => vertices
+                                .iter()
+                                .map(|&v| {
+                                    let d = shape.displacement[v as usize];
+                                    [d.x as f32, d.y as f32, d.z as f32]
+                                })
+                                .collect(),
+                            // Lines and points: they have targets too, which move nothing.
+                            None => {
+                                let count = &self.glb.json["accessors"][accessor as usize]["count"];
+                                vec![[0.0; 3]; count.as_u64().unwrap_or(1).max(1) as usize]
+                            }
+                        };
+                        push_target(&mut self.glb, &rows, dense, true)
+                    });
+                    targets[places[k]] = json!({"POSITION": index});
+                }
+                let primitive = &mut self.glb.json["meshes"][m]["primitives"][p];
+                primitive["targets"] = json!(targets);
+                primitive["extras"]["targetNames"] = json!(names);
+            }
+            let mesh = &mut self.glb.json["meshes"][m];
+            mesh["weights"] = lengthened(&mesh["weights"], names.len());
+            mesh["extras"]["targetNames"] = json!(names);
+            let unit = |name: &String| shapes.iter().find(|s| s.name == *name);
+            let units: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.unit.as_deref()).collect();
+            let upon: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.upon.as_deref()).collect();
+            mesh["extras"]["mien"] =
+                json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
+            for node in self.glb.json["nodes"].as_array_mut().into_iter().flatten() {
+                if node["mesh"] == json!(m) && node.get("weights").is_some() {
+                    node["weights"] = lengthened(&node["weights"], names.len());
+                }
+            }
+        }
+        self.glb
+    }
+}
+
+fn primitives(json: &Value) -> impl Iterator<Item = &Value> {
+    let meshes = json["meshes"].as_array().into_iter().flatten();
+    meshes.flat_map(|m| m["primitives"].as_array().into_iter().flatten())
+}
+
+/// Names of a mesh's targets, made up where the file has none.
+fn names(mesh: &Value, count: usize) -> Vec<String> {
+    let given = mesh["extras"]["targetNames"]
+        .as_array()
+        .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array());
+    (0..count)
+        .map(|k| {
+            let name = given.and_then(|g| g.get(k)?.as_str().map(str::to_owned));
+            name.unwrap_or_else(|| format!("target_{k}"))
+        })
+        .collect()
+}
+
+/// Weights with zeros up to `count`.
+fn lengthened(weights: &Value, count: usize) -> Value {
+    let mut list = weights.as_array().cloned().unwrap_or_default();
+    list.resize(count, json!(0.0));
+    json!(list)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::glb::build;
+    use super::super::mesh::tests::sheet;
+    use super::*;
+
+    fn shape(name: &str, n: usize, at: usize, d: Vec3) -> Shape {
+        let mut displacement = vec![Vec3::zeros(); n];
+        displacement[at] = d;
+        Shape {
+            name: name.into(),
+            unit: None,
+            upon: None,
+            displacement,
+            area: vec![true; n],
+            unknowns: 0,
+            milliseconds: 0.0,
+        }
+    }
+
+    #[test]
+    fn shapes_join_those_a_file_has_and_replace_their_namesakes() {
+        let sheet = sheet(5, 0.1);
+        let old = [
+            shape("keep", 25, 3, Vec3::x()),
+            shape("jawOpen", 25, 4, Vec3::y()),
+        ];
+        let file = build(&sheet, &old, 1.0, false);
+        let before = file.json["materials"].clone();
+        let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        assert_eq!((mesh.positions.len(), mesh.faces()), (25, 32));
+        // Vertices come in the order of the file, which is that of the faces.
+        let at = |k: usize| {
+            let found = mesh
+                .positions
+                .iter()
+                .position(|p| (p - sheet.positions[k]).norm() < 1e-6);
+            found.unwrap()
+        };
+        let new = [
+            shape("jawOpen", 25, at(7), Vec3::z()),
+            shape("eyeBlinkLeft", 25, at(8), Vec3::z()),
+        ];
+        let glb = Glb::parse(&foreign.patched(&new, false).emit()).unwrap();
+        assert_eq!(glb.json["materials"], before);
+        let head = &glb.json["meshes"][0];
+        assert_eq!(
+            head["extras"]["targetNames"],
+            json!(["keep", "jawOpen", "eyeBlinkLeft"])
+        );
+        assert_eq!(head["weights"].as_array().unwrap().len(), 3);
+        let read = |k: usize| {
+            let accessor = head["primitives"][0]["targets"][k]["POSITION"]
+                .as_u64()
+                .unwrap();
+            let rows = glb.floats(accessor as usize, 3).unwrap();
+            rows.chunks(3)
+                .filter(|r| **r != [0.0; 3])
+                .map(<[f32]>::to_vec)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(read(0), [[1.0, 0.0, 0.0]]);
+        assert_eq!(read(1), [[0.0, 0.0, 1.0]]);
+        assert_eq!(read(2), [[0.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn files_without_triangles_inside_are_refused() {
+        let empty = json!({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 0}]});
+        let glb = |json: Value| Glb {
+            json,
+            bin: Vec::new(),
+        };
+        assert!(Foreign::read(glb(empty)).is_err());
+        let outside = json!({"buffers": [{"byteLength": 4, "uri": "head.bin"}]});
+        let text = Foreign::read(glb(outside)).err().unwrap().to_string();
+        assert!(text.contains("single .glb"), "{text}");
+    }
+}
