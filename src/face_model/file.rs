@@ -14,14 +14,14 @@ use crate::checksum::crc32;
 use crate::geometry::{Point, Vector};
 
 use super::{
-    CascadeStage, ConfidenceModel, FEATURES, FaceModel, MAX_MODES, MAX_STAGES, ShapeModel,
-    StandardHead,
+    CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FaceModel, LANDMARK_SIGNS, MAX_MODES,
+    MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
 };
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";
 /// Version of the format that is written and read.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 const HEADER: usize = 20;
 const CHECKSUM: usize = 4;
 
@@ -289,10 +289,10 @@ fn parse_stages(mut reader: Reader, parameters: usize) -> Result<Vec<CascadeStag
     let mut stages = Vec::with_capacity(count);
     for _ in 0..count {
         let rows = reader.u32()? as usize;
-        if rows != parameters {
+        if !(VIEW_PARAMETERS..=parameters).contains(&rows) {
             return Err(ModelError::Malformed {
                 section: reader.section,
-                expected: "one row per parameter of the shape model",
+                expected: "a row for each parameter of the view and at most one for each shape mode",
                 found: rows as u64,
             });
         }
@@ -318,10 +318,10 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         cell_px: reader.floats(1)?[0],
         mean: reader.floats(FEATURES)?,
         weights: reader.floats(FEATURES)?,
-        landmark: reader.floats(3 * LANDMARKS)?,
+        landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
         face: {
-            let f = reader.floats(2)?;
-            [f[0], f[1]]
+            let slopes = reader.floats(FACE_SIGNS)?;
+            std::array::from_fn(|k| slopes[k])
         },
     };
     reader.end()?;
@@ -420,8 +420,6 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
 mod tests {
     use super::*;
 
-    use crate::face_model::VIEW_PARAMETERS;
-
     fn example() -> FaceModel {
         let mut random = fastrand::Rng::with_seed(7);
         let mut floats =
@@ -462,8 +460,8 @@ mod tests {
             cell_px: 5.0,
             mean: floats(FEATURES),
             weights: floats(FEATURES),
-            landmark: floats(3 * LANDMARKS),
-            face: [1.0, 2.0],
+            landmark: floats(LANDMARK_SIGNS * LANDMARKS),
+            face: [1.0, 2.0, 3.0, 4.0],
         }
         .into();
         model.standard_head = StandardHead {

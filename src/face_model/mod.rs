@@ -34,6 +34,10 @@ pub const PATCH_CELLS: usize = 4;
 pub const PATCH: usize = PATCH_CELLS * PATCH_CELLS * ORIENTATIONS;
 /// Values of all patches of a face.
 pub const FEATURES: usize = LANDMARKS * PATCH;
+/// Numbers that a landmark's confidence follows from.
+pub const LANDMARK_SIGNS: usize = 4;
+/// Numbers that the face's confidence follows from.
+pub const FACE_SIGNS: usize = 4;
 /// Most stages of one schedule.
 pub const MAX_STAGES: usize = 8;
 
@@ -73,19 +77,20 @@ impl ShapeModel {
     }
 }
 
-/// One stage of a cascade: a linear map from what the picture shows around the landmarks to an update of all parameters.
+/// One stage of a cascade: a linear map from what the picture shows around the landmarks to an update of the view and of
+/// the first shape coefficients; an early stage need not move them all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CascadeStage {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
     /// Mean features, [`FEATURES`] values.
     pub mean: Vec<f32>,
-    /// Update matrix, one row of [`FEATURES`] per parameter, in units of `scales`.
+    /// Update matrix, one row of [`FEATURES`] per parameter that is moved, in units of `scales`.
     pub weights: Vec<i8>,
     /// Size of one step of `weights`, per row and landmark.
     pub scales: Vec<f32>,
     /// Columns for what is known beside the picture: the way from the start in the view parameters, then the shape
-    /// coefficients; one row of as many columns as there are parameters, per parameter.
+    /// coefficients; one row of as many columns as there are rows, per row.
     pub prior: Vec<f32>,
     /// Update at the mean features.
     pub bias: Vec<f32>,
@@ -100,10 +105,10 @@ pub struct ConfidenceModel {
     pub mean: Vec<f32>,
     /// Direction per landmark in feature space, [`FEATURES`] values.
     pub weights: Vec<f32>,
-    /// Logistic slope and offset per landmark, on its own discriminant and on the whole face's: 68 × 3.
+    /// Logistic slopes on the signs of each landmark ([`crate::landmarks::cascade::landmark_signs`]): 68 × 4.
     pub landmark: Vec<f32>,
-    /// Logistic slope and offset of the whole face on the mean discriminant.
-    pub face: [f32; 2],
+    /// Logistic slopes on the signs of the whole face ([`crate::landmarks::cascade::face_signs`]).
+    pub face: [f32; FACE_SIGNS],
 }
 
 /// The anchor of the pose stage: points of a generic head with outward unit normals, head frame, metres.
@@ -124,9 +129,9 @@ pub struct FaceModel {
     pub provenance: String,
     /// 3D shape.
     pub shape: ShapeModel,
-    /// Stages from a cold start: pose from depth, mean shape.
+    /// Stages from the start, the pose from depth and the mean shape: coarse patches, the first shape modes.
     pub cold: Arc<[CascadeStage]>,
-    /// Stages from the last frame's shape.
+    /// Stages that finish the fit: finer patches, all shape modes.
     pub warm: Arc<[CascadeStage]>,
     /// Confidence.
     pub confidence: Arc<ConfidenceModel>,

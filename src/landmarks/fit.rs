@@ -1,9 +1,10 @@
 //! Frame by frame: where to start, which schedule to run, when the face is lost, what is reported.
 //!
 //! Every frame starts from the mean shape at the depth pose and runs all stages: measured on held-out people, a start from
-//! the last frame's shape follows lids and brows worse (correlation of the lid measure 0.67 against 0.88). The size of the
-//! face against the mean (a constant of the person) is averaged slowly, so that it adds nothing to the jitter of the
-//! points; shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see
+//! the last frame's shape follows lids and brows worse (correlation of the lid measure 0.67 against 0.88). What is constant
+//! about a person is averaged slowly: the size of the face against the mean, which then adds nothing to the jitter of the
+//! points, and how the face sits in the frame of the head that depth sees (turn and shift), from which the next fit starts.
+//! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see
 //! [`super::cascade`]. Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (1.2 MB).
 //! Degenerate: a head outside the picture, or an end that is not believed, is `None`.
 
@@ -17,7 +18,7 @@ use super::window::{PIXELS_PER_METRE, Placement, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
-use crate::geometry::{Rotation, Vector};
+use crate::geometry::{Rigid, Rotation, Vector};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
@@ -43,6 +44,9 @@ impl Default for Settings {
     }
 }
 
+/// What stays of a face's turn and shift in its head with every frame it is lost.
+const FORGOTTEN: f32 = 0.5;
+
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
     settings: Settings,
@@ -57,8 +61,10 @@ pub struct LandmarkFitter {
     last_at: Option<Timestamp>,
     /// Logarithm of the face's size against the mean shape, and the seconds it was averaged over.
     log_size: Option<(f32, f32)>,
-    /// Mean turn from the head that depth sees to the face that the picture shows, as a rotation vector.
-    turn: Vector,
+    /// Mean turn from the head that depth sees to the face that the picture shows.
+    turn: Rotation,
+    /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
+    shift: Vector,
     landmarks: Landmarks,
 }
 
@@ -78,7 +84,8 @@ impl LandmarkFitter {
             filter: ShapeFilter::new(settings.steadiness),
             last_at: None,
             log_size: None,
-            turn: Vector::zeros(),
+            turn: Rotation::identity(),
+            shift: Vector::zeros(),
             landmarks: empty_landmarks(),
         }
     }
@@ -87,7 +94,8 @@ impl LandmarkFitter {
     pub fn reset(&mut self) {
         self.last_at = None;
         self.log_size = None;
-        self.turn = Vector::zeros();
+        self.turn = Rotation::identity();
+        self.shift = Vector::zeros();
         self.filter.reset();
     }
 
@@ -99,13 +107,16 @@ impl LandmarkFitter {
         pose: &HeadPose,
         at: Timestamp,
     ) -> Option<&Landmarks> {
-        let Some(placement) = Placement::of_pose(camera, &pose.sensor_from_head) else {
+        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
+        let sensor_from_face = pose.sensor_from_head * head_from_face;
+        let Some(placement) = Placement::of_pose(camera, &sensor_from_face) else {
             self.lose();
             return None;
         };
         placement.resample(&sensor_picture(luma), &mut self.window);
         self.maps.compute(&self.window);
-        let start = placement.start;
+        let mut start = placement.start;
+        start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
         let (fit, belief) = self.run(&start);
         if belief.face < self.settings.min_confidence {
             self.lose();
@@ -120,15 +131,18 @@ impl LandmarkFitter {
     /// picture tells; averaged over seconds, because it is a constant of the person.
     #[must_use]
     pub fn turn(&self) -> Rotation {
-        Rotation::from_scaled_axis(self.turn)
+        self.turn
     }
 
     fn lose(&mut self) {
         self.last_at = None;
         self.filter.reset();
+        // Perhaps what was learnt of this face is what misleads: back to depth alone within a few frames.
+        self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * FORGOTTEN);
+        self.shift *= FORGOTTEN;
     }
 
-    /// From the mean shape at the depth pose: a fit that goes on from the last frame's shape lags behind blinks and brows.
+    /// From the mean shape at the pose: a fit that goes on from the last frame's shape lags behind blinks and brows.
     fn run(&mut self, depth: &View) -> (FaceFit, Belief) {
         let start = FaceFit {
             view: *depth,
@@ -137,10 +151,10 @@ impl LandmarkFitter {
         let near = self
             .solver
             .run(&self.cold, &self.shape, &self.maps, &start, depth);
-        // The warm stages see finer patches and start closer: they finish the fit.
+        // The later stages see finer patches and move all modes: they finish the fit.
         let fit = self
             .solver
-            .run(&self.warm, &self.shape, &self.maps, &near, &near.view);
+            .run(&self.warm, &self.shape, &self.maps, &near, depth);
         let belief = self
             .solver
             .belief(&self.confidence, &self.shape, &self.maps, &fit);
@@ -156,8 +170,12 @@ impl LandmarkFitter {
         let time = (time + step_s).min(self.settings.size_time_s);
         let share = (step_s / time.max(step_s)).clamp(0.0, 1.0);
         let mean = mean + (log_size - mean) * share;
-        let turn = placement.start.rotation.inverse() * fit.view.rotation;
-        self.turn += (turn.scaled_axis() - self.turn) * share;
+        let start = &placement.start;
+        let [x, y] = [0, 1].map(|k| fit.view.shift[k] - start.shift[k]);
+        let across = Vector::new(x, y, 0.0) / PIXELS_PER_METRE;
+        self.shift += self.turn * (start.rotation.inverse() * across) * share;
+        let turn = start.rotation.inverse() * fit.view.rotation;
+        self.turn *= Rotation::from_scaled_axis(turn.scaled_axis() * share);
         self.log_size = Some((mean, time));
 
         let shape = self.filter.follow(&fit.shape, at);

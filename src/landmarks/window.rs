@@ -40,13 +40,21 @@ impl Picture<'_> {
     pub fn at(&self, x: f32, y: f32) -> f32 {
         let x = x.clamp(0.0, (self.width - 1) as f32 - 1e-3);
         let y = y.clamp(0.0, (self.height - 1) as f32 - 1e-3);
-        let (column, row) = (x as usize, y as usize);
+        self.between(x, y)
+    }
+
+    /// Bilinear value at a place that is known to lie at least a hundredth of a pixel inside.
+    #[inline]
+    fn between(&self, x: f32, y: f32) -> f32 {
+        // As 32-bit numbers: the conversion is a single instruction.
+        let (column, row) = (x as i32, y as i32);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let at = row * self.width + column;
+        let at = row as usize * self.width + column as usize;
         let value = |at: usize| f32::from(self.luma[at]);
-        let top = value(at) * (1.0 - fx) + value(at + 1) * fx;
-        let bottom = value(at + self.width) * (1.0 - fx) + value(at + self.width + 1) * fx;
-        top * (1.0 - fy) + bottom * fy
+        let top = value(at) + (value(at + 1) - value(at)) * fx;
+        let below = at + self.width;
+        let bottom = value(below) + (value(below + 1) - value(below)) * fx;
+        top + (bottom - top) * fy
     }
 }
 
@@ -197,10 +205,29 @@ impl Placement {
 
     /// Resamples the window, row by row.
     pub fn resample(&self, picture: &Picture, window: &mut [f32]) {
+        let map = &self.picture_from_window;
+        let far = (WINDOW - 1) as f32;
+        // A window that lies within the picture with its corners does so with all of it, and needs no care at borders.
+        let within = [[0.0, 0.0], [far, 0.0], [0.0, far], [far, far]]
+            .into_iter()
+            .all(|corner| {
+                let [x, y] = self.picture_pixel(corner);
+                let inside = |v: f32, size: usize| v >= 0.0 && v < size as f32 - 1.01;
+                inside(x, picture.width) && inside(y, picture.height)
+            });
         for (row, line) in window.chunks_exact_mut(WINDOW).take(WINDOW).enumerate() {
+            let down = row as f32 - ORIGIN[1];
+            // The three sums of the homography at the row's first pixel; they grow evenly along it.
+            let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
             for (column, value) in line.iter_mut().enumerate() {
-                let [x, y] = self.picture_pixel([column as f32, row as f32]);
-                *value = picture.at(x, y);
+                let p = first + map.column(0) * column as f32;
+                let inverse = 1.0 / p.z;
+                let (x, y) = (p.x * inverse, p.y * inverse);
+                *value = if within {
+                    picture.between(x, y)
+                } else {
+                    picture.at(x, y)
+                };
             }
         }
     }

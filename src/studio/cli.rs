@@ -9,6 +9,7 @@ use lexopt::prelude::*;
 
 use super::animate::{self, AnimateError};
 use super::bake::{self, command::BakeError};
+use super::bars;
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
@@ -89,13 +90,13 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "evaluate",
-        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N]",
-        about: "plays rendered sessions of people never trained on through the whole pipeline; one table",
+        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N]",
+        about: "plays rendered sessions of people never trained on through the whole pipeline, or with --landmarks the face model alone under every condition; one table",
         example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
         options: &[
             "data", "model", "config", "people", "seconds", "split", "seed",
         ],
-        flags: &[],
+        flags: &["landmarks"],
         words: 0,
         run: run_evaluate,
     },
@@ -332,6 +333,16 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
         .map_err(|failure| service_fault(&failure))?;
     let model = service::model(words.path("model").as_deref())
         .map_err(|failure| service_fault(&failure))?;
+    if words.flag("landmarks") {
+        // Five seconds show every condition unless more is asked for.
+        let seconds = words.value("seconds")?.unwrap_or(5.0);
+        let sessions = Sessions {
+            seconds,
+            ..sessions
+        };
+        bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
+        return Ok(());
+    }
     print!(
         "{}",
         sessions::play(&data(words), &model, &settings, &sessions)?

@@ -195,7 +195,7 @@ pub fn emit_offsets(offsets: &[[f32; 2]; LANDMARKS]) -> String {
 }
 
 /// Box of points, disturbed by ±10 % of the width in place and ±7 % in size; and a roll within ±8°.
-fn disturbed_box(points: &[[f32; 2]; LANDMARKS], seed: u64) -> (FaceBox, f32) {
+pub(super) fn disturbed_box(points: &[[f32; 2]; LANDMARKS], seed: u64) -> (FaceBox, f32) {
     let mut random = fastrand::Rng::with_seed(seed);
     let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
     let mut low = [f32::MAX; 2];
@@ -226,6 +226,8 @@ pub struct FittedFace {
     pub head: [Point; LANDMARKS],
     /// 0…1.
     pub confidence: f32,
+    /// View in picture pixels (of the picture as it was fitted).
+    pub view: View,
 }
 
 /// Fits still pictures with one model.
@@ -295,11 +297,42 @@ impl<'a> StillFitter<'a> {
             .run(&self.model.cold, shape, &self.maps, &start, &start.view);
         let fit = self
             .solver
-            .run(&self.model.warm, shape, &self.maps, &cold, &cold.view);
+            .run(&self.model.warm, shape, &self.maps, &cold, &start.view);
         let belief = self
             .solver
             .belief(&self.model.confidence, shape, &self.maps, &fit);
         (belief.log_odds, fit, placement)
+    }
+
+    /// The view of a fit in picture pixels.
+    fn in_picture(fit: &FaceFit, placement: &Placement) -> View {
+        let map = &placement.picture_from_window;
+        View {
+            log_scale: fit.view.log_scale + map[(0, 0)].hypot(map[(1, 0)]).ln(),
+            rotation: crate::geometry::Rotation::from_axis_angle(
+                &crate::geometry::Vector::z_axis(),
+                placement.roll,
+            ) * fit.view.rotation,
+            shift: placement.picture_pixel(fit.view.shift),
+            inverse_distance: fit.view.inverse_distance,
+        }
+    }
+
+    fn face(&self, log_odds: f32, fit: &FaceFit, placement: &Placement) -> FittedFace {
+        let mut head = [Point::origin(); LANDMARKS];
+        self.model.shape.shape(&fit.shape, &mut head);
+        FittedFace {
+            points: head.map(|p| placement.picture_pixel(fit.view.project(&p))),
+            head,
+            confidence: crate::landmarks::cascade::logistic(log_odds),
+            view: Self::in_picture(fit, placement),
+        }
+    }
+
+    /// Fits the next picture of a video from where the face was in the last one ([`FittedFace::view`]).
+    pub fn follow(&mut self, picture: &Picture, last: &View) -> FittedFace {
+        let (log_odds, fit, placement) = self.run(picture, last);
+        self.face(log_odds, &fit, &placement)
     }
 
     /// Fits the face in a box; `roll` in radians, clockwise in the picture.
@@ -314,27 +347,12 @@ impl<'a> StillFitter<'a> {
         }
         let (mut log_odds, mut fit, mut placement) = best.expect("there are guesses");
         // Once more where it lies: the second window is centred and upright.
-        let map = &placement.picture_from_window;
-        let again = View {
-            log_scale: fit.view.log_scale + map[(0, 0)].hypot(map[(1, 0)]).ln(),
-            rotation: crate::geometry::Rotation::from_axis_angle(
-                &crate::geometry::Vector::z_axis(),
-                placement.roll,
-            ) * fit.view.rotation,
-            shift: placement.picture_pixel(fit.view.shift),
-            inverse_distance: fit.view.inverse_distance,
-        };
+        let again = Self::in_picture(&fit, &placement);
         let second = self.run(picture, &again);
         if second.0 > log_odds {
             (log_odds, fit, placement) = second;
         }
-        let mut head = [Point::origin(); LANDMARKS];
-        self.model.shape.shape(&fit.shape, &mut head);
-        FittedFace {
-            points: head.map(|p| placement.picture_pixel(fit.view.project(&p))),
-            head,
-            confidence: crate::landmarks::cascade::logistic(log_odds),
-        }
+        self.face(log_odds, &fit, &placement)
     }
 
     /// Loads a picture of a data set and fits it; pixels are those of the file.

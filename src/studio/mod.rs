@@ -2,6 +2,7 @@
 
 pub mod animate;
 pub mod bake;
+pub mod bars;
 pub mod cli;
 pub mod fit;
 pub mod heads;

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use super::heads::{HeadsError, PersonHead, textured_heads};
 use super::split::Split;
+use super::train::dataset::DatasetError;
 use crate::capacity::{LANDMARKS, LEARNT_MEASURES};
 use crate::expression::measures::{self, Measure};
 use crate::expression::units::Units;
@@ -38,6 +39,9 @@ pub enum SessionsError {
     /// The stages.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),
+    /// Still pictures.
+    #[error(transparent)]
+    Pictures(#[from] DatasetError),
     /// Nobody of that number.
     #[error("no held-out people in {0}; expected annotated portraits in faces_frl189")]
     Nobody(String),
@@ -96,7 +100,9 @@ pub struct Spread {
 }
 
 impl Spread {
-    fn of(mut values: Vec<f64>) -> Self {
+    /// Of these values; not a number if there are none.
+    #[must_use]
+    pub fn of(mut values: Vec<f64>) -> Self {
         if values.is_empty() {
             return Self {
                 mean: f64::NAN,

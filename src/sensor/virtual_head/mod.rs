@@ -133,9 +133,14 @@ impl Simulator {
     /// Changes the light and the exposure (1 = as photographed).
     #[must_use]
     pub fn lit(mut self, light: Light, exposure: f32) -> Self {
+        self.set_light(light, exposure);
+        self
+    }
+
+    /// As [`Simulator::lit`], in the middle of a scene.
+    pub fn set_light(&mut self, light: Light, exposure: f32) {
         self.light = light;
         self.exposure = exposure;
-        self
     }
 
     /// The camera that the frames are drawn with.

@@ -8,12 +8,12 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::ridge::{Block, LinearMap, ridge};
-use super::samples::Sample;
+use super::samples::{Eye, Sample};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{
     CascadeStage, FEATURES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
 };
-use crate::landmarks::cascade::{FaceFit, Solver, prior_columns};
+use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
 
 /// Samples of one block.
@@ -37,6 +37,8 @@ pub struct Progress {
 pub struct StageSettings {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
+    /// Shape modes that the stage moves, the first ones; at most those of the shape model.
+    pub modes: usize,
     /// Penalty of the regression, relative to the mean eigenvalue.
     pub penalty: f32,
 }
@@ -83,19 +85,19 @@ pub fn learn_stage(
     shape: &ShapeModel,
     settings: StageSettings,
 ) -> CascadeStage {
-    let modes = shape.modes.len();
+    let modes = settings.modes.min(shape.modes.len());
     let parameters = VIEW_PARAMETERS + modes;
-    let blocks: Vec<Block> = progress
+    let mut blocks: Vec<Block> = progress
         .par_chunks(BLOCK)
         .map(|chunk| {
-            let mut solver = Solver::default();
+            let (mut solver, mut eye) = (Solver::default(), Eye::default());
             let mut features = DMatrix::zeros(FEATURES + parameters, chunk.len());
             let mut targets = DMatrix::zeros(parameters, chunk.len());
             let mut columns = [0.0; MAX_PARAMETERS];
             for (k, p) in chunk.iter().enumerate() {
                 let sample = &samples[p.sample];
                 let mut column = features.column_mut(k);
-                let patches = solver.features(shape, &sample.maps, &p.fit, settings.cell_px);
+                let patches = solver.features(shape, eye.look(sample), &p.fit, settings.cell_px);
                 column.as_mut_slice()[..FEATURES].copy_from_slice(patches);
                 prior_columns(&p.fit, &p.anchor, &mut columns);
                 for (to, c) in column.as_mut_slice()[FEATURES..].iter_mut().zip(&columns) {
@@ -106,9 +108,30 @@ pub fn learn_stage(
             Block::new(features, targets)
         })
         .collect();
-    let map = ridge(blocks, settings.penalty);
+    let map = ridge(&mut blocks, settings.penalty);
     let stage = quantised(&map, settings.cell_px, parameters);
-    advance(samples, progress, shape, std::slice::from_ref(&stage));
+    // The samples move on by the quantised weights, from the features that are there already.
+    let mut weights = map.weights.clone();
+    for row in 0..parameters {
+        for k in 0..FEATURES {
+            let scale = stage.scales[row * LANDMARKS + k / PATCH];
+            weights[(row, k)] = scale * f32::from(stage.weights[row * FEATURES + k]);
+        }
+    }
+    progress
+        .par_chunks_mut(BLOCK)
+        .zip(&blocks)
+        .for_each(|(chunk, block)| {
+            let steps = &weights * &block.features;
+            for (p, step) in chunk.iter_mut().zip(steps.column_iter()) {
+                let step: Vec<f32> = step
+                    .iter()
+                    .zip(map.bias.iter())
+                    .map(|(s, b)| s + b)
+                    .collect();
+                p.fit = updated(&p.fit, &step);
+            }
+        });
     stage
 }
 
@@ -120,9 +143,10 @@ pub fn advance(
     stages: &[CascadeStage],
 ) {
     progress.par_chunks_mut(64).for_each(|chunk| {
-        let mut solver = Solver::default();
+        let (mut solver, mut eye) = (Solver::default(), Eye::default());
         for p in chunk {
-            p.fit = solver.run(stages, shape, &samples[p.sample].maps, &p.fit, &p.anchor);
+            let maps = eye.look(&samples[p.sample]);
+            p.fit = solver.run(stages, shape, maps, &p.fit, &p.anchor);
         }
     });
 }

@@ -1,9 +1,11 @@
 //! Training pictures: dressed heads with random shape, expression, pose, light and camera, cropped around the face, with
 //! everything known about them.
 //!
-//! What varies: identity (noise of half a sigma per mode, 3.5 % of scale per axis, a smooth quadratic warp), expression
-//! (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a
-//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, things in front.
+//! What varies: identity (shape between and beyond two people's, noise of half a sigma per mode, 3.5 % of scale per axis, a
+//! smooth quadratic warp; skin mixed from both photographs, evenly or from place to place, also beyond one of them, which
+//! makes new people of a hundred), expression (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a
+//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, beards, glasses, hair, hands
+//! and other things in front.
 //! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
 //! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
 //! fixed places of the mesh, hidden ones included, with a flag. Limitation: no hair of its own but painted strips.
@@ -15,6 +17,7 @@ use fastrand::Rng;
 use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
+use super::wear;
 use crate::capacity::LANDMARKS;
 use crate::face_model::scheme::MIRROR;
 use crate::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -64,10 +67,18 @@ pub struct Renderer {
     camera: Camera,
 }
 
+/// Puts something before a face.
+type Cover = fn(&mut Rng, &[[f32; 2]; LANDMARKS], usize, usize, &mut [f32], &mut [bool; LANDMARKS]);
+
+/// Share of the pictures whose person is mixed of two.
+const MIXED: f32 = 0.75;
+
 struct Scratch {
     painter: HeadPainter,
     bust: (Shape, ShapePainter),
     canvas: Canvas,
+    /// The same head with the other person's photograph.
+    other: Canvas,
     neutral: Vec<Point>,
     grey: Vec<f32>,
     spare: Vec<f32>,
@@ -167,7 +178,19 @@ impl Renderer {
         let mut rng = Rng::with_seed(seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let head = &self.heads[rng.usize(..self.heads.len())];
         let asset = &head.asset;
+        let other = &self.heads[rng.usize(..self.heads.len())].asset;
+        let mixed = rng.f32() < MIXED;
         let mut weights = self.expression(asset, &mut rng);
+        // Between two people, and somewhat beyond either.
+        let share = if mixed { 1.4 * rng.f32() - 0.2 } else { 0.0 };
+        for ((p, a), b) in scratch
+            .neutral
+            .iter_mut()
+            .zip(&asset.neutral)
+            .zip(&other.neutral)
+        {
+            *p = a + (b - a) * share;
+        }
         self.shape(asset, &mut rng, &mut scratch.neutral);
         let mut neutral_points = asset.landmarks_on(&scratch.neutral);
         let painter = &mut scratch.painter;
@@ -209,6 +232,12 @@ impl Renderer {
         let canvas = &mut scratch.canvas;
         canvas.resize(width, height);
         painter.draw_colour(asset, &light, pixel, canvas);
+        if mixed {
+            scratch.other.resize(width, height);
+            painter.draw_colour(other, &light, pixel, &mut scratch.other);
+            let face = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
+            mix_skins(&mut rng, &face, canvas, &scratch.other);
+        }
         if rng.f32() < 0.75 {
             let (shape, bust) = &mut scratch.bust;
             bust.place(shape, &shoulders_below(&sensor_from_head));
@@ -235,11 +264,25 @@ impl Renderer {
                 *grey = f32::from(luma_of(*rgb));
             }
         }
+        if rng.f32() < 0.15 {
+            wear::beard(
+                &mut rng,
+                &points,
+                width,
+                height,
+                &mut scratch.grey,
+                &mut scratch.spare,
+            );
+        }
+        if rng.f32() < 0.15 {
+            wear::glasses(&mut rng, &points, width, height, &mut scratch.grey);
+        }
         if rng.f32() < 0.18 {
             hair(&mut rng, &points, width, height, &mut scratch.grey);
         }
-        if rng.f32() < 0.15 {
-            block(
+        if rng.f32() < 0.22 {
+            let cover: Cover = if rng.f32() < 0.35 { wear::hand } else { block };
+            cover(
                 &mut rng,
                 &points,
                 width,
@@ -270,9 +313,8 @@ impl Renderer {
         }
     }
 
-    /// The person's shape, varied; origin between the inner eye corners again.
+    /// Varies a shape; origin between the inner eye corners again.
     fn shape(&self, asset: &HeadAsset, rng: &mut Rng, out: &mut [Point]) {
-        out.copy_from_slice(&asset.neutral);
         for mode in &self.identities {
             let weight = 0.5 * normal(rng);
             for (p, offset) in out.iter_mut().zip(mode) {
@@ -345,12 +387,12 @@ impl Renderer {
             _ => {}
         }
         match rng.u8(..20) {
-            0..=3 => both("eyeBlink", 0.95 + 0.05 * rng.f32(), rng),
-            4..=6 => both("eyeBlink", rng.f32(), rng),
-            7 | 8 => both("eyeWide", rng.f32() * 1.1, rng),
-            9 | 10 => both("eyeSquint", rng.f32(), rng),
-            11 => both("eyeLookDown", rng.f32(), rng),
-            12 => both("eyeLookUp", rng.f32(), rng),
+            0..=2 => both("eyeBlink", 0.95 + 0.05 * rng.f32(), rng),
+            3..=5 => both("eyeBlink", rng.f32(), rng),
+            6..=9 => both("eyeWide", rng.f32() * 1.1, rng),
+            10..=12 => both("eyeSquint", rng.f32(), rng),
+            13 => both("eyeLookDown", rng.f32(), rng),
+            14 => both("eyeLookUp", rng.f32(), rng),
             _ => {}
         }
         let jaw = match rng.u8(..10) {
@@ -398,6 +440,7 @@ impl Scratch {
             painter: HeadPainter::new(asset),
             bust: (shape, bust),
             canvas: Canvas::new(1, 1),
+            other: Canvas::new(1, 1),
             neutral: asset.neutral.clone(),
             grey: Vec::new(),
             spare: Vec::new(),
@@ -405,14 +448,41 @@ impl Scratch {
     }
 }
 
+/// Mixes a face with the same one in another photograph: everywhere alike, also somewhat beyond either photograph, or
+/// across the face from one to the other.
+fn mix_skins(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], canvas: &mut Canvas, other: &Canvas) {
+    let width = canvas.depth.width;
+    let [x0, y0] = points[30];
+    let size = (points[36][0] - points[45][0])
+        .hypot(points[36][1] - points[45][1])
+        .max(4.0);
+    let even = rng.f32() < 0.5;
+    let level = 1.6 * rng.f32() - 0.3;
+    let (sin, cos) = (std::f32::consts::TAU * rng.f32()).sin_cos();
+    let steep = (0.8 + 2.0 * rng.f32()) / size;
+    let middle = 0.5 + 0.4 * either(rng);
+    for (k, (own, other)) in canvas.rgb.iter_mut().zip(&other.rgb).enumerate() {
+        let share = if even {
+            level
+        } else {
+            let (x, y) = ((k % width) as f32 - x0, (k / width) as f32 - y0);
+            (middle + steep * (x * cos + y * sin)).clamp(0.0, 1.0)
+        };
+        for (a, b) in own.iter_mut().zip(other) {
+            let (from, to) = (f32::from(*a), f32::from(*b));
+            *a = (from + share * (to - from) + 0.5).clamp(0.0, 255.0) as u8;
+        }
+    }
+}
+
 /// A number of mean 0 and deviation 1.
-fn normal(rng: &mut Rng) -> f32 {
+pub(super) fn normal(rng: &mut Rng) -> f32 {
     let sum: f32 = (0..6).map(|_| rng.f32()).sum();
     (sum - 3.0) * std::f32::consts::SQRT_2
 }
 
 /// A number in −1…1.
-fn either(rng: &mut Rng) -> f32 {
+pub(super) fn either(rng: &mut Rng) -> f32 {
     2.0 * rng.f32() - 1.0
 }
 

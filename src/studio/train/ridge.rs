@@ -14,7 +14,8 @@ pub const STEPS: usize = 25;
 
 /// Some samples: features by column, the same transposed, targets by column.
 pub struct Block {
-    features: DMatrix<f32>,
+    /// Features, one column per sample.
+    pub features: DMatrix<f32>,
     transposed: DMatrix<f32>,
     targets: DMatrix<f32>,
 }
@@ -59,15 +60,15 @@ fn add_scaled(to: &mut DMatrix<f32>, by: &DVector<f32>, from: &DMatrix<f32>) {
     }
 }
 
-/// Solves the regression.
+/// Solves the regression. The blocks' features lose their mean, and their targets become what is left of them.
 #[must_use]
-pub fn ridge(mut blocks: Vec<Block>, relative_penalty: f32) -> LinearMap {
+pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
     let dimensions = blocks.first().map_or(0, |b| b.features.nrows());
     let targets = blocks.first().map_or(0, |b| b.targets.nrows());
     let count: usize = blocks.iter().map(|b| b.features.ncols()).sum();
     let mean_of = |of: &(dyn Fn(&Block) -> &DMatrix<f32> + Sync), rows: usize| {
         let mut sum = DVector::<f64>::zeros(rows);
-        for block in &blocks {
+        for block in blocks.iter() {
             for column in of(block).column_iter() {
                 for (s, v) in sum.iter_mut().zip(column.iter()) {
                     *s += f64::from(*v);
@@ -103,7 +104,7 @@ pub fn ridge(mut blocks: Vec<Block>, relative_penalty: f32) -> LinearMap {
         sum -= weights * lambda;
         sum
     };
-    let mut slope = gradient(&blocks, &weights);
+    let mut slope = gradient(blocks, &weights);
     let mut direction = slope.clone();
     let mut gamma = row_squares(&slope);
     for _ in 0..STEPS {
@@ -122,7 +123,7 @@ pub fn ridge(mut blocks: Vec<Block>, relative_penalty: f32) -> LinearMap {
             .par_iter_mut()
             .zip(&images)
             .for_each(|(block, image)| add_scaled(&mut block.targets, &back, image));
-        slope = gradient(&blocks, &weights);
+        slope = gradient(blocks, &weights);
         let next = row_squares(&slope);
         let beta = next.zip_map(&gamma, |n, g| (n / g.max(1e-30)) as f32);
         gamma = next;
@@ -147,14 +148,14 @@ mod tests {
     fn a_planted_map_is_found() {
         let mut random = fastrand::Rng::with_seed(4);
         let planted = DMatrix::<f32>::from_fn(3, 20, |_, _| random.f32() - 0.5);
-        let blocks = (0..3)
+        let mut blocks: Vec<Block> = (0..3)
             .map(|_| {
                 let x = DMatrix::<f32>::from_fn(20, 80, |_, _| random.f32() + 2.0);
                 let y = (&planted * &x).add_scalar(0.7);
                 Block::new(x, y)
             })
             .collect();
-        let map = ridge(blocks, 1e-6);
+        let map = ridge(&mut blocks, 1e-6);
         assert!((&map.weights - &planted).amax() < 1e-3);
         let offset = &map.bias - &map.weights * &map.mean;
         assert!((offset.add_scalar(-0.7)).amax() < 1e-2);

@@ -15,7 +15,7 @@ use crate::sensor::camera::Camera;
 use super::dataset::{DatasetError, Entry, GreyPicture, load_grey};
 use super::points::fit_points;
 use super::render::TrainingSample;
-use super::shape::{Face, Similarity, normal};
+use super::shape::{Face, Similarity};
 
 /// Inverse distance of a studio camera, 1/m: portraits are taken from about a metre and a half.
 pub const STUDIO_INVERSE_DISTANCE: f32 = 0.7;
@@ -31,6 +31,8 @@ pub struct TruePicture {
     pub truth: FaceFit,
     /// The 68 points, picture pixels.
     pub points: [[f32; 2]; LANDMARKS],
+    /// Whether nothing stands before the point.
+    pub visible: [bool; LANDMARKS],
     /// Whether it is drawn and not photographed.
     pub drawn: bool,
 }
@@ -63,6 +65,7 @@ impl TruePicture {
             truth: fit_points(shape, &points, STUDIO_INVERSE_DISTANCE),
             grey,
             points,
+            visible: [true; LANDMARKS],
             drawn: false,
         }))
     }
@@ -115,6 +118,7 @@ impl TruePicture {
                 shape: coefficients,
             },
             points,
+            visible: drawn.visible,
             drawn: true,
         })
     }
@@ -152,6 +156,7 @@ impl TruePicture {
                 let p = self.points[scheme::MIRROR[i]];
                 [flip(p[0]), p[1]]
             }),
+            visible: std::array::from_fn(|i| self.visible[scheme::MIRROR[i]]),
             drawn: self.drawn,
         }
     }
@@ -166,23 +171,19 @@ pub struct Disturbance {
     pub angle: f32,
     /// Logarithm of the scale.
     pub scale: f32,
-    /// Shape, standard deviations (Gaussian).
-    pub shape: f32,
 }
 
-/// What a depth pose gets wrong.
+/// What a depth pose gets wrong of most people.
+pub const NEAR: Disturbance = Disturbance {
+    position: 0.06,
+    angle: 0.09,
+    scale: 0.055,
+};
+/// What a depth pose gets wrong at worst, and a box about a face in a still picture.
 pub const COLD: Disturbance = Disturbance {
     position: 0.10,
     angle: 0.14,
     scale: 0.08,
-    shape: 0.0,
-};
-/// What changes from frame to frame.
-pub const WARM: Disturbance = Disturbance {
-    position: 0.025,
-    angle: 0.03,
-    scale: 0.02,
-    shape: 0.35,
 };
 /// Width of a face, metres: the unit of [`Disturbance::position`].
 const FACE_WIDTH_M: f32 = 0.145;
@@ -205,14 +206,53 @@ impl Disturbance {
 
 /// One start: the window there and the truth in it.
 pub struct Sample {
-    /// Orientation maps of the window.
-    pub maps: OrientationMaps,
+    /// The window; its maps are made where they are needed, for they are sixteen times as large.
+    window: Vec<u8>,
     /// The view that the disturbed depth pose says.
     pub depth: View,
     /// Truth in the window.
     pub truth: FaceFit,
     /// The points in the window.
     pub points: [[f32; 2]; LANDMARKS],
+    /// Whether nothing stands before the point.
+    pub visible: [bool; LANDMARKS],
+    /// Where the window lies in the picture.
+    placement: Placement,
+}
+
+impl Sample {
+    /// Window pixel to pixel of the picture.
+    #[must_use]
+    pub fn in_picture(&self, window: [f32; 2]) -> [f32; 2] {
+        self.placement.picture_pixel(window)
+    }
+}
+
+/// Work space to look at samples.
+pub struct Eye {
+    window: Vec<f32>,
+    /// Maps of the sample looked at last.
+    pub maps: OrientationMaps,
+}
+
+impl Default for Eye {
+    fn default() -> Self {
+        Self {
+            window: vec![0.0; WINDOW * WINDOW],
+            maps: OrientationMaps::default(),
+        }
+    }
+}
+
+impl Eye {
+    /// Makes the maps of a sample.
+    pub fn look(&mut self, sample: &Sample) -> &OrientationMaps {
+        for (value, grey) in self.window.iter_mut().zip(&sample.window) {
+            *value = f32::from(*grey);
+        }
+        self.maps.compute(&self.window);
+        &self.maps
+    }
 }
 
 /// The truth seen through a placement.
@@ -275,7 +315,6 @@ pub fn sample(
     spoiled: bool,
     seed: u64,
     window: &mut [f32],
-    maps: &mut OrientationMaps,
 ) -> Sample {
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.of(&picture.truth.view, &mut random);
@@ -284,25 +323,14 @@ pub fn sample(
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }
-    maps.compute(window);
     Sample {
-        maps: maps.kept(),
+        window: window.iter().map(|v| (v + 0.5) as u8).collect(),
         depth: placement.start,
         truth: truth_in_window(&picture.truth, &placement),
         points: picture.points.map(|p| placement.window_pixel(p)),
+        visible: picture.visible,
+        placement,
     }
-}
-
-/// A warm start near the truth: view and shape of the last frame.
-pub fn warm_start(sample: &Sample, modes: usize, random: &mut fastrand::Rng) -> FaceFit {
-    let mut fit = FaceFit {
-        view: WARM.of(&sample.truth.view, random),
-        shape: sample.truth.shape,
-    };
-    for b in &mut fit.shape[..modes] {
-        *b += WARM.shape * normal(random);
-    }
-    fit
 }
 
 #[cfg(test)]
@@ -333,11 +361,12 @@ mod tests {
             },
             points: head.map(|p| truth.view.project(&p)),
             truth,
+            visible: [true; LANDMARKS],
             drawn: false,
         };
-        let (mut window, mut maps) = (vec![0.0; WINDOW * WINDOW], OrientationMaps::default());
+        let mut window = vec![0.0; WINDOW * WINDOW];
         for picture in [picture.clone(), picture.mirrored(&shape)] {
-            let sample = sample(&picture, &COLD, false, 5, &mut window, &mut maps);
+            let sample = sample(&picture, &COLD, false, 5, &mut window);
             shape.shape(&sample.truth.shape, &mut head);
             for (p, q) in head.iter().zip(&sample.points) {
                 let p = sample.truth.view.project(p);

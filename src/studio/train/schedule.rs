@@ -13,13 +13,12 @@ use super::cascade::{Progress, StageSettings, advance, inner_error_percent, lear
 use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
 use super::render::{Renderer, TrainingSample};
-use super::samples::{COLD, Disturbance, Sample, TruePicture, sample, warm_start};
-use super::{confidence, paper_aam, shape, standard_head};
+use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
+use super::{confidence, paper_aam, report, shape, standard_head};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{CascadeStage, FaceModel, MAX_MODES, ShapeModel, StandardHead, file};
 use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
-use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::window::WINDOW;
 use crate::sensor::camera::Camera;
 use crate::studio::heads::HeadsError;
@@ -63,9 +62,9 @@ impl Default for TrainArgs {
             data: PathBuf::new(),
             out: PathBuf::from("face.model"),
             offsets: None,
-            modes: 40,
+            modes: 44,
             starts: 4,
-            drawn: 3600,
+            drawn: 9000,
             penalty: 0.5,
             paper_pictures: 400,
             tracks: None,
@@ -90,6 +89,9 @@ pub enum TrainError {
     /// The 3D shape of the paper's model.
     #[error(transparent)]
     Nrsfm(#[from] nrsfm::Error),
+    /// A picture of the page.
+    #[error(transparent)]
+    Picture(#[from] image::ImageError),
     /// Too little to learn from.
     #[error(
         "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
@@ -159,29 +161,23 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainErro
     Ok(pictures)
 }
 
-/// `starts` disturbed starts at each picture.
+/// `starts` disturbed starts at each picture, by the disturbances in turn.
 #[must_use]
 pub fn disturbed(
     pictures: &[TruePicture],
     starts: usize,
-    disturbance: &Disturbance,
+    disturbances: &[Disturbance],
     spoiled: bool,
     seed: u64,
 ) -> Vec<Sample> {
     (0..pictures.len() * starts)
         .into_par_iter()
         .map_init(
-            || (vec![0.0; WINDOW * WINDOW], OrientationMaps::default()),
-            |(window, maps), k| {
+            || vec![0.0; WINDOW * WINDOW],
+            |window, k| {
                 let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-                sample(
-                    &pictures[k / starts],
-                    disturbance,
-                    spoiled,
-                    seed,
-                    window,
-                    maps,
-                )
+                let disturbance = &disturbances[k % disturbances.len()];
+                sample(&pictures[k / starts], disturbance, spoiled, seed, window)
             },
         )
         .collect()
@@ -213,11 +209,51 @@ pub fn fit_cold(
 ) -> Vec<Progress> {
     let mut progress = cold_starts(samples);
     advance(samples, &mut progress, shape, cold);
-    for p in &mut progress {
-        p.anchor = p.fit.view;
-    }
     advance(samples, &mut progress, shape, warm);
     progress
+}
+
+/// Distance of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape come
+/// first; lids and lips need the finer maps of the end.
+const STAGES: [(f32, usize); 6] = [
+    (6.5, 10),
+    (5.5, 24),
+    (5.0, MAX_MODES),
+    (4.0, MAX_MODES),
+    (3.2, MAX_MODES),
+    (2.4, MAX_MODES),
+];
+/// How many of them are the model's cold ones.
+const COLD_STAGES: usize = 2;
+/// Cells of the patches that confidence looks at, window pixels.
+const CONFIDENCE_CELL_PX: f32 = 4.0;
+/// Starts in turn: mostly as near as the tracker's, some as far as a box about a still face.
+const STARTS: [Disturbance; 3] = [NEAR, NEAR, COLD];
+/// Starts that mostly fail.
+const FAR: Disturbance = Disturbance {
+    position: 0.35,
+    angle: 0.5,
+    scale: 0.3,
+};
+/// Starts beside the face.
+const BESIDE: Disturbance = Disturbance {
+    position: 1.6,
+    angle: 0.5,
+    scale: 0.5,
+};
+
+/// The mean as a face.
+fn reference_of(shape: &ShapeModel) -> shape::Face {
+    std::array::from_fn(|i| shape.mean[i])
+}
+
+/// What the nearest shape of the model's first modes leaves of a face, seen from the front, in outer eye distances.
+fn left_by(shape: &ShapeModel, face: &shape::Face, modes: usize) -> [[f32; 2]; LANDMARKS] {
+    let mut coefficients = [0.0; MAX_MODES];
+    shape.coefficients(face, &mut coefficients[..shape.modes.len()]);
+    let mut nearest = [Point::origin(); LANDMARKS];
+    shape.shape(&coefficients[..modes.min(MAX_MODES)], &mut nearest);
+    differences(&nearest.map(|p| [p.x, p.y]), &face.map(|p| [p.x, p.y]))
 }
 
 fn measured(
@@ -278,6 +314,21 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         faces.len()
     ));
 
+    let mut told = Vec::new();
+    let strange = shape::population(&ict, &sites, 300, args.seed + 1);
+    for count in [10, 20, 30, modes] {
+        let mut floor = Errors::default();
+        for face in &strange {
+            let face = shape::aligned(face, &reference_of(&shape));
+            floor.add(&left_by(&shape, &face, count));
+        }
+        let line = floor.line();
+        say(&format!(
+            "  {count} modes leave of drawn faces, seen from the front: {line}"
+        ));
+        told.push((format!("{count} modes leave of drawn faces"), line));
+    }
+
     let mut pictures = portraits(args, &shape)?;
     say(&format!(
         "{} portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
@@ -310,69 +361,62 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     let used = |split| split == Split::Train || (split == Split::Dev && !args.hold_out_dev);
     let drawn = as_pictures(&draw(&used, args.drawn, args.seed)?);
     say(&format!("{} {} drawn faces", since(&began), drawn.len()));
-    let mut samples = disturbed(&pictures.train, args.starts, &COLD, true, args.seed);
-    samples.extend(disturbed(&drawn, 2, &COLD, false, args.seed + 3));
+    let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
+    samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
     pictures.train.extend(drawn);
     say(&format!("{} {} starts", since(&began), samples.len()));
 
+    // People not trained on are taken along from stage to stage: what the stages are worth beyond the training people.
+    let strangers = if args.hold_out_dev {
+        Split::Dev
+    } else {
+        Split::Test
+    };
+    let watched = as_pictures(&draw(
+        &|split| split == strangers,
+        args.drawn / 15,
+        args.seed + 5,
+    )?);
+    let watched = disturbed(&watched, 1, &[NEAR], false, args.seed + 5);
+    let mut watched_progress = cold_starts(&watched);
     let mut progress = cold_starts(&samples);
-    let mut cold = Vec::new();
-    for (k, cell_px) in [6.5, 5.5, 4.7].into_iter().enumerate() {
+    let (mut cold, mut warm) = (Vec::new(), Vec::new());
+    for (k, (cell_px, modes)) in STAGES.into_iter().enumerate() {
         let settings = StageSettings {
             cell_px,
+            modes,
             penalty: args.penalty,
         };
-        cold.push(learn_stage(&samples, &mut progress, &shape, settings));
-        say(&format!(
-            "{} cold stage {}: {:.2} % on the training starts",
-            since(&began),
-            k + 1,
-            inner_error_percent(&samples, &progress, &shape)
-        ));
+        let stage = learn_stage(&samples, &mut progress, &shape, settings);
+        let this = std::slice::from_ref(&stage);
+        advance(&watched, &mut watched_progress, &shape, this);
+        let figure = format!(
+            "{:.2} % on the training starts, {:.2} % on strangers (points 17–67)",
+            inner_error_percent(&samples, &progress, &shape),
+            inner_error_percent(&watched, &watched_progress, &shape)
+        );
+        say(&format!("{} stage {}: {figure}", since(&began), k + 1));
+        told.push((format!("after stage {}", k + 1), figure));
+        if k < COLD_STAGES {
+            cold.push(stage);
+        } else {
+            warm.push(stage);
+        }
     }
-    for p in &mut progress {
-        p.anchor = p.fit.view;
-    }
-    let mut warm = Vec::new();
-    for (k, cell_px) in [5.0, 4.0].into_iter().enumerate() {
-        let settings = StageSettings {
-            cell_px,
-            penalty: args.penalty,
-        };
-        warm.push(learn_stage(&samples, &mut progress, &shape, settings));
-        say(&format!(
-            "{} warm stage {}: {:.2} % on the training starts",
-            since(&began),
-            k + 1,
-            inner_error_percent(&samples, &progress, &shape)
-        ));
-    }
+    drop(samples);
+    say(&format!(
+        "  strangers: {}",
+        measured(&watched, &watched_progress, &shape).0.line()
+    ));
 
-    // Ends of fits that fail: far starts, and windows beside the face.
-    let far = Disturbance {
-        position: 0.35,
-        angle: 0.5,
-        scale: 0.3,
-        shape: 0.0,
-    };
-    let beside = Disturbance {
-        position: 1.6,
-        angle: 0.5,
-        scale: 0.5,
-        shape: 0.0,
-    };
-    let good = samples.len();
-    pictures.train.truncate(500);
-    samples.extend(disturbed(&pictures.train, 3, &far, true, args.seed + 1));
+    // Ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
+    let mut fresh = as_pictures(&draw(&used, args.drawn / 6, args.seed + 17)?);
+    fresh.extend(pictures.train.iter().take(150).cloned());
+    let mut samples = disturbed(&fresh, 2, &STARTS, true, args.seed + 1);
+    samples.extend(disturbed(&fresh, 1, &[FAR], true, args.seed + 1));
     let first_beside = samples.len();
-    samples.extend(disturbed(&pictures.train, 3, &beside, true, args.seed + 2));
-    let mut ends = fit_cold(&samples[good..], &shape, &cold, &warm);
-    for end in &mut ends {
-        end.sample += good;
-    }
-    // As many good ends as there are far ones are enough.
-    let every = (progress.len() / 2500).max(1);
-    ends.extend(progress.iter().step_by(every));
+    samples.extend(disturbed(&fresh, 1, &[BESIDE], true, args.seed + 2));
+    let ends = fit_cold(&samples, &shape, &cold, &warm);
     let faceless = |k: usize| {
         // A window beside the face whose face lies outside it.
         k >= first_beside && {
@@ -381,8 +425,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             off > 60.0
         }
     };
-    let cell_px = warm.last().map_or(5.0, |s: &CascadeStage| s.cell_px);
-    let confidence = confidence::learn(&samples, &ends, &faceless, &shape, cell_px);
+    let confidence = confidence::learn(&samples, &ends, &faceless, &shape, CONFIDENCE_CELL_PX);
     say(&format!("{} confidence", since(&began)));
 
     let (points, normals) = standard_head::standard_head(&ict).into_iter().unzip();
@@ -397,13 +440,11 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         standard_head: StandardHead { points, normals },
         ..FaceModel::default()
     };
-    drop(samples);
-
     for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
         if pictures.is_empty() {
             continue;
         }
-        let samples = disturbed(pictures, 10, &COLD, false, args.seed + 7);
+        let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
         let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
         let (errors, all) = measured(&samples, &ends, &model.shape);
         say(&format!(
@@ -417,35 +458,22 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             clean.add(&super::evaluate::without(d, &offsets));
         }
         say(&format!("  with mean offsets taken out: {}", clean.line()));
-        let mut solver = Solver::default();
-        let beliefs: f32 = ends
-            .iter()
-            .map(|end| {
-                solver
-                    .belief(
-                        &model.confidence,
-                        &model.shape,
-                        &samples[end.sample].maps,
-                        &end.fit,
-                    )
-                    .face
-            })
-            .sum();
-        say(&format!(
-            "  mean confidence {:.3}",
-            beliefs / ends.len() as f32
-        ));
+        say(&format!("  {}", calibration(&model, &samples, &ends)));
     }
-    if args.drawn > 0 {
-        let drawn = draw(&|split| split == Split::Test, 400, args.seed + 11)?;
-        report_drawn(&model, &drawn, &camera, args.seed, say);
-    }
+    let renderer = Renderer::new(&args.data, |person| Split::of(person) == strangers)?;
+    let drawn = renderer.samples(0..400, args.seed + 11);
+    report_drawn(&model, &drawn, &camera, args.seed, say);
+    let names: Vec<String> = renderer
+        .expression_names()
+        .into_iter()
+        .map(String::from)
+        .collect();
     if let Some(path) = &args.offsets {
         // People of the same annotation who are not the test people.
         let samples = disturbed(
             &pictures.train[..pictures.train.len().min(150)],
             4,
-            &COLD,
+            &[COLD],
             false,
             args.seed + 13,
         );
@@ -474,6 +502,15 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         bytes[bytes.len() - 1],
     ]);
     write(&args.out, &bytes)?;
+    told.push((
+        "model".into(),
+        format!("{} bytes, id {:08x}", bytes.len(), model.id),
+    ));
+    told.push(("time".into(), since(&began)));
+    let page = args.out.with_extension("html");
+    let album = report::page(&model, &drawn, &names, told, args.seed + 19);
+    write(&page, album.html()?.as_bytes())?;
+    say(&format!("{} wrote {}", since(&began), page.display()));
     say(&format!(
         "{} wrote {}: {} bytes, id {:08x}",
         since(&began),
@@ -513,7 +550,34 @@ fn correlation(pairs: &[(f32, f32)]) -> f32 {
     ab / (aa * bb).sqrt()
 }
 
-/// Errors on drawn test people, cold and warm, and how well measures follow the truth.
+/// How often a face is within 5 % where its confidence says so: share of the faces, their mean confidence, share within.
+fn calibration(model: &FaceModel, samples: &[Sample], ends: &[Progress]) -> String {
+    let told: Vec<(f32, bool)> = ends
+        .par_iter()
+        .map_init(<(Solver, Eye)>::default, |(solver, eye), end| {
+            let sample = &samples[end.sample];
+            let maps = eye.look(sample);
+            let belief = solver.belief(&model.confidence, &model.shape, maps, &end.fit);
+            solver.project(&model.shape, &end.fit);
+            let d = differences(&solver.window, &sample.points);
+            let error = d.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / LANDMARKS as f32;
+            (belief.face, error <= 0.05)
+        })
+        .collect();
+    let line: Vec<String> = (0..5)
+        .filter_map(|bin| {
+            let of = told.iter().filter(|t| ((t.0 * 5.0) as usize).min(4) == bin);
+            let (count, sum, good) = of.fold((0usize, 0.0, 0usize), |s, t| {
+                (s.0 + 1, s.1 + t.0, s.2 + usize::from(t.1))
+            });
+            let n = count as f32;
+            (count > 0).then(|| format!("{count}: {:.2} → {:.2}", sum / n, good as f32 / n))
+        })
+        .collect();
+    format!("confidence → share within 5 %: {}", line.join(", "))
+}
+
+/// Errors on drawn strangers, and how well measures follow the truth.
 fn report_drawn(
     model: &FaceModel,
     drawn: &[TrainingSample],
@@ -526,29 +590,38 @@ fn report_drawn(
         .filter_map(|d| Some((d, TruePicture::drawn(d, camera, &model.shape)?)))
         .collect();
     let pictures: Vec<TruePicture> = kept.iter().map(|(_, p)| p.clone()).collect();
-    let samples = disturbed(&pictures, 2, &COLD, false, seed + 7);
+    let samples = disturbed(&pictures, 2, &[COLD], false, seed + 7);
     let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
     say(&format!(
-        "test people, drawn, cold: {}",
+        "strangers, drawn, from far: {}",
         measured(&samples, &ends, &model.shape).0.line()
     ));
-    let mut random = fastrand::Rng::with_seed(seed);
-    let mut warm = cold_starts(&samples);
-    for p in &mut warm {
-        p.fit = warm_start(&samples[p.sample], model.shape.modes.len(), &mut random);
-        p.anchor = p.fit.view;
-    }
-    advance(&samples, &mut warm, &model.shape, &model.warm);
+    say(&format!("  {}", calibration(model, &samples, &ends)));
+    let samples = disturbed(&pictures, 2, &[NEAR], false, seed + 7);
+    let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
     say(&format!(
-        "test people, drawn, warm: {}",
-        measured(&samples, &warm, &model.shape).0.line()
+        "strangers, drawn, from near: {}",
+        measured(&samples, &ends, &model.shape).0.line()
     ));
-    let mean: shape::Face = std::array::from_fn(|i| model.shape.mean[i]);
+    let mean = reference_of(&model.shape);
     let mut pairs: [Vec<(f32, f32)>; 6] = Default::default();
+    let mut floors: [Vec<(f32, f32)>; 6] = Default::default();
     let mut names = [""; 6];
     let mut head = mean;
     for end in &ends {
         let truth = shape::aligned(&kept[end.sample / 2].0.head, &mean);
+        let mut best = end.fit.shape;
+        model
+            .shape
+            .coefficients(&truth, &mut best[..model.shape.modes.len()]);
+        model.shape.shape(&best, &mut head);
+        for (k, (a, b)) in measures(&truth)
+            .into_iter()
+            .zip(measures(&head))
+            .enumerate()
+        {
+            floors[k].push((a.1, b.1));
+        }
         model.shape.shape(&end.fit.shape, &mut head);
         for (k, (a, b)) in measures(&truth)
             .into_iter()
@@ -561,11 +634,17 @@ fn report_drawn(
     }
     let line: Vec<String> = names
         .iter()
-        .zip(&pairs)
-        .map(|(name, pairs)| format!("{name} {:.3}", correlation(pairs)))
+        .zip(pairs.iter().zip(&floors))
+        .map(|(name, (pairs, floors))| {
+            format!(
+                "{name} {:.3} of {:.3}",
+                correlation(pairs),
+                correlation(floors)
+            )
+        })
         .collect();
     say(&format!(
-        "  correlation with the truth, cold: {}",
+        "  correlation with the truth, and what the shape model allows: {}",
         line.join(", ")
     ));
 }
