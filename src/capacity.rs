@@ -15,6 +15,10 @@ pub const LANDMARKS: usize = 68;
 pub const HEAD_POINTS: usize = 2048;
 /// People followed at once.
 pub const USERS: usize = 4;
+/// Heads cut from one depth picture at most: everybody followed, and two that may be somebody or something else.
+pub const HEADS: usize = USERS + 2;
+/// People who left and are known again: more than pass by while one is away for some minutes.
+pub const REMEMBERED: usize = 2 * USERS;
 /// Geometric measures of a face: the paper's and the fore–aft ones, with the eye distance.
 pub const MEASURES: usize = 13;
 /// Measures whose range is learnt: all but the eye distance.

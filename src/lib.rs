@@ -40,6 +40,7 @@ pub mod allocations;
 pub mod bench;
 pub mod cli;
 pub mod devices;
+mod follower;
 mod live;
 pub mod log;
 pub mod pipeline;

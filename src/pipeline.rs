@@ -1,43 +1,74 @@
 //! The stages in order: the drawing of the library as code.
+//!
+//! Heads are cut from the depth picture and given to the users they belong to ([`crate::users::matching`]); each user has
+//! stages of their own ([`crate::follower`]). A head that is nobody's goes to a follower at the door, one at a time: it
+//! becomes a user once a face is found on it and, if there are people who left, after a few more frames that tell whether
+//! it is one of them ([`crate::users::memory`]). What has no face is left alone for a few frames. At most one pose a frame is
+//! searched for from nothing, so that no frame costs much more than following.
+//!
+//! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
 
-use crate::capacity::UNITS;
+use crate::capacity::{HEADS, USERS};
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
-use crate::expression::saved::Learned;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
-use crate::geometry::Rigid;
-use crate::landmarks::{LandmarkStage, Landmarks};
+use crate::follower::Follower;
+use crate::geometry::Point;
+use crate::landmarks::LandmarkStage;
 use crate::output::{Command, Report};
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
 use crate::sensor::Frame;
 use crate::sensor::camera::{Camera, Registration};
-use crate::settings::Settings;
+use crate::settings::{Settings, UserSettings};
 use crate::time::Timestamp;
-use crate::users::{Presence, TrackingState};
+use crate::users::choice::{Candidate, Choice};
+use crate::users::memory::{Gone, Memory};
+use crate::users::{Presence, TrackingState, matching};
 
-/// The slot of the one user that is followed.
-const SLOT: usize = 0;
+/// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
+pub(crate) const FIRST_LOOK: u64 = 8;
+/// and the distance of two heads' signatures up to which they are one; strangers are 0.6 to 1.8 apart.
+pub(crate) const FIRST_LOOK_APART: f32 = 0.55;
+/// A head that is cut off by the picture's edge tells nothing; for so many frames it is waited for.
+const LONGEST_LOOK: u64 = 40;
+/// Frames after which a new user is compared once more.
+const LAST_LOOK: u64 = 45;
+/// Beyond this distance from all of them a newcomer is a stranger at once; who is between is looked at for longer,
+const STRANGER_APART: f32 = 0.9;
+/// for so many frames,
+pub(crate) const SECOND_LOOK: u64 = 28;
+/// with this distance: the same head is 0.15 to 0.65 apart then, others are 0.7 and more.
+pub(crate) const SECOND_LOOK_APART: f32 = 0.68;
+/// A head without a face is tried again after so many frames.
+const REFUSED_FRAMES: u64 = 4;
+/// A refused head that has moved less than this is the same one, metres.
+const REFUSED_M: f32 = 0.06;
 
-/// Frame to report: segmentation, pose, landmarks, expression, and what is known of the user.
+/// Frame to reports: segmentation, then pose, landmarks and expression of each user.
 pub struct Pipeline {
     camera: Camera,
     segmenter: Segmenter,
-    pose: PoseTracker,
-    landmarks: LandmarkStage,
-    expression: Expression,
-    presence: Presence,
-    /// What was seen last; kept while the face is held.
-    seen: Option<(Rigid, Landmarks)>,
+    /// By slot, and last the one at the door.
+    followers: Vec<Follower>,
+    settings: UserSettings,
+    memory: Memory,
+    choice: Choice,
+    /// Heads without a face, and the frame from which they are tried again.
+    refused: heapless::Deque<(Point, u64), HEADS>,
+    /// Slots whose users were forgotten in this frame.
+    left: [bool; USERS],
     frame: u64,
+    /// Frames followed so far.
+    count: u64,
     at: Timestamp,
-    state: TrackingState,
-    /// Learned ranges, one for each unit.
-    ranges: heapless::Vec<[f32; 3], UNITS>,
 }
 
-/// Stages of [`Pipeline::follow`], in order.
+/// The follower of the one who may become a user.
+const DOOR: usize = USERS;
+
+/// Stages of [`Pipeline::follow`], in order; all but the first once for each head that is followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Heads out of the depth picture.
@@ -78,100 +109,308 @@ impl Pipeline {
             .copied()
             .zip(head.normals.iter().copied())
             .collect();
+        let pose = PoseTracker::new(settings.pose, &anchor)?;
+        let follower = |_| {
+            Ok(Follower::new(
+                pose.another(),
+                LandmarkStage::new(settings.landmarks, model)?,
+                Expression::new(settings.learning.clone(), Units::shipped()),
+                Presence::new(settings.users.hold_s, settings.users.forget_s),
+            ))
+        };
         Ok(Self {
             camera: Camera::new(registration),
             segmenter: Segmenter::new(settings.segment),
-            pose: PoseTracker::new(settings.pose, &anchor)?,
-            landmarks: LandmarkStage::new(settings.landmarks, model)?,
-            expression: Expression::new(settings.learning.clone(), Units::shipped()),
-            presence: Presence::new(settings.users.hold_s, settings.users.forget_s),
-            seen: None,
+            followers: (0..=DOOR)
+                .map(follower)
+                .collect::<Result<_, PipelineError>>()?,
+            memory: Memory::default(),
+            choice: Choice::new(settings.users.single),
+            settings: settings.users.clone(),
+            refused: heapless::Deque::new(),
+            left: [false; USERS],
             frame: 0,
+            count: 0,
             at: Timestamp::default(),
-            state: TrackingState::Absent,
-            ranges: heapless::Vec::new(),
         })
     }
 
-    /// Follows one frame; [`Pipeline::report`] then tells what is known.
+    /// Follows one frame; [`Pipeline::reports`] then tells what is known.
     pub fn follow(&mut self, frame: &Frame) {
         self.follow_by_stage(frame, |_| {});
     }
 
     /// As [`Pipeline::follow`], and calls `after` at the end of each stage that is reached.
-    pub fn follow_by_stage(&mut self, frame: &Frame, after: impl FnMut(Stage)) {
+    pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
         (self.frame, self.at) = (frame.index, frame.at);
-        self.state = if self.find(frame, after) {
-            self.presence
-                .seen(frame.at, !self.expression.weights().warming)
-        } else {
-            let state = self.presence.unseen(frame.at);
-            if state == TrackingState::Absent && self.state != TrackingState::Absent {
-                self.forget();
-            }
-            state
-        };
-    }
-
-    /// Runs the stages; whether the face was found.
-    fn find(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) -> bool {
-        let cloud = self.segmenter.segment(frame, &self.camera);
+        self.count += 1;
+        self.left = [false; USERS];
+        self.memory
+            .forget_older(frame.at, self.settings.remember_s.into());
+        self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
-        let Some(cloud) = cloud else {
-            return false;
-        };
-        let pose = self.pose.track(cloud, frame.at);
-        after(Stage::Pose);
-        let Some(pose) = pose else {
-            return false;
-        };
-        let fitted = self
-            .landmarks
-            .fit(&frame.luma, &self.camera, &pose, frame.at);
-        after(Stage::Landmarks);
-        let Some(landmarks) = fitted.cloned() else {
-            return false;
-        };
-        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
-        self.expression
-            .observe(&landmarks, &sensor_from_head, frame.at);
-        self.ranges = self.expression.unit_ranges();
-        self.seen = Some((sensor_from_head, landmarks));
-        after(Stage::Expression);
-        true
+        let mut searches = 1;
+        let free = self.follow_users(frame, &mut searches, &mut after);
+        self.watch_door(frame, &free, &mut searches, &mut after);
+        self.choose();
     }
 
-    /// The next person starts from the priors.
-    fn forget(&mut self) {
-        self.pose.reset();
-        self.landmarks.reset();
-        self.expression.reset();
-        self.seen = None;
+    /// Runs the users' stages on their heads; the heads that are nobody's.
+    fn follow_users(
+        &mut self,
+        frame: &Frame,
+        searches: &mut u32,
+        after: &mut impl FnMut(Stage),
+    ) -> heapless::Vec<usize, HEADS> {
+        let heads = self.segmenter.heads();
+        let centres: heapless::Vec<Point, HEADS> = heads.iter().map(|head| head.centre).collect();
+        let expected = core::array::from_fn(|slot| {
+            let user = &self.followers[slot];
+            let place = user.place.filter(|_| user.is_taken());
+            place.map(|place| place.expected(frame.at))
+        });
+        let theirs = matching::assign(&expected, &centres);
+        // Who is served first when several are lost changes from frame to frame.
+        for k in 0..USERS as u64 {
+            let slot = ((k + self.count) % USERS as u64) as usize;
+            let user = &mut self.followers[slot];
+            if !user.is_taken() {
+                continue;
+            }
+            let found = theirs[slot].is_some_and(|head| {
+                user.follow(frame, &self.camera, &heads[head], searches, after)
+            });
+            if !found {
+                let before = user.state;
+                user.miss(frame.at);
+                if user.state == TrackingState::Absent && before != TrackingState::Absent {
+                    self.left[slot] = true;
+                }
+            }
+        }
+        let heads = 0..heads.len();
+        let free: heapless::Vec<usize, HEADS> = heads
+            .filter(|head| !theirs.contains(&Some(*head)))
+            .collect();
+        for slot in 0..USERS {
+            if self.left[slot] {
+                self.remember(slot);
+                self.followers[slot].forget();
+            } else if theirs[slot].is_some() && self.followers[slot].pose.taught() == LAST_LOOK {
+                self.look_again(slot);
+            }
+        }
+        free
     }
 
-    /// What is known after the last frame.
+    /// Keeps what is known of the user of a slot.
+    fn remember(&mut self, slot: usize) {
+        let user = &self.followers[slot];
+        if self.settings.remember_s > 0.0 {
+            self.memory.keep(Gone {
+                slot,
+                signature: user.pose.signature(),
+                learned: user.expression.learned(),
+                last_seen: user.last_seen,
+            });
+        }
+    }
+
+    /// Looks at one head that is nobody's; it may become a user.
+    fn watch_door(
+        &mut self,
+        frame: &Frame,
+        free: &[usize],
+        searches: &mut u32,
+        after: &mut impl FnMut(Stage),
+    ) {
+        let heads = self.segmenter.heads();
+        let present = (0..USERS).filter(|&slot| self.followers[slot].state.is_present());
+        if present.count() >= self.settings.most as usize {
+            self.followers[DOOR].forget();
+            return;
+        }
+        let guest = &mut self.followers[DOOR];
+        let head = match &guest.place {
+            Some(place) => {
+                let (place, reach) = place.expected(frame.at);
+                let apart = |head: usize| (heads[head].centre - place).norm();
+                let near = free.iter().copied().filter(|&head| apart(head) <= reach);
+                near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
+            }
+            None => free.iter().copied().find(|&head| {
+                let centre = heads[head].centre;
+                let mut refused = self.refused.iter();
+                !refused.any(|(place, until)| {
+                    *until > self.count && (centre - place).norm() < REFUSED_M
+                })
+            }),
+        };
+        let Some(head) = head else {
+            if guest.place.is_some() {
+                guest.forget();
+            }
+            return;
+        };
+        if *searches == 0 && guest.place.is_none() {
+            return;
+        }
+        if !guest.follow(frame, &self.camera, &heads[head], searches, after) {
+            guest.forget();
+            if self.refused.is_full() {
+                self.refused.pop_front();
+            }
+            // Not full: just seen to.
+            let _ = self
+                .refused
+                .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
+            return;
+        }
+        self.admit();
+    }
+
+    /// Gives the one at the door a slot, once it is known whose.
+    fn admit(&mut self) {
+        let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
+        let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
+        let guest = &self.followers[DOOR];
+        let (taught, waited) = (guest.pose.taught(), guest.frames >= LONGEST_LOOK);
+        if anybody && taught < FIRST_LOOK && !waited {
+            return;
+        }
+        let most = self.settings.most as usize;
+        let sure = taught >= SECOND_LOOK || waited;
+        let apart = if sure {
+            SECOND_LOOK_APART
+        } else {
+            FIRST_LOOK_APART
+        };
+        let known = self.recognise(DOOR, apart);
+        // Who may be one of them is looked at for longer: a slot is not to be taken back.
+        if known.is_none() && !sure && self.most_like(DOOR, STRANGER_APART).is_some() {
+            return;
+        }
+        let slot = known.filter(|&slot| slot < most);
+        // Else a free slot; with none, who is lost longest makes room.
+        let slot = slot.or_else(|| {
+            let slot = self.memory.slot_for_newcomer(&self.free_slots())?;
+            self.memory.forget_slot(slot);
+            Some(slot)
+        });
+        let slot = slot.or_else(|| {
+            let lost = (0..most).filter(|&slot| self.followers[slot].state == TrackingState::Lost);
+            lost.min_by_key(|&slot| self.followers[slot].last_seen)
+        });
+        if let Some(slot) = slot {
+            if known.is_some() {
+                self.memory.forget_slot(slot);
+            } else if self.followers[slot].is_taken() {
+                self.remember(slot);
+            }
+            self.followers.swap(slot, DOOR);
+        }
+        self.followers[DOOR].forget();
+    }
+
+    /// Compares a user who came a second ago once more with those who left; they move to the slot they had.
+    fn look_again(&mut self, slot: usize) {
+        let known = self.recognise(slot, SECOND_LOOK_APART);
+        if let Some(theirs) = known.filter(|&theirs| theirs != slot) {
+            self.memory.forget_slot(theirs);
+            self.followers.swap(slot, theirs);
+            self.followers[slot].forget();
+            self.left[slot] = true;
+        }
+    }
+
+    fn free_slots(&self) -> [bool; USERS] {
+        let most = self.settings.most as usize;
+        core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
+    }
+
+    /// Whether a follower's person is one who is lost or left; they get their ranges back. Returned is the slot that is
+    /// theirs, if it is to be had.
+    fn recognise(&mut self, of: usize, most_apart: f32) -> Option<usize> {
+        let (slot, is_lost) = self.most_like(of, most_apart)?;
+        if is_lost {
+            // The ranges of then, the pose of now.
+            let [one, other] = self.followers.get_disjoint_mut([of, slot]).ok()?;
+            core::mem::swap(&mut one.expression, &mut other.expression);
+            one.since = other.since;
+            return Some(slot);
+        }
+        let gone = self.memory.take(slot)?;
+        self.followers[of].expression.restore(&gone.learned);
+        (slot == of || self.free_slots()[slot]).then_some(slot)
+    }
+
+    /// Of those who are lost or left the one whose head is most like a follower's: their slot, and whether they are lost.
+    fn most_like(&self, of: usize, most_apart: f32) -> Option<(usize, bool)> {
+        let one = &self.followers[of];
+        let signature = one.pose.signature();
+        let lost = (0..USERS)
+            .filter(|&slot| slot != of && self.followers[slot].state == TrackingState::Lost);
+        let lost = lost.map(|slot| (slot, true, self.followers[slot].pose.signature()));
+        let gone = self.memory.gone().iter();
+        let gone = gone.map(|gone| (gone.slot, false, gone.signature.clone()));
+        let apart = lost.chain(gone).filter_map(|(slot, is_lost, other)| {
+            let apart = one.pose.apart(&signature, &other)?;
+            (apart < most_apart).then_some((apart, slot, is_lost))
+        });
+        let (_, slot, is_lost) = apart.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some((slot, is_lost))
+    }
+
+    /// Whom single-user outputs show.
+    fn choose(&mut self) {
+        let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
+        for (slot, user) in self.followers[..USERS].iter().enumerate() {
+            if let Some(place) = user.place.filter(|_| user.state.is_present()) {
+                // As many as slots.
+                let _ = there.push(Candidate {
+                    slot,
+                    since: user.since,
+                    place: place.centre(),
+                });
+            }
+        }
+        self.choice.look(&there, self.at);
+    }
+
+    /// What is known after the last frame: a report for each user, one with the state absent for who was forgotten in this
+    /// frame, and one without a user if there is none.
     #[must_use]
-    pub fn report(&self) -> Report<'_> {
-        let known = Report {
+    pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
+        let nobody = Report {
             frame: self.frame,
             at: self.at,
-            user: (self.state != TrackingState::Absent).then_some(SLOT),
-            state: self.state,
             ..Report::default()
         };
-        match &self.seen {
-            Some((pose, landmarks)) if self.state.is_present() => Report {
-                confidence: landmarks.confidence,
-                sensor_from_head: Some(pose),
-                landmarks: Some(landmarks),
-                frozen: self.expression.weights().frozen,
-                measures: &self.expression.weights().measures,
-                weights: self.expression.weights().units(),
-                ranges: &self.ranges,
-                ..known
-            },
-            _ => known,
+        let mut reports = heapless::Vec::new();
+        for (slot, user) in self.followers[..USERS].iter().enumerate() {
+            if user.is_taken() || self.left[slot] {
+                // Room for all slots and one more.
+                let _ = reports.push(user.report(Report {
+                    user: Some(slot),
+                    aside: self.choice.shown().is_some_and(|shown| shown != slot),
+                    ..nobody
+                }));
+            }
         }
+        if !self.followers[..USERS].iter().any(Follower::is_taken) {
+            let _ = reports.push(nobody);
+        }
+        reports
+    }
+
+    /// The report of the user whom single-user outputs show; of nobody if there is none.
+    #[must_use]
+    pub fn report(&self) -> Report<'_> {
+        let reports = self.reports();
+        let shown = reports
+            .iter()
+            .find(|report| !report.aside && report.state != TrackingState::Absent);
+        shown.or(reports.last()).copied().unwrap_or_default()
     }
 
     /// Names of the measures, in the order of [`Report::measures`].
@@ -183,7 +422,7 @@ impl Pipeline {
     /// Names of the units, in the order of [`Report::weights`].
     #[must_use]
     pub fn unit_names(&self) -> Vec<&str> {
-        self.expression
+        self.expression(0)
             .unit_names()
             .iter()
             .map(|name| name.as_str())
@@ -192,18 +431,31 @@ impl Pipeline {
 
     /// Does what a receiver asks for; a slot without a user is left as it is.
     pub fn obey(&mut self, command: Command) {
+        let (Command::Forget(slot) | Command::Freeze(slot, _) | Command::Neutral(slot)) = command;
+        if slot >= USERS {
+            return;
+        }
+        let user = &mut self.followers[slot];
         match command {
-            Command::Forget(SLOT) => self.forget(),
-            Command::Freeze(SLOT, frozen) => self.expression.freeze(frozen),
-            Command::Neutral(SLOT) => self.expression.take_neutral(),
-            Command::Forget(_) | Command::Freeze(..) | Command::Neutral(_) => {}
+            Command::Forget(_) => {
+                self.memory.forget_slot(slot);
+                user.expression.reset();
+                user.pose.reset();
+                user.landmarks.reset();
+            }
+            Command::Freeze(_, frozen) => user.expression.freeze(frozen),
+            Command::Neutral(_) => user.expression.take_neutral(),
         }
     }
 
     /// The frames now come from another camera.
     pub fn set_camera(&mut self, registration: &Registration) {
         self.camera = Camera::new(registration);
-        self.forget();
+        self.segmenter.reset();
+        self.refused.clear();
+        for follower in &mut self.followers {
+            follower.forget();
+        }
     }
 
     /// The camera the pipeline assumes.
@@ -212,7 +464,7 @@ impl Pipeline {
         &self.camera
     }
 
-    /// The head's depth points of the last frame, if one was found.
+    /// The depth points of the first head of the last frame, if one was found.
     #[must_use]
     pub fn head_cloud(&self) -> Option<&HeadCloud> {
         self.segmenter.heads().first()
@@ -224,14 +476,21 @@ impl Pipeline {
         &self.segmenter
     }
 
-    /// What was learnt, for pictures and tables.
+    /// What was learnt of the user of a slot (the door's beyond the last), for pictures and tables.
     #[must_use]
-    pub fn expression(&self) -> &Expression {
-        &self.expression
+    pub fn expression(&self, slot: usize) -> &Expression {
+        &self.followers[slot.min(DOOR)].expression
     }
 
-    /// Goes on with what another pipeline learnt of its user, as when settings change in the middle of a run.
-    pub fn adopt(&mut self, learned: &Learned) {
-        self.expression.restore(learned);
+    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
+    pub fn adopt(&mut self, before: &Self) {
+        let before_users = before.followers.iter().take(DOOR);
+        for (follower, before) in self.followers.iter_mut().zip(before_users) {
+            if before.is_taken() {
+                follower.adopt(before);
+            }
+        }
+        self.memory = before.memory.clone();
+        self.choice.adopt(&before.choice);
     }
 }

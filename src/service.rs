@@ -212,9 +212,9 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             manager.reloading();
             let old = settings.clone();
             settings = reload(run, settings);
-            let learned = pipeline.expression().learned();
-            pipeline = Pipeline::new(&settings, source.registration(), &model)?;
-            pipeline.adopt(&learned);
+            let mut renewed = Pipeline::new(&settings, source.registration(), &model)?;
+            renewed.adopt(&pipeline);
+            pipeline = renewed;
             outputs.truncate(usize::from(run.csv.is_some()));
             let units = pipeline.unit_names();
             outputs.extend(match wires::open(&settings, &units) {
@@ -257,28 +257,29 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             pipeline.set_camera(source.registration());
         }
         pipeline.follow(&frame);
-        let report = Report {
-            latency_us: arrived.elapsed().as_micros().try_into().unwrap_or(u32::MAX),
-            ..pipeline.report()
+        let state = {
+            let latency_us = arrived.elapsed().as_micros().try_into().unwrap_or(u32::MAX);
+            let mut reports = pipeline.reports();
+            for report in &mut reports {
+                report.latency_us = latency_us;
+                for output in &mut outputs {
+                    output.send(report)?;
+                }
+            }
+            let mut latency = Some(arrived.elapsed());
+            for report in &reports {
+                status.observe(report, latency.take());
+            }
+            let shown = pipeline.report();
+            if let Some(live) = &mut live {
+                let units = pipeline.expression(0).unit_names();
+                live.show(&shown, units.iter().map(|name| name.as_str()));
+            }
+            shown.state
         };
         if let Source::Kinect(live) = &mut source {
-            live.show_tracking(report.state.is_present());
+            live.show_tracking(state.is_present());
         }
-        for output in &mut outputs {
-            output.send(&report)?;
-        }
-        status.observe(&report, Some(arrived.elapsed()));
-        if let Some(live) = &mut live {
-            live.show(
-                &report,
-                pipeline
-                    .expression()
-                    .unit_names()
-                    .iter()
-                    .map(|name| name.as_str()),
-            );
-        }
-        let state = report.state;
         hear(&mut outputs, &mut pipeline);
         status.write(outputs.iter().map(|output| output.tally()));
         let now = Instant::now();

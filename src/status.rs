@@ -64,7 +64,8 @@ impl Status {
         }
     }
 
-    /// Takes a report, and how long its frame took until all outputs had it; `None` if no frame is behind it.
+    /// Takes a report, and how long its frame took until all outputs had it; `None` if no frame is behind it, or another
+    /// report of the same frame has been taken.
     pub fn observe(&mut self, report: &Report, latency: Option<Duration>) {
         self.time_us = report.at.as_us();
         if let Some(latency) = latency {
@@ -80,6 +81,10 @@ impl Status {
             && before.is_some_and(|user| user.state != TrackingState::Lost)
         {
             self.lost += 1;
+        }
+        if report.state == TrackingState::Absent {
+            self.users[slot] = None;
+            return;
         }
         self.users[slot] = Some(User {
             state: report.state,

@@ -5,7 +5,7 @@
 
 use std::io::Write;
 
-use super::{Output, OutputError, Report, Tally};
+use super::{Output, OutputError, Report, Tally, TrackingState};
 use crate::capacity::LANDMARKS;
 use crate::landmarks::Landmarks;
 
@@ -84,6 +84,10 @@ impl<W: Write> Csv<W> {
 
 impl<W: Write> Output for Csv<W> {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        // Who was forgotten has no row; a frame without anybody has one without a user.
+        if report.user.is_some() && report.state == TrackingState::Absent {
+            return Ok(());
+        }
         self.row.clear();
         let row = &mut self.row;
         write!(row, "{},{},", report.frame, report.at.as_us()).expect("a Vec takes everything");

@@ -87,11 +87,14 @@ impl WireWeights {
     }
 }
 
-/// Chooses the face of a wire that carries one: the first user seen is followed until lost, then whoever comes next.
+/// The face of a wire that carries one: of the users who are not aside the first one seen until lost, then whoever comes
+/// next.
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
     user: Option<usize>,
     present: bool,
+    /// Whether the user has made room for another.
+    aside: bool,
 }
 
 impl OneFace {
@@ -104,19 +107,22 @@ impl OneFace {
             weights: WireWeights::new(channels, policy),
             user: None,
             present: false,
+            aside: false,
         }
     }
 
     /// The state to show, with the weights as they are then; `None` if the report is of a face that is not on this wire.
     pub(super) fn follow(&mut self, report: &Report) -> Option<TrackingState> {
         if report.user.is_some() && report.user != self.user {
-            if self.present || !report.state.is_present() {
+            let shown_next = !report.aside && report.state.is_present();
+            if !shown_next || (self.present && !self.aside) {
                 return None;
             }
             // The next face: nothing of the one before may fade into it.
             self.user = report.user;
             self.weights.reset();
         }
+        self.aside = report.aside;
         self.present = report.state.is_present() && report.user.is_some();
         self.weights.observe(report);
         Some(if report.user.is_some() {

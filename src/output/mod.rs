@@ -30,8 +30,10 @@ pub struct Report<'a> {
     pub at: Timestamp,
     /// Slot of the user, below [`crate::capacity::USERS`]; `None` if nobody is there.
     pub user: Option<usize>,
-    /// What is known of the user.
+    /// What is known of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
     pub state: TrackingState,
+    /// Whether another user is the one whom wires show that have room for one.
+    pub aside: bool,
     /// 0…1, the whole face.
     pub confidence: f32,
     /// Whether the user's ranges are kept from learning.

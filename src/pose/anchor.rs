@@ -9,7 +9,10 @@
 //! Degenerate: an anchor of too few points is refused. Limitation: what lies further than [`MARGIN_M`] from the surface
 //! has no nearest point: such a pose start cannot be repaired here, but by the search over starts.
 
+use nalgebra::SMatrix;
+
 use super::icp::{MIN_PAIRS, Target};
+use super::signature::Patches;
 use crate::geometry::{Point, Vector};
 
 /// Side of a grid cell, metres.
@@ -39,6 +42,12 @@ pub struct Anchor {
     pub(crate) trust: Vec<f32>,
     pub(crate) rim: Vec<bool>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
+    /// What a rigid motion (turn about x, y, z, shift along them) and growth do to each point along its normal.
+    pub(crate) motions: Vec<[f32; 7]>,
+    /// Inverse of the motions' normal matrix, weighted by trust.
+    pub(crate) motions_inverse: SMatrix<f64, 7, 7>,
+    /// For telling heads apart.
+    pub(crate) patches: Patches,
     /// For the point-to-point method, which searches the tree itself.
     pub(crate) target: Target,
     low: Point,
@@ -82,10 +91,21 @@ impl Anchor {
             }
         }
         let neighbours = nearest_neighbours(&points);
+        let motions: Vec<[f32; 7]> = points
+            .iter()
+            .zip(&normals)
+            .map(|(a, n)| {
+                let turn = a.coords.cross(n);
+                [turn.x, turn.y, turn.z, n.x, n.y, n.z, n.dot(&a.coords)]
+            })
+            .collect();
         let rim = (0..points.len())
             .map(|i| on_rim(i, &points, &normals, &neighbours[i]))
             .collect();
         Some(Self {
+            motions_inverse: normal_matrix_inverse(&points, &motions)?,
+            patches: Patches::new(&points, &motions),
+            motions,
             trust: points.iter().map(trust).collect(),
             points,
             normals,
@@ -114,6 +134,22 @@ impl Anchor {
         let found = self.grid[at];
         (found != NOWHERE).then_some(usize::from(found))
     }
+}
+
+fn normal_matrix_inverse(points: &[Point], motions: &[[f32; 7]]) -> Option<SMatrix<f64, 7, 7>> {
+    let mut h = SMatrix::<f64, 7, 7>::zeros();
+    for (p, j) in points.iter().zip(motions) {
+        let w = f64::from(trust(p));
+        for a in 0..7 {
+            for b in 0..7 {
+                h[(a, b)] += w * f64::from(j[a]) * f64::from(j[b]);
+            }
+        }
+    }
+    for k in 0..7 {
+        h[(k, k)] *= 1.0 + 1e-6;
+    }
+    Some(h.cholesky()?.inverse())
 }
 
 fn nearest_neighbours(points: &[Point]) -> Vec<[u16; NEIGHBOURS]> {

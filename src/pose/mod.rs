@@ -15,15 +15,20 @@ pub mod anchor;
 pub mod icp;
 mod plane;
 mod shape;
+pub mod signature;
 pub mod smoothing;
 mod start;
 
+use std::sync::Arc;
+
+use crate::capacity::{HEIGHT, WIDTH};
 use crate::geometry::{Point, Rigid, Vector};
-use crate::segment::HeadCloud;
+use crate::segment::{CELL_PX, HeadCloud, PixelRect};
 use crate::time::Timestamp;
 use anchor::Anchor;
 use plane::{Effort, PlaneFit};
 use shape::HeadShape;
+use signature::Signature;
 use smoothing::{PoseFilter, Smoothing};
 
 /// Where a head is, and how sure that is.
@@ -85,16 +90,22 @@ pub enum PoseError {
     },
 }
 
-/// Cut-offs of a start's rounds, metres: wide enough for a start 20° off.
-const SEARCH_M: [f32; 8] = [0.035, 0.035, 0.03, 0.025, 0.02, 0.015, 0.012, 0.010];
-/// Of a start that won.
+/// Cut-offs of every start's rounds, metres: wide enough for a start 20° off.
+const SEARCH_M: [f32; 4] = [0.035, 0.035, 0.03, 0.025];
+/// Of the starts that go on.
+const NARROW_M: [f32; 5] = [0.025, 0.02, 0.015, 0.012, 0.010];
+/// Of the finalists.
 const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.008];
-/// Of a frame that follows another.
-const FOLLOW_M: [f32; 6] = [0.020, 0.012, 0.008, 0.006, 0.006, 0.006];
-/// Every so many-th point while searching.
+/// Of a frame that follows another: roughly on few points, then exactly on all.
+const APPROACH_M: [f32; 2] = [0.020, 0.012];
+const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
+/// Every so many-th point while searching, in the final, and while approaching.
 const SEARCH_STRIDE: usize = 5;
-/// Starts that are aligned with all points.
-const FINALISTS: usize = 9;
+const FINAL_STRIDE: usize = 2;
+const APPROACH_STRIDE: usize = 4;
+/// Starts that go on after the first rounds, and that are aligned with more points after the next.
+const GO_ON: usize = 12;
+const FINALISTS: usize = 6;
 /// Without a pose for this long the prediction means nothing, seconds.
 const COAST_S: f64 = 0.2;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
@@ -105,11 +116,48 @@ const MIN_ON_FACE: f32 = 0.35;
 const MIN_AGREEING: u32 = 120;
 /// A frame teaches the shape from this agreement on.
 const TEACHING_AGREEMENT: f32 = 0.6;
+/// Of the first so many such frames each one teaches, then every so many-th: neighbouring frames tell the same.
+const TAUGHT_ALL: u64 = 60;
+const TAUGHT_STEP: u64 = 3;
+
+/// How good an end of a search is.
+fn merit(fit: &PlaneFit) -> f32 {
+    fit.agreement * fit.on_face
+}
+
+/// The best few ends, best first: thinned and loosely cut off, they cannot be told apart for sure.
+struct Best<const N: usize>(heapless::Vec<PlaneFit, N>);
+
+impl<const N: usize> Best<N> {
+    const fn new() -> Self {
+        Self(heapless::Vec::new())
+    }
+
+    fn offer(&mut self, fit: Option<PlaneFit>) {
+        let Some(fit) = fit else { return };
+        let place = self.0.iter().position(|other| merit(&fit) > merit(other));
+        if place.is_some() && self.0.is_full() {
+            self.0.pop();
+        }
+        // Full and worse than all: dropped.
+        let _ = self.0.insert(place.unwrap_or(self.0.len()), fit);
+    }
+}
+
+/// Whether no side of the picture cuts a head off; the last columns of a Kinect are blank.
+fn is_whole(rect: &PixelRect) -> bool {
+    let right = WIDTH as u16 - BLANK_COLUMNS - CELL_PX as u16;
+    let bottom = HEIGHT as u16 - CELL_PX as u16;
+    rect.x0 > CELL_PX as u16 && rect.y0 > CELL_PX as u16 && rect.x1 < right && rect.y1 < bottom
+}
+
+/// Columns without data at the right side of the depth picture.
+const BLANK_COLUMNS: u16 = 8;
 
 /// Follows one head.
 pub struct PoseTracker {
     settings: Settings,
-    anchor: Anchor,
+    anchor: Arc<Anchor>,
     shape: HeadShape,
     filter: PoseFilter,
     /// Last pose as measured, before the filter, and when.
@@ -121,6 +169,8 @@ pub struct PoseTracker {
     scratch: icp::Scratch,
     /// Anchor points that a cloud reaches.
     hit: Vec<bool>,
+    /// Frames that might have taught the shape.
+    taught: u64,
 }
 
 impl PoseTracker {
@@ -132,7 +182,11 @@ impl PoseTracker {
         let anchor = Anchor::new(standard_head).ok_or(PoseError::StandardHead {
             found: standard_head.len(),
         })?;
-        Ok(Self {
+        Ok(Self::over(settings, Arc::new(anchor)))
+    }
+
+    fn over(settings: Settings, anchor: Arc<Anchor>) -> Self {
+        Self {
             shape: HeadShape::standard(anchor.points.len()),
             hit: vec![false; anchor.points.len()],
             anchor,
@@ -142,13 +196,39 @@ impl PoseTracker {
             earlier: None,
             previous: None,
             scratch: icp::Scratch::default(),
-        })
+            taught: 0,
+        }
+    }
+
+    /// A tracker of another head, with the same settings and standard head, which is kept once.
+    #[must_use]
+    pub fn another(&self) -> Self {
+        Self::over(self.settings, Arc::clone(&self.anchor))
+    }
+
+    /// Frames that told about the shape of this head.
+    #[must_use]
+    pub fn taught(&self) -> u64 {
+        self.taught
+    }
+
+    /// What has been learned of this head, to know it again.
+    #[must_use]
+    pub fn signature(&self) -> Signature {
+        Signature::of(&self.anchor, &self.shape)
+    }
+
+    /// How far apart two heads are: about 1 if they are one and the same. `None` when too little was seen to tell.
+    #[must_use]
+    pub fn apart(&self, one: &Signature, other: &Signature) -> Option<f32> {
+        one.distance(other, &self.anchor)
     }
 
     /// Forgets pose and user: the next cloud is somebody new.
     pub fn reset(&mut self) {
         self.lose();
         self.last = None;
+        self.taught = 0;
         self.shape.forget();
     }
 
@@ -166,6 +246,17 @@ impl PoseTracker {
 
     /// Finds the head in the cloud. `None` when it is not there or does not agree; the next call searches anew.
     pub fn track(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
+        self.track_with(cloud, at, &mut 1)
+    }
+
+    /// As [`Self::track`], but a search, which costs as much as following a head for many frames, only if `searches` are
+    /// left; it takes one.
+    pub fn track_with(
+        &mut self,
+        cloud: &HeadCloud,
+        at: Timestamp,
+        searches: &mut u32,
+    ) -> Option<HeadPose> {
         if let Some((_, before)) = self.last {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
@@ -175,8 +266,8 @@ impl PoseTracker {
             }
         }
         let found = match self.settings.method {
-            Method::Paper => self.track_points(&cloud.points),
-            Method::Plane => self.track_planes(&cloud.points, at),
+            Method::Paper => self.track_points(&cloud.points, searches),
+            Method::Plane => self.track_planes(cloud, at, searches),
         };
         let Some((sensor_from_head, confidence, residual)) = found else {
             self.earlier = None;
@@ -223,65 +314,80 @@ impl PoseTracker {
             && fit.agreeing >= MIN_AGREEING
     }
 
-    fn track_planes(&mut self, cloud: &[Point], at: Timestamp) -> Option<(Rigid, f32, f32)> {
+    fn track_planes(
+        &mut self,
+        head: &HeadCloud,
+        at: Timestamp,
+        searches: &mut u32,
+    ) -> Option<(Rigid, f32, f32)> {
+        let cloud = &head.points;
         let scale_sigma = if self.settings.learn_shape {
             self.shape.scale_sigma()
         } else {
             0.0
         };
-        let followed = self.predicted(at).and_then(|start| {
-            let effort = Effort {
-                cutoffs_m: &FOLLOW_M,
-                stride: 1,
-                scale_sigma,
-            };
-            plane::align(&self.anchor, &self.shape, cloud, start, &effort)
-                .filter(|fit| self.accepted(fit))
-        });
+        let rough = Effort {
+            cutoffs_m: &APPROACH_M,
+            stride: APPROACH_STRIDE,
+            scale_sigma: 0.0,
+        };
+        let exact = Effort {
+            cutoffs_m: &FOLLOW_M,
+            stride: 1,
+            scale_sigma,
+        };
+        let aligned = |start: Rigid, effort: &Effort| {
+            plane::align(&self.anchor, &self.shape, cloud, start, effort)
+        };
+        let followed = self
+            .predicted(at)
+            .and_then(|start| aligned(start, &rough))
+            .and_then(|near| aligned(near.head_from_sensor, &exact))
+            .filter(|fit| self.accepted(fit));
         let fit = match followed {
             Some(fit) => fit,
-            None => self
-                .search(cloud, scale_sigma)
-                .filter(|fit| self.accepted(fit))?,
+            None => {
+                *searches = searches.checked_sub(1)?;
+                self.search(cloud, scale_sigma)
+                    .filter(|fit| self.accepted(fit))?
+            }
         };
-        if self.settings.learn_shape && fit.agreement >= TEACHING_AGREEMENT {
-            self.shape.learn(&self.anchor, cloud, &fit);
+        // What the picture's edge cuts off would bend the shape.
+        let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
+        if self.settings.learn_shape && teaches {
+            self.taught += 1;
+            if self.taught <= TAUGHT_ALL || self.taught.is_multiple_of(TAUGHT_STEP) {
+                self.shape.learn(&self.anchor, cloud, &fit);
+            }
         }
         let confidence = (fit.agreement * (fit.on_face / 0.8).min(1.0)).clamp(0.0, 1.0);
         Some((fit.head_from_sensor.inverse(), confidence, fit.residual))
     }
 
-    /// The best end over all starts, aligned with all points.
+    /// The best end over all starts: rounds on few points for all, more for the better ones, all points for the best.
     fn search(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
-        let effort = Effort {
-            cutoffs_m: &SEARCH_M,
-            stride: SEARCH_STRIDE,
+        let effort = |cutoffs_m, stride| Effort {
+            cutoffs_m,
+            stride,
             scale_sigma,
         };
-        let merit = |fit: &PlaneFit| fit.agreement * fit.on_face;
-        // The best few ends: thinned and loosely cut off, they cannot be told apart for sure.
-        let mut best: heapless::Vec<PlaneFit, FINALISTS> = heapless::Vec::new();
+        let aligned = |start: Rigid, effort: &Effort| {
+            plane::align(&self.anchor, &self.shape, cloud, start, effort)
+        };
+        let mut first: Best<GO_ON> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
-            let Some(fit) = plane::align(&self.anchor, &self.shape, cloud, start, &effort) else {
-                continue;
-            };
-            let place = best.iter().position(|other| merit(&fit) > merit(other));
-            if place.is_some() && best.is_full() {
-                best.pop();
-            }
-            // Full and worse than all: dropped.
-            let _ = best.insert(place.unwrap_or(best.len()), fit);
+            first.offer(aligned(start, &effort(&SEARCH_M, SEARCH_STRIDE)));
         }
-        let effort = Effort {
-            cutoffs_m: &SETTLE_M,
-            stride: 1,
-            scale_sigma,
-        };
+        let mut second: Best<FINALISTS> = Best::new();
+        for fit in &first.0 {
+            second.offer(aligned(
+                fit.head_from_sensor,
+                &effort(&NARROW_M, SEARCH_STRIDE),
+            ));
+        }
         let mut winner: Option<(f32, PlaneFit)> = None;
-        for start in best {
-            let start = start.head_from_sensor;
-            let end = plane::align(&self.anchor, &self.shape, cloud, start, &effort);
-            if let Some(fit) = end {
+        for fit in &second.0 {
+            if let Some(fit) = aligned(fit.head_from_sensor, &effort(&SETTLE_M, FINAL_STRIDE)) {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
                 let merit = merit(&fit) * covered;
@@ -290,10 +396,11 @@ impl PoseTracker {
                 }
             }
         }
-        winner.map(|(_, fit)| fit)
+        let (_, fit) = winner?;
+        aligned(fit.head_from_sensor, &effort(&FOLLOW_M, 1))
     }
 
-    fn track_points(&mut self, cloud: &[Point]) -> Option<(Rigid, f32, f32)> {
+    fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<(Rigid, f32, f32)> {
         let to_frame = icp::Settings::default();
         let start = match (&self.previous, self.last) {
             (Some(previous), Some((last, _))) => {
@@ -306,7 +413,10 @@ impl PoseTracker {
                 )?;
                 last.inverse() * step.target_from_moving
             }
-            _ => self.search_points(cloud)?,
+            _ => {
+                *searches = searches.checked_sub(1)?;
+                self.search_points(cloud)?
+            }
         };
         let to_anchor = icp::Settings {
             keep: 0.8,

@@ -1,7 +1,7 @@
 //! Point-to-plane alignment of a live cloud with the anchor: the tracker's default.
 //!
 //! Method: Gauss–Newton on distances along the anchor's normals (Chen & Medioni 1992), pairs weighted by Tukey's biweight
-//! and by the anchor's trust, one cut-off per iteration falling from wide to narrow. Distances along the normal let the
+//! by the anchor's trust and by the sensor's error, one cut-off per iteration falling from wide to narrow. Distances along the normal let the
 //! surfaces slide over each other, so that a handful of iterations does what takes point-to-point dozens, and depth
 //! steps average out. Beside the six of the motion the head's uniform scale is unknown; a quadratic prior holds it.
 //!
@@ -121,6 +121,7 @@ pub(crate) fn align(
     let prior = shape.log_scale;
     let mut log_scale = prior;
     let mut fit = None;
+    let middle2 = cloud.get(cloud.len() / 2).map_or(1.0, |p| p.z * p.z);
     let last = effort.cutoffs_m.len().saturating_sub(1);
     for (round, &cutoff) in effort.cutoffs_m.iter().enumerate() {
         let mut h = SMatrix::<f64, 7, 7>::zeros();
@@ -144,7 +145,9 @@ pub(crate) fn align(
             agreement += f64::from(biweight);
             agreeing += 1;
             squares += f64::from(biweight * r * r);
-            let w = f64::from(biweight * anchor.trust[i]);
+            // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
+            let nearer = middle2 / (p.z * p.z);
+            let w = f64::from(biweight * anchor.trust[i] * nearer * nearer);
             total += w;
             let n = anchor.normals[i] * inverse_scale;
             let turn = q.coords.cross(&n);

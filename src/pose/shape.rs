@@ -13,7 +13,7 @@
 //! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
 //! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
 use super::anchor::Anchor;
 use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
@@ -25,6 +25,8 @@ const MAX_OFFSET_M: f32 = 0.015;
 const TEACHING_M: f32 = 0.010;
 /// After so many frames an offset is a running mean of that length.
 const MEMORY_FRAMES: f32 = 150.0;
+/// The standard head counts as so many frames: one noisy look must not bend it.
+const PRIOR_FRAMES: f32 = 4.0;
 /// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
 const SPREAD: (f32, f32) = (0.08, 0.01);
 /// As for the offsets, for the scale.
@@ -64,6 +66,13 @@ impl HeadShape {
         self.seen.fill(0.0);
     }
 
+    /// Offset of an anchor point as it was measured, without the share of the standard head in the mean; `None` where nothing
+    /// was seen.
+    pub(crate) fn measured(&self, i: usize) -> Option<f32> {
+        let seen = self.seen[i];
+        (seen >= 1.0).then(|| self.offset[i] * (seen + PRIOR_FRAMES) / seen)
+    }
+
     /// Freedom of the scale around its estimate: wide for a newcomer, narrow once known.
     pub(crate) fn scale_sigma(&self) -> f64 {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
@@ -91,8 +100,7 @@ impl HeadShape {
             let (sum, count) = self.sums[i];
             if count > 0.0 {
                 self.seen[i] = (self.seen[i] + 1.0).min(MEMORY_FRAMES);
-                // The standard head counts as the first frames: one noisy look must not bend it.
-                self.offset[i] += sum / count / (self.seen[i] + 4.0);
+                self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
             }
         }
         self.spread(anchor);
@@ -118,31 +126,16 @@ impl HeadShape {
 
     /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the whole anchor.
     fn settle(&mut self, anchor: &Anchor) {
-        let mut h = SMatrix::<f64, 7, 7>::zeros();
         let mut g = SVector::<f64, 7>::zeros();
-        let row = |i: usize| {
-            let (a, n) = (anchor.points[i], anchor.normals[i]);
-            let turn = a.coords.cross(&n);
-            [turn.x, turn.y, turn.z, n.x, n.y, n.z, n.dot(&a.coords)].map(f64::from)
-        };
-        for i in 0..self.offset.len() {
-            let (j, w) = (row(i), f64::from(anchor.trust[i]));
+        for ((&offset, j), &trust) in self.offset.iter().zip(&anchor.motions).zip(&anchor.trust) {
             for a in 0..7 {
-                g[a] += w * j[a] * f64::from(self.offset[i]);
-                for b in 0..7 {
-                    h[(a, b)] += w * j[a] * j[b];
-                }
+                g[a] += f64::from(trust * offset * j[a]);
             }
         }
-        for k in 0..7 {
-            h[(k, k)] *= 1.0 + 1e-6;
-        }
-        let Some(factor) = h.cholesky() else { return };
-        let motion = factor.solve(&g);
-        for i in 0..self.offset.len() {
-            let j = row(i);
-            let moved: f64 = (0..7).map(|a| j[a] * motion[a]).sum();
-            self.offset[i] -= moved as f32;
+        let motion = (anchor.motions_inverse * g).cast::<f32>();
+        for (offset, j) in self.offset.iter_mut().zip(&anchor.motions) {
+            let moved: f32 = (0..7).map(|a| j[a] * motion[a]).sum();
+            *offset -= moved;
         }
     }
 }

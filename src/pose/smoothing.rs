@@ -40,7 +40,7 @@ pub enum Smoothing {
 impl Default for Smoothing {
     fn default() -> Self {
         Self::Adaptive {
-            rest_hz: 2.5,
+            rest_hz: 5.0,
             rise: 300.0,
         }
     }

@@ -1,19 +1,18 @@
-//! The first pose: a search over turned starts, for yaw within ±45° and pitch within ±30°.
+//! The first pose: a search over turned starts, for yaw within ±60° and pitch within ±40°.
 //!
 //! A closest-point alignment finds the nearest minimum only, and from a frontal start a head turned by 40° is caught by the
 //! cheek. So a few starts are tried on a thinned cloud and the best end is kept. Each start turns the anchor and lays
 //! the middle of its visible half on the middle of the cloud.
 //!
-//! Sensor and head frame, metres, radians. Cost: 15 starts of 8 rounds on a fifth of the points, and the
-//! best nine with all points: some 10 ms, once. Limitation: a
-//! head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.
+//! Sensor and head frame, metres, radians. Cost: 25 starts of four rounds on a fifth of the points, five more for the best
+//! twelve, eight on half of the points for the best six: about ten times a frame that is followed. Limitation: a head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.
 
 use super::anchor::Anchor;
 use super::plane::FACING;
 use crate::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 
-const YAWS_DEG: [f32; 5] = [0.0, -20.0, 20.0, -42.0, 42.0];
-const PITCHES_DEG: [f32; 3] = [0.0, -24.0, 24.0];
+const YAWS_DEG: [f32; 5] = [0.0, -25.0, 25.0, -52.0, 52.0];
+const PITCHES_DEG: [f32; 5] = [0.0, -22.0, 22.0, -40.0, 40.0];
 
 /// The starts as `head_from_sensor`, frontal first.
 pub(crate) fn starts<'a>(

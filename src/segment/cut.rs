@@ -11,7 +11,7 @@
 
 use super::PixelRect;
 use super::regions::{CELL_PX, COLUMNS, ROWS, Regions};
-use crate::capacity::USERS;
+use crate::capacity::HEADS;
 
 /// Rows of cells a head can be high: 0.3 m at 0.4 m.
 const MAX_PROFILE: usize = 110;
@@ -29,6 +29,8 @@ const NECK_FLARE: f32 = 1.1;
 const SHOULDER_SHARE: f32 = 1.35;
 /// Depth from the nearest tenth of a head to what still belongs to it, metres.
 const DEEP_M: f32 = 0.19;
+/// Beyond a head's own depth by this much is somebody else's, metres: shoulders are not.
+const BEHIND_M: f32 = 0.08;
 /// Columns of cells without depth that do not end a row of the outline.
 const ROW_GAP: usize = 3;
 /// Share of the last rectangle that must be covered to count as the same head.
@@ -82,11 +84,12 @@ fn covered(a: &PixelRect, b: &PixelRect) -> f32 {
     wide.max(0.0) * high.max(0.0) / area.max(1.0)
 }
 
-/// Finds heads from the top of the picture down and marks them in the mask. `last` is where one was in the last frame.
+/// Finds heads from the top of the picture down and marks them in the mask. `last` is where they were in the last frame.
+/// When full, what is further down in the picture is left out.
 pub(crate) fn heads(
     regions: &mut Regions,
-    last: Option<PixelRect>,
-    found: &mut heapless::Vec<Head, USERS>,
+    last: &[PixelRect],
+    found: &mut heapless::Vec<Head, HEADS>,
 ) {
     for row in 0..ROWS {
         let mut col = 0;
@@ -100,14 +103,15 @@ pub(crate) fn heads(
             col = end;
             if found.is_full()
                 || !is_top(regions, row, begin, end, label)
-                || inside(found, row, begin, end)
+                || inside(found, regions, row, begin, end)
             {
                 continue;
             }
             let Some(head) = follow_down(regions, row, begin, end, label) else {
                 continue;
             };
-            let known = last.is_some_and(|last| covered(&last, &head.rect()) > SAME_SHARE);
+            let rect = head.rect();
+            let known = last.iter().any(|last| covered(last, &rect) > SAME_SHARE);
             let limits = if known { FOLLOWED } else { NEWCOMER };
             if fits(regions, &head, &limits) {
                 // Cannot be full: checked above.
@@ -159,14 +163,18 @@ fn is_top(regions: &Regions, row: usize, begin: usize, end: usize, label: u16) -
     })
 }
 
-fn inside(found: &[Head], row: usize, begin: usize, end: usize) -> bool {
+/// Whether a top lies within a head that was found, or in its neck and chest. One who stands behind or before another does
+/// not: their depth tells.
+fn inside(found: &[Head], regions: &Regions, row: usize, begin: usize, end: usize) -> bool {
     let middle = ((begin + end) / 2 * CELL_PX) as u16;
     let y = (row * CELL_PX) as u16;
+    let z = regions.depth_m[row * COLUMNS + begin];
     found.iter().any(|head| {
         let rect = head.rect();
-        // Two heads are not within each other, nor one in the other's neck and chest.
         let wide = (rect.x1 - rect.x0) / 2;
-        (rect.x0.saturating_sub(wide)..rect.x1 + wide).contains(&middle)
+        let apart = z > head.far_m + BEHIND_M || z < head.near_m - BEHIND_M;
+        !apart
+            && (rect.x0.saturating_sub(wide)..rect.x1 + wide).contains(&middle)
             && y < rect.y1 + (rect.y1 - rect.y0)
     })
 }

@@ -17,7 +17,7 @@ mod cut;
 pub mod kmeans;
 mod regions;
 
-use crate::capacity::{HEAD_POINTS, RAW_DEPTH_VALUES, USERS};
+use crate::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
 use crate::geometry::Point;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
@@ -86,8 +86,8 @@ pub struct Segmenter {
     /// Clouds made at construction; the first `count` are this frame's.
     heads: Vec<HeadCloud>,
     count: usize,
-    /// Where this frame's first head was looked for: the last one's place.
-    last: Option<(PixelRect, Point)>,
+    /// Where the last frame's heads were, in their order.
+    last: heapless::Vec<(PixelRect, Point), HEADS>,
 }
 
 impl Segmenter {
@@ -99,9 +99,9 @@ impl Segmenter {
             kmeans: DepthKMeans::default(),
             histogram: Box::new([0; RAW_DEPTH_VALUES]),
             regions: Regions::default(),
-            heads: vec![HeadCloud::default(); USERS],
+            heads: vec![HeadCloud::default(); HEADS],
             count: 0,
-            last: None,
+            last: heapless::Vec::new(),
         }
     }
 
@@ -109,19 +109,17 @@ impl Segmenter {
     pub fn reset(&mut self) {
         self.kmeans.reset();
         self.count = 0;
-        self.last = None;
+        self.last.clear();
     }
 
-    /// Finds the heads. Returned is the one followed so far, else the nearest; all are in [`Self::heads`].
+    /// Finds the heads. Returned is the one that was first in the last frame, else the nearest; all are in [`Self::heads`].
     pub fn segment(&mut self, frame: &Frame, camera: &Camera) -> Option<&HeadCloud> {
         let farthest = self.foreground_end(frame, camera);
         self.regions.label(&frame.depth, camera, farthest);
-        let mut found: heapless::Vec<Head, USERS> = heapless::Vec::new();
-        cut::heads(
-            &mut self.regions,
-            self.last.map(|(rect, _)| rect),
-            &mut found,
-        );
+        let mut found: heapless::Vec<Head, HEADS> = heapless::Vec::new();
+        let last: heapless::Vec<PixelRect, HEADS> =
+            self.last.iter().map(|(rect, _)| *rect).collect();
+        cut::heads(&mut self.regions, &last, &mut found);
         self.count = 0;
         for head in &found {
             let into = &mut self.heads[self.count];
@@ -129,18 +127,25 @@ impl Segmenter {
                 self.count += 1;
             }
         }
-        let last = self.last.map(|(_, centre)| centre);
-        let rank = |head: &HeadCloud| match last {
-            Some(last) if (head.centre - last).norm() < STEP_M => (head.centre - last).norm(),
-            _ => 10.0 + head.centre.z,
+        // Those of the last frame keep their order, newcomers stand behind them by distance.
+        let rank = |head: &HeadCloud| {
+            let apart = self
+                .last
+                .iter()
+                .map(|(_, last)| (head.centre - last).norm());
+            let nearest = apart.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+            match nearest {
+                Some((place, apart)) if apart < STEP_M => place as f32 + apart,
+                _ => HEADS as f32 + head.centre.z,
+            }
         };
         self.heads[..self.count].sort_unstable_by(|a, b| rank(a).total_cmp(&rank(b)));
-        let first = self.heads[..self.count].first();
-        self.last = first.map(|head| (head.rect, head.centre));
-        first
+        let heads = &self.heads[..self.count];
+        self.last = heads.iter().map(|head| (head.rect, head.centre)).collect();
+        heads.first()
     }
 
-    /// All heads of the last frame, the one returned by [`Self::segment`] first.
+    /// All heads of the last frame, those seen before first, in the same order.
     #[must_use]
     pub fn heads(&self) -> &[HeadCloud] {
         &self.heads[..self.count]

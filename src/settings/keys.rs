@@ -7,6 +7,7 @@ use crate::output::osc::vmc::{Names, Role};
 use crate::output::osc::vrchat::{MOST_BITS, Values};
 use crate::output::serial;
 use crate::pose::smoothing::Smoothing;
+use crate::users::Policy;
 use crate::{expression, landmarks, pose};
 
 /// Sections in the order they are printed, with a sentence about each.
@@ -16,7 +17,10 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("pose", "Where the head is."),
     ("landmarks", "The 68 points."),
     ("learning", "How each person's ranges are learned."),
-    ("users", "What happens when a face is lost."),
+    (
+        "users",
+        "Who is followed, and what happens when a face is lost.",
+    ),
     (UNITS, UNITS_ABOUT),
     ("osc", "OSC over UDP, the native schema."),
     ("vmc", "OSC for avatar programmes, VMC protocol."),
@@ -120,6 +124,7 @@ const LEVELS: [tracing::Level; 5] = [
     tracing::Level::TRACE,
 ];
 
+const POLICIES: [Policy; 3] = [Policy::First, Policy::Nearest, Policy::Central];
 const POSE_METHODS: [pose::Method; 2] = [pose::Method::Plane, pose::Method::Paper];
 const SMOOTHING_WINDOW: usize = 5;
 const LANDMARK_METHODS: [landmarks::Method; 2] =
@@ -356,6 +361,27 @@ pub(super) const KEYS: &[Key] = &[
     ),
     key(
         "users",
+        "most",
+        "People followed at once, at most; with 1 whoever comes has slot 0.",
+        |s| Kind::Integer {
+            value: &mut s.users.most,
+            min: 1,
+            max: 4,
+            unit: "",
+        },
+    ),
+    key(
+        "users",
+        "single",
+        "Whom wires show that have room for one (vmc, vrchat, faceosc, serial): who came first, is nearest, or in the middle.",
+        |s| Kind::Choice {
+            value: index_of(&POLICIES, &s.users.single),
+            names: &["first", "nearest", "central"],
+            set: |s, index| s.users.single = POLICIES[index],
+        },
+    ),
+    key(
+        "users",
         "hold_s",
         "How long values are kept after the face was last seen.",
         |s| single(&mut s.users.hold_s, 0.0, 10.0, "s"),
@@ -363,8 +389,14 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "users",
         "forget_s",
-        "How long a lost person's ranges are kept before the next starts anew.",
+        "How long a lost person keeps their slot after that.",
         |s| single(&mut s.users.forget_s, 0.0, 3600.0, "s"),
+    ),
+    key(
+        "users",
+        "remember_s",
+        "How long a person who left is known again by the shape of the head, and gets ranges and slot back; 0 never.",
+        |s| single(&mut s.users.remember_s, 0.0, 86_400.0, "s"),
     ),
     key("osc", "enabled", "Whether anything is sent.", |s| {
         Kind::Bool {

@@ -14,7 +14,9 @@ use toml::de::{DeTable, DeValue};
 
 use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
 
+use crate::capacity::USERS;
 use crate::sensor::kinect;
+use crate::users::Policy;
 use crate::{expression, landmarks, output, pose, segment};
 
 /// Everything that can be configured, in the stages' own types.
@@ -30,7 +32,7 @@ pub struct Settings {
     pub landmarks: landmarks::StageSettings,
     /// Learning of ranges.
     pub learning: expression::Settings,
-    /// What happens when a face is lost.
+    /// Who is followed, and what happens when a face is lost.
     pub users: UserSettings,
     /// Names and gains of units, for every wire.
     pub units: Vec<output::UnitView>,
@@ -71,20 +73,29 @@ impl Default for SensorSettings {
     }
 }
 
-/// What happens when a face is lost.
+/// Who is followed, and what happens when a face is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UserSettings {
+    /// People followed at once, at most.
+    pub most: u32,
+    /// Whom wires show that have room for one.
+    pub single: Policy,
     /// Seconds during which values are kept after the face was last seen.
     pub hold_s: f32,
-    /// Seconds after which a lost person is forgotten and the next one starts from the priors.
+    /// Seconds after which a lost person's slot is free again.
     pub forget_s: f32,
+    /// Seconds during which a person who left is known again by the shape of the head; 0 never.
+    pub remember_s: f32,
 }
 
 impl Default for UserSettings {
     fn default() -> Self {
         Self {
+            most: USERS as u32,
+            single: Policy::default(),
             hold_s: 0.5,
             forget_s: 2.0,
+            remember_s: 600.0,
         }
     }
 }
@@ -461,7 +472,7 @@ mod tests {
     fn an_unknown_key_is_named_with_its_place_and_the_known_ones() {
         let message = refused("[users]\nhold = 1\n");
         assert!(
-            message.starts_with("a.toml:2:1: expected one of the keys hold_s, forget_s in [users]"),
+            message.starts_with("a.toml:2:1: expected one of the keys most, single, hold_s, forget_s, remember_s in [users]"),
             "{message}"
         );
         assert!(message.ends_with("found hold"), "{message}");

@@ -11,6 +11,7 @@ use super::animate::{self, AnimateError};
 use super::bake::{self, command::BakeError};
 use super::bars;
 use super::fit::{self, FitArgs};
+use super::head_scenes;
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
@@ -90,13 +91,13 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "evaluate",
-        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N]",
-        about: "plays rendered sessions of people never trained on through the whole pipeline, or with --landmarks the face model alone under every condition; one table",
+        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...]]",
+        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, or with --heads scenes of one and several heads, hands and rooms; one table",
         example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
         options: &[
-            "data", "model", "config", "people", "seconds", "split", "seed",
+            "data", "model", "config", "people", "seconds", "split", "seed", "rows",
         ],
-        flags: &["landmarks"],
+        flags: &["landmarks", "heads"],
         words: 0,
         run: run_evaluate,
     },
@@ -341,6 +342,32 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
             ..sessions
         };
         bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
+        return Ok(());
+    }
+    if words.flag("heads") {
+        let rows: Vec<String> = words
+            .value::<String>("rows")?
+            .map_or_else(Vec::new, |rows| {
+                rows.split(',').map(str::to_owned).collect()
+            });
+        if let Some(unknown) = rows
+            .iter()
+            .find(|row| !head_scenes::ROWS.contains(&row.as_str()))
+        {
+            return Err(Fault::Usage(format!(
+                "--rows {unknown} is not one of {}",
+                head_scenes::ROWS.join(", ")
+            )));
+        }
+        let sessions = Sessions {
+            people: words.value("people")?.unwrap_or(head_scenes::PEOPLE),
+            seconds: words.value("seconds")?.unwrap_or(head_scenes::SECONDS),
+            ..sessions
+        };
+        print!(
+            "{}",
+            head_scenes::play(&data(words), &model, &settings, &sessions, &rows)?
+        );
         return Ok(());
     }
     print!(

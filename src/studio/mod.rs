@@ -5,6 +5,7 @@ pub mod bake;
 pub mod bars;
 pub mod cli;
 pub mod fit;
+pub mod head_scenes;
 pub mod heads;
 pub mod ict;
 pub mod inspect;

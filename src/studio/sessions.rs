@@ -348,7 +348,12 @@ fn table(played: &[Played]) -> Table {
     };
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
     for one in played {
-        let offset = mean_offset(&one.seen);
+        let pairs: Vec<_> = one
+            .seen
+            .iter()
+            .map(|seen| (seen.true_pose, seen.pose))
+            .collect();
+        let offset = mean_offset(&pairs);
         for seen in &one.seen {
             for (k, offset) in [Rigid::identity(), offset].iter().enumerate() {
                 let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
@@ -398,11 +403,11 @@ fn table(played: &[Played]) -> Table {
     }
 }
 
-/// Mean of `true⁻¹ · found`: the one offset of a person.
-fn mean_offset(seen: &[Seen]) -> Rigid {
+/// Mean of `true⁻¹ · found` over pairs of both: the one offset of a person.
+pub(super) fn mean_offset(seen: &[(Rigid, Rigid)]) -> Rigid {
     let (mut rotation, mut translation) = (Vector4::zeros(), Vector::zeros());
-    for one in seen {
-        let offset = one.true_pose.inverse() * one.pose;
+    for (truth, found) in seen {
+        let offset = truth.inverse() * found;
         let q = offset.rotation.coords;
         rotation += if q.w < 0.0 { -q } else { q };
         translation += offset.translation.vector;

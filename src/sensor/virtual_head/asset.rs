@@ -187,6 +187,17 @@ impl HeadAsset {
         }
     }
 
+    /// The same head stretched along its axes: another person's, as far as depth can tell.
+    #[must_use]
+    pub fn stretched(&self, factors: [f32; 3]) -> Self {
+        let factors = Vector::from(factors);
+        let mut other = self.clone();
+        for p in &mut other.neutral {
+            p.coords.component_mul_assign(&factors);
+        }
+        other
+    }
+
     /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
     pub fn centre(&mut self) {
         if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {

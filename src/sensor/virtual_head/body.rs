@@ -1,4 +1,4 @@
-//! What stands around the head, from simple shapes: shoulders and chest, a chair, a wall. Enough that a head must be cut
+//! What stands around the head, from simple shapes: shoulders and chest, a hand, furniture, a wall. Enough that a head must be cut
 //! from a body and from a background; nothing here is meant to be looked at.
 
 use crate::geometry::{Point, Vector};
@@ -92,8 +92,42 @@ impl Shape {
         shape
     }
 
-    /// The room: a wall at `wall` metres, and a chair's back in front of it if there is one.
-    pub(crate) fn room(wall: f32, chair: bool, seed: u64) -> Self {
+    /// A hand held upright, palm to the sensor, with its forearm. Origin: the middle of the palm.
+    pub(crate) fn hand(colour: [f32; 3]) -> Self {
+        let mut shape = Self::default();
+        shape.ellipsoid([0.0; 3], [0.045, 0.055, 0.016], colour);
+        for (x, long) in [
+            (-0.034, 0.036),
+            (-0.012, 0.042),
+            (0.011, 0.04),
+            (0.033, 0.03),
+        ] {
+            shape.ellipsoid([x, -0.05 - long, 0.0], [0.0095, long, 0.009], colour);
+        }
+        shape.ellipsoid([0.058, -0.01, 0.0], [0.012, 0.034, 0.011], colour);
+        shape.ellipsoid([0.0, 0.08, 0.005], [0.03, 0.05, 0.025], colour);
+        shape.ellipsoid([0.01, 0.22, 0.02], [0.042, 0.16, 0.04], [80.0, 85.0, 90.0]);
+        shape
+    }
+
+    /// Things of about a head's size: a globe on a stand, a lamp's shade, the head rest of a chair, a jacket over one.
+    fn furniture(&mut self) {
+        let stand = [90.0, 90.0, 95.0];
+        self.ellipsoid([-0.42, 0.05, 1.3], [0.105; 3], [90.0, 120.0, 160.0]);
+        self.ellipsoid([-0.42, 0.31, 1.32], [0.02, 0.16, 0.02], stand);
+        self.ellipsoid(
+            [0.45, -0.12, 1.5],
+            [0.13, 0.10, 0.13],
+            [220.0, 210.0, 180.0],
+        );
+        self.ellipsoid([0.45, 0.33, 1.5], [0.015, 0.36, 0.015], stand);
+        self.ellipsoid([0.02, 0.0, 1.05], [0.13, 0.085, 0.035], [60.0, 55.0, 60.0]);
+        self.ellipsoid([0.02, 0.2, 1.1], [0.025, 0.14, 0.02], stand);
+        self.ellipsoid([0.02, 0.42, 1.05], [0.23, 0.20, 0.10], [75.0, 85.0, 70.0]);
+    }
+
+    /// The room: a wall at `wall` metres, and in front of it a chair's back and furniture if there are.
+    pub(crate) fn room(wall: f32, chair: bool, furniture: bool, seed: u64) -> Self {
         let mut shape = Self::default();
         shape.panel(
             [0.0, 0.0, wall],
@@ -110,6 +144,9 @@ impl Shape {
                 [70.0, 60.0, 90.0],
                 seed + 9,
             );
+        }
+        if furniture {
+            shape.furniture();
         }
         shape
     }

@@ -1,12 +1,12 @@
-//! The simulated sensor: a person with known pose, expression and landmarks, drawn as the raw frames of a Kinect v1.
+//! The simulated sensor: people with known pose, expression and landmarks, drawn as the raw frames of a Kinect v1.
 //!
-//! A head ([`HeadAsset`]) on shoulders before a wall is drawn twice, as the depth camera and as the colour camera see it, both
-//! through [`Camera`]; then the errors of the sensor are added (`noise`). The truth is handed out with the picture, so that
-//! whatever is measured on a frame can be compared with it. A frame is a pure function of head, scene, seed and
+//! Heads ([`HeadAsset`]) on shoulders, a hand and a room are drawn twice, as the depth camera and as the colour camera see
+//! them, both through [`Camera`]; then the errors of the sensor are added (`noise`). The truth is handed out with the picture,
+//! so that whatever is measured on a frame can be compared with it. A frame is a pure function of heads, scene, seed and
 //! time: no state is carried over, and the same four give the same bytes.
 //!
-//! Memory: the head, its work space and 8 MB of buffers, all made at construction. Limitations: no hair that stands off the
-//! head, no cast shadows of the room's light, eyes that do not turn, shoulders that do not move.
+//! Memory: the heads, their work space and 8 MB of buffers, all made at construction. Limitations: no hair that stands off
+//! the head, no cast shadows of the room's light, eyes that do not turn, shoulders that stay upright, one hand.
 
 mod asset;
 pub(crate) mod body;
@@ -21,7 +21,7 @@ pub use draw::Light;
 pub use file::HeadFileError;
 pub use script::Scene;
 
-use crate::capacity::{HEIGHT, LANDMARKS, WIDTH};
+use crate::capacity::{HEIGHT, LANDMARKS, USERS, WIDTH};
 use crate::geometry::{Point, Rigid};
 use crate::sensor::camera::Camera;
 use crate::sensor::{Frame, colour};
@@ -74,7 +74,6 @@ fn depth_reading(camera: &Camera) -> DepthReading {
 /// }
 /// ```
 pub struct Simulator {
-    asset: HeadAsset,
     scene: Scene,
     seed: u64,
     light: Light,
@@ -82,8 +81,8 @@ pub struct Simulator {
     camera: Camera,
     reading: DepthReading,
     tiles: Tiles,
-    head: HeadPainter,
-    bust: (Shape, ShapePainter),
+    people: Vec<Person>,
+    hand: (Shape, ShapePainter),
     /// The room as both cameras see it, drawn once.
     room_depth: Vec<f32>,
     room_rgb: Vec<[u8; 3]>,
@@ -91,33 +90,82 @@ pub struct Simulator {
     canvas: Canvas,
     blurred: Vec<[u8; 3]>,
     drawn: u64,
-    weights: heapless::Vec<f32, EXPRESSIONS>,
 }
 
+/// One who can be drawn, and what was drawn of them last.
+struct Person {
+    asset: HeadAsset,
+    head: HeadPainter,
+    bust: (Shape, ShapePainter),
+    weights: heapless::Vec<f32, EXPRESSIONS>,
+    truth: Option<Truth>,
+}
+
+impl Person {
+    fn new(asset: HeadAsset, clothes: [f32; 3]) -> Self {
+        let bust = Shape::bust(clothes);
+        let painter = ShapePainter::new(&bust);
+        let expressions = asset.expressions.len().min(EXPRESSIONS);
+        Self {
+            head: HeadPainter::new(&asset),
+            bust: (bust, painter),
+            weights: std::iter::repeat_n(0.0, expressions).collect(),
+            truth: None,
+            asset,
+        }
+    }
+}
+
+/// Colours of the clothes, by person.
+const CLOTHES: [[f32; 3]; USERS] = [
+    [70.0, 85.0, 120.0],
+    [130.0, 80.0, 70.0],
+    [80.0, 110.0, 75.0],
+    [105.0, 95.0, 60.0],
+];
+/// How the shipped head is stretched to be somebody else: width, height, depth.
+const OTHERS: [[f32; 3]; USERS] = [
+    [1.0; 3],
+    [0.94, 1.05, 0.98],
+    [1.06, 0.97, 1.04],
+    [0.96, 0.95, 1.02],
+];
+
 impl Simulator {
-    /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0.
+    /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. Where a scene has
+    /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
     #[must_use]
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
         let camera = Camera::nominal();
         let light = Light::default();
-        let room = Shape::room(WALL_M, scene == Scene::Empty, seed);
+        let room = Shape::room(
+            WALL_M,
+            scene == Scene::Empty,
+            scene == Scene::Furnished,
+            seed,
+        );
         let mut painter = ShapePainter::new(&room);
         let mut depth = DepthBuffer::new(WIDTH, HEIGHT);
         let mut canvas = Canvas::new(WIDTH, HEIGHT);
         painter.draw_depth(&room, |p| camera.depth_pixel(p), &mut depth);
         painter.draw_colour(&room, &light, |p| camera.colour_pixel(p), &mut canvas);
-        let bust = Shape::bust([70.0, 85.0, 120.0]);
-        let bust_painter = ShapePainter::new(&bust);
-        let expressions = asset.expressions.len().min(EXPRESSIONS);
+        let hand = Shape::hand([205.0, 160.0, 135.0]);
+        let hand_painter = ShapePainter::new(&hand);
+        let people = (0..scene.people())
+            .map(|k| match k {
+                0 => Person::new(asset.clone(), CLOTHES[0]),
+                _ => Person::new(asset.stretched(OTHERS[k]), CLOTHES[k]),
+            })
+            .collect();
         Self {
-            head: HeadPainter::new(&asset),
+            people,
             scene,
             seed,
             light,
             exposure: 1.0,
             reading: depth_reading(&camera),
             tiles: Tiles::new(seed),
-            bust: (bust, bust_painter),
+            hand: (hand, hand_painter),
             room_depth: depth.inverse.clone(),
             room_rgb: canvas.rgb.clone(),
             depth,
@@ -125,9 +173,16 @@ impl Simulator {
             canvas,
             camera,
             drawn: 0,
-            weights: std::iter::repeat_n(0.0, expressions).collect(),
-            asset,
         }
+    }
+
+    /// Gives the second and later people of the scene heads of their own, as far as there are both.
+    #[must_use]
+    pub fn joined_by(mut self, others: impl IntoIterator<Item = HeadAsset>) -> Self {
+        for (k, (person, asset)) in self.people.iter_mut().skip(1).zip(others).enumerate() {
+            *person = Person::new(asset, CLOTHES[k + 1]);
+        }
+        self
     }
 
     /// Changes the light and the exposure (1 = as photographed).
@@ -149,29 +204,42 @@ impl Simulator {
         &self.camera
     }
 
-    /// The head that is drawn.
+    /// The head of the first person.
     #[must_use]
     pub fn asset(&self) -> &HeadAsset {
-        &self.asset
+        &self.people[0].asset
     }
 
-    /// Draws the scene at a time. The truth is `None` when nobody is there. Sets all of the frame; its index counts
-    /// the frames drawn.
+    /// What the last frame shows of each person; `None` for those who are not there.
+    pub fn truths(&self) -> impl ExactSizeIterator<Item = Option<&Truth>> {
+        self.people.iter().map(|person| person.truth.as_ref())
+    }
+
+    /// Draws the scene at a time. The truth is that of the first person who is there, `None` when nobody is; the others'
+    /// are in [`Simulator::truths`]. Sets all of the frame; its index counts the frames drawn.
     pub fn draw(&mut self, at: Timestamp, frame: &mut Frame) -> Option<Truth> {
         let t = (at.as_us() as f64 * 1e-6) as f32;
-        self.weights.fill(0.0);
-        let (asset, weights) = (&self.asset, &mut self.weights);
-        let instant = self.scene.play(self.seed, t, |name, weight| {
-            if let Some(slot) = asset.expression(name).and_then(|k| weights.get_mut(k)) {
-                *slot = slot.max(weight);
+        self.begin();
+        let (scene, seed) = (self.scene, self.seed);
+        for (number, person) in self.people.iter_mut().enumerate() {
+            person.weights.fill(0.0);
+            let (asset, weights) = (&person.asset, &mut person.weights);
+            let instant = scene.play_person(number, seed, t, |name, weight| {
+                if let Some(slot) = asset.expression(name).and_then(|k| weights.get_mut(k)) {
+                    *slot = slot.max(weight);
+                }
+            });
+            if let Some(instant) = instant {
+                person.place(&instant.sensor_from_head);
             }
-        });
-        let pose = instant.map(|instant| instant.sensor_from_head);
-        let weights = self.weights.clone();
-        self.draw_person(pose.as_ref(), &weights, at, frame)
+        }
+        let hand = scene.hand(t);
+        self.finish(hand, at, frame);
+        self.people.iter().find_map(|person| person.truth.clone())
     }
 
-    /// Draws a head of any pose and expression (`weights` in the order of the asset's expressions) instead of the script's.
+    /// Draws the first person with any pose and expression (`weights` in the order of the asset's expressions), and nobody
+    /// else, instead of the script's.
     pub fn draw_pose(
         &mut self,
         sensor_from_head: &Rigid,
@@ -179,48 +247,58 @@ impl Simulator {
         at: Timestamp,
         frame: &mut Frame,
     ) -> Truth {
-        self.draw_person(Some(sensor_from_head), weights, at, frame)
-            .expect("somebody is drawn when a pose is given")
+        self.begin();
+        let person = &mut self.people[0];
+        person.weights.fill(0.0);
+        for (slot, &weight) in person.weights.iter_mut().zip(weights) {
+            *slot = weight;
+        }
+        person.place(sensor_from_head);
+        self.finish(None, at, frame);
+        let truth = self.people[0].truth.clone();
+        truth.expect("somebody is drawn when a pose is given")
     }
 
-    fn draw_person(
-        &mut self,
-        pose: Option<&Rigid>,
-        weights: &[f32],
-        at: Timestamp,
-        frame: &mut Frame,
-    ) -> Option<Truth> {
+    /// Nobody is there.
+    fn begin(&mut self) {
+        for person in &mut self.people {
+            person.truth = None;
+        }
+    }
+
+    /// Draws those who are there, the hand, and the room around them.
+    fn finish(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
         let camera = &self.camera;
         self.depth.inverse.copy_from_slice(&self.room_depth);
         self.canvas.rgb.copy_from_slice(&self.room_rgb);
-        let mut truth = None;
-        if let Some(sensor_from_head) = pose {
-            let asset = &self.asset;
-            self.head.place(asset, weights, sensor_from_head);
-            let (shape, painter) = &mut self.bust;
-            painter.place(shape, &draw::shoulders_below(sensor_from_head));
-            let pixel = |p: &Point| camera.depth_pixel(p);
-            self.head.draw_depth(asset, pixel, &mut self.depth);
-            painter.draw_depth(shape, pixel, &mut self.depth);
-
-            // Everything in front of the room: its own depth buffer starts empty.
-            self.canvas.depth.inverse.fill(0.0);
-            let pixel = |p: &Point| camera.colour_pixel(p);
-            self.head.light(asset, &self.light);
-            let mut window = self
-                .head
-                .draw_colour(asset, &self.light, pixel, &mut self.canvas);
-            window.include(painter.draw_colour(shape, &self.light, pixel, &mut self.canvas));
-            blur(&mut self.canvas.rgb, window, &mut self.blurred);
-
-            let landmarks_head = asset.landmarks_on(&self.head.deformed);
-            truth = Some(Truth {
-                sensor_from_head: *sensor_from_head,
-                landmarks_head,
-                landmarks_px: landmarks_head.map(|p| camera.colour_pixel(&(sensor_from_head * p))),
-                activations: weights.iter().take(EXPRESSIONS).copied().collect(),
-            });
+        // Everything in front of the room: its own depth buffer starts empty.
+        self.canvas.depth.inverse.fill(0.0);
+        let mut window = Window::NOTHING;
+        let depth_pixel = |p: &Point| camera.depth_pixel(p);
+        let colour_pixel = |p: &Point| camera.colour_pixel(p);
+        for person in &mut self.people {
+            let (asset, head) = (&person.asset, &mut person.head);
+            let Some(truth) = &mut person.truth else {
+                continue;
+            };
+            let (shape, painter) = &mut person.bust;
+            painter.place(shape, &draw::shoulders_below(&truth.sensor_from_head));
+            head.draw_depth(asset, depth_pixel, &mut self.depth);
+            painter.draw_depth(shape, depth_pixel, &mut self.depth);
+            head.light(asset, &self.light);
+            window.include(head.draw_colour(asset, &self.light, colour_pixel, &mut self.canvas));
+            window.include(painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas));
+            truth.landmarks_px = truth
+                .landmarks_head
+                .map(|p| camera.colour_pixel(&(truth.sensor_from_head * p)));
         }
+        if let Some(hand) = hand {
+            let (shape, painter) = &mut self.hand;
+            painter.place(shape, &Rigid::translation(hand.x, hand.y, hand.z));
+            painter.draw_depth(shape, depth_pixel, &mut self.depth);
+            window.include(painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas));
+        }
+        blur(&mut self.canvas.rgb, window, &mut self.blurred);
         let seed = noise::hash(self.seed, at.as_us());
         self.reading
             .read(&self.depth.inverse, &self.tiles, seed, &mut frame.depth);
@@ -236,7 +314,20 @@ impl Simulator {
         frame.index = self.drawn;
         frame.at = at;
         self.drawn += 1;
-        truth
+    }
+}
+
+impl Person {
+    /// Sets the pose; the expression is in `weights`.
+    fn place(&mut self, sensor_from_head: &Rigid) {
+        self.head
+            .place(&self.asset, &self.weights, sensor_from_head);
+        self.truth = Some(Truth {
+            sensor_from_head: *sensor_from_head,
+            landmarks_head: self.asset.landmarks_on(&self.head.deformed),
+            landmarks_px: [[0.0; 2]; LANDMARKS],
+            activations: self.weights.clone(),
+        });
     }
 }
 

@@ -4,7 +4,7 @@
 //! hashed per interval and joined by Hermite splines (value noise): smooth in position and speed.
 
 use super::noise::uniform;
-use crate::geometry::{Rigid, rotation_from_yaw_pitch_roll};
+use crate::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
 
 /// What is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,16 +21,44 @@ pub enum Scene {
     Empty,
     /// As `Acted`, but the person walks away after 6 s, is gone from 8 to 13 s, and is back at 15 s of every 20.
     Leaving,
+    /// As `Acted`, with yaw to ±45° and pitch to ±30°.
+    Wide,
+    /// A neutral face that looks from side to side, ±32°, at up to 200°/s.
+    Fast,
+    /// A neutral face behind which a hand rises every 5 s, for 0.3, 0.9 and 1.8 s in turn.
+    Hand,
+    /// Two people who act side by side.
+    Two,
+    /// Four people who act beside and behind each other.
+    Four,
+    /// Two people who walk past each other at 0.85 m and 1.3 m every 5 s.
+    Crossing,
+    /// One person leaves as another comes, and the other way round: one at 0 to 6 s and from 14 s of every 20, the other at
+    /// 7 to 13 s.
+    Swap,
+    /// Three people seen from behind.
+    Behind,
+    /// Things of a head's size, and nobody.
+    Furnished,
 }
 
 impl Scene {
     /// All, with the names that select them.
-    pub const NAMES: [(&'static str, Self); 5] = [
+    pub const NAMES: [(&'static str, Self); 14] = [
         ("acted", Self::Acted),
         ("still", Self::Still),
         ("turning", Self::Turning),
         ("empty", Self::Empty),
         ("leaving", Self::Leaving),
+        ("wide", Self::Wide),
+        ("fast", Self::Fast),
+        ("hand", Self::Hand),
+        ("two", Self::Two),
+        ("four", Self::Four),
+        ("crossing", Self::Crossing),
+        ("swap", Self::Swap),
+        ("behind", Self::Behind),
+        ("furnished", Self::Furnished),
     ];
 
     /// Scene of a name.
@@ -40,6 +68,16 @@ impl Scene {
             .iter()
             .find(|(known, _)| *known == name)
             .map(|&(_, scene)| scene)
+    }
+
+    /// How many people come up in it.
+    pub(crate) const fn people(self) -> usize {
+        match self {
+            Self::Two | Self::Crossing | Self::Swap => 2,
+            Self::Behind => 3,
+            Self::Four => 4,
+            _ => 1,
+        }
     }
 }
 
@@ -130,29 +168,64 @@ pub(crate) struct Instant {
     pub(crate) sensor_from_head: Rigid,
 }
 
+/// There and back: 0 at the start, 1 after a quarter of the period, −1 after three, smooth at both ends.
+fn swing(t: f32, period: f32) -> f32 {
+    let f = (t / period + 0.25).fract();
+    let triangle = 1.0 - 4.0 * (f - 0.5).abs();
+    triangle * (1.5 - 0.5 * triangle * triangle)
+}
+
+/// Head turned by degrees of yaw, pitch and roll at a place in metres.
+fn placed([yaw, pitch, roll]: [f32; 3], [x, y, z]: [f32; 3]) -> Option<Instant> {
+    let rotation =
+        rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), roll.to_radians());
+    Some(Instant {
+        sensor_from_head: Rigid::from_parts(nalgebra::Translation3::new(x, y, z), rotation),
+    })
+}
+
+/// How the hand comes up in [`Scene::Hand`]: every so many seconds, for so long in turn.
+const HAND_EVERY_S: f32 = 5.0;
+const HAND_STAYS_S: [f32; 3] = [0.3, 0.9, 1.8];
+/// Way of the hand up or down, seconds.
+const HAND_MOVES_S: f32 = 0.25;
+
 impl Scene {
-    /// Who is where at `t` seconds; `set(name, weight)` is called for every expression above 0, perhaps twice for one
-    /// name: the larger counts. `None`: nobody.
-    pub(crate) fn play(self, seed: u64, t: f32, mut set: impl FnMut(&str, f32)) -> Option<Instant> {
-        let mut aside = 0.0;
-        let (yaw, pitch, roll, place) = match self {
-            Self::Empty => return None,
-            Self::Still => (0.0, 0.0, 0.0, [0.0, -0.02, 0.7]),
-            Self::Turning => {
-                // There and back every 8 s, pitch at another pace: a Lissajous walk through the range.
-                let swing = |period: f32| {
-                    let f = (t / period + 0.25).fract();
-                    let triangle = 1.0 - 4.0 * (f - 0.5).abs();
-                    triangle * (1.5 - 0.5 * triangle * triangle)
-                };
-                (
-                    25.0 * swing(8.0),
-                    15.0 * swing(5.3),
-                    6.0 * swing(11.0),
-                    [0.0, -0.02, 0.8],
-                )
-            }
-            Self::Acted | Self::Leaving => {
+    /// Where the first person is at `t` seconds, see [`Scene::play_person`].
+    #[cfg(any(test, feature = "studio"))]
+    pub(crate) fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Instant> {
+        self.play_person(0, seed, t, set)
+    }
+
+    /// Where a person is at `t` seconds; `set(name, weight)` is called for every expression above 0, perhaps twice for one
+    /// name: the larger counts. `None`: they are not there.
+    pub(crate) fn play_person(
+        self,
+        person: usize,
+        seed: u64,
+        t: f32,
+        mut set: impl FnMut(&str, f32),
+    ) -> Option<Instant> {
+        let seed = seed ^ (person as u64).wrapping_mul(0xa076_1d64_78bd_642f);
+        let calm = ramp(t, 1.0, 3.0);
+        let walk = |channel, period, range: f32| {
+            (wander(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
+        };
+        let turned = |yaw, pitch| [walk(1, 2.3, yaw), walk(2, 2.9, pitch), walk(3, 3.1, 8.0)];
+        match self {
+            Self::Empty | Self::Furnished => None,
+            Self::Still => placed([0.0; 3], [0.0, -0.02, 0.7]),
+            // A Lissajous walk through the range.
+            Self::Turning => placed(
+                [
+                    25.0 * swing(t, 8.0),
+                    15.0 * swing(t, 5.3),
+                    6.0 * swing(t, 11.0),
+                ],
+                [0.0, -0.02, 0.8],
+            ),
+            Self::Acted | Self::Leaving | Self::Wide => {
+                let mut aside = 0.0;
                 if self == Self::Leaving {
                     let phase = t % 20.0;
                     if (8.0..13.0).contains(&phase) {
@@ -160,32 +233,87 @@ impl Scene {
                     }
                     aside = ramp(phase, 6.0, 8.0) - ramp(phase, 13.0, 15.0);
                 }
-                let calm = ramp(t, 1.0, 3.0);
-                let swing = |channel, period, range: f32| {
-                    (wander(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
+                Self::act(seed, t, &mut set);
+                let angles = if self == Self::Wide {
+                    turned(45.0, 30.0)
+                } else {
+                    turned(25.0, 15.0)
                 };
-                (
-                    swing(1, 2.3, 25.0),
-                    swing(2, 2.9, 15.0),
-                    swing(3, 3.1, 8.0),
+                let x = walk(4, 3.7, 0.07) + aside * 1.1;
+                placed(
+                    angles,
+                    [x, -0.02 + walk(5, 4.1, 0.04), 0.8 + walk(6, 4.7, 0.2)],
+                )
+            }
+            Self::Fast => {
+                // 64° in 0.48 s, at most half as fast again as on average; then a rest.
+                let phase = t % 2.4;
+                let yaw = 32.0 * (2.0 * (ramp(phase, 0.6, 1.08) - ramp(phase, 1.8, 2.28)) - 1.0);
+                placed([yaw * ramp(t, 0.0, 0.5), 0.0, 0.0], [0.0, -0.02, 0.75])
+            }
+            Self::Hand => placed(
+                [5.0 * swing(t, 7.0), 3.0 * swing(t, 5.3), 0.0],
+                [0.01 * swing(t, 6.1), -0.02, 0.8],
+            ),
+            Self::Two => {
+                Self::act(seed, t, &mut set);
+                let side = if person == 0 { -1.0 } else { 1.0 };
+                placed(
+                    turned(20.0, 12.0),
                     [
-                        swing(4, 3.7, 0.07),
-                        -0.02 + swing(5, 4.1, 0.04),
-                        0.8 + swing(6, 4.7, 0.2),
+                        side * 0.25 + walk(4, 3.7, 0.04),
+                        -0.02 + walk(5, 4.1, 0.03),
+                        0.95 + 0.1 * side + walk(6, 4.7, 0.06),
                     ],
                 )
             }
-        };
-        if matches!(self, Self::Acted | Self::Leaving) {
-            Self::act(seed, t, &mut set);
+            Self::Four => {
+                Self::act(seed, t, &mut set);
+                let [x, z] = [[-0.51, 1.35], [-0.15, 1.15], [0.16, 1.4], [0.5, 1.2]][person % 4];
+                placed(
+                    turned(15.0, 10.0),
+                    [x + walk(4, 3.7, 0.03), -0.03 + walk(5, 4.1, 0.02), z],
+                )
+            }
+            Self::Crossing => {
+                Self::act(seed, t, &mut set);
+                let [x, y, z] = [[0.33, -0.02, 0.85], [-0.40, -0.05, 1.3]][person % 2];
+                placed(turned(15.0, 8.0), [x * swing(t, 10.0), y, z])
+            }
+            Self::Swap => {
+                let phase = t % 20.0;
+                let away = if person == 0 {
+                    ramp(phase, 4.5, 6.0) - ramp(phase, 14.0, 15.5)
+                } else {
+                    1.0 - ramp(phase, 7.0, 8.5) + ramp(phase, 11.5, 13.0)
+                };
+                if away >= 1.0 {
+                    return None;
+                }
+                Self::act(seed, t, &mut set);
+                let side = if person == 0 { -1.0 } else { 1.0 };
+                let angles = turned(18.0, 10.0);
+                placed(angles, [side * away * 1.0 + walk(4, 3.7, 0.03), -0.02, 0.8])
+            }
+            Self::Behind => {
+                let [x, y, z] =
+                    [[-0.35, -0.03, 1.3], [0.0, -0.1, 1.6], [0.3, 0.02, 1.1]][person % 3];
+                let [yaw, pitch, roll] = turned(25.0, 10.0);
+                placed([180.0 + yaw, pitch, roll], [x + walk(4, 3.7, 0.03), y, z])
+            }
         }
-        let [x, y, z] = place;
-        let rotation =
-            rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), roll.to_radians());
-        let translation = nalgebra::Translation3::new(x + aside * 1.1, y, z);
-        Some(Instant {
-            sensor_from_head: Rigid::from_parts(translation, rotation),
-        })
+    }
+
+    /// Where a hand is held up at `t` seconds, if the scene has one: the middle of its palm, metres.
+    pub(crate) fn hand(self, t: f32) -> Option<Point> {
+        if self != Self::Hand {
+            return None;
+        }
+        let (turn, phase) = ((t / HAND_EVERY_S) as usize, t % HAND_EVERY_S);
+        let comes = 2.0 - HAND_MOVES_S;
+        let goes = 2.0 + HAND_STAYS_S[turn % HAND_STAYS_S.len()];
+        let up = ramp(phase, comes, comes + HAND_MOVES_S) - ramp(phase, goes, goes + HAND_MOVES_S);
+        (up > 0.0).then(|| Point::new(0.0, 0.02 + 0.5 * (1.0 - up), 0.66))
     }
 
     fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {

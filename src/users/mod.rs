@@ -1,9 +1,18 @@
-//! What state a user is in, from whether the face was seen in this frame. One user for now.
+//! Who is who: states of a user, whose head is whose from frame to frame ([`matching`]), who is back again ([`memory`]), and
+//! which user a wire shows that has room for one ([`choice`]).
+//!
+//! A user has a slot, 0 to 3, and keeps it until forgotten. State of a user, from whether the face was seen in this frame:
 //!
 //! ```text
 //! absent ─seen─► warming ─ready─► tracking ─unseen─► held ─hold_s─► lost ─forget_s─► absent (forgotten)
 //!                   ▲______________________seen again______________|
 //! ```
+
+pub mod choice;
+pub mod matching;
+pub mod memory;
+
+pub use choice::Policy;
 
 use crate::time::Timestamp;
 
@@ -66,6 +75,16 @@ impl Presence {
             forget_s: forget_s.into(),
             last_seen: None,
         }
+    }
+
+    /// As another one, but with the times of this one.
+    pub fn adopt(&mut self, other: &Self) {
+        self.last_seen = other.last_seen;
+    }
+
+    /// Nobody was seen yet.
+    pub fn reset(&mut self) {
+        self.last_seen = None;
     }
 
     /// The face was seen, and its ranges are learned or not yet.

@@ -1,0 +1,192 @@
+//! One person's stages in order: pose, landmarks, expression, and what is known of them.
+//!
+//! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
+
+use crate::capacity::UNITS;
+use crate::expression::Expression;
+use crate::geometry::{Rigid, Vector};
+use crate::landmarks::{LandmarkStage, Landmarks};
+use crate::output::Report;
+use crate::pipeline::Stage;
+use crate::pose::PoseTracker;
+use crate::segment::HeadCloud;
+use crate::sensor::Frame;
+use crate::sensor::camera::Camera;
+use crate::time::Timestamp;
+use crate::users::matching::Place;
+use crate::users::{Presence, TrackingState};
+
+/// A face seen in so many frames is known, and may turn away.
+const KNOWN_FRAMES: u64 = 30;
+/// Cosines of the angle to the line of sight between which a head is turned away, but its face is still there for depth:
+/// 20° and 70°.
+const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
+/// Without being seen for so long, a head may be anybody's, seconds.
+const AWAY_GAP_S: f64 = 0.1;
+/// Confidence of a face that depth alone tells of.
+const AWAY_CONFIDENCE: f32 = 0.25;
+
+/// Follows one person.
+pub(crate) struct Follower {
+    pub(crate) pose: PoseTracker,
+    pub(crate) landmarks: LandmarkStage,
+    pub(crate) expression: Expression,
+    pub(crate) presence: Presence,
+    pub(crate) state: TrackingState,
+    /// What was seen last; kept while the face is held.
+    pub(crate) seen: Option<(Rigid, Landmarks)>,
+    /// Where they are expected.
+    pub(crate) place: Option<Place>,
+    /// When they came.
+    pub(crate) since: Timestamp,
+    /// When the face was seen last.
+    pub(crate) last_seen: Timestamp,
+    /// Frames in which the face was seen.
+    pub(crate) frames: u64,
+    /// Learned ranges, one for each unit.
+    ranges: heapless::Vec<[f32; 3], UNITS>,
+}
+
+impl Follower {
+    pub(crate) fn new(
+        pose: PoseTracker,
+        landmarks: LandmarkStage,
+        expression: Expression,
+        presence: Presence,
+    ) -> Self {
+        Self {
+            pose,
+            landmarks,
+            expression,
+            presence,
+            state: TrackingState::Absent,
+            seen: None,
+            place: None,
+            since: Timestamp::default(),
+            last_seen: Timestamp::default(),
+            frames: 0,
+            ranges: heapless::Vec::new(),
+        }
+    }
+
+    /// Whether somebody has this follower.
+    pub(crate) fn is_taken(&self) -> bool {
+        self.state != TrackingState::Absent
+    }
+
+    /// Runs the stages on a head; whether the face was found. The state then says so.
+    pub(crate) fn follow(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        searches: &mut u32,
+        after: &mut impl FnMut(Stage),
+    ) -> bool {
+        let pose = self.pose.track_with(cloud, frame.at, searches);
+        after(Stage::Pose);
+        let Some(pose) = pose else {
+            return false;
+        };
+        let fitted = self.landmarks.fit(&frame.luma, camera, &pose, frame.at);
+        after(Stage::Landmarks);
+        let fitted = fitted.cloned();
+        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
+        let landmarks = match fitted {
+            Some(landmarks) => {
+                self.expression
+                    .observe(&landmarks, &sensor_from_head, frame.at);
+                self.ranges = self.expression.unit_ranges();
+                landmarks
+            }
+            None => match self.turned_away(&sensor_from_head, camera, frame.at) {
+                Some(landmarks) => landmarks,
+                None => return false,
+            },
+        };
+        after(Stage::Expression);
+        let origin = sensor_from_head.translation.vector;
+        match &mut self.place {
+            Some(place) => place.see(cloud.centre, origin, frame.at),
+            None => {
+                self.place = Some(Place::new(cloud.centre, origin, frame.at));
+                self.since = frame.at;
+            }
+        }
+        self.seen = Some((sensor_from_head, landmarks));
+        self.last_seen = frame.at;
+        self.frames += 1;
+        let ready = !self.expression.weights().warming;
+        self.state = self.presence.seen(frame.at, ready);
+        true
+    }
+
+    /// A known head that turns away is followed by depth alone: its points stay where they were on the head, the weights as
+    /// they were. `None` for a head that faces the sensor and yet shows no face, or was not followed up to now.
+    fn turned_away(&self, pose: &Rigid, camera: &Camera, at: Timestamp) -> Option<Landmarks> {
+        let (_, last) = self.seen.as_ref()?;
+        let known = self.frames >= KNOWN_FRAMES && at.seconds_since(self.last_seen) < AWAY_GAP_S;
+        let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
+        if !known || !AWAY_FACING.contains(&facing) {
+            return None;
+        }
+        let mut landmarks = last.clone();
+        landmarks.pixels = landmarks.head.map(|p| camera.colour_pixel(&(pose * p)));
+        landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
+        for confidence in &mut landmarks.point_confidence {
+            *confidence = confidence.min(AWAY_CONFIDENCE);
+        }
+        Some(landmarks)
+    }
+
+    /// The face was not found in this frame.
+    pub(crate) fn miss(&mut self, at: Timestamp) {
+        self.state = self.presence.unseen(at);
+    }
+
+    /// The next person starts from the priors.
+    pub(crate) fn forget(&mut self) {
+        self.pose.reset();
+        self.landmarks.reset();
+        self.expression.reset();
+        self.expression.freeze(false);
+        self.presence.reset();
+        self.state = TrackingState::Absent;
+        self.seen = None;
+        self.place = None;
+        self.frames = 0;
+    }
+
+    /// Goes on with what another one knows of its person.
+    pub(crate) fn adopt(&mut self, before: &Self) {
+        self.expression.restore(&before.expression.learned());
+        self.expression.freeze(before.expression.weights().frozen);
+        self.presence.adopt(&before.presence);
+        self.state = before.state;
+        self.seen.clone_from(&before.seen);
+        (self.place, self.since) = (before.place, before.since);
+        (self.last_seen, self.frames) = (before.last_seen, before.frames);
+        self.ranges = self.expression.unit_ranges();
+    }
+
+    /// Adds what is known to a report that has frame, time and user.
+    pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
+        let known = Report {
+            state: self.state,
+            ..known
+        };
+        match &self.seen {
+            Some((pose, landmarks)) if self.state.is_present() => Report {
+                confidence: landmarks.confidence,
+                sensor_from_head: Some(pose),
+                landmarks: Some(landmarks),
+                frozen: self.expression.weights().frozen,
+                measures: &self.expression.weights().measures,
+                weights: self.expression.weights().units(),
+                ranges: &self.ranges,
+                ..known
+            },
+            _ => known,
+        }
+    }
+}

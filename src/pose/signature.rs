@@ -1,0 +1,142 @@
+//! What tells one head from another: a few dozen numbers, by which a person who comes back is known.
+//!
+//! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and cheeks,
+//! and the head's size. Before two are compared, what a rigid motion or a change of size would explain is taken out of
+//! their difference, because both belong to the pose's convention. What is left is divided by its usual spread within one
+//! person: the distance is about 1 for the same person. A face cannot be drawn from these numbers: they hold neither
+//! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth; they live in memory only.
+//!
+//! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
+//! patches in common cannot be compared. Limitation: hats, glasses and thick hair change it; siblings may share it.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::anchor::Anchor;
+use super::shape::HeadShape;
+use crate::geometry::Point;
+
+/// Columns and rows of patches over the face.
+const GRID: [usize; 2] = [6, 6];
+/// Patches.
+pub const PLACES: usize = GRID[0] * GRID[1];
+/// The patches' area: left, top, right, bottom, metres: forehead to the upper lip, temple to temple.
+const AREA_M: [f32; 4] = [-0.066, -0.060, 0.066, 0.052];
+/// Fewer patches than this in common tell nothing.
+const MIN_COMMON: usize = 14;
+/// Spread of a patch within one person from one session to the next, metres.
+const PATCH_SIGMA_M: f32 = 0.0008;
+/// Spread of the logarithm of the size within one person.
+const SIZE_SIGMA: f64 = 0.012;
+
+/// One head's numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signature {
+    log_size: f64,
+    /// Mean offset of each patch, metres; `None` where too little was seen.
+    patches: [Option<f32>; PLACES],
+}
+
+/// The patch of a place on the anchor.
+fn patch(p: &Point) -> Option<usize> {
+    let [left, top, right, bottom] = AREA_M;
+    let (x, y) = ((p.x - left) / (right - left), (p.y - top) / (bottom - top));
+    let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+    inside.then(|| (y * GRID[1] as f32) as usize * GRID[0] + (x * GRID[0] as f32) as usize)
+}
+
+/// The patches of an anchor, and what a motion does to each.
+#[derive(Clone, Debug)]
+pub(crate) struct Patches {
+    rows: [[f64; 7]; PLACES],
+    /// Patch of each anchor point, [`PLACES`] for none.
+    of: Vec<u8>,
+}
+
+impl Patches {
+    /// Of the anchor's points and what motions do to them.
+    pub(crate) fn new(points: &[Point], motions: &[[f32; 7]]) -> Self {
+        let of: Vec<u8> = points
+            .iter()
+            .map(|p| patch(p).unwrap_or(PLACES) as u8)
+            .collect();
+        let mut rows = [[0.0; 7]; PLACES];
+        let mut counts = [0.0f64; PLACES];
+        for (motion, &k) in motions.iter().zip(&of) {
+            let k = usize::from(k);
+            if k < PLACES {
+                for (sum, value) in rows[k].iter_mut().zip(motion) {
+                    *sum += f64::from(*value);
+                }
+                counts[k] += 1.0;
+            }
+        }
+        for (row, count) in rows.iter_mut().zip(counts) {
+            for value in row {
+                *value /= count.max(1.0);
+            }
+        }
+        Self { rows, of }
+    }
+}
+
+impl Signature {
+    /// Of what has been learned so far.
+    pub(crate) fn of(anchor: &Anchor, shape: &HeadShape) -> Self {
+        let (mut sums, mut counts) = ([0.0f32; PLACES], [0u32; PLACES]);
+        let mut all = [0u32; PLACES];
+        for (i, &k) in anchor.patches.of.iter().enumerate() {
+            let k = usize::from(k);
+            if k < PLACES {
+                all[k] += 1;
+                if let Some(offset) = shape.measured(i) {
+                    sums[k] += offset;
+                    counts[k] += 1;
+                }
+            }
+        }
+        Self {
+            log_size: shape.log_scale,
+            patches: core::array::from_fn(|k| {
+                (counts[k] * 2 > all[k] && all[k] > 3).then(|| sums[k] / counts[k] as f32)
+            }),
+        }
+    }
+
+    /// Root mean square difference in units of its spread within one person: about 1 for the same head. `None` when too
+    /// little of both was seen.
+    pub(crate) fn distance(&self, other: &Self, anchor: &Anchor) -> Option<f32> {
+        let rows = &anchor.patches.rows;
+        let common = || {
+            (0..PLACES).filter_map(|k| Some((k, f64::from(self.patches[k]? - other.patches[k]?))))
+        };
+        let count = common().count();
+        if count < MIN_COMMON {
+            return None;
+        }
+        let mut h = SMatrix::<f64, 7, 7>::zeros();
+        let mut g = SVector::<f64, 7>::zeros();
+        for (k, d) in common() {
+            for a in 0..7 {
+                g[a] += rows[k][a] * d;
+                for b in 0..7 {
+                    h[(a, b)] += rows[k][a] * rows[k][b];
+                }
+            }
+        }
+        for k in 0..7 {
+            h[(k, k)] = h[(k, k)] * (1.0 + 1e-3) + 1e-9;
+        }
+        let motion = h.cholesky()?.solve(&g);
+        let sigma = f64::from(PATCH_SIGMA_M);
+        let mut squares: f64 = common()
+            .map(|(k, d)| {
+                let moved: f64 = (0..7).map(|a| rows[k][a] * motion[a]).sum();
+                ((d - moved) / sigma).powi(2)
+            })
+            .sum();
+        let size = (self.log_size - other.log_size) / SIZE_SIGMA;
+        // Size is one measurement, but as good as several patches whose errors hang together.
+        squares += 4.0 * size * size;
+        Some((squares / (count as f64 + 4.0)).sqrt() as f32)
+    }
+}

@@ -1,0 +1,153 @@
+//! Which user is shown where only one can be: on VMC, VRChat, FaceOSC and serial wires, and on the live line.
+//!
+//! The one who is shown stays until gone, or until another has been plainly better, by the policy's measure, for a while, so
+//! that two who sit alike do not take turns. Metres, seconds. Memory: a few numbers.
+
+use crate::geometry::Point;
+use crate::time::Timestamp;
+
+/// Who is preferred.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// Who came first; never changed while they are there.
+    #[default]
+    First,
+    /// Who is nearest to the sensor.
+    Nearest,
+    /// Who is nearest to the middle of the picture.
+    Central,
+}
+
+/// Another must be better by this much, metres,
+const MARGIN_M: f32 = 0.12;
+/// for so long, seconds.
+const PATIENCE_S: f64 = 0.7;
+
+/// One who may be shown.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// Their slot.
+    pub slot: usize,
+    /// When they came.
+    pub since: Timestamp,
+    /// Where their head is, sensor frame.
+    pub place: Point,
+}
+
+/// The choice and its past.
+#[derive(Clone, Debug, Default)]
+pub struct Choice {
+    policy: Policy,
+    shown: Option<usize>,
+    /// Who has been better, and since when.
+    rival: Option<(usize, Timestamp)>,
+}
+
+impl Choice {
+    /// Nobody is shown yet.
+    #[must_use]
+    pub fn new(policy: Policy) -> Self {
+        Self {
+            policy,
+            ..Self::default()
+        }
+    }
+
+    /// Who is shown: the slot; also one who is lost, until another is there.
+    #[must_use]
+    pub fn shown(&self) -> Option<usize> {
+        self.shown
+    }
+
+    /// Goes on from another choice.
+    pub fn adopt(&mut self, other: &Self) {
+        self.shown = other.shown;
+    }
+
+    /// Looks at all who are there now.
+    pub fn look(&mut self, there: &[Candidate], at: Timestamp) {
+        let merit = |one: &Candidate| match self.policy {
+            Policy::First => one.since.as_us() as f64 * 1e-6,
+            Policy::Nearest => f64::from(one.place.coords.norm()),
+            Policy::Central => f64::from(one.place.x.hypot(one.place.y)),
+        };
+        let Some(best) = there.iter().min_by(|a, b| merit(a).total_cmp(&merit(b))) else {
+            self.rival = None;
+            return;
+        };
+        let shown = there.iter().find(|one| Some(one.slot) == self.shown);
+        let better = match shown {
+            None => {
+                self.shown = Some(best.slot);
+                false
+            }
+            Some(shown) => {
+                self.policy != Policy::First && merit(best) < merit(shown) - f64::from(MARGIN_M)
+            }
+        };
+        self.rival = match self.rival {
+            _ if !better => None,
+            Some((slot, since)) if slot == best.slot => Some((slot, since)),
+            _ => Some((best.slot, at)),
+        };
+        if let Some((slot, since)) = self.rival
+            && at.seconds_since(since) >= PATIENCE_S
+        {
+            (self.shown, self.rival) = (Some(slot), None);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: u64) -> Timestamp {
+        Timestamp::from_us(ms * 1000)
+    }
+
+    fn one(slot: usize, since_ms: u64, x: f32, z: f32) -> Candidate {
+        Candidate {
+            slot,
+            since: at(since_ms),
+            place: Point::new(x, 0.0, z),
+        }
+    }
+
+    #[test]
+    fn each_policy_shows_whom_it_says() {
+        let there = [
+            one(0, 20, 0.3, 0.9),
+            one(1, 10, -0.2, 1.2),
+            one(2, 30, 0.0, 1.5),
+        ];
+        for (policy, slot) in [
+            (Policy::First, 1),
+            (Policy::Nearest, 0),
+            (Policy::Central, 2),
+        ] {
+            let mut choice = Choice::new(policy);
+            choice.look(&there, at(40));
+            assert_eq!(choice.shown(), Some(slot), "{policy:?}");
+        }
+    }
+
+    #[test]
+    fn a_better_one_must_stay_better_and_a_lost_one_is_kept_until_another_is_there() {
+        let mut choice = Choice::new(Policy::Nearest);
+        choice.look(&[one(0, 0, 0.0, 0.9)], at(0));
+        let mut shown = Vec::new();
+        for ms in (100..1500).step_by(100) {
+            // The other leans forward for a moment at 300 ms, and for good from 600 ms.
+            let z = if ms == 300 || ms >= 600 { 0.7 } else { 1.0 };
+            choice.look(&[one(0, 0, 0.0, 0.9), one(1, 50, 0.2, z)], at(ms));
+            shown.push((ms, choice.shown()));
+        }
+        let first = shown.iter().find(|(_, shown)| *shown == Some(1));
+        assert_eq!(first.map(|(ms, _)| *ms), Some(1300));
+        choice.look(&[], at(2000));
+        assert_eq!(choice.shown(), Some(1));
+        choice.look(&[one(3, 2000, 0.0, 1.0)], at(2033));
+        assert_eq!(choice.shown(), Some(3));
+    }
+}
