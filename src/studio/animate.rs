@@ -12,25 +12,16 @@ use super::bake::command::{BakeError, write};
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
 
-/// Text of `mien-studio animate --help`.
-pub const HELP: &str = "\
-Turn the weights of a run into an animation.
-
-mien-studio animate --mesh FILE.glb --csv FILE --out FILE.glb [--user N]
-
-  --mesh  a head with named morph targets, as `mien-studio bake` writes it
+/// The options of `mien-studio animate`, explained.
+pub const OPTIONS: &str =
+    "  --mesh  a head with named morph targets, as `mien-studio bake` writes it
   --csv   what `mien run --csv` wrote
   --user  slot to follow; default: the first that appears
-
-Example: mien run --source simulated --frames 300 --csv run.csv && mien-studio animate --mesh head.glb --csv run.csv --out run.glb
 ";
 
 /// Why there is no animation.
 #[derive(Debug, thiserror::Error)]
 pub enum AnimateError {
-    /// Wrong command line.
-    #[error("{0}; see mien-studio animate --help")]
-    Usage(String),
     /// A file cannot be read.
     #[error("cannot read {path}: {source}")]
     Read {
@@ -236,59 +227,29 @@ fn animated(
     Ok((frames, most))
 }
 
-/// The command: everything behind `mien-studio animate`.
+/// Writes `out`: the head `mesh` with the weights of the table `csv` as an animation; prints one line.
 ///
 /// # Errors
-/// If the command line, the mesh or the table is not as expected, or the result cannot be written.
-pub fn animate(args: &[String]) -> Result<(), AnimateError> {
-    if args.iter().any(|a| a == "--help" || a == "-h") {
-        print!("{HELP}");
-        return Ok(());
-    }
-    let (mut mesh, mut csv, mut out, mut user) = (None, None, None, None);
-    let mut rest = args.iter();
-    while let Some(arg) = rest.next() {
-        let slot = match arg.as_str() {
-            "--mesh" => &mut mesh,
-            "--csv" => &mut csv,
-            "--out" => &mut out,
-            "--user" => &mut user,
-            other => return Err(AnimateError::Usage(format!("unknown option {other:?}"))),
-        };
-        *slot = Some(
-            rest.next()
-                .ok_or_else(|| AnimateError::Usage(format!("expected a value after {arg}")))?
-                .clone(),
-        );
-    }
-    let needed = |value: Option<String>, name: &str| {
-        value
-            .map(PathBuf::from)
-            .ok_or_else(|| AnimateError::Usage(format!("expected {name}, which is needed")))
-    };
-    let (mesh, csv, out) = (
-        needed(mesh, "--mesh")?,
-        needed(csv, "--csv")?,
-        needed(out, "--out")?,
-    );
+/// If the mesh or the table is not as expected, or the result cannot be written.
+pub fn animate(
+    mesh: &Path,
+    csv: &Path,
+    out: &Path,
+    user: Option<&str>,
+) -> Result<(), AnimateError> {
     let read = |path: &Path| {
         std::fs::read(path).map_err(|source| AnimateError::Read {
             path: path.into(),
             source,
         })
     };
-    let mut glb = Glb::parse(&read(&mesh)?).map_err(|source| AnimateError::Mesh {
-        path: mesh.clone(),
+    let mut glb = Glb::parse(&read(mesh)?).map_err(|source| AnimateError::Mesh {
+        path: mesh.into(),
         source,
     })?;
-    let text = read(&csv)?;
-    let (frames, driven) = animated(
-        &mut glb,
-        &String::from_utf8_lossy(&text),
-        &csv,
-        user.as_deref(),
-    )?;
-    write(&out, &glb.emit())?;
+    let text = read(csv)?;
+    let (frames, driven) = animated(&mut glb, &String::from_utf8_lossy(&text), csv, user)?;
+    write(out, &glb.emit())?;
     println!(
         "{}: {frames} frames, {driven} morph targets driven",
         out.display()

@@ -7,8 +7,6 @@ use std::str::FromStr;
 
 use lexopt::prelude::*;
 
-use super::animate::{self, AnimateError};
-use super::bake::{self, command::BakeError};
 use super::bars;
 use super::fit::{self, FitArgs};
 use super::head_scenes;
@@ -19,6 +17,7 @@ use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
 use super::train::{TrainArgs, train};
+use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
 /// One command: its name, what it takes, what it does.
@@ -101,22 +100,53 @@ const COMMANDS: &[Command] = &[
         words: 0,
         run: run_evaluate,
     },
+    Command {
+        name: "nrsfm",
+        usage: "--tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]",
+        about: "tracks to moving 3D shapes; the error if the truth is given",
+        example: "mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv",
+        options: &["tracks", "rank", "out", "truth"],
+        flags: &[],
+        words: 0,
+        run: run_nrsfm,
+    },
+    Command {
+        name: "bake",
+        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|laplacian] [--derive-controls] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
+        about: "67 blendshapes onto a neutral head",
+        example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
+        options: &[
+            "mesh",
+            "landmarks",
+            "out",
+            "recipe",
+            "controls",
+            "method",
+            "unit",
+            "obj",
+            "report",
+        ],
+        flags: &["derive-controls", "dense"],
+        words: 0,
+        run: run_bake,
+    },
+    Command {
+        name: "animate",
+        usage: "--mesh FILE.glb --csv FILE --out FILE.glb [--user N]",
+        about: "the weights of a run as a glTF animation",
+        example: "mien-studio animate --mesh head.glb --csv run.csv --out acted.glb",
+        options: &["mesh", "csv", "out", "user"],
+        flags: &[],
+        words: 0,
+        run: run_animate,
+    },
 ];
 
-/// Commands whose modules read their own words.
-const OWN_WORDS: [(&str, &str); 3] = [
-    (
-        "nrsfm",
-        "nrsfm --tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]\n    tracks to moving 3D shapes; the error if the truth is given",
-    ),
-    (
-        "bake",
-        "bake --mesh FILE.obj --landmarks FILE --out FILE.glb [...]\n    67 blendshapes onto a neutral head",
-    ),
-    (
-        "animate",
-        "animate --mesh FILE.glb --csv FILE --out FILE.glb\n    the weights of a run as a glTF animation",
-    ),
+/// What `--help` of a command says beyond its line.
+const OPTIONS: [(&str, &str); 3] = [
+    ("bake", bake::request::OPTIONS),
+    ("animate", animate::OPTIONS),
+    ("nrsfm", nrsfm::OPTIONS),
 ];
 
 /// Why a command failed, and with which exit code.
@@ -244,26 +274,20 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         print!("{}", help());
         return Ok(());
     }
-    if OWN_WORDS.iter().any(|(own, _)| *own == name) {
-        let rest = parser
-            .raw_args()
-            .map_err(|error| Fault::Usage(error.to_string()))?;
-        let rest: Vec<String> = rest
-            .map(|word| word.to_string_lossy().into_owned())
-            .collect();
-        if let Some(done) = own_words(&name, &rest) {
-            return done;
-        }
-    }
     let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
         return Err(Fault::Usage(format!("unknown command {name:?}")));
     };
     match Words::parse(command, &mut parser)? {
         Some(words) => (command.run)(&words),
         None => {
+            let more = OPTIONS.iter().find(|(name, _)| *name == command.name);
             println!(
-                "mien-studio {} {}\n  {}\nExample: {}",
-                command.name, command.usage, command.about, command.example
+                "mien-studio {} {}\n  {}\n{}Example: {}",
+                command.name,
+                command.usage,
+                command.about,
+                more.map_or("", |(_, text)| text),
+                command.example
             );
             Ok(())
         }
@@ -279,9 +303,6 @@ fn help() -> String {
             "mien-studio {} {}\n    {}\n",
             command.name, command.usage, command.about
         );
-    }
-    for (_, usage) in OWN_WORDS {
-        text += &format!("mien-studio {usage}\n");
     }
     text += "\nEvery command has --help with an example.\n";
     text
@@ -449,22 +470,59 @@ fn run_simulated_head(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Commands that read their own words.
-fn own_words(name: &str, words: &[String]) -> Option<Result<(), Fault>> {
-    let fault = |usage: bool, text: String| {
-        if usage {
-            Fault::Usage(text)
-        } else {
-            Fault::Failed { text, code: 1 }
-        }
-    };
-    Some(match name {
-        "nrsfm" => nrsfm::run(words)
-            .map_err(|e| fault(matches!(e, nrsfm::Error::Usage { .. }), e.to_string())),
-        "bake" => bake::command::bake(words)
-            .map_err(|e| fault(matches!(e, BakeError::Usage(_)), e.to_string())),
-        "animate" => animate::animate(words)
-            .map_err(|e| fault(matches!(e, AnimateError::Usage(_)), e.to_string())),
-        _ => return None,
+fn run_nrsfm(words: &Words) -> Result<(), Fault> {
+    let truth = words.path("truth");
+    nrsfm::run(
+        &words.required("tracks")?,
+        words.value("rank")?,
+        &words.required("out")?,
+        truth.as_deref(),
+    )
+    .map_err(|error| match error {
+        nrsfm::Error::Usage { problem } => Fault::Usage(problem),
+        other => other.into(),
     })
+}
+
+fn run_bake(words: &Words) -> Result<(), Fault> {
+    let method = words.value::<String>("method")?;
+    let unit = words.value::<String>("unit")?;
+    let metres = unit.as_deref().map(|unit| {
+        bake::request::metres(unit)
+            .ok_or_else(|| Fault::Usage(format!("--unit {unit} is not mm, cm or m")))
+    });
+    let request = bake::request::Request {
+        mesh: words.required("mesh")?,
+        landmarks: words.required("landmarks")?,
+        out: words.required("out")?,
+        recipe: words.path("recipe"),
+        controls: words.path("controls"),
+        obj: words.path("obj"),
+        report: words.path("report"),
+        metres: metres.transpose()?,
+        laplacian: match method.as_deref() {
+            None | Some("aoi") => false,
+            Some("laplacian") => true,
+            Some(other) => {
+                return Err(Fault::Usage(format!(
+                    "--method {other} is not aoi or laplacian"
+                )));
+            }
+        },
+        derive: words.flag("derive-controls"),
+        dense: words.flag("dense"),
+    };
+    bake::command::run(&request)?;
+    Ok(())
+}
+
+fn run_animate(words: &Words) -> Result<(), Fault> {
+    let user = words.value::<String>("user")?;
+    animate::animate(
+        &words.required("mesh")?,
+        &words.required("csv")?,
+        &words.required("out")?,
+        user.as_deref(),
+    )?;
+    Ok(())
 }

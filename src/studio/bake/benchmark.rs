@@ -177,7 +177,14 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
         let baked = solve::plain(&printed, &skin, held, &truth.landmarks, &moves, 100.0)?;
         table.push(row(name, &baked));
     }
-    let whole = System::new(&printed, skin.clone(), &truth.landmarks)?;
+    let given = |shape: &[Vec3]| {
+        let mut d = vec![Vec3::zeros(); n];
+        for (&v, &displacement) in truth.landmarks.iter().zip(shape) {
+            d[v as usize] = displacement;
+        }
+        d
+    };
+    let whole = System::new(&printed, &skin, truth.landmarks.iter().copied())?;
     for s in [0.5, 2.0, 10.0] {
         let baked: Vec<_> = moves
             .par_iter()
@@ -190,13 +197,10 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
                     .collect();
                 let d = influence::propagate(&rings, &mesh.positions, &controls, 10.0, 100);
                 let u: Vec<f64> = d.iter().map(Vec3::norm).collect();
-                whole.deform(
-                    &printed,
-                    &mesh.positions,
-                    &controls,
-                    |v| (u[v] * s).min(1.0),
-                    7,
-                )
+                let mut d = given(shape);
+                let delta = |v: usize| (u[v] * s).min(1.0);
+                whole.deform(&printed, &mesh.positions, &mut d, delta, 7);
+                d
             })
             .collect();
         table.push(row(
@@ -223,25 +227,16 @@ pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Benchmark
             .par_iter()
             .zip(&u)
             .map(|(shape, u)| {
-                let controls: Vec<(u32, Vec3)> = truth
-                    .landmarks
-                    .iter()
-                    .copied()
-                    .zip(shape.iter().copied())
-                    .collect();
-                let area = u
+                let area: Vec<bool> = u
                     .iter()
                     .zip(&skin)
                     .map(|(&u, &skin)| skin && u > settings.edge * w)
                     .collect();
-                let system = System::new(&operator, area, &truth.landmarks)?;
-                Ok(system.deform(
-                    &operator,
-                    &mesh.positions,
-                    &controls,
-                    |v| (u[v] / (settings.full * w)).min(1.0),
-                    rounds,
-                ))
+                let system = System::new(&operator, &area, truth.landmarks.iter().copied())?;
+                let mut d = given(shape);
+                let delta = |v: usize| (u[v] / (settings.full * w)).min(1.0);
+                system.deform(&operator, &mesh.positions, &mut d, delta, rounds);
+                Ok(d)
             })
             .collect();
         table.push(row(

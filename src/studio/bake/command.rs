@@ -5,50 +5,24 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
-
 use super::glb::{Glb, GlbError};
 use super::head::{Head, HeadError};
-use super::mesh::Vec3;
+use super::locate::{LocateError, locate};
+use super::mesh::{Mesh, Vec3};
 use super::obj::{self, ObjError};
 use super::patch::Foreign;
-use super::recipe::{Recipe, RecipeError, SHIPPED, Target};
+use super::recipe::{Recipe, RecipeError, SHIPPED};
+use super::request::Request;
 use super::rig::{self, Method, Shape};
 use super::solve::Settings;
 use super::sparse::Singular;
-use super::{glb, report};
-
-/// Text of `mien-studio bake --help`.
-pub const HELP: &str = "\
-Bake blendshapes onto a neutral head.
-
-mien-studio bake --mesh FILE.obj|FILE.glb --landmarks FILE --out FILE.glb
-                 [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|laplacian] [--derive-controls]
-                 [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]
-
-  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
-               --out gets the shapes and keeps everything else
-  --landmarks  68 vertex numbers from 0, one a line, in iBUG order; of a GLB in the order of its position accessors
-  --out        glTF with one morph target per shape
-  --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
-  --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
-  --method     laplacian: plain least squares, for comparison
-  --derive-controls  with --controls: ten more points on cheeks and forehead, moved as skin slides between the 68. A
-               recipe names how they move and has them always
-  --unit       unit of the mesh; default: told from the distance of the eyes
-  --dense      morph targets in full, for programs that cannot read sparse ones
-  --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
-  --report     pictures and figures of every shape, one HTML file
-
-Example: mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html
-";
+use super::table::table;
+use super::{morphs, report};
+use crate::face_model::FaceModel;
 
 /// Why nothing was baked.
 #[derive(Debug, thiserror::Error)]
 pub enum BakeError {
-    /// Wrong command line.
-    #[error("{0}; see mien-studio bake --help")]
-    Usage(String),
     /// A file cannot be read.
     #[error("cannot read {path}: {source}")]
     Read {
@@ -91,6 +65,14 @@ pub enum BakeError {
         /// The line.
         found: String,
     },
+    /// No landmarks on the mesh.
+    #[error("{path}: {source}")]
+    Locate {
+        /// The mesh.
+        path: PathBuf,
+        /// Why.
+        source: LocateError,
+    },
     /// The head does not fit its landmarks.
     #[error(transparent)]
     Head(#[from] HeadError),
@@ -127,83 +109,6 @@ pub enum BakeError {
     Singular(#[from] Singular),
 }
 
-/// What to bake and where to put it.
-#[derive(Debug, Default)]
-pub struct Request {
-    mesh: PathBuf,
-    landmarks: PathBuf,
-    out: PathBuf,
-    recipe: Option<PathBuf>,
-    controls: Option<PathBuf>,
-    obj: Option<PathBuf>,
-    report: Option<PathBuf>,
-    metres: Option<f64>,
-    laplacian: bool,
-    derive: bool,
-    dense: bool,
-}
-
-impl Request {
-    /// Reads the command line behind `bake`.
-    ///
-    /// # Errors
-    /// If an option is unknown, has no value or a needed one is missing.
-    pub fn parse(args: &[String]) -> Result<Self, BakeError> {
-        let usage = |text: String| BakeError::Usage(text);
-        let mut request = Self::default();
-        let mut seen = [false; 3];
-        let mut args = args.iter();
-        while let Some(arg) = args.next() {
-            let mut value = || {
-                args.next()
-                    .map(String::as_str)
-                    .ok_or_else(|| usage(format!("expected a value after {arg}")))
-            };
-            match arg.as_str() {
-                "--mesh" => (request.mesh, seen[0]) = (value()?.into(), true),
-                "--landmarks" => (request.landmarks, seen[1]) = (value()?.into(), true),
-                "--out" => (request.out, seen[2]) = (value()?.into(), true),
-                "--recipe" => request.recipe = Some(value()?.into()),
-                "--controls" => request.controls = Some(value()?.into()),
-                "--obj" => request.obj = Some(value()?.into()),
-                "--report" => request.report = Some(value()?.into()),
-                "--dense" => request.dense = true,
-                "--derive-controls" => request.derive = true,
-                "--method" => {
-                    request.laplacian = match value()? {
-                        "aoi" => false,
-                        "laplacian" => true,
-                        other => {
-                            return Err(usage(format!(
-                                "expected --method aoi or laplacian, found {other:?}"
-                            )));
-                        }
-                    }
-                }
-                "--unit" => {
-                    request.metres = Some(match value()? {
-                        "mm" => 1e-3,
-                        "cm" => 1e-2,
-                        "m" => 1.0,
-                        other => {
-                            return Err(usage(format!(
-                                "expected --unit mm, cm or m, found {other:?}"
-                            )));
-                        }
-                    });
-                }
-                other => return Err(usage(format!("unknown option {other:?}"))),
-            }
-        }
-        for (given, name) in seen.into_iter().zip(["--mesh", "--landmarks", "--out"]) {
-            if !given {
-                return Err(usage(format!("expected {name}, which is needed")));
-            }
-        }
-        Ok(request)
-    }
-}
-
 fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
     std::fs::read(path).map_err(|source| BakeError::Read {
         path: path.into(),
@@ -211,7 +116,7 @@ fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
     })
 }
 
-fn read(path: &Path) -> Result<String, BakeError> {
+pub(super) fn read(path: &Path) -> Result<String, BakeError> {
     Ok(String::from_utf8_lossy(&bytes(path)?).into_owned())
 }
 
@@ -247,107 +152,6 @@ fn landmarks(path: &Path) -> Result<Vec<u64>, BakeError> {
         .collect()
 }
 
-/// Targets from a table of controls.
-fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
-    let text = read(path)?;
-    let refuse = |line: usize, expected, found: &str| BakeError::Controls {
-        path: path.into(),
-        line: line + 1,
-        expected,
-        found: found.chars().take(60).collect(),
-    };
-    let mut lines = text.lines().enumerate();
-    let header = lines.next().map_or("", |(_, l)| l);
-    let column = |name: &'static str| header.split(',').position(|c| c.trim() == name);
-    const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
-    let at: Option<Vec<usize>> = ["shape", "vertex", "dx", "dy", "dz"]
-        .into_iter()
-        .map(column)
-        .collect();
-    let at = at.ok_or_else(|| refuse(0, HEADER, header))?;
-    let mut targets: Vec<Target> = Vec::new();
-    for (k, line) in lines {
-        if line.trim().is_empty() {
-            continue;
-        }
-        const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        let cell = |c: usize| {
-            cells
-                .get(at[c])
-                .copied()
-                .ok_or_else(|| refuse(k, ROW, line))
-        };
-        let name = cell(0)?;
-        let vertex: usize = cell(1)?.parse().map_err(|_| refuse(k, ROW, line))?;
-        let mut d = Vec3::zeros();
-        for c in 0..3 {
-            d[c] = cell(2 + c)?.parse().map_err(|_| refuse(k, ROW, line))?;
-        }
-        if vertex >= head.mesh.positions.len()
-            || !d.iter().all(|x: &f64| x.is_finite())
-            || name.is_empty()
-        {
-            return Err(refuse(k, ROW, line));
-        }
-        // Rows of one shape stand together in practice; look from the end.
-        let target = match targets.iter().rposition(|t| t.name == name) {
-            Some(at) => &mut targets[at],
-            None => {
-                targets.push(Target {
-                    name: name.into(),
-                    unit: None,
-                    upon: None,
-                    controls: Vec::new(),
-                    exact: true,
-                    derive,
-                    close: [None; 2],
-                    gaze: [None; 2],
-                    jaw: None,
-                    tongue: None,
-                    undo: None,
-                });
-                targets.last_mut().expect("just pushed")
-            }
-        };
-        target.controls.push((vertex as u32, d));
-    }
-    for target in &mut targets {
-        target.jaw = jaw_of(head, &target.controls);
-    }
-    Ok(targets)
-}
-
-/// The jaw's motion behind a table of controls: a turn about its axis, if chin and lower lip go down and back together.
-fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
-    /// What a sculpted chin takes part in a jaw's motion, see `jawOpen` in the recipe.
-    const SHARE: f64 = 0.84;
-    let w = head.eye_distance;
-    let (left, up) = (
-        head.axes.column(0).into_owned(),
-        head.axes.column(1).into_owned(),
-    );
-    let mut turn = 0.0;
-    for point in [7, 8, 9] {
-        let (_, d) = controls.iter().find(|(v, _)| *v == head.points[point])?;
-        let arm = head.point(point) - head.hinge;
-        let along = left.cross(&arm);
-        if d.dot(&up) > -0.15 * w || d.dot(&along) < 0.8 * d.norm() * along.norm() {
-            return None;
-        }
-        turn += d.dot(&along) / along.norm_squared() / SHARE / 3.0;
-    }
-    let (_, lip) = controls.iter().find(|(v, _)| *v == head.points[57])?;
-    if lip.dot(&up) > -0.15 * w {
-        return None;
-    }
-    let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(left), turn);
-    Some(Isometry3::from_parts(
-        Translation3::from(head.hinge - turn * head.hinge),
-        turn,
-    ))
-}
-
 /// Bakes what the request asks for and writes it; prints one line per step.
 ///
 /// # Errors
@@ -355,25 +159,33 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
 pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
     let bytes = bytes(&request.mesh)?;
-    let numbers = landmarks(&request.landmarks)?;
-    let (head, source, foreign) = if bytes.starts_with(b"glTF") {
+    let (mesh, source, foreign) = if bytes.starts_with(b"glTF") {
         let refuse = |source| BakeError::Glb {
             path: request.mesh.clone(),
             source,
         };
         let glb = Glb::parse(&bytes).map_err(refuse)?;
         let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
-        let source = obj::emit(&mesh);
-        let head = Head::new(mesh, &foreign.landmarks(&numbers))?;
-        (head, source, Some(foreign))
+        let source = request.obj.is_some().then(|| obj::emit(&mesh));
+        (mesh, source.unwrap_or_default(), Some(foreign))
     } else {
         let source = String::from_utf8_lossy(&bytes).into_owned();
         let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
             path: request.mesh.clone(),
             source,
         })?;
-        (Head::new(mesh, &numbers)?, source, None)
+        (mesh, source, None)
     };
+    let numbers = if request.landmarks.as_os_str() == "auto" {
+        found(request, &mesh, foreign.as_ref())?
+    } else {
+        let numbers = landmarks(&request.landmarks)?;
+        match &foreign {
+            Some(foreign) => foreign.landmarks(&numbers),
+            None => numbers,
+        }
+    };
+    let head = Head::new(mesh, &numbers)?;
     let (metres, how) = match request.metres {
         Some(metres) => (metres, "as told"),
         None => {
@@ -439,7 +251,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     );
     let out = match foreign {
         Some(foreign) => foreign.patched(&shapes, request.dense),
-        None => glb::build(&head.mesh, &shapes, metres, request.dense),
+        None => morphs::build(&head.mesh, &shapes, metres, request.dense),
     };
     write(&request.out, &out.emit())?;
     println!(
@@ -472,6 +284,38 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         );
     }
     Ok(shapes)
+}
+
+/// Landmarks found on the mesh, written beside the output for a person to confirm.
+fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Vec<u64>, BakeError> {
+    let found = locate(mesh, &FaceModel::shipped()).map_err(|source| BakeError::Locate {
+        path: request.mesh.clone(),
+        source,
+    })?;
+    let (picture, text) = (
+        request.out.with_extension("landmarks.png"),
+        request.out.with_extension("landmarks.txt"),
+    );
+    let mut png = std::io::Cursor::new(Vec::new());
+    found
+        .picture
+        .write_to(&mut png, image::ImageFormat::Png)
+        .map_err(|e| BakeError::Write {
+            path: picture.clone(),
+            source: std::io::Error::other(e),
+        })?;
+    write(&picture, png.get_ref())?;
+    // In the numbering that the file itself has.
+    let numbers = foreign.map_or_else(|| found.vertices.clone(), |f| f.rows(&found.vertices));
+    let lines: String = numbers.iter().map(|v| format!("{v}\n")).collect();
+    write(&text, lines.as_bytes())?;
+    println!(
+        "landmarks found with confidence {:.2}: look at {}; to correct them, edit {} and give it with --landmarks",
+        found.confidence,
+        picture.display(),
+        text.display()
+    );
+    Ok(found.vertices)
 }
 
 fn folder_of_obj(
@@ -507,16 +351,4 @@ fn folder_of_obj(
         &folder.join("shapes.json"),
         format!("{index:#}\n").as_bytes(),
     )
-}
-
-/// The command: everything behind `mien-studio bake`.
-///
-/// # Errors
-/// As [`Request::parse`] and [`run`].
-pub fn bake(args: &[String]) -> Result<(), BakeError> {
-    if args.iter().any(|a| a == "--help" || a == "-h") {
-        print!("{HELP}");
-        return Ok(());
-    }
-    run(&Request::parse(args)?).map(|_| ())
 }

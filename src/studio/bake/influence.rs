@@ -147,37 +147,33 @@ impl Field {
     /// `u` per vertex for several shapes at once; `lengths[s][k]` is |d| of control `k` in shape `s`.
     #[must_use]
     pub fn spread(&self, lengths: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let mut rhs = vec![vec![0.0; self.free.len()]; lengths.len()];
-        for (shape, rhs) in lengths.iter().zip(&mut rhs) {
-            assert_eq!(shape.len(), self.controls, "one length per control point");
-            for &(k, c, w) in &self.pull {
-                rhs[k as usize] += w * shape[c as usize];
-            }
-        }
-        // A few columns at a time, in parallel.
-        let solved: Vec<Vec<f64>> = rhs
-            .par_chunks(9)
-            .flat_map_iter(|some| self.factor.solve_columns(some.len(), |r, s| some[s][r]))
-            .collect();
+        // As many columns side by side as fill the processor's registers, in parallel.
+        const SIDE_BY_SIDE: usize = 8;
         lengths
-            .iter()
-            .zip(solved)
-            .map(|(shape, x)| {
-                let mut u: Vec<f64> = self
-                    .owner
-                    .iter()
-                    .map(|&o| {
-                        if o == u32::MAX {
-                            0.0
-                        } else {
-                            shape[o as usize]
-                        }
-                    })
-                    .collect();
-                for (k, value) in x.into_iter().enumerate() {
-                    u[self.free[k] as usize] = value.max(0.0);
+            .par_chunks(SIDE_BY_SIDE)
+            .flat_map_iter(|some| {
+                let mut x = vec![[0.0; SIDE_BY_SIDE]; self.free.len()];
+                for (s, shape) in some.iter().enumerate() {
+                    assert_eq!(shape.len(), self.controls, "one length per control point");
+                    for &(k, c, w) in &self.pull {
+                        x[k as usize][s] += w * shape[c as usize];
+                    }
                 }
-                u
+                self.factor.solve(&mut x);
+                some.iter()
+                    .enumerate()
+                    .map(|(s, shape)| {
+                        let mut u: Vec<f64> = self
+                            .owner
+                            .iter()
+                            .map(|&o| shape.get(o as usize).copied().unwrap_or(0.0))
+                            .collect();
+                        for (&v, x) in self.free.iter().zip(&x) {
+                            u[v as usize] = x[s].max(0.0);
+                        }
+                        u
+                    })
+                    .collect::<Vec<_>>()
             })
             .collect()
     }

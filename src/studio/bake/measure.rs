@@ -41,6 +41,16 @@ pub struct Surroundings {
     neutral: Vec<(f64, f64)>,
 }
 
+/// Room for looking at the surroundings of some triangles, used again and again.
+pub struct Scratch {
+    /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
+    wanted: Vec<u8>,
+    one: Vec<Vec3>,
+    two: Vec<Vec3>,
+    /// Marks of triangles, all unset between uses.
+    seen: Vec<bool>,
+}
+
 impl Surroundings {
     /// Of one head; films across a slit are left out.
     #[must_use]
@@ -77,7 +87,8 @@ impl Surroundings {
             neutral: Vec::new(),
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
-        out.neutral = out.lie(head, &head.mesh.positions, &all);
+        let neutral = |v: usize| head.mesh.positions[v];
+        out.neutral = out.lie(head, &neutral, &all, &mut out.scratch());
         out
     }
 
@@ -85,54 +96,97 @@ impl Surroundings {
         &self.at[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
     }
 
-    /// All triangles that see a vertex with `changed` set in their surroundings, ascending.
+    /// Room for one thread.
     #[must_use]
-    pub fn seeing(&self, head: &Head, changed: impl Fn(usize) -> bool) -> Vec<u32> {
+    pub fn scratch(&self) -> Scratch {
+        let n = self.starts.len() - 1;
+        Scratch {
+            wanted: vec![0; n],
+            one: vec![Vec3::zeros(); n],
+            two: vec![Vec3::zeros(); n],
+            seen: vec![false; self.triangles.len()],
+        }
+    }
+
+    /// All triangles that see one of the changed vertices in their surroundings, ascending.
+    #[must_use]
+    pub fn seeing(&self, head: &Head, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
         // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
-        let mut near: Vec<bool> = (0..self.starts.len() - 1).map(changed).collect();
+        let mut near = changed.to_vec();
+        for &v in changed {
+            scratch.wanted[v as usize] = 1;
+        }
+        let mut from = 0;
         for _ in 0..2 {
-            let marked: Vec<u32> = (0..near.len() as u32)
-                .filter(|&v| near[v as usize])
-                .collect();
-            for v in marked {
-                for &o in head.rings.of(v as usize) {
-                    near[o as usize] = true;
+            let to = near.len();
+            for k in from..to {
+                for &o in head.rings.of(near[k] as usize) {
+                    if scratch.wanted[o as usize] == 0 {
+                        scratch.wanted[o as usize] = 1;
+                        near.push(o);
+                    }
+                }
+            }
+            from = to;
+        }
+        let mut found = Vec::new();
+        for v in near {
+            scratch.wanted[v as usize] = 0;
+            for &k in self.around(v) {
+                if !scratch.seen[k as usize] {
+                    scratch.seen[k as usize] = true;
+                    found.push(k);
                 }
             }
         }
-        (0..self.triangles.len() as u32)
-            .filter(|&k| self.triangles[k as usize].iter().any(|&v| near[v as usize]))
-            .collect()
+        for &k in &found {
+            scratch.seen[k as usize] = false;
+        }
+        found.sort_unstable();
+        found
     }
 
     /// Doubled area and cosine with the mean normal of the surroundings, for some of the triangles.
-    fn lie(&self, head: &Head, p: &[Vec3], some: &[u32]) -> Vec<(f64, f64)> {
+    fn lie(
+        &self,
+        head: &Head,
+        p: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        scratch: &mut Scratch,
+    ) -> Vec<(f64, f64)> {
         let normal = |k: u32| {
-            let [a, b, c] = self.triangles[k as usize].map(|v| p[v as usize]);
+            let [a, b, c] = self.triangles[k as usize].map(|v| p(v as usize));
             (b - a).cross(&(c - a))
         };
+        let Scratch {
+            wanted, one, two, ..
+        } = scratch;
         // Sums are made once for every vertex that is needed.
-        let mut wanted = vec![0_u8; p.len()];
+        let mut corners = Vec::new();
         for &k in some {
             for v in self.triangles[k as usize] {
-                wanted[v as usize] = 2;
-            }
-        }
-        for v in 0..p.len() {
-            if wanted[v] == 2 {
-                for &o in head.rings.of(v) {
-                    wanted[o as usize] = wanted[o as usize].max(1);
+                if wanted[v as usize] == 0 {
+                    wanted[v as usize] = 2;
+                    corners.push(v);
                 }
             }
         }
-        let mut one = vec![Vec3::zeros(); p.len()];
-        for v in (0..p.len()).filter(|&v| wanted[v] > 0) {
-            one[v] = self.around(v as u32).iter().map(|&k| normal(k)).sum();
+        let mut all = corners.clone();
+        for &v in &corners {
+            for &o in head.rings.of(v as usize) {
+                if wanted[o as usize] == 0 {
+                    wanted[o as usize] = 1;
+                    all.push(o);
+                }
+            }
         }
-        let mut two = vec![Vec3::zeros(); p.len()];
-        for v in (0..p.len()).filter(|&v| wanted[v] == 2) {
-            let ring = head.rings.of(v).iter();
-            two[v] = ring.fold(one[v], |sum, &o| sum + one[o as usize]);
+        for &v in &all {
+            one[v as usize] = self.around(v).iter().map(|&k| normal(k)).sum();
+            wanted[v as usize] = 0;
+        }
+        for &v in &corners {
+            let ring = head.rings.of(v as usize).iter();
+            two[v as usize] = ring.fold(one[v as usize], |sum, &o| sum + one[o as usize]);
         }
         some.iter()
             .map(|&k| {
@@ -156,9 +210,15 @@ impl Surroundings {
 
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
     #[must_use]
-    pub fn inverted(&self, head: &Head, moved: &[Vec3], some: &[u32]) -> (Vec<[u32; 3]>, usize) {
+    pub fn inverted(
+        &self,
+        head: &Head,
+        moved: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        scratch: &mut Scratch,
+    ) -> (Vec<[u32; 3]>, usize) {
         let (mut inverted, mut collapsed) = (Vec::new(), 0);
-        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some)) {
+        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
             let before = self.neutral[k as usize];
             if before.1 > 0.3 {
                 if cosine < 0.0 {
@@ -214,9 +274,14 @@ impl<'a> Judge<'a> {
                 out.outside = out.outside.max(length);
             }
         }
-        let changed = |v: usize| moved[v] != head.mesh.positions[v];
-        let some = self.around.seeing(head, changed);
-        let (inverted, collapsed) = self.around.inverted(head, &moved, &some);
+        let changed: Vec<u32> = (0..moved.len() as u32)
+            .filter(|&v| moved[v as usize] != head.mesh.positions[v as usize])
+            .collect();
+        let mut scratch = self.around.scratch();
+        let some = self.around.seeing(head, &changed, &mut scratch);
+        let (inverted, collapsed) = self
+            .around
+            .inverted(head, &|v| moved[v], &some, &mut scratch);
         (out.inverted, out.collapsed) = (inverted.len(), collapsed);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {

@@ -85,12 +85,14 @@ impl Piece<'_> {
             value[v as usize] = if share.is_nan() { 0.0 } else { share };
         }
         let factor = Factor::of(&self.operator.positive, &free, &place, &[]).ok()?;
-        let solved = factor.solve_columns(1, |k, _| {
-            let row = self.operator.positive.row(free[k] as usize);
-            row.filter(|&(c, _)| place[c] == u32::MAX)
-                .fold(0.0, |sum, (c, weight)| sum - weight * value[c])
-        });
-        for (&v, &share) in free.iter().zip(&solved[0]) {
+        let pulled = |&v: &u32| {
+            let row = self.operator.positive.row(v as usize);
+            let given = row.filter(|&(c, _)| place[c] == u32::MAX);
+            [given.fold(0.0, |sum, (c, weight)| sum - weight * value[c])]
+        };
+        let mut solved: Vec<[f64; 1]> = free.iter().map(pulled).collect();
+        factor.solve(&mut solved);
+        for (&v, &[share]) in free.iter().zip(&solved) {
             value[v as usize] = smooth(STAYS, GOES, share);
         }
         Some(self.vertices.iter().map(|&v| value[v as usize]).collect())

@@ -1,7 +1,7 @@
 //! Heads that come as binary glTF (also VRM): their skin is read for baking, and the shapes are added to the file as it is.
 //!
-//! All triangles of all meshes are taken together; vertices at the same place are one for the solver and move alike, so
-//! that seams stay closed. Landmarks count the vertices of the POSITION accessors in the order of their first use. Everything
+//! All triangles of all meshes are taken together; copies of a vertex at a seam are one for the solver and move alike, so
+//! that seams stay closed ([`super::weld`]). Landmarks count the vertices of the POSITION accessors in the order of their first use. Everything
 //! in the file stays: materials, textures, skeletons, animations, targets under other names; a target of the same name is
 //! replaced.
 //!
@@ -12,9 +12,12 @@ use std::collections::HashMap;
 
 use serde_json::{Value, json};
 
-use super::glb::{Glb, GlbError, push_target};
+use super::glb::{Glb, GlbError};
 use super::mesh::{Corner, Mesh, Vec3};
+use super::morphs::Encoded;
 use super::rig::Shape;
+use super::vrm::{Bound, add_expressions};
+use super::weld::{faces, sewn};
 
 /// A head read from a file, and where its vertices came from.
 pub struct Foreign {
@@ -37,12 +40,10 @@ impl Foreign {
                 format!("{buffers} buffers, or one outside; export as a single .glb"),
             ));
         }
-        let mut mesh = Mesh {
-            materials: vec!["skin".into()],
-            ..Mesh::default()
-        };
-        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
-        let mut sources: Vec<(usize, Vec<u32>)> = Vec::new();
+        // Rows of all position accessors one after the other, and triangles between them.
+        let mut places: Vec<[f32; 3]> = Vec::new();
+        let mut known: Vec<(usize, usize)> = Vec::new();
+        let (mut triangles, mut parts) = (Vec::new(), Vec::new());
         for primitive in primitives(&glb.json) {
             if primitive["mode"].as_u64().unwrap_or(4) != 4 {
                 continue;
@@ -51,48 +52,66 @@ impl Foreign {
                 continue;
             };
             let accessor = accessor as usize;
-            let at = match sources.iter().position(|(a, _)| *a == accessor) {
+            let at = match known.iter().position(|(a, _)| *a == accessor) {
                 Some(at) => at,
                 None => {
+                    known.push((accessor, places.len()));
                     let rows = glb.floats(accessor, 3)?;
-                    let vertices = rows.chunks_exact(3).map(|row| {
-                        // Adding 0 makes one zero of both.
-                        let key = [row[0], row[1], row[2]].map(|x| (x + 0.0).to_bits());
-                        *known.entry(key).or_insert_with(|| {
-                            mesh.positions.push(Vec3::from_fn(|k, _| f64::from(row[k])));
-                            mesh.positions.len() as u32 - 1
-                        })
-                    });
-                    sources.push((accessor, vertices.collect()));
-                    sources.len() - 1
+                    places.extend(rows.chunks_exact(3).map(|r| [r[0], r[1], r[2]]));
+                    known.len() - 1
                 }
             };
-            let vertices = &sources[at].1;
+            let first = known[at].1;
+            let count = known.get(at + 1).map_or(places.len(), |next| next.1) - first;
             let order: Vec<u32> = match primitive["indices"].as_u64() {
                 Some(indices) => glb.indices(indices as usize)?,
-                None => (0..vertices.len() as u32).collect(),
+                None => (0..count as u32).collect(),
             };
-            for corner in order.chunks_exact(3) {
-                let face: Option<Vec<Corner>> = corner
-                    .iter()
-                    .map(|&k| {
-                        let vertex = *vertices.get(k as usize)?;
-                        Some(Corner {
-                            vertex,
-                            uv: None,
-                            normal: None,
-                        })
-                    })
-                    .collect();
-                let face = face.ok_or_else(|| {
-                    content(
-                        "indices of vertices that exist",
-                        format!("one beyond the {} of accessor {accessor}", vertices.len()),
-                    )
-                })?;
-                mesh.push_face(&face, 0);
+            if order.iter().any(|&k| k as usize >= count) {
+                return Err(content(
+                    "indices of vertices that exist",
+                    format!("one beyond the {count} of accessor {accessor}"),
+                ));
+            }
+            for t in order.chunks_exact(3) {
+                triangles.push([t[0], t[1], t[2]].map(|k| first as u32 + k));
+                parts.push(at as u32);
             }
         }
+        let same = sewn(&places, &triangles, &parts);
+        let mut mesh = Mesh {
+            materials: vec!["skin".into()],
+            ..Mesh::default()
+        };
+        // A vertex takes its number where it comes first.
+        let mut vertex: Vec<u32> = Vec::with_capacity(places.len());
+        for (row, p) in places.iter().enumerate() {
+            let first = same[row] as usize;
+            vertex.push(if first == row {
+                mesh.positions.push(Vec3::from(p.map(f64::from)));
+                mesh.positions.len() as u32 - 1
+            } else {
+                vertex[first]
+            });
+        }
+        for t in &mut triangles {
+            *t = t.map(|row| vertex[row as usize]);
+        }
+        for face in faces(&mesh.positions, &triangles) {
+            let corner = |&vertex: &u32| Corner {
+                vertex,
+                uv: None,
+                normal: None,
+            };
+            let corners: Vec<Corner> = face.iter().map(corner).collect();
+            mesh.push_face(&corners, 0);
+        }
+        let ends = known.iter().skip(1).map(|k| k.1).chain([places.len()]);
+        let sources = known
+            .iter()
+            .zip(ends)
+            .map(|(&(accessor, from), to)| (accessor, vertex[from..to].to_vec()))
+            .collect();
         if mesh.faces() == 0
             || mesh
                 .positions
@@ -120,6 +139,17 @@ impl Foreign {
             .collect()
     }
 
+    /// The other way round: the first number that a landmark file has for each vertex of the mesh.
+    #[must_use]
+    pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
+        let all: Vec<u32> = self.sources.iter().flat_map(|(_, v)| v).copied().collect();
+        let row = |v: &u64| all.iter().position(|&o| u64::from(o) == *v);
+        vertices
+            .iter()
+            .map(|v| row(v).map_or(*v, |row| row as u64))
+            .collect()
+    }
+
     /// The file with the shapes added to every mesh that they move.
     #[must_use]
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
@@ -135,6 +165,7 @@ impl Foreign {
         };
         let meshes = self.glb.json["meshes"].as_array().map_or(0, Vec::len);
         let mut written: HashMap<(u64, usize), usize> = HashMap::new();
+        let mut bound: Vec<Bound> = Vec::new();
         for m in 0..meshes {
             let list = self.glb.json["meshes"][m]["primitives"].clone();
             let list: &[Value] = list.as_array().map_or(&[], Vec::as_slice);
@@ -160,6 +191,11 @@ impl Foreign {
                         })
                 })
                 .collect();
+            let named = shapes.iter().zip(&places);
+            bound.push(Bound {
+                mesh: m,
+                targets: named.map(|(s, &at)| (s.name.clone(), at)).collect(),
+            });
             for (p, primitive) in list.iter().enumerate() {
                 let mut targets = primitive["targets"].as_array().cloned().unwrap_or_default();
                 targets.resize(names.len(), Value::Null);
@@ -181,7 +217,7 @@ impl Foreign {
                                 vec![[0.0; 3]; count.as_u64().unwrap_or(1).max(1) as usize]
                             }
                         };
-                        push_target(&mut self.glb, &rows, dense, true)
+                        Encoded::new(&rows, dense, true).push(&mut self.glb)
                     });
                     targets[places[k]] = json!({"POSITION": index});
                 }
@@ -203,6 +239,7 @@ impl Foreign {
                 }
             }
         }
+        add_expressions(&mut self.glb.json, &bound);
         self.glb
     }
 }
@@ -234,8 +271,8 @@ fn lengthened(weights: &Value, count: usize) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::super::glb::build;
     use super::super::mesh::tests::sheet;
+    use super::super::morphs::build;
     use super::*;
 
     fn shape(name: &str, n: usize, at: usize, d: Vec3) -> Shape {
@@ -262,7 +299,7 @@ mod tests {
         let file = build(&sheet, &old, 1.0, false);
         let before = file.json["materials"].clone();
         let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
-        assert_eq!((mesh.positions.len(), mesh.faces()), (25, 32));
+        assert_eq!((mesh.positions.len(), mesh.faces()), (25, 16));
         // Vertices come in the order of the file, which is that of the faces.
         let at = |k: usize| {
             let found = mesh
@@ -296,6 +333,54 @@ mod tests {
         assert_eq!(read(0), [[1.0, 0.0, 0.0]]);
         assert_eq!(read(1), [[0.0, 0.0, 1.0]]);
         assert_eq!(read(2), [[0.0, 0.0, 1.0]]);
+    }
+
+    #[test]
+    fn expressions_of_an_avatar_keep_their_meaning_and_gain_the_shapes() {
+        let sheet = sheet(5, 0.1);
+        let mut file = build(&sheet, &[shape("mouthA", 25, 3, Vec3::x())], 1.0, false);
+        file.json["extensions"] = json!({
+            "VRM": {"blendShapeMaster": {"blendShapeGroups": [
+                {"name": "A", "presetName": "a", "binds": [{"mesh": 0, "index": 0, "weight": 100.0}]},
+                {"name": "cheekpuff", "presetName": "unknown", "binds": []},
+            ]}},
+            "VRMC_vrm": {"specVersion": "1.0", "expressions": {"preset": {
+                "aa": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": 1.0}]},
+            }}},
+        });
+        let (_, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
+        let new = ["jawOpen", "cheekPuff"].map(|name| shape(name, 25, 7, Vec3::z()));
+        let glb = Glb::parse(&foreign.patched(&new, false).emit()).unwrap();
+        let head = &glb.json["meshes"][0];
+        assert_eq!(
+            head["extras"]["targetNames"],
+            json!(["mouthA", "jawOpen", "cheekPuff"])
+        );
+        let kept = head["primitives"][0]["targets"][0]["POSITION"]
+            .as_u64()
+            .unwrap();
+        let moved = glb.floats(kept as usize, 3).unwrap();
+        assert_eq!(moved.iter().filter(|x| **x != 0.0).count(), 1);
+        let (old, now) = (&file.json["extensions"], &glb.json["extensions"]);
+        let groups = |json: &Value| json["VRM"]["blendShapeMaster"]["blendShapeGroups"].clone();
+        assert_eq!(groups(now)[0], groups(old)[0]);
+        assert_eq!(groups(now)[1], groups(old)[1]);
+        assert_eq!(groups(now)[2]["name"], "JawOpen");
+        assert_eq!(
+            groups(now)[2]["binds"],
+            json!([{"mesh": 0, "index": 1, "weight": 100.0}])
+        );
+        assert_eq!(groups(now).as_array().unwrap().len(), 3);
+        let expressions = |json: &Value| json["VRMC_vrm"]["expressions"].clone();
+        assert_eq!(expressions(now)["preset"], expressions(old)["preset"]);
+        assert_eq!(
+            expressions(now)["custom"]["JawOpen"]["morphTargetBinds"],
+            json!([{"node": 0, "index": 1, "weight": 1.0}])
+        );
+        assert_eq!(
+            expressions(now)["custom"]["CheekPuff"]["morphTargetBinds"][0]["index"],
+            2
+        );
     }
 
     #[test]

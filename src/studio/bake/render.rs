@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::Matrix3;
 
 use super::head::{Follow, Head};
-use super::mesh::Vec3;
+use super::mesh::{Mesh, Vec3};
 
 /// Where to look from and at what.
 #[derive(Clone, Copy, Debug)]
@@ -53,35 +53,72 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
     let (sin, cos) = view.yaw.sin_cos();
     let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
     let to_view = turn * head.axes.transpose();
+    let seen: Vec<Vec3> = positions.iter().map(|p| to_view * p).collect();
+    let tint = |[a, ..]: [u32; 3]| {
+        let v = a as usize;
+        match head.follow[v] {
+            Follow::Skin if !head.socket[v].is_nan() => Some([150.0, 70.0, 66.0]),
+            Follow::Skin => Some([214.0, 168.0, 142.0]),
+            Follow::Eyeball(_) => Some([235.0, 238.0, 245.0]),
+            Follow::Jaw(_) if head.tongue[v] > 0.0 => Some([205.0, 112.0, 108.0]),
+            Follow::Jaw(_) => Some([225.0, 205.0, 185.0]),
+            Follow::Nearest(_) | Follow::Still => None,
+        }
+    };
     let middle = turn * view.middle;
-    let scale = f64::from(pixels) / view.height;
-    let half = f64::from(pixels) / 2.0;
-    let screen: Vec<Vec3> = positions
-        .iter()
-        .map(|p| {
-            let q = to_view * p - middle;
-            Vec3::new(half + q.x * scale, half - q.y * scale, q.z * scale)
-        })
-        .collect();
-    let normals: Vec<Vec3> = head
-        .mesh
-        .vertex_normals(&positions)
-        .into_iter()
-        .map(|normal| to_view * normal)
-        .collect();
+    paint(&head.mesh, &seen, &middle, view.height, pixels, tint).image
+}
+
+/// A picture with the depth of what it shows.
+pub(super) struct Canvas {
+    pub(super) image: RgbImage,
+    depth: Vec<f64>,
+    middle: Vec3,
+    /// Pixels per unit of the mesh.
+    scale: f64,
+}
+
+impl Canvas {
+    /// Pixel of a point given as (right, up, towards the viewer), and its depth in pixels.
+    pub(super) fn screen(&self, p: &Vec3) -> Vec3 {
+        let half = f64::from(self.image.width()) / 2.0;
+        let q = (p - self.middle) * self.scale;
+        Vec3::new(half + q.x, half - q.y, q.z)
+    }
+
+    /// Whether nothing stands before a point (pixels, depth).
+    pub(super) fn shows(&self, p: &Vec3) -> bool {
+        /// A surface seen at a slant changes its depth within a pixel.
+        const SLANT: f64 = 2.5;
+        let (x, y) = (p.x.round(), p.y.round());
+        let side = f64::from(self.image.width());
+        let inside = x >= 0.0 && y >= 0.0 && x < side && y < side;
+        inside && p.z > self.depth[(y * side + x) as usize] - SLANT
+    }
+}
+
+/// Draws triangles of a mesh whose vertices are given as (right, up, towards the viewer); `tint` of a triangle is its
+/// colour, or nothing to leave it out.
+pub(super) fn paint(
+    mesh: &Mesh,
+    seen: &[Vec3],
+    middle: &Vec3,
+    height: f64,
+    pixels: u32,
+    tint: impl Fn([u32; 3]) -> Option<[f64; 3]>,
+) -> Canvas {
+    let normals = mesh.vertex_normals(seen);
     let lamp = Vec3::new(0.25, 0.45, 0.86);
-    let mut image = RgbImage::from_pixel(pixels, pixels, Rgb([38, 40, 44]));
-    let mut depth = vec![f64::NEG_INFINITY; (pixels * pixels) as usize];
-    for [a, b, c] in head.mesh.triangles() {
-        let corner = [a, b, c].map(|v| v as usize);
-        let tint = match head.follow[corner[0]] {
-            Follow::Skin if !head.socket[corner[0]].is_nan() => [150.0, 70.0, 66.0],
-            Follow::Skin => [214.0, 168.0, 142.0],
-            Follow::Eyeball(_) => [235.0, 238.0, 245.0],
-            Follow::Jaw(_) if head.tongue[corner[0]] > 0.0 => [205.0, 112.0, 108.0],
-            Follow::Jaw(_) => [225.0, 205.0, 185.0],
-            Follow::Nearest(_) | Follow::Still => continue,
-        };
+    let mut canvas = Canvas {
+        image: RgbImage::from_pixel(pixels, pixels, Rgb([38, 40, 44])),
+        depth: vec![f64::NEG_INFINITY; (pixels * pixels) as usize],
+        middle: *middle,
+        scale: f64::from(pixels) / height,
+    };
+    let screen: Vec<Vec3> = seen.iter().map(|p| canvas.screen(p)).collect();
+    for triangle in mesh.triangles() {
+        let Some(tint) = tint(triangle) else { continue };
+        let corner = triangle.map(|v| v as usize);
         let p = corner.map(|v| screen[v]);
         let twice = (p[1] - p[0]).xy().perp(&(p[2] - p[0]).xy());
         if twice.abs() < 1e-12 {
@@ -109,16 +146,16 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
                 }
                 let z: f64 = (0..3).map(|k| weights[k] * p[k].z).sum();
                 let at = (y * i64::from(pixels) + x) as usize;
-                if z <= depth[at] {
+                if z <= canvas.depth[at] {
                     continue;
                 }
-                depth[at] = z;
+                canvas.depth[at] = z;
                 let normal: Vec3 = (0..3).map(|k| normals[corner[k]] * weights[k]).sum();
                 let facing = normal.normalize();
                 let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
                 // Seen from behind: dark, so that holes and turned faces show.
                 let light = if facing.z < 0.0 { 0.10 } else { light };
-                image.put_pixel(
+                canvas.image.put_pixel(
                     x as u32,
                     y as u32,
                     Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8)),
@@ -126,7 +163,7 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
             }
         }
     }
-    image
+    canvas
 }
 
 /// Places pictures of equal size in rows.

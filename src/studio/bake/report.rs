@@ -11,27 +11,9 @@ use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
 use super::render::{View, draw};
 use super::rig::Shape;
+use crate::studio::inspect::album::base64;
 
 const PIXELS: u32 = 300;
-
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk
-            .iter()
-            .enumerate()
-            .fold(0_u32, |word, (k, &b)| word | u32::from(b) << (16 - 8 * k));
-        for k in 0..4 {
-            if k <= chunk.len() {
-                out.push(char::from(DIGITS[(word >> (18 - 6 * k) & 63) as usize]));
-            } else {
-                out.push('=');
-            }
-        }
-    }
-    out
-}
 
 fn embedded(picture: &RgbImage) -> String {
     let mut data = Cursor::new(Vec::new());
@@ -136,22 +118,4 @@ pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>
     }
     out.push_str("</table>");
     (out, all.into_iter().map(|(f, _)| f).collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn base64_follows_the_standard() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-    }
 }

@@ -65,45 +65,58 @@ impl Default for Settings {
 
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
-    given: Vec<bool>,
     free: Vec<u32>,
+    /// Place of a vertex among the unknowns, `u32::MAX` for what is given.
+    place: Vec<u32>,
     factor: Option<Factor>,
     /// Rows of the operator that see an unknown: all that can change.
     rows: Vec<u32>,
 }
 
 impl System {
-    /// `area` marks the vertices that may move, `controls` those whose displacement will be given (in the area or not).
+    /// `area` marks the vertices that may move, `given` lists those whose displacement will be given (in the area or not).
     ///
     /// # Errors
     /// If the system is singular, which a part without a held vertex or control would be.
-    pub fn new(operator: &Operator, area: Vec<bool>, controls: &[u32]) -> Result<Self, Singular> {
-        let mut given = vec![false; area.len()];
-        for &v in controls {
-            given[v as usize] = true;
-        }
+    pub fn new(
+        operator: &Operator,
+        area: &[bool],
+        given: impl IntoIterator<Item = u32>,
+    ) -> Result<Self, Singular> {
         let mut place = vec![u32::MAX; area.len()];
-        let mut free = Vec::new();
         for v in 0..area.len() {
-            if area[v] && !given[v] && operator.area[v] > 0.0 {
-                place[v] = free.len() as u32;
+            if area[v] && operator.area[v] > 0.0 {
+                place[v] = 0;
+            }
+        }
+        for v in given {
+            place[v as usize] = u32::MAX;
+        }
+        let mut free = Vec::new();
+        for (v, place) in place.iter_mut().enumerate() {
+            if *place == 0 {
+                *place = free.len() as u32;
                 free.push(v as u32);
             }
         }
-        let mut rows: Vec<u32> = free
-            .iter()
-            .flat_map(|&v| operator.cotangent.row(v as usize).map(|(c, _)| c as u32))
-            .collect();
-        rows.sort_unstable();
-        rows.dedup();
+        let mut seen = vec![false; area.len()];
+        let mut rows = Vec::with_capacity(free.len() * 5 / 4);
+        for &v in &free {
+            for (c, _) in operator.cotangent.row(v as usize) {
+                if !seen[c] {
+                    seen[c] = true;
+                    rows.push(c as u32);
+                }
+            }
+        }
         let factor = if free.is_empty() {
             None
         } else {
             Some(Factor::of(&operator.energy, &free, &place, &[])?)
         };
         Ok(Self {
-            given,
             free,
+            place,
             factor,
             rows,
         })
@@ -115,22 +128,17 @@ impl System {
         self.free.len()
     }
 
-    /// Procedure 1: displacements of all vertices. `controls` (vertex, displacement) are met exactly, vertices outside
-    /// the area get exactly 0; `delta` is equation (13) per vertex, `rounds` how often lengths are restored.
-    #[must_use]
+    /// Procedure 1: places the unknowns of `d`, the displacements of all vertices; what is not unknown is kept as given.
+    /// `delta` is equation (13) per vertex, `rounds` how often lengths are restored.
     pub fn deform(
         &self,
         operator: &Operator,
         neutral: &[Vec3],
-        controls: &[(u32, Vec3)],
+        d: &mut [Vec3],
         delta: impl Fn(usize) -> f64,
         rounds: usize,
-    ) -> Vec<Vec3> {
-        let mut d = vec![Vec3::zeros(); neutral.len()];
-        for &(v, displacement) in controls {
-            d[v as usize] = displacement;
-        }
-        let Some(factor) = &self.factor else { return d };
+    ) {
+        let Some(factor) = &self.factor else { return };
         // What the given displacements pull, the same in every round.
         let pull: Vec<Vec3> = self
             .free
@@ -139,14 +147,14 @@ impl System {
                 operator
                     .energy
                     .row(v as usize)
-                    .filter(|&(c, _)| self.given[c])
+                    .filter(|&(c, _)| self.place[c] == u32::MAX)
                     .fold(Vec3::zeros(), |sum, (c, value)| sum - d[c] * value)
             })
             .collect();
         // Step 1 with L = L0.
-        store(&mut d, &self.free, &factor.solve(&pull));
+        self.place(factor, pull.iter().copied(), d);
         if rounds == 0 {
-            return d;
+            return;
         }
         let before: Vec<Vec3> = self
             .rows
@@ -158,7 +166,7 @@ impl System {
         for _ in 0..rounds {
             for (&r, l0) in self.rows.iter().zip(&before) {
                 // Step 2: L' = M V; step 3: L'' = (|L0| / |L'|) L'.
-                let now = l0 + operator.cotangent.row_times(r as usize, &d);
+                let now = l0 + operator.cotangent.row_times(r as usize, d);
                 let (had, has) = (l0.norm(), now.norm());
                 let restored = if has > FLAT_ROW * mean && had > FLAT_ROW * mean {
                     now * (had / has)
@@ -169,21 +177,32 @@ impl System {
                 let share = delta(r as usize) * operator.weight[r as usize];
                 wanted[r as usize] = (restored - l0) * share;
             }
-            let rhs: Vec<Vec3> = self
+            let rhs = self
                 .free
                 .iter()
                 .zip(&pull)
-                .map(|(&v, pull)| pull + operator.cotangent.row_times(v as usize, &wanted))
-                .collect();
-            store(&mut d, &self.free, &factor.solve(&rhs));
+                .map(|(&v, pull)| pull + operator.cotangent.row_times(v as usize, &wanted));
+            self.place(factor, rhs, d);
         }
-        d
+    }
+
+    /// Solves and stores the unknowns.
+    fn place(&self, factor: &Factor, rhs: impl Iterator<Item = Vec3>, d: &mut [Vec3]) {
+        store(d, &self.free, &solved(factor, rhs));
     }
 }
 
-fn store(d: &mut [Vec3], free: &[u32], solved: &[Vec3]) {
+/// Solves for three coordinates.
+fn solved(factor: &Factor, rhs: impl Iterator<Item = Vec3>) -> Vec<[f64; 4]> {
+    // A fourth, empty column fills the registers.
+    let mut x: Vec<[f64; 4]> = rhs.map(|v| [v.x, v.y, v.z, 0.0]).collect();
+    factor.solve(&mut x);
+    x
+}
+
+fn store(d: &mut [Vec3], free: &[u32], solved: &[[f64; 4]]) {
     for (&v, x) in free.iter().zip(solved) {
-        d[v as usize] = *x;
+        d[v as usize] = Vec3::new(x[0], x[1], x[2]);
     }
 }
 
@@ -226,7 +245,7 @@ pub fn plain(
                 }
             }
             let mut d = vec![Vec3::zeros(); n];
-            store(&mut d, &free, &factor.solve(&rhs));
+            store(&mut d, &free, &solved(&factor, rhs.into_iter()));
             d
         })
         .collect())
@@ -245,15 +264,14 @@ mod tests {
         controls: &[(u32, Vec3)],
         rounds: usize,
     ) -> Vec<Vec3> {
-        let area = u.iter().map(|&u| u > 0.5).collect();
-        let vertices: Vec<u32> = controls.iter().map(|c| c.0).collect();
-        System::new(op, area, &vertices).unwrap().deform(
-            op,
-            neutral,
-            controls,
-            |v| u[v].min(1.0),
-            rounds,
-        )
+        let area: Vec<bool> = u.iter().map(|&u| u > 0.5).collect();
+        let system = System::new(op, &area, controls.iter().map(|c| c.0)).unwrap();
+        let mut d = vec![Vec3::zeros(); neutral.len()];
+        for &(v, displacement) in controls {
+            d[v as usize] = displacement;
+        }
+        system.deform(op, neutral, &mut d, |v| u[v].min(1.0), rounds);
+        d
     }
 
     fn operator(mesh: &Mesh) -> Operator {
@@ -337,10 +355,13 @@ mod tests {
         let (middle, u) = round_area(&mesh, 2.0);
         let op = operator(&mesh);
         let area: Vec<bool> = u.iter().map(|&u| u > 0.5).collect();
-        let system = System::new(&op, area, &[middle]).unwrap();
-        let push = [(middle, Vec3::new(0.3, 0.0, 0.9))];
-        let with =
-            |delta: f64, rounds| system.deform(&op, &mesh.positions, &push, |_| delta, rounds);
+        let system = System::new(&op, &area, [middle]).unwrap();
+        let with = |delta: f64, rounds| {
+            let mut d = vec![Vec3::zeros(); u.len()];
+            d[middle as usize] = Vec3::new(0.3, 0.0, 0.9);
+            system.deform(&op, &mesh.positions, &mut d, |_| delta, rounds);
+            d
+        };
         let plain = with(1.0, 0);
         let differs = |other: &[Vec3]| {
             plain

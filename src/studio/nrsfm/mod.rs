@@ -19,7 +19,7 @@ mod shape_model;
 mod tracks;
 
 pub use align::{rigid_mean_shape, shape_error};
-pub use run::run;
+pub use run::{OPTIONS, run};
 pub use shape_model::{ShapeBases, shape_model_from_tracks};
 pub use tracks::{Shapes, Tracks};
 

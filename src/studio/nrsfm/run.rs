@@ -1,62 +1,37 @@
 //! The command `mien-studio nrsfm`.
 
 use super::{Error, Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
-const HELP: &str = "mien-studio nrsfm --tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]
+/// The options of `mien-studio nrsfm`, explained.
+pub const OPTIONS: &str = "\
 2F x P image tracks (x row, y row per frame; a missing point empty or nan) to 3F x P shapes.
---rank K    number of shape modes, 0 for a rigid reconstruction; chosen from the tracks if not given
---truth F   3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
-example: mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv";
+  --rank   number of shape modes, 0 for a rigid reconstruction; chosen from the tracks if not given
+  --truth  3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
+";
 
-/// Runs the command with the arguments after its name; prints one line per step.
+/// Recovers the shapes behind the tracks of one file and writes them to `out`; prints one line per step.
 ///
 /// # Errors
-/// Arguments that do not fit, files that cannot be read, parsed or written. Nothing is written then.
-pub fn run(args: &[String]) -> Result<(), Error> {
-    let (mut tracks, mut out, mut truth) = (None::<PathBuf>, None::<PathBuf>, None::<PathBuf>);
-    let mut settings = Settings::default();
-    let mut rest = args.iter();
-    while let Some(option) = rest.next() {
-        if option == "--help" || option == "-h" {
-            println!("{HELP}");
-            return Ok(());
-        }
-        let value = rest.next();
-        let place = match option.as_str() {
-            "--tracks" => &mut tracks,
-            "--out" => &mut out,
-            "--truth" => &mut truth,
-            "--rank" => {
-                let rank = value
-                    .and_then(|v| v.parse::<usize>().ok())
-                    .filter(|rank| *rank <= LARGEST_RANK);
-                let problem = || format!("--rank wants a number from 0 to {LARGEST_RANK}");
-                settings.rank = Some(rank.ok_or_else(|| Error::Usage { problem: problem() })?);
-                continue;
-            }
-            _ => {
-                return Err(Error::Usage {
-                    problem: format!("unknown option `{option}`"),
-                });
-            }
-        };
-        let value = value.ok_or_else(|| Error::Usage {
-            problem: format!("{option} wants a file"),
-        })?;
-        *place = Some(value.into());
+/// A rank beyond reason, files that cannot be read, parsed or written. Nothing is written then.
+pub fn run(
+    tracks: &Path,
+    rank: Option<usize>,
+    out: &Path,
+    truth: Option<&Path>,
+) -> Result<(), Error> {
+    if rank.is_some_and(|rank| rank > LARGEST_RANK) {
+        return Err(Error::Usage {
+            problem: format!("--rank wants a number from 0 to {LARGEST_RANK}"),
+        });
     }
-    let missing = |option: &str| Error::Usage {
-        problem: format!("{option} is missing"),
+    let settings = Settings {
+        rank,
+        ..Settings::default()
     };
-    let tracks_path = tracks.ok_or_else(|| missing("--tracks"))?;
-    let out = out.ok_or_else(|| missing("--out"))?;
-    let tracks = Tracks::read(&tracks_path)?;
-    let truth = truth
-        .as_deref()
-        .map(|path| truth_for(&tracks, path))
-        .transpose()?;
+    let tracks = Tracks::read(tracks)?;
+    let truth = truth.map(|path| truth_for(&tracks, path)).transpose()?;
     let gaps = 1.0 - tracks.sightings() as f64 / (tracks.frames() * tracks.points()) as f64;
     println!(
         "tracks: {} frames, {} points, {:.1} % missing",
@@ -76,11 +51,11 @@ pub fn run(args: &[String]) -> Result<(), Error> {
     if let Some(truth) = &truth {
         print_errors(&tracks, &recovered.shapes, truth);
     }
-    std::fs::write(&out, recovered.shapes.to_csv()).map_err(|source| {
+    std::fs::write(out, recovered.shapes.to_csv()).map_err(|source| {
         // A partial file is worse than none; that it cannot be removed adds nothing to the error reported.
-        let _ = std::fs::remove_file(&out);
+        let _ = std::fs::remove_file(out);
         Error::Write {
-            path: out.clone(),
+            path: out.into(),
             source,
         }
     })?;
@@ -131,20 +106,18 @@ fn print_errors(tracks: &Tracks, shapes: &Shapes, truth: &Shapes) {
 mod tests {
     use super::*;
 
-    fn refused(args: &[&str]) -> String {
-        run(&args.iter().map(ToString::to_string).collect::<Vec<_>>())
-            .unwrap_err()
-            .to_string()
-    }
-
     #[test]
     fn bad_arguments_are_named() {
-        assert!(refused(&[]).starts_with("--tracks is missing"));
-        assert!(refused(&["--trakcs", "a"]).contains("unknown option `--trakcs`"));
-        assert!(refused(&["--rank", "many"]).contains("0 to 30"));
-        assert!(
-            refused(&["--tracks", "no-such-file.csv", "--out", "o.csv"])
-                .contains("cannot read no-such-file.csv")
-        );
+        let refused = |rank| {
+            let error = run(
+                Path::new("no-such-file.csv"),
+                rank,
+                Path::new("o.csv"),
+                None,
+            );
+            error.unwrap_err().to_string()
+        };
+        assert!(refused(Some(31)).contains("0 to 30"));
+        assert!(refused(None).contains("cannot read no-such-file.csv"));
     }
 }

@@ -1,0 +1,347 @@
+//! A head with its shapes as glTF morph targets.
+//!
+//! One vertex buffer serves all materials; a vertex of the mesh is repeated for each texture or normal corner it has, and
+//! all copies carry the same displacement bit for bit, so that seams stay closed. Targets are sparse accessors unless
+//! `dense` is asked for; those that move nothing have no data at all.
+//!
+//! Units: metres, y up, z out of the face as the mesh has it. Limits: no textures or images; materials by name only.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use super::glb::{FLOAT, Glb, U16, U32, push};
+use super::mesh::{Mesh, Vec3};
+use super::rig::Shape;
+
+const VERTICES: u32 = 34962;
+const INDICES: u32 = 34963;
+/// A target that moves more than this part of the vertices is smaller written in full.
+const DENSE_ABOVE: f64 = 0.85;
+/// Normals that turn less than this are left: 0.06 degrees.
+const NORMAL_NOTHING: f32 = 1e-3;
+
+fn bytes(values: impl IntoIterator<Item = [f32; 3]>) -> Vec<u8> {
+    values
+        .into_iter()
+        .flatten()
+        .flat_map(f32::to_le_bytes)
+        .collect()
+}
+
+/// Smallest and largest of each coordinate.
+fn bounds<'a>(values: impl IntoIterator<Item = &'a [f32; 3]>) -> ([f32; 3], [f32; 3]) {
+    let mut out = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for v in values {
+        for k in 0..3 {
+            out.0[k] = out.0[k].min(v[k]);
+            out.1[k] = out.1[k].max(v[k]);
+        }
+    }
+    out
+}
+
+/// A target's accessor and its data: nothing, sparse or dense, whichever fits.
+pub(super) struct Encoded {
+    accessor: Value,
+    /// Numbers of the rows that move; `None` if all rows are written.
+    indices: Option<Vec<u8>>,
+    data: Vec<u8>,
+}
+
+impl Encoded {
+    /// Prepares the rows of one target.
+    pub(super) fn new(values: &[[f32; 3]], dense: bool, with_bounds: bool) -> Self {
+        let moved: Vec<usize> = (0..values.len())
+            .filter(|&v| values[v] != [0.0; 3])
+            .collect();
+        let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
+        if with_bounds {
+            let (low, high) = bounds(values);
+            accessor["min"] = json!(low);
+            accessor["max"] = json!(high);
+        }
+        if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
+            let data = bytes(values.iter().copied());
+            return Self {
+                accessor,
+                indices: None,
+                data,
+            };
+        }
+        let small = values.len() <= usize::from(u16::MAX);
+        let indices: Vec<u8> = if small {
+            let short = moved.iter().map(|&v| v as u16);
+            short.flat_map(u16::to_le_bytes).collect()
+        } else {
+            let long = moved.iter().map(|&v| v as u32);
+            long.flat_map(u32::to_le_bytes).collect()
+        };
+        if !moved.is_empty() {
+            accessor["sparse"] = json!({
+                "count": moved.len(),
+                "indices": {"componentType": if small { U16 } else { U32 }},
+                "values": {},
+            });
+        }
+        Self {
+            accessor,
+            indices: Some(indices),
+            data: bytes(moved.iter().map(|&v| values[v])),
+        }
+    }
+
+    /// Appends it to a file and returns the accessor's number.
+    pub(super) fn push(mut self, glb: &mut Glb) -> usize {
+        match self.indices {
+            None => self.accessor["bufferView"] = glb.push_view(&self.data, VERTICES).into(),
+            Some(indices) if !indices.is_empty() => {
+                let view = glb.push_view(&indices, 0);
+                self.accessor["sparse"]["indices"]["bufferView"] = view.into();
+                let view = glb.push_view(&self.data, 0);
+                self.accessor["sparse"]["values"]["bufferView"] = view.into();
+            }
+            Some(_) => {}
+        }
+        glb.push_accessor(self.accessor)
+    }
+}
+
+/// Builds the file: the neutral mesh scaled by `metres` per unit, and the shapes as morph targets.
+#[must_use]
+pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
+    let mut glb = Glb {
+        json: json!({
+            "asset": {"version": "2.0", "generator": concat!("mien-studio ", env!("CARGO_PKG_VERSION"))},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "name": "head"}],
+        }),
+        bin: Vec::new(),
+    };
+    // Corners that differ in texture or normal become vertices of their own.
+    let mut known: HashMap<(u32, u32, u32), u32> = HashMap::new();
+    let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+    let smooth = mesh.vertex_normals(&mesh.positions);
+    let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); mesh.materials.len()];
+    for f in 0..mesh.faces() {
+        let face = mesh.face(f);
+        for t in mesh.split(f) {
+            let t = t.map(|k| face[k]);
+            if t[0].vertex == t[1].vertex
+                || t[1].vertex == t[2].vertex
+                || t[0].vertex == t[2].vertex
+            {
+                continue;
+            }
+            for corner in t {
+                let key = (
+                    corner.vertex,
+                    corner.uv.unwrap_or(u32::MAX),
+                    corner.normal.unwrap_or(u32::MAX),
+                );
+                let at = *known.entry(key).or_insert_with(|| {
+                    source.push(corner.vertex as usize);
+                    // OBJ counts v from the bottom, glTF from the top.
+                    uv.push(corner.uv.map_or([0.0, 0.0], |k| {
+                        let [u, v] = mesh.uv[k as usize];
+                        [u, 1.0 - v]
+                    }));
+                    let n = corner.normal.map_or(smooth[corner.vertex as usize], |k| {
+                        let n = mesh.normals[k as usize];
+                        let n = Vec3::new(f64::from(n[0]), f64::from(n[1]), f64::from(n[2]));
+                        if n.norm() > 0.0 {
+                            n.normalize()
+                        } else {
+                            Vec3::z()
+                        }
+                    });
+                    normal.push(unit(&n));
+                    source.len() as u32 - 1
+                });
+                triangles[mesh.face_material[f] as usize].push(at);
+            }
+        }
+    }
+    let scaled = |p: &Vec3| {
+        [
+            (p.x * metres) as f32,
+            (p.y * metres) as f32,
+            (p.z * metres) as f32,
+        ]
+    };
+    let positions: Vec<[f32; 3]> = source.iter().map(|&v| scaled(&mesh.positions[v])).collect();
+    let count = positions.len();
+    let (low, high) = bounds(&positions);
+    let view = glb.push_view(&bytes(positions), VERTICES);
+    let position = glb.push_accessor(json!({
+        "bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3", "min": low, "max": high,
+    }));
+    let view = glb.push_view(&bytes(normal.iter().copied()), VERTICES);
+    let normals = glb.push_accessor(
+        json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
+    );
+    let mut attributes = json!({"POSITION": position, "NORMAL": normals});
+    if !mesh.uv.is_empty() {
+        let data: Vec<u8> = uv
+            .iter()
+            .flatten()
+            .flat_map(|v: &f32| v.to_le_bytes())
+            .collect();
+        let view = glb.push_view(&data, VERTICES);
+        attributes["TEXCOORD_0"] = glb
+            .push_accessor(
+                json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC2"}),
+            )
+            .into();
+    }
+    let encoded: Vec<[Encoded; 2]> = shapes
+        .par_iter()
+        .map(|shape| {
+            let moved: Vec<[f32; 3]> = source
+                .iter()
+                .map(|&v| scaled(&shape.displacement[v]))
+                .collect();
+            let deformed: Vec<Vec3> = mesh
+                .positions
+                .iter()
+                .zip(&shape.displacement)
+                .map(|(p, d)| p + d)
+                .collect();
+            let turned = mesh.vertex_normals(&deformed);
+            let bent: Vec<[f32; 3]> = source
+                .iter()
+                .map(|&v| {
+                    let d = turned[v] - smooth[v];
+                    let d = [d.x as f32, d.y as f32, d.z as f32];
+                    if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
+                        [0.0; 3]
+                    } else {
+                        d
+                    }
+                })
+                .collect();
+            [
+                Encoded::new(&moved, dense, true),
+                Encoded::new(&bent, dense, false),
+            ]
+        })
+        .collect();
+    let mut targets = Vec::new();
+    for [moved, bent] in encoded {
+        let (position, normal) = (moved.push(&mut glb), bent.push(&mut glb));
+        targets.push(json!({"POSITION": position, "NORMAL": normal}));
+    }
+    let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
+    let mut primitives = Vec::new();
+    for (k, name) in mesh.materials.iter().enumerate() {
+        if triangles[k].is_empty() {
+            continue;
+        }
+        let data: Vec<u8> = triangles[k].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let view = glb.push_view(&data, INDICES);
+        let indices = glb.push_accessor(json!({
+            "bufferView": view, "componentType": U32, "count": triangles[k].len(), "type": "SCALAR",
+        }));
+        let material = push(
+            &mut glb.json["materials"],
+            json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.72, 0.66, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.6}}),
+        );
+        let mut primitive =
+            json!({"attributes": attributes, "indices": indices, "material": material});
+        if !targets.is_empty() {
+            primitive["targets"] = json!(targets);
+            primitive["extras"] = json!({"targetNames": names});
+        }
+        primitives.push(primitive);
+    }
+    let mut head = json!({"name": "head", "primitives": primitives});
+    if !targets.is_empty() {
+        head["weights"] = json!(vec![0.0; shapes.len()]);
+        let units: Vec<Option<&str>> = shapes.iter().map(|s| s.unit.as_deref()).collect();
+        let upon: Vec<Option<&str>> = shapes.iter().map(|s| s.upon.as_deref()).collect();
+        head["extras"] = json!({
+            "targetNames": names,
+            "mien": {"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon},
+        });
+    }
+    glb.json["meshes"] = json!([head]);
+    glb
+}
+
+/// A unit vector as floats whose length is 1 within float accuracy.
+fn unit(n: &Vec3) -> [f32; 3] {
+    [n.x as f32, n.y as f32, n.z as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::glb::Glb;
+    use super::super::mesh::tests::sheet;
+    use super::*;
+
+    fn shapes(n: usize) -> Vec<Shape> {
+        let shape = |name: &str, moved: Vec<Vec3>| Shape {
+            name: name.into(),
+            unit: Some("AU26".into()),
+            upon: None,
+            area: vec![true; n],
+            displacement: moved,
+            unknowns: 0,
+            milliseconds: 0.0,
+        };
+        let mut some = vec![Vec3::zeros(); n];
+        some[3] = Vec3::new(0.25, -0.5, 1.0);
+        vec![
+            shape("some", some),
+            shape("none", vec![Vec3::zeros(); n]),
+            shape("all", vec![Vec3::y(); n]),
+        ]
+    }
+
+    #[test]
+    fn sparse_and_dense_read_back_the_same() {
+        let mut mesh = sheet(6, 0.1);
+        // A texture seam: one corner of one face has its own texture point.
+        mesh.uv = vec![[0.0, 0.0], [0.5, 0.25]];
+        for (k, corner) in mesh.corners.iter_mut().enumerate() {
+            corner.uv = Some(u32::from(k == 9));
+        }
+        let shapes = shapes(mesh.positions.len());
+        let mut results = Vec::new();
+        for dense in [false, true] {
+            let file = build(&mesh, &shapes, 0.01, dense).emit();
+            let glb = Glb::parse(&file).unwrap();
+            let head = &glb.json["meshes"][0];
+            assert_eq!(
+                head["extras"]["targetNames"],
+                json!(["some", "none", "all"])
+            );
+            let targets = head["primitives"][0]["targets"].as_array().unwrap();
+            let read: Vec<Vec<f32>> = targets
+                .iter()
+                .map(|t| {
+                    glb.floats(t["POSITION"].as_u64().unwrap() as usize, 3)
+                        .unwrap()
+                })
+                .collect();
+            assert_eq!(read[0].len(), 37 * 3);
+            // Vertex 3 stands at the seam: both copies move alike.
+            let rows: Vec<&[f32]> = read[0].chunks(3).filter(|v| *v != [0.0; 3]).collect();
+            assert!(rows.len() == 2 && rows[0] == rows[1]);
+            assert!(read[1].iter().all(|v| *v == 0.0));
+            results.push(read);
+        }
+        assert_eq!(results[0], results[1]);
+    }
+
+    #[test]
+    fn damaged_files_are_refused_in_one_sentence() {
+        let file = build(&sheet(4, 0.1), &shapes(16), 0.01, false).emit();
+        for cut in [0, 3, 11, 19, 40, file.len() - 5] {
+            assert!(Glb::parse(&file[..cut]).is_err(), "{cut}");
+        }
+        assert!(Glb::parse(b"v 0 0 0\nv 1 0 0\n").is_err());
+    }
+}

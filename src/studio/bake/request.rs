@@ -1,0 +1,59 @@
+//! What `mien-studio bake` is asked for.
+
+use std::path::PathBuf;
+
+/// The options of `mien-studio bake`, explained.
+pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
+               --out gets the shapes and keeps everything else
+  --landmarks  68 vertex numbers from 0, one a line, in iBUG order; of a GLB in the order of its position accessors.
+               auto finds them on a picture of the mesh (y up, face towards z) and writes beside --out what to look at
+               (.landmarks.png) and to correct and give again (.landmarks.txt)
+  --out        glTF with one morph target per shape
+  --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
+  --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
+  --method     laplacian: plain least squares, for comparison
+  --derive-controls  with --controls: ten more points on cheeks and forehead, moved as skin slides between the 68. A
+               recipe names how they move and has them always
+  --unit       unit of the mesh; default: told from the distance of the eyes
+  --dense      morph targets in full, for programs that cannot read sparse ones
+  --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
+  --report     pictures and figures of every shape, one HTML file
+";
+
+/// What to bake and where to put it.
+#[derive(Debug, Default)]
+pub struct Request {
+    /// Neutral head.
+    pub mesh: PathBuf,
+    /// Their file, or `auto`.
+    pub landmarks: PathBuf,
+    /// glTF to write.
+    pub out: PathBuf,
+    /// Instead of the built-in one.
+    pub recipe: Option<PathBuf>,
+    /// Instead of a recipe.
+    pub controls: Option<PathBuf>,
+    /// Folder of OBJ files.
+    pub obj: Option<PathBuf>,
+    /// HTML file.
+    pub report: Option<PathBuf>,
+    /// Metres per unit of the mesh.
+    pub metres: Option<f64>,
+    /// Plain least squares.
+    pub laplacian: bool,
+    /// Points of the tool's own.
+    pub derive: bool,
+    /// Targets in full.
+    pub dense: bool,
+}
+
+/// Metres per unit of a mesh in mm, cm or m.
+#[must_use]
+pub fn metres(unit: &str) -> Option<f64> {
+    match unit {
+        "mm" => Some(1e-3),
+        "cm" => Some(1e-2),
+        "m" => Some(1.0),
+        _ => None,
+    }
+}

@@ -1,0 +1,113 @@
+//! `--controls`: displacements of single vertices from a table, in place of a recipe.
+//!
+//! Units: the mesh's. Columns shape, vertex, dx, dy, dz by name, others ignored.
+
+use std::path::Path;
+
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
+
+use super::command::{BakeError, read};
+use super::head::Head;
+use super::mesh::Vec3;
+use super::recipe::Target;
+
+/// Targets from a table of controls.
+pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
+    let text = read(path)?;
+    let refuse = |line: usize, expected, found: &str| BakeError::Controls {
+        path: path.into(),
+        line: line + 1,
+        expected,
+        found: found.chars().take(60).collect(),
+    };
+    let mut lines = text.lines().enumerate();
+    let header = lines.next().map_or("", |(_, l)| l);
+    let column = |name: &'static str| header.split(',').position(|c| c.trim() == name);
+    const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
+    let at: Option<Vec<usize>> = ["shape", "vertex", "dx", "dy", "dz"]
+        .into_iter()
+        .map(column)
+        .collect();
+    let at = at.ok_or_else(|| refuse(0, HEADER, header))?;
+    let mut targets: Vec<Target> = Vec::new();
+    for (k, line) in lines {
+        if line.trim().is_empty() {
+            continue;
+        }
+        const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";
+        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+        let cell = |c: usize| {
+            cells
+                .get(at[c])
+                .copied()
+                .ok_or_else(|| refuse(k, ROW, line))
+        };
+        let name = cell(0)?;
+        let vertex: usize = cell(1)?.parse().map_err(|_| refuse(k, ROW, line))?;
+        let mut d = Vec3::zeros();
+        for c in 0..3 {
+            d[c] = cell(2 + c)?.parse().map_err(|_| refuse(k, ROW, line))?;
+        }
+        if vertex >= head.mesh.positions.len()
+            || !d.iter().all(|x: &f64| x.is_finite())
+            || name.is_empty()
+        {
+            return Err(refuse(k, ROW, line));
+        }
+        // Rows of one shape stand together in practice; look from the end.
+        let target = match targets.iter().rposition(|t| t.name == name) {
+            Some(at) => &mut targets[at],
+            None => {
+                targets.push(Target {
+                    name: name.into(),
+                    unit: None,
+                    upon: None,
+                    controls: Vec::new(),
+                    exact: true,
+                    derive,
+                    close: [None; 2],
+                    gaze: [None; 2],
+                    jaw: None,
+                    tongue: None,
+                    undo: None,
+                });
+                targets.last_mut().expect("just pushed")
+            }
+        };
+        target.controls.push((vertex as u32, d));
+    }
+    for target in &mut targets {
+        target.jaw = jaw_of(head, &target.controls);
+    }
+    Ok(targets)
+}
+
+/// The jaw's motion behind a table of controls: a turn about its axis, if chin and lower lip go down and back together.
+fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
+    /// What a sculpted chin takes part in a jaw's motion, see `jawOpen` in the recipe.
+    const SHARE: f64 = 0.84;
+    let w = head.eye_distance;
+    let (left, up) = (
+        head.axes.column(0).into_owned(),
+        head.axes.column(1).into_owned(),
+    );
+    let mut turn = 0.0;
+    for point in [7, 8, 9] {
+        let (_, d) = controls.iter().find(|(v, _)| *v == head.points[point])?;
+        let arm = head.point(point) - head.hinge;
+        let along = left.cross(&arm);
+        if d.dot(&up) > -0.15 * w || d.dot(&along) < 0.8 * d.norm() * along.norm() {
+            return None;
+        }
+        turn += d.dot(&along) / along.norm_squared() / SHARE / 3.0;
+    }
+    let (_, lip) = controls.iter().find(|(v, _)| *v == head.points[57])?;
+    if lip.dot(&up) > -0.15 * w {
+        return None;
+    }
+    let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(left), turn);
+    Some(Isometry3::from_parts(
+        Translation3::from(head.hinge - turn * head.hinge),
+        turn,
+    ))
+}

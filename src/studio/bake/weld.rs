@@ -1,0 +1,193 @@
+//! Triangles as glTF stores them, sewn back into the mesh they were made from.
+//!
+//! A file repeats a vertex wherever its texture or normal changes, so the place alone cannot tell a copy at a seam from a
+//! vertex of another part that touches there. The triangles around it can: along a seam two open edges lie on each
+//! other and run in opposite directions, each with its triangle on its own side. Only such edges are sewn; closed lips,
+//! teeth in gums and balls in sockets stay apart although they touch.
+//!
+//! Exporters write the two triangles of a quad one after the other; where nearly all triangles pair up like that, they are
+//! quads again, so that a head bakes as it does from OBJ.
+//!
+//! Cost: linear with a hash map. Limits: two parts whose open edges lie exactly on each other are sewn; copies must agree
+//! to the last bit; faces of both windings along one seam stay apart.
+
+use std::collections::{HashMap, HashSet};
+
+use super::mesh::Vec3;
+
+/// From this share of paired triangles on a mesh is taken for one of quads.
+const MOSTLY_QUADS: f64 = 0.85;
+/// Two triangles are no quad if their normals differ by more than this cosine: 60 degrees.
+const BENT: f64 = 0.5;
+
+/// From one row to another, and the part it belongs to.
+type Edge = (u32, u32, u32);
+
+/// For every row the first row that is the same vertex. `places` are the rows' positions, `parts` says where each triangle
+/// comes from (edges of one part are sewn to each other first).
+pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -> Vec<u32> {
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let place: Vec<u32> = places
+        .iter()
+        // Adding 0 makes one zero of both.
+        .map(|p| p.map(|x| (x + 0.0).to_bits()))
+        .enumerate()
+        .map(|(row, key)| *known.entry(key).or_insert(row as u32))
+        .collect();
+    let edges = || {
+        triangles
+            .iter()
+            .zip(parts)
+            .flat_map(|(t, &part)| (0..3).map(move |k| (t[k], t[(k + 1) % 3], part)))
+    };
+    let there: HashSet<(u32, u32)> = edges().map(|(a, b, _)| (a, b)).collect();
+    // Open edges by place.
+    let mut open: HashMap<(u32, u32), Vec<Edge>> = HashMap::new();
+    for (a, b, part) in edges().filter(|&(a, b, _)| a != b && !there.contains(&(b, a))) {
+        let key = (place[a as usize], place[b as usize]);
+        open.entry(key).or_default().push((a, b, part));
+    }
+    let mut same: Vec<u32> = (0..places.len() as u32).collect();
+    let mut keys: Vec<(u32, u32)> = open.keys().copied().filter(|&(a, b)| a < b).collect();
+    keys.sort_unstable();
+    for (a, b) in keys {
+        let Some(mut back) = open.remove(&(b, a)) else {
+            continue;
+        };
+        let mut forth = open.remove(&(a, b)).unwrap_or_default();
+        let mut sew = |(from, to, _), (there, here, _)| {
+            join(&mut same, from, here);
+            join(&mut same, to, there);
+        };
+        forth.retain(|edge| match back.iter().position(|e| e.2 == edge.2) {
+            Some(at) => {
+                sew(*edge, back.swap_remove(at));
+                false
+            }
+            None => true,
+        });
+        for (edge, other) in forth.into_iter().zip(back) {
+            sew(edge, other);
+        }
+    }
+    for row in 0..same.len() as u32 {
+        same[row as usize] = root(&same, row);
+    }
+    same
+}
+
+/// First of the rows that are the same vertex.
+fn root(same: &[u32], mut row: u32) -> u32 {
+    while same[row as usize] != row {
+        row = same[row as usize];
+    }
+    row
+}
+
+/// Makes two sets of rows one.
+fn join(same: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (root(same, a), root(same, b));
+    same[a.max(b) as usize] = a.min(b);
+}
+
+/// Faces of the mesh: the triangles, or the quads they were cut from where nearly all pair up.
+pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
+    let n = triangles.len();
+    // Neighbours in the list often share an edge without being a quad: the best pairing of the whole list counts, in
+    // which the halves of a quad start or end with the same corner, as exporters cut them.
+    let mut best = vec![0_u32; n + 2];
+    for k in (0..n.saturating_sub(1)).rev() {
+        let (one, two) = (triangles[k], triangles[k + 1]);
+        let pair = quad(positions, one, two)
+            .map(|_| 2 + 3 * u32::from(one[0] == two[0] || one[2] == two[2]));
+        best[k] = best[k + 1].max(pair.map_or(0, |gain| gain + best[k + 2]));
+    }
+    let mut faces: Vec<Vec<u32>> = Vec::with_capacity(n);
+    let (mut k, mut paired) = (0, 0);
+    while k < n {
+        let pair = (best[k] > best[k + 1] && k + 1 < n)
+            .then(|| quad(positions, triangles[k], triangles[k + 1]))
+            .flatten();
+        match pair {
+            Some(quad) => {
+                faces.push(quad.to_vec());
+                paired += 2;
+                k += 2;
+            }
+            None => {
+                faces.push(triangles[k].to_vec());
+                k += 1;
+            }
+        }
+    }
+    if (paired as f64) < MOSTLY_QUADS * n as f64 {
+        return triangles.iter().map(|t| t.to_vec()).collect();
+    }
+    faces
+}
+
+/// The convex quad that two triangles with a common edge make.
+fn quad(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
+    let normal = |t: [u32; 3]| {
+        let [a, b, c] = t.map(|v| positions[v as usize]);
+        (b - a).cross(&(c - a))
+    };
+    for k in 0..3 {
+        let [a, b, c] = [one[k], one[(k + 1) % 3], one[(k + 2) % 3]];
+        let Some(at) = (0..3).find(|&j| two[j] == b && two[(j + 1) % 3] == a) else {
+            continue;
+        };
+        let d = two[(at + 2) % 3];
+        let (left, right) = (normal(one), normal(two));
+        let mean = left + right;
+        let flat = left.dot(&right) > BENT * left.norm() * right.norm();
+        let convex = [[c, a, d], [d, b, c]]
+            .iter()
+            .all(|t| normal(*t).dot(&mean) > 0.0);
+        return (c != d && flat && convex).then_some([b, c, a, d]);
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two squares of two triangles each, as rows; the second stands at `x` from the first.
+    fn squares(x: f32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let square = |x: f32| {
+            [
+                [x, 0.0, 0.0],
+                [x + 1.0, 0.0, 0.0],
+                [x + 1.0, 1.0, 0.0],
+                [x, 1.0, 0.0],
+            ]
+        };
+        let places = [square(0.0), square(x)].concat();
+        (places, vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    }
+
+    #[test]
+    fn a_seam_is_sewn_and_a_touch_is_not() {
+        let (places, triangles) = squares(1.0);
+        assert_eq!(sewn(&places, &triangles, &[0; 4]), [0, 1, 2, 3, 1, 5, 6, 2]);
+        // Sheets that lie on each other, as closed lips do, run in the same direction along every edge.
+        let (places, triangles) = squares(0.0);
+        assert_eq!(sewn(&places, &triangles, &[0; 4]), [0, 1, 2, 3, 4, 5, 6, 7]);
+    }
+
+    #[test]
+    fn triangles_written_in_pairs_are_quads_again() {
+        let (places, triangles) = squares(1.0);
+        let positions: Vec<Vec3> = places
+            .iter()
+            .map(|p| Vec3::from(p.map(f64::from)))
+            .collect();
+        assert_eq!(
+            faces(&positions, &triangles),
+            [[0, 1, 2, 3], [4, 5, 6, 7]].map(|q| q.to_vec())
+        );
+        let other = [triangles[0], triangles[2], triangles[1], triangles[3]];
+        assert_eq!(faces(&positions, &other).len(), 4);
+    }
+}
