@@ -219,11 +219,10 @@ pub fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Dot product over one patch in whole numbers: at most 128 × 127 × 2¹⁴, which fits, and a quarter of the time of floats.
+/// Dot product over one patch in whole numbers: a quarter of the time of floats. It cannot wrap, being at most 128 × 127 ×
+/// 2¹⁴; saying that it may lets it be vectorised in every profile.
 fn dot(weights: &[i8], features: &[i16]) -> i32 {
-    weights
-        .iter()
-        .zip(features)
-        .map(|(w, f)| i32::from(*w) * i32::from(*f))
-        .sum()
+    weights.iter().zip(features).fold(0i32, |sum, (w, f)| {
+        sum.wrapping_add(i32::from(*w).wrapping_mul(i32::from(*f)))
+    })
 }
