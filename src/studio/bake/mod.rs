@@ -39,6 +39,7 @@ pub mod seam;
 mod skin;
 pub mod solve;
 pub mod sparse;
+pub mod surroundings;
 mod table;
 mod vrm;
 mod weld;

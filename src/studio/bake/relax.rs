@@ -9,10 +9,10 @@
 
 use super::contact::Contacts;
 use super::head::Head;
-use super::measure::Surroundings;
 use super::mesh::Vec3;
 use super::recipe::Target;
 use super::skin::Solved;
+use super::surroundings::Surroundings;
 
 /// Rounds of smoothing around inverted triangles.
 const ROUNDS: usize = 72;

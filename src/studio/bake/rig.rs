@@ -15,7 +15,6 @@ use super::derive;
 use super::goals::goals;
 use super::head::{Follow, Head};
 use super::influence::Field;
-use super::measure::Surroundings;
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::recipe::Target;
@@ -23,6 +22,7 @@ use super::relax::relax;
 use super::skin::{Solved, skin};
 use super::solve::{self, Settings};
 use super::sparse::Singular;
+use super::surroundings::Surroundings;
 
 /// Displacements below this part of the eye distance are nothing: 0.04 micrometres.
 const NOTHING: f64 = 1e-6;

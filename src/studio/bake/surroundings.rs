@@ -1,0 +1,210 @@
+//! Inverted triangles, found by looking at each triangle among its neighbours.
+//!
+//! An inverted triangle is one whose normal opposes the mean normal of the triangles up to two rings around it *in the
+//! deformed mesh* (cosine below 0) although it agreed in the neutral (above 0.3). Comparing with the neutral normal
+//! instead would count the honest rolling of lips and lids.
+//!
+//! Cost: linear in the triangles looked at; memory: a few numbers per triangle and vertex.
+
+use super::head::Head;
+use super::mesh::Vec3;
+
+/// The skin's triangles and how they lie in their surroundings in the neutral shape.
+pub struct Surroundings {
+    triangles: Vec<[u32; 3]>,
+    /// Triangles at each vertex, stored flat.
+    starts: Vec<u32>,
+    at: Vec<u32>,
+    /// Doubled area and cosine with the surroundings of every triangle.
+    neutral: Vec<(f64, f64)>,
+}
+
+/// Room for looking at the surroundings of some triangles, used again and again.
+pub struct Scratch {
+    /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
+    wanted: Vec<u8>,
+    one: Vec<Vec3>,
+    two: Vec<Vec3>,
+    /// Marks of triangles, all unset between uses.
+    seen: Vec<bool>,
+}
+
+impl Surroundings {
+    /// Of one head; films across a slit are left out.
+    #[must_use]
+    pub fn new(head: &Head) -> Self {
+        let mut triangles = Vec::new();
+        for f in 0..head.mesh.faces() {
+            let face = head.mesh.face(f);
+            if head.film[f] || !head.skin[face[0].vertex as usize] {
+                continue;
+            }
+            for t in head.mesh.split(f) {
+                triangles.push(t.map(|k| face[k].vertex));
+            }
+        }
+        let n = head.mesh.positions.len();
+        let mut starts = vec![0_u32; n + 1];
+        for &v in triangles.iter().flatten() {
+            starts[v as usize + 1] += 1;
+        }
+        for v in 0..n {
+            starts[v + 1] += starts[v];
+        }
+        let (mut fill, mut at) = (starts.clone(), vec![0_u32; triangles.len() * 3]);
+        for (k, t) in triangles.iter().enumerate() {
+            for &v in t {
+                at[fill[v as usize] as usize] = k as u32;
+                fill[v as usize] += 1;
+            }
+        }
+        let mut out = Self {
+            triangles,
+            starts,
+            at,
+            neutral: Vec::new(),
+        };
+        let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
+        let neutral = |v: usize| head.mesh.positions[v];
+        out.neutral = out.lie(head, &neutral, &all, &mut out.scratch());
+        out
+    }
+
+    fn around(&self, v: u32) -> &[u32] {
+        &self.at[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
+    }
+
+    /// Room for one thread.
+    #[must_use]
+    pub fn scratch(&self) -> Scratch {
+        let n = self.starts.len() - 1;
+        Scratch {
+            wanted: vec![0; n],
+            one: vec![Vec3::zeros(); n],
+            two: vec![Vec3::zeros(); n],
+            seen: vec![false; self.triangles.len()],
+        }
+    }
+
+    /// All triangles that see one of the changed vertices in their surroundings, ascending.
+    #[must_use]
+    pub fn seeing(&self, head: &Head, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
+        // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
+        let mut near = changed.to_vec();
+        for &v in changed {
+            scratch.wanted[v as usize] = 1;
+        }
+        let mut from = 0;
+        for _ in 0..2 {
+            let to = near.len();
+            for k in from..to {
+                for &o in head.rings.of(near[k] as usize) {
+                    if scratch.wanted[o as usize] == 0 {
+                        scratch.wanted[o as usize] = 1;
+                        near.push(o);
+                    }
+                }
+            }
+            from = to;
+        }
+        let mut found = Vec::new();
+        for v in near {
+            scratch.wanted[v as usize] = 0;
+            for &k in self.around(v) {
+                if !scratch.seen[k as usize] {
+                    scratch.seen[k as usize] = true;
+                    found.push(k);
+                }
+            }
+        }
+        for &k in &found {
+            scratch.seen[k as usize] = false;
+        }
+        found.sort_unstable();
+        found
+    }
+
+    /// Doubled area and cosine with the mean normal of the surroundings, for some of the triangles.
+    fn lie(
+        &self,
+        head: &Head,
+        p: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        scratch: &mut Scratch,
+    ) -> Vec<(f64, f64)> {
+        let normal = |k: u32| {
+            let [a, b, c] = self.triangles[k as usize].map(|v| p(v as usize));
+            (b - a).cross(&(c - a))
+        };
+        let Scratch {
+            wanted, one, two, ..
+        } = scratch;
+        // Sums are made once for every vertex that is needed.
+        let mut corners = Vec::new();
+        for &k in some {
+            for v in self.triangles[k as usize] {
+                if wanted[v as usize] == 0 {
+                    wanted[v as usize] = 2;
+                    corners.push(v);
+                }
+            }
+        }
+        let mut all = corners.clone();
+        for &v in &corners {
+            for &o in head.rings.of(v as usize) {
+                if wanted[o as usize] == 0 {
+                    wanted[o as usize] = 1;
+                    all.push(o);
+                }
+            }
+        }
+        for &v in &all {
+            one[v as usize] = self.around(v).iter().map(|&k| normal(k)).sum();
+            wanted[v as usize] = 0;
+        }
+        for &v in &corners {
+            let ring = head.rings.of(v as usize).iter();
+            two[v as usize] = ring.fold(one[v as usize], |sum, &o| sum + one[o as usize]);
+        }
+        some.iter()
+            .map(|&k| {
+                let n = normal(k);
+                let around: Vec3 = self.triangles[k as usize]
+                    .iter()
+                    .map(|&v| two[v as usize])
+                    .sum();
+                let size = n.norm() * around.norm();
+                (
+                    n.norm(),
+                    if size > 0.0 {
+                        n.dot(&around) / size
+                    } else {
+                        0.0
+                    },
+                )
+            })
+            .collect()
+    }
+
+    /// Inverted triangles among some, and how many of them lost 98 % of their area.
+    #[must_use]
+    pub fn inverted(
+        &self,
+        head: &Head,
+        moved: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        scratch: &mut Scratch,
+    ) -> (Vec<[u32; 3]>, usize) {
+        let (mut inverted, mut collapsed) = (Vec::new(), 0);
+        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+            let before = self.neutral[k as usize];
+            if before.1 > 0.3 {
+                if cosine < 0.0 {
+                    inverted.push(self.triangles[k as usize]);
+                }
+                collapsed += usize::from(area < 0.02 * before.0);
+            }
+        }
+        (inverted, collapsed)
+    }
+}
