@@ -1,4 +1,6 @@
 //! Held-out people before the simulated sensor, fitted under every condition of the table.
+//!
+//! One file above the usual length: all conditions share one player and its frames.
 
 use std::path::Path;
 use std::time::Instant;
