@@ -128,6 +128,7 @@ impl Sender<'_> {
             pixels: head.map(|point| self.camera.colour_pixel(&(pose * point))),
             head,
             point_confidence: [1.0; LANDMARKS],
+            cheeks: [0.0; 2],
             confidence: 1.0,
         };
         let report = Report {

@@ -88,6 +88,7 @@ fn all_wires_at_once_cost_a_tenth_of_a_millisecond_and_no_memory() {
         head: std::array::from_fn(|i| Point::new(i as f32 * 1e-3, 0.01, 0.0)),
         pixels: [[320.0, 240.0]; LANDMARKS],
         point_confidence: [1.0; LANDMARKS],
+        cheeks: [0.0; 2],
         confidence: 1.0,
     };
     let mut random = fastrand::Rng::with_seed(1);

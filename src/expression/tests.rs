@@ -10,6 +10,7 @@ fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
         head,
         pixels: [[0.0; 2]; LANDMARKS],
         point_confidence: [1.0; LANDMARKS],
+        cheeks: [0.0; 2],
         confidence: 1.0,
     }
 }

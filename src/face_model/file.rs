@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! "MIENFACE"  version u32  length of the whole file u64
-//! sections:   tag [u8; 4]  length u32  payload          SHAP COLD WARM CONF HEAD PROV PAAM
+//! sections:   tag [u8; 4]  length u32  payload          SHAP COLD WARM CONF HEAD PROV PAAM REFI
 //! CRC-32 of everything before it
 //! ```
 //! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
@@ -12,6 +12,7 @@
 use crate::capacity::LANDMARKS;
 use crate::checksum::crc32;
 use crate::geometry::{Point, Vector};
+use crate::landmarks::refine::Refinement;
 
 use super::{
     CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FaceModel, LANDMARK_SIGNS, MAX_MODES,
@@ -204,7 +205,7 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
         id: found,
         ..FaceModel::default()
     };
-    let (mut cold, mut warm, mut confidence) = (None, None, None);
+    let (mut cold, mut warm, mut confidence, mut refinement) = (None, None, None, None);
     let mut sections = Reader {
         section: "header",
         bytes: &bytes[HEADER..body],
@@ -225,6 +226,7 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
             b"COLD" => cold = Some(section("COLD")),
             b"WARM" => warm = Some(section("WARM")),
             b"CONF" => confidence = Some(section("CONF")),
+            b"REFI" => refinement = Some(payload),
             _ => {}
         }
     }
@@ -247,6 +249,10 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
     .into();
     model.confidence =
         parse_confidence(confidence.ok_or(ModelError::Missing { section: "CONF" })?)?.into();
+    let modes = model.shape.modes.len();
+    model.refinement = refinement
+        .map(|bytes| Refinement::parse(bytes, modes).map(Into::into))
+        .transpose()?;
     Ok(model)
 }
 
@@ -392,6 +398,8 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
     put_floats(&mut confidence, model.confidence.landmark.iter().copied());
     put_floats(&mut confidence, model.confidence.face);
 
+    let refinement = model.refinement.as_ref().map_or(Vec::new(), |r| r.emit());
+
     let mut out = Vec::new();
     out.extend_from_slice(&MAGIC);
     out.extend_from_slice(&VERSION.to_le_bytes());
@@ -404,7 +412,11 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
         (b"WARM", &put_stages(&model.warm)),
         (b"CONF", &confidence),
         (b"PAAM", &model.paper_aam),
+        (b"REFI", &refinement),
     ] {
+        if tag == b"REFI" && payload.is_empty() {
+            continue;
+        }
         out.extend_from_slice(tag);
         put_count(&mut out, payload.len());
         out.extend_from_slice(payload);

@@ -19,6 +19,7 @@ use std::sync::Arc;
 
 use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
+use crate::landmarks::refine::Refinement;
 
 /// Most shape modes a model may have.
 pub const MAX_MODES: usize = 48;
@@ -135,6 +136,8 @@ pub struct FaceModel {
     pub warm: Arc<[CascadeStage]>,
     /// Confidence.
     pub confidence: Arc<ConfidenceModel>,
+    /// What depth adds to a fit; models without are used as they are.
+    pub refinement: Option<Arc<Refinement>>,
     /// Anchor of the pose stage.
     pub standard_head: StandardHead,
     /// The paper's own active appearance model, as its module writes it; empty if the model has none.

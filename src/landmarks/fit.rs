@@ -11,6 +11,7 @@
 use std::sync::Arc;
 
 use super::cascade::{Belief, FaceFit, Solver};
+use super::refine::{self, Inputs, Refinement};
 use super::features::OrientationMaps;
 use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
@@ -54,6 +55,9 @@ pub struct LandmarkFitter {
     cold: Arc<[CascadeStage]>,
     warm: Arc<[CascadeStage]>,
     confidence: Arc<ConfidenceModel>,
+    refinement: Option<Arc<Refinement>>,
+    /// What the last refinement was made from, and the coefficients before it.
+    inputs: Inputs,
     window: Vec<f32>,
     maps: OrientationMaps,
     solver: Solver,
@@ -78,6 +82,8 @@ impl LandmarkFitter {
             cold: model.cold.clone(),
             warm: model.warm.clone(),
             confidence: model.confidence.clone(),
+            refinement: model.refinement.clone(),
+            inputs: Inputs::new(),
             window: vec![0.0; WINDOW * WINDOW],
             maps: OrientationMaps::default(),
             solver: Solver::default(),
@@ -103,6 +109,7 @@ impl LandmarkFitter {
     pub fn fit(
         &mut self,
         luma: &[u8; PIXELS],
+        depth: &[u16; PIXELS],
         camera: &Camera,
         pose: &HeadPose,
         at: Timestamp,
@@ -122,7 +129,9 @@ impl LandmarkFitter {
             self.lose();
             return None;
         }
-        self.report(&placement, &fit, &belief, at);
+        self.settle(&placement, &fit, at);
+        let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head);
+        self.report(&placement, &fit, &shape, &belief, at);
         Some(&self.landmarks)
     }
 
@@ -161,7 +170,8 @@ impl LandmarkFitter {
         (fit, belief)
     }
 
-    fn report(&mut self, placement: &Placement, fit: &FaceFit, belief: &Belief, at: Timestamp) {
+    /// Averages the constants of the person, size and turn.
+    fn settle(&mut self, placement: &Placement, fit: &FaceFit, at: Timestamp) {
         let log_size = fit.view.log_scale - PIXELS_PER_METRE.ln();
         let step_s = self
             .last_at
@@ -177,11 +187,57 @@ impl LandmarkFitter {
         let turn = start.rotation.inverse() * fit.view.rotation;
         self.turn *= Rotation::from_scaled_axis(turn.scaled_axis() * share);
         self.log_size = Some((mean, time));
+    }
 
-        let shape = self.filter.follow(&fit.shape, at);
+    /// Size of the face against the model's.
+    fn size(&self) -> f32 {
+        self.log_size.map_or(1.0, |(mean, _)| mean.exp())
+    }
+
+    /// The fitted coefficients, corrected by what depth sees.
+    fn refined(
+        &mut self,
+        fit: &FaceFit,
+        depth: &[u16; PIXELS],
+        camera: &Camera,
+        pose: &Rigid,
+    ) -> [f32; MAX_MODES] {
+        let mut shape = fit.shape;
+        self.shape.shape(&shape, &mut self.landmarks.head);
+        self.inputs = refine::inputs(
+            &shape[..self.shape.modes.len()],
+            &fit.view.rotation.scaled_axis(),
+            &self.landmarks.head,
+            self.size(),
+            depth,
+            camera,
+            &(pose * self.turn()),
+        );
+        if let Some(refinement) = &self.refinement {
+            let mut inputs = self.inputs.clone();
+            self.landmarks.cheeks = refinement.refine(&mut inputs, &mut shape);
+        }
+        shape
+    }
+
+    /// What the last fit was refined from: see [`refine::inputs`].
+    #[must_use]
+    pub fn refined_from(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    fn report(
+        &mut self,
+        placement: &Placement,
+        fit: &FaceFit,
+        shape: &[f32; MAX_MODES],
+        belief: &Belief,
+        at: Timestamp,
+    ) {
+        let shape = self.filter.follow(shape, at);
         self.last_at = Some(at);
         self.shape.shape(&shape, &mut self.landmarks.head);
-        let size = mean.exp();
+        let size = self.size();
         for i in 0..LANDMARKS {
             let window = fit.view.project(&self.landmarks.head[i]);
             self.landmarks.pixels[i] = placement.picture_pixel(window);

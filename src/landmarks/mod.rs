@@ -4,6 +4,8 @@ pub mod cascade;
 pub mod features;
 pub mod fit;
 pub mod paper_aam;
+pub mod refine;
+pub mod relief;
 pub mod stage;
 pub mod steady;
 pub mod view;
@@ -26,6 +28,8 @@ pub struct Landmarks {
     pub point_confidence: [f32; LANDMARKS],
     /// 0…1 for the whole face.
     pub confidence: f32,
+    /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
+    pub cheeks: [f32; refine::PUFFS],
 }
 
 /// Landmarks before the first fit: all at the origin, confidence 0.
@@ -35,5 +39,6 @@ fn empty_landmarks() -> Landmarks {
         pixels: [[0.0; 2]; LANDMARKS],
         point_confidence: [0.0; LANDMARKS],
         confidence: 0.0,
+        cheeks: [0.0; refine::PUFFS],
     }
 }

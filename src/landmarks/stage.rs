@@ -72,12 +72,13 @@ impl LandmarkStage {
     pub fn fit(
         &mut self,
         luma: &[u8; PIXELS],
+        depth: &[u16; PIXELS],
         camera: &Camera,
         pose: &HeadPose,
         at: Timestamp,
     ) -> Option<&Landmarks> {
         match self {
-            Self::Cascade(fitter) => fitter.fit(luma, camera, pose, at),
+            Self::Cascade(fitter) => fitter.fit(luma, depth, camera, pose, at),
             Self::Paper(fitter) => fitter.fit(luma, camera, pose, at),
         }
     }

@@ -16,7 +16,8 @@ use super::nrsfm::{self, Tracks};
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
-use super::train::{TrainArgs, train};
+use super::train::refine::{Practice, learn_refinement};
+use super::train::{TrainArgs, TrainError, train};
 use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
@@ -38,11 +39,11 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "train",
-        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--no-paper] [--hold-out-dev]",
+        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper] [--hold-out-dev]",
         about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people",
         example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
         options: &[
-            "images", "out", "tracks", "offsets", "data", "drawn", "starts", "seed",
+            "images", "out", "tracks", "offsets", "data", "drawn", "starts", "seed", "refine",
         ],
         flags: &["no-paper", "hold-out-dev"],
         words: 0,
@@ -403,7 +404,24 @@ fn say(line: &str) {
     println!("{line}");
 }
 
+/// `train --refine`: only what depth adds is learnt anew.
+fn run_refine(words: &Words, model: &Path) -> Result<(), Fault> {
+    let out: PathBuf = words.required("out")?;
+    let mut model = service::model(Some(model)).map_err(|failure| service_fault(&failure))?;
+    let held_out = if words.flag("hold-out-dev") { Split::Dev } else { Split::Test };
+    let keep = |person| Split::of(person) != Split::Test && Split::of(person) != held_out;
+    let mut practice = Practice::default();
+    practice.seed = words.value("seed")?.unwrap_or(practice.seed);
+    let learnt = learn_refinement(&data(words), &model, keep, &practice)?;
+    model.refinement = learnt.map(Into::into);
+    std::fs::write(&out, crate::face_model::file::emit(&model)).map_err(|source| TrainError::Unwritable { path: out, source })?;
+    Ok(())
+}
+
 fn run_train(words: &Words) -> Result<(), Fault> {
+    if let Some(model) = words.path("refine") {
+        return run_refine(words, &model);
+    }
     let defaults = TrainArgs::default();
     let tracks = words
         .path("tracks")

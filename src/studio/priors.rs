@@ -224,6 +224,7 @@ mod tests {
                 head: points,
                 pixels: [[0.0; 2]; LANDMARKS],
                 point_confidence: [1.0; LANDMARKS],
+                cheeks: [0.0; 2],
                 confidence: 1.0,
             };
             expression.observe(&landmarks, &pose, Timestamp::from_us(n * 33_333));

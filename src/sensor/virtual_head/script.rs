@@ -40,11 +40,14 @@ pub enum Scene {
     Behind,
     /// Things of a head's size, and nobody.
     Furnished,
+    /// Moving as in `Acted`, with expressions drawn at random and mixed freely: what is learnt from it is not the order of
+    /// an act.
+    Mixed,
 }
 
 impl Scene {
     /// All, with the names that select them.
-    pub const NAMES: [(&'static str, Self); 14] = [
+    pub const NAMES: [(&'static str, Self); 15] = [
         ("acted", Self::Acted),
         ("still", Self::Still),
         ("turning", Self::Turning),
@@ -59,6 +62,7 @@ impl Scene {
         ("swap", Self::Swap),
         ("behind", Self::Behind),
         ("furnished", Self::Furnished),
+        ("mixed", Self::Mixed),
     ];
 
     /// Scene of a name.
@@ -224,7 +228,7 @@ impl Scene {
                 ],
                 [0.0, -0.02, 0.8],
             ),
-            Self::Acted | Self::Leaving | Self::Wide => {
+            Self::Acted | Self::Leaving | Self::Wide | Self::Mixed => {
                 let mut aside = 0.0;
                 if self == Self::Leaving {
                     let phase = t % 20.0;
@@ -233,7 +237,11 @@ impl Scene {
                     }
                     aside = ramp(phase, 6.0, 8.0) - ramp(phase, 13.0, 15.0);
                 }
-                Self::act(seed, t, &mut set);
+                if self == Self::Mixed {
+                    mix(seed, t, &mut set);
+                } else {
+                    Self::act(seed, t, &mut set);
+                }
                 let angles = if self == Self::Wide {
                     turned(45.0, 30.0)
                 } else {
@@ -351,6 +359,77 @@ impl Scene {
             set("eyeBlink_L", closed);
             set("eyeBlink_R", closed);
         }
+    }
+}
+
+/// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
+const SIDED: [&str; 12] = [
+    "mouthSmile",
+    "mouthStretch",
+    "mouthUpperUp",
+    "mouthLowerDown",
+    "noseSneer",
+    "browDown",
+    "browInnerUp",
+    "browOuterUp",
+    "eyeSquint",
+    "eyeWide",
+    "cheekRaiser",
+    "cheekPuff",
+];
+const WHOLE: [&str; 8] = [
+    "jawOpen",
+    "jawLeft",
+    "jawRight",
+    "jawForward",
+    "mouthFunnel",
+    "mouthPucker",
+    "mouthShrugLower",
+    "mouthShrugUpper",
+];
+/// Voices of [`mix`] that come and go by themselves, and how long each holds an expression, seconds.
+const VOICES: u64 = 3;
+const VOICE_S: f32 = 1.7;
+
+/// Random expressions in [`VOICES`] layers, and blinks.
+fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
+    let share = |channel: u64, index: u64| uniform(seed ^ channel, index) * 0.5 + 0.5;
+    let mut name = heapless::String::<24>::new();
+    let mut sided = |stem: &str, side: &str, weight: f32, set: &mut dyn FnMut(&str, f32)| {
+        name.clear();
+        // Names of the list fit.
+        if name.push_str(stem).and_then(|()| name.push_str(side)).is_ok() {
+            set(&name, weight);
+        }
+    };
+    for voice in 0..VOICES {
+        let t = t + VOICE_S * voice as f32 / VOICES as f32;
+        let slot = (t / VOICE_S) as u64 * VOICES + voice;
+        let weight = envelope(t % VOICE_S) * (0.15 + 0.85 * share(0x61, slot));
+        if weight <= 0.0 || share(0x62, slot) < 0.25 {
+            continue;
+        }
+        let pick = (share(0x63, slot) * (SIDED.len() + WHOLE.len()) as f32) as usize;
+        if let Some(stem) = SIDED.get(pick) {
+            let lean = uniform(seed ^ 0x64, slot);
+            let (left, right) = match lean {
+                l if l > 0.6 => (1.0, 0.0),
+                l if l < -0.6 => (0.0, 1.0),
+                l => (1.0 + 0.3 * l.min(0.0), 1.0 - 0.3 * l.max(0.0)),
+            };
+            sided(stem, "_L", weight * left, set);
+            sided(stem, "_R", weight * right, set);
+        } else if let Some(stem) = WHOLE.get(pick - SIDED.len()) {
+            set(stem, weight);
+        }
+    }
+    let blink = (t / 1.9) as u64;
+    let since = t % 1.9 - 0.3 - 1.2 * share(0x65, blink);
+    let closed = ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32));
+    let lean = uniform(seed ^ 0x66, blink);
+    if closed > 0.0 {
+        set("eyeBlink_L", if lean < -0.7 { 0.0 } else { closed });
+        set("eyeBlink_R", if lean > 0.7 { 0.0 } else { closed });
     }
 }
 

@@ -11,6 +11,7 @@ pub mod dataset;
 pub mod evaluate;
 pub mod paper_aam;
 pub mod points;
+pub mod refine;
 pub mod render;
 pub mod report;
 pub mod ridge;

@@ -1,0 +1,155 @@
+//! What depth adds to a fit: a linear correction of the shape by the heights that depth measures.
+//!
+//! A picture from the front hardly shows how far lips and jaw stand out, and a cascade tends to read one movement as a
+//! little of others. Depth knows the first, and the second is the same for all faces: so the shape coefficients get
+//! `Δb = C (x − mean) / deviation`, where `x` holds the fitted coefficients, the head's turn against the line of sight
+//! (and its products) and, at each of [`PLACES`], how much nearer depth sees the surface than the fit has it
+//! ([`super::relief`]). `C` is learnt by ridge regression from tracked sessions of drawn people (`mien-studio train`): the
+//! depth term of the paper's 2D+3D cost (section 1.2), with learnt weights. Two more rows read how far the cheeks are blown
+//! out, which no landmark shows.
+//!
+//! Head frame, metres at the model's size, standard deviations. Memory: one matrix of 30 kB. Cost: some 60 patches of
+//! depth and 5000 multiplications. Degenerate: a place without depth counts as the mean; inputs are held to ±[`MOST`].
+
+use crate::capacity::{LANDMARKS, PIXELS};
+use crate::face_model::{MAX_MODES, ModelError};
+use crate::geometry::{Point, Rigid, Vector};
+use crate::landmarks::relief;
+use crate::sensor::camera::Camera;
+
+/// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.
+const FIRST_PLACES: [usize; 3] = [7, 8, 9];
+const FROM: usize = 17;
+/// Places of the cheeks: landmarks they lie between, and the share of the second.
+const CHEEKS: [(usize, usize, f32); 6] = [
+    (31, 2, 0.5),
+    (35, 14, 0.5),
+    (48, 4, 0.5),
+    (54, 12, 0.5),
+    (48, 3, 0.4),
+    (54, 13, 0.4),
+];
+/// Places where depth is looked up.
+pub const PLACES: usize = FIRST_PLACES.len() + (LANDMARKS - FROM) + CHEEKS.len();
+/// The head's turn: rotation vector and products of its first two components.
+const TURN: usize = 6;
+/// Inputs at most.
+pub const MAX_INPUTS: usize = MAX_MODES + TURN + PLACES;
+/// Outputs beyond the shape: right and left cheek.
+pub const PUFFS: usize = 2;
+/// Inputs farther from the mean count as this many deviations.
+pub const MOST: f32 = 4.0;
+
+/// Inputs of one frame; `NaN` where depth saw nothing.
+pub type Inputs = heapless::Vec<f32, MAX_INPUTS>;
+
+/// The learnt map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Refinement {
+    /// Mean of each input.
+    pub mean: Vec<f32>,
+    /// Deviation of each input, above 0.
+    pub deviation: Vec<f32>,
+    /// One row per shape mode, then [`PUFFS`]; one column per input.
+    pub weights: Vec<f32>,
+}
+
+fn places(head: &[Point; LANDMARKS]) -> impl Iterator<Item = Point> {
+    let at = move |i: usize| head[i];
+    let between =
+        move |(a, b, share): (usize, usize, f32)| Point::from(head[a].coords.lerp(&head[b].coords, share));
+    let landmarks = FIRST_PLACES.into_iter().chain(FROM..LANDMARKS).map(at);
+    landmarks.chain(CHEEKS.into_iter().map(between))
+}
+
+/// Gathers the inputs: `shape` the fitted coefficients (as many as modes), `turn` the head's rotation vector against the
+/// line of sight, `head` the fitted points at the model's size, `size` what they are to be multiplied by.
+#[must_use]
+pub fn inputs(
+    shape: &[f32],
+    turn: &Vector,
+    head: &[Point; LANDMARKS],
+    size: f32,
+    depth: &[u16; PIXELS],
+    camera: &Camera,
+    sensor_from_head: &Rigid,
+) -> Inputs {
+    let mut inputs = Inputs::new();
+    let [x, y, z] = [turn.x, turn.y, turn.z];
+    let seen = places(head).map(|place| {
+        relief::height(depth, camera, sensor_from_head, &(place * size))
+            .map_or(f32::NAN, |height| height / size + place.z)
+    });
+    let all = shape.iter().copied().chain([x, y, z, x * x, y * y, x * y]).chain(seen);
+    // Capacity is that of the most modes.
+    inputs.extend(all.take(MAX_INPUTS));
+    inputs
+}
+
+impl Refinement {
+    /// Inputs of the map.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// Standardised inputs, 0 where nothing was seen.
+    pub fn standardise(&self, inputs: &mut Inputs) {
+        for ((x, mean), deviation) in inputs.iter_mut().zip(&self.mean).zip(&self.deviation) {
+            let z = (*x - mean) / deviation;
+            *x = if z.is_finite() { z.clamp(-MOST, MOST) } else { 0.0 };
+        }
+    }
+
+    /// Corrects the coefficients in place and returns how far the cheeks are blown out (right, left; about 0 to 1).
+    pub fn refine(&self, inputs: &mut Inputs, shape: &mut [f32]) -> [f32; PUFFS] {
+        self.standardise(inputs);
+        let row = |k: usize| -> f32 {
+            let row = &self.weights[k * self.inputs()..(k + 1) * self.inputs()];
+            row.iter().zip(inputs.iter()).map(|(w, x)| w * x).sum()
+        };
+        let modes = self.weights.len() / self.inputs() - PUFFS;
+        for (k, b) in shape.iter_mut().enumerate().take(modes) {
+            *b += row(k);
+        }
+        [row(modes), row(modes + 1)]
+    }
+
+    /// Reads what [`Self::emit`] wrote, for a shape model of so many modes.
+    ///
+    /// # Errors
+    /// If the numbers are too few, too many or not finite.
+    pub fn parse(bytes: &[u8], modes: usize) -> Result<Self, ModelError> {
+        let malformed = |expected, found: usize| ModelError::Malformed {
+            section: "REFI",
+            expected,
+            found: found as u64,
+        };
+        let inputs = modes + TURN + PLACES;
+        let numbers = 2 * inputs + (modes + PUFFS) * inputs;
+        if bytes.len() != 4 * numbers {
+            return Err(malformed("a map for this shape model", bytes.len()));
+        }
+        let mut values = bytes
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        let mut take = |n: usize| -> Vec<f32> { values.by_ref().take(n).collect() };
+        let map = Self {
+            mean: take(inputs),
+            deviation: take(inputs),
+            weights: take((modes + PUFFS) * inputs),
+        };
+        let finite = map.mean.iter().chain(&map.weights).all(|v| v.is_finite());
+        if !finite || map.deviation.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
+            return Err(malformed("finite numbers, deviations above 0", 0));
+        }
+        Ok(map)
+    }
+
+    /// As bytes: little-endian 32-bit floats.
+    #[must_use]
+    pub fn emit(&self) -> Vec<u8> {
+        let all = self.mean.iter().chain(&self.deviation).chain(&self.weights);
+        all.flat_map(|v| v.to_le_bytes()).collect()
+    }
+}

@@ -1,0 +1,64 @@
+//! What depth sees at places of the face: the surface's height, which a picture from the front hardly tells.
+//!
+//! Around a place of the head frame, every depth pixel within a small window is carried to the head frame; the mean of
+//! those that agree with their median is the surface there. A patch of some dozens of pixels beats the sensor's depth
+//! steps (2 mm at 0.8 m) by a factor of ten. Units: metres, head frame. No memory. Cost: one look-up and one rotation
+//! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.
+
+use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::geometry::{Point, Rigid};
+use crate::sensor::camera::Camera;
+
+/// Half the width of a window, metres.
+const REACH_M: f32 = 0.004;
+/// Half the width of a window at most, pixels.
+const MOST_PX: f32 = 6.0;
+/// Surfaces farther from the place than this are something else, metres.
+const NEAR_M: f32 = 0.025;
+/// Depths farther from the median than this are steps or edges, metres.
+const AGREE_M: f32 = 0.006;
+/// Fewest pixels of a mean.
+const LEAST: usize = 8;
+
+/// Height −z (towards the camera) of the surface at `place` of the head frame.
+#[must_use]
+pub fn height(
+    depth: &[u16; PIXELS],
+    camera: &Camera,
+    sensor_from_head: &Rigid,
+    place: &Point,
+) -> Option<f32> {
+    let seen = sensor_from_head * place;
+    if seen.z < 0.2 {
+        return None;
+    }
+    let [col, row] = camera.depth_pixel(&seen);
+    let reach = (camera.depth_focal_px() * REACH_M / seen.z).clamp(1.0, MOST_PX);
+    let span = |centre: f32, most: usize| {
+        let from = (centre - reach).ceil().max(0.0) as usize;
+        let to = ((centre + reach).floor() + 1.0).clamp(0.0, most as f32) as usize;
+        from..to.max(from)
+    };
+    let head_from_sensor = sensor_from_head.inverse();
+    let mut heights = heapless::Vec::<f32, 169>::new();
+    for y in span(row, HEIGHT) {
+        for x in span(col, WIDTH) {
+            let z = camera.depth_m(depth[y * WIDTH + x]);
+            if (z - seen.z).abs() < NEAR_M {
+                let p = head_from_sensor * camera.point(x as f32, y as f32, z);
+                let _ = heights.push(-p.z);
+            }
+        }
+    }
+    if heights.len() < LEAST {
+        return None;
+    }
+    heights.sort_unstable_by(f32::total_cmp);
+    let median = heights[heights.len() / 2];
+    let (mut sum, mut count) = (0.0, 0.0);
+    for &h in heights.iter().filter(|&&h| (h - median).abs() < AGREE_M) {
+        sum += h;
+        count += 1.0;
+    }
+    Some(sum / count)
+}

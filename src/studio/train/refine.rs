@@ -1,0 +1,213 @@
+//! Learns what depth adds to a fit ([`Refinement`]): tracked sessions of drawn training people, regressed on their truth.
+//!
+//! Each person plays the scene `mixed` (random expressions, so that no order of acts is learnt) under a light of their own
+//! through segmentation, pose and landmarks. Regressed is what the fitted shape lacks, on what depth and fit say, both
+//! about the person's own means: what is constant of a person is left to the stages before, because it does not repeat
+//! between people and expression is read as a change. Method: ridge regression by the normal equations.
+//! Memory: 0.5 kB a frame. Degenerate: without a tracked frame there is nothing to learn and the answer is `None`.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::shape::{Face, aligned};
+use crate::face_model::FaceModel;
+use crate::geometry::Vector;
+use crate::landmarks::LandmarkFitter;
+use crate::landmarks::refine::{Inputs, PUFFS, Refinement};
+use crate::pose::PoseTracker;
+use crate::segment::Segmenter;
+use crate::sensor::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
+use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::settings::Settings;
+use crate::studio::heads::{HeadsError, textured_heads};
+
+/// Ticks of the 60 MHz counter per frame.
+const FRAME_TICKS: i64 = 2_000_000;
+/// Every so many-th frame is kept: neighbours say the same.
+const KEEP_EVERY: i64 = 2;
+/// Frames before anything is kept: the constants of the person are still being averaged.
+const SETTLE_FRAMES: i64 = 60;
+/// Penalty of the regression, as a share of the number of frames.
+const PENALTY: f64 = 0.01;
+
+/// How much is played.
+#[derive(Clone, Copy, Debug)]
+pub struct Practice {
+    /// People, at most.
+    pub people: usize,
+    /// Length of each session.
+    pub seconds: f64,
+    /// Seed of movements, lights and noise.
+    pub seed: u64,
+}
+
+impl Default for Practice {
+    fn default() -> Self {
+        Self {
+            people: usize::MAX,
+            seconds: 45.0,
+            seed: 4242,
+        }
+    }
+}
+
+/// One frame: inputs about the person's mean, and what the shape lacks and the cheeks do, likewise.
+struct Example {
+    inputs: Inputs,
+    lacks: Vec<f32>,
+}
+
+/// One person's examples, and the means that were taken out of their inputs.
+#[derive(Default)]
+struct Session {
+    means: Vec<f32>,
+    examples: Vec<Example>,
+}
+
+/// Plays the people that `keep` accepts and learns from them.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the default settings.
+pub fn learn_refinement(
+    data: &Path,
+    model: &FaceModel,
+    keep: impl Fn(usize) -> bool,
+    practice: &Practice,
+) -> Result<Option<Refinement>, HeadsError> {
+    let mut heads = textured_heads(data, keep)?;
+    heads.truncate(practice.people);
+    let plain = FaceModel {
+        refinement: None,
+        ..model.clone()
+    };
+    let sessions: Vec<Session> = heads
+        .into_par_iter()
+        .map(|head| {
+            let seed = practice.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            practise(head.asset, &plain, practice.seconds, seed)
+        })
+        .collect();
+    Ok(regressed(sessions, model.shape.modes.len()))
+}
+
+fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Session {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
+    let light = Light {
+        towards,
+        ambient: 0.45 + 0.4 * random.f32(),
+        ..Light::default()
+    };
+    let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
+    let exposure = 0.6 + 0.6 * random.f32();
+    let mut simulator = Simulator::new(asset, Scene::Mixed, seed).lit(light, exposure);
+    let camera = simulator.camera().clone();
+    let settings = Settings::default();
+    let head = &model.standard_head;
+    let anchor: Vec<_> = head.points.iter().copied().zip(head.normals.iter().copied()).collect();
+    let mut segmenter = Segmenter::new(settings.segment);
+    let Ok(mut pose) = PoseTracker::new(settings.pose, &anchor) else {
+        return Session::default();
+    };
+    let mut fitter = LandmarkFitter::new(settings.landmarks.cascade, model);
+    let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
+    let mut frame = Frame::default();
+    let mut examples = Vec::new();
+    for index in 0..(seconds * 30.0) as i64 {
+        let at = timestamp_from_ticks(index * FRAME_TICKS);
+        let truth = simulator.draw(at, &mut frame);
+        let found = segmenter
+            .segment(&frame, &camera)
+            .and_then(|cloud| pose.track(cloud, at))
+            .filter(|pose| fitter.fit(&frame.luma, &frame.depth, &camera, pose, at).is_some());
+        let (Some(truth), Some(_)) = (truth, found) else { continue };
+        if index >= SETTLE_FRAMES && index % KEEP_EVERY == 0 {
+            examples.push(example(model, &mean, &truth, fitter.refined_from(), &cheeks));
+        }
+    }
+    let means = centred(&mut examples);
+    Session { means, examples }
+}
+
+fn example(
+    model: &FaceModel,
+    mean: &Face,
+    truth: &Truth,
+    inputs: &Inputs,
+    cheeks: &[Option<usize>; PUFFS],
+) -> Example {
+    let mut shape = vec![0.0; model.shape.modes.len()];
+    model.shape.coefficients(&aligned(&truth.landmarks_head, mean), &mut shape);
+    for (b, fitted) in shape.iter_mut().zip(inputs) {
+        *b -= fitted;
+    }
+    let blown = |k: &Option<usize>| k.and_then(|k| truth.activations.get(k)).map_or(0.0, |w| *w);
+    shape.extend(cheeks.iter().map(blown));
+    Example {
+        inputs: inputs.clone(),
+        lacks: shape,
+    }
+}
+
+/// Takes the means over the frames out of a person's examples and returns those of the inputs; inputs that were not seen
+/// become 0.
+fn centred(examples: &mut [Example]) -> Vec<f32> {
+    let Some(first) = examples.first() else {
+        return Vec::new();
+    };
+    let mut means = vec![f32::NAN; first.inputs.len()];
+    for i in 0..first.inputs.len() {
+        let seen = examples.iter().map(|e| e.inputs[i]).filter(|x| x.is_finite());
+        let (sum, count) = seen.fold((0.0, 0.0f32), |(sum, count), x| (sum + x, count + 1.0));
+        let mean = sum / count;
+        means[i] = mean;
+        for e in &mut *examples {
+            let x = e.inputs[i] - mean;
+            e.inputs[i] = if x.is_finite() { x } else { 0.0 };
+        }
+    }
+    for i in 0..examples[0].lacks.len() {
+        let mean = examples.iter().map(|e| e.lacks[i]).sum::<f32>() / examples.len() as f32;
+        examples.iter_mut().for_each(|e| e.lacks[i] -= mean);
+    }
+    means
+}
+
+fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
+    let inputs = sessions.iter().find_map(|s| s.examples.first())?.inputs.len();
+    // Over people, not frames: who was tracked longer is no more typical.
+    let mean = (0..inputs)
+        .map(|i| {
+            let known = sessions.iter().filter_map(|s| s.means.get(i)).filter(|m| m.is_finite());
+            let (sum, count) = known.fold((0.0, 0.0f32), |(sum, count), m| (sum + m, count + 1.0));
+            sum / count.max(1.0)
+        })
+        .collect();
+    let examples: Vec<Example> = sessions.into_iter().flat_map(|s| s.examples).collect();
+    let frames = examples.len() as f64;
+    let deviation: Vec<f64> = (0..inputs)
+        .map(|i| {
+            let squares: f64 = examples.iter().map(|e| f64::from(e.inputs[i]).powi(2)).sum();
+            (squares / frames).sqrt().max(1e-6)
+        })
+        .collect();
+    let (mut scatter, mut shared) = (DMatrix::zeros(inputs, inputs), DMatrix::zeros(inputs, modes + PUFFS));
+    for e in &examples {
+        let x = DVector::from_fn(inputs, |i, _| f64::from(e.inputs[i]) / deviation[i]);
+        let y = DVector::from_fn(modes + PUFFS, |k, _| f64::from(e.lacks[k]));
+        scatter.syger(1.0, &x, &x, 1.0);
+        shared.ger(1.0, &x, &y, 1.0);
+    }
+    scatter.fill_upper_triangle_with_lower_triangle();
+    for i in 0..inputs {
+        scatter[(i, i)] += PENALTY * frames;
+    }
+    let solved = scatter.cholesky()?.solve(&shared);
+    Some(Refinement {
+        mean,
+        deviation: deviation.iter().map(|d| *d as f32).collect(),
+        weights: solved.as_slice().iter().map(|w| *w as f32).collect(),
+    })
+}
