@@ -23,12 +23,11 @@ use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::settings::Settings;
 use crate::studio::heads::{HeadsError, textured_heads};
 
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
-/// Every so many-th frame is kept: neighbours say the same.
-const KEEP_EVERY: i64 = 2;
+/// Ticks of the 60 MHz counter per frame, at half the sensor's rate: neighbours say the same.
+const FRAME_TICKS: i64 = 4_000_000;
+const FRAMES_PER_S: f64 = 15.0;
 /// Frames before anything is kept: the constants of the person are still being averaged.
-const SETTLE_FRAMES: i64 = 60;
+const SETTLE_FRAMES: i64 = 30;
 /// Penalty of the regression, as a share of the number of frames.
 const PENALTY: f64 = 0.01;
 
@@ -46,8 +45,8 @@ pub struct Practice {
 impl Default for Practice {
     fn default() -> Self {
         Self {
-            people: usize::MAX,
-            seconds: 45.0,
+            people: 40,
+            seconds: 40.0,
             seed: 4242,
         }
     }
@@ -115,7 +114,7 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
     let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
     let mut frame = Frame::default();
     let mut examples = Vec::new();
-    for index in 0..(seconds * 30.0) as i64 {
+    for index in 0..(seconds * FRAMES_PER_S) as i64 {
         let at = timestamp_from_ticks(index * FRAME_TICKS);
         let truth = simulator.draw(at, &mut frame);
         let found = segmenter
@@ -123,7 +122,7 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
             .and_then(|cloud| pose.track(cloud, at))
             .filter(|pose| fitter.fit(&frame.luma, &frame.depth, &camera, pose, at).is_some());
         let (Some(truth), Some(_)) = (truth, found) else { continue };
-        if index >= SETTLE_FRAMES && index % KEEP_EVERY == 0 {
+        if index >= SETTLE_FRAMES {
             examples.push(example(model, &mean, &truth, fitter.refined_from(), &cheeks));
         }
     }
