@@ -19,8 +19,8 @@ pub const USERS: usize = 4;
 pub const HEADS: usize = USERS + 2;
 /// People who left and are known again: more than pass by while one is away for some minutes.
 pub const REMEMBERED: usize = 2 * USERS;
-/// Geometric measures of a face: the paper's and the fore–aft ones, with the eye distance.
-pub const MEASURES: usize = 13;
+/// Geometric measures of a face: the paper's, the fore–aft ones, those of single sides and the cheeks, with the eye distance.
+pub const MEASURES: usize = 21;
 /// Measures whose range is learnt: all but the eye distance.
 pub const LEARNT_MEASURES: usize = MEASURES - 1;
 /// Weight columns at most: two for every learnt measure.

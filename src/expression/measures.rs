@@ -17,6 +17,7 @@
 use crate::capacity::{LANDMARKS, MEASURES};
 use crate::geometry::Point;
 use crate::landmarks::Landmarks;
+use crate::landmarks::refine::PUFFS;
 
 /// The measures in the order of all arrays and columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -46,6 +47,22 @@ pub enum Measure {
     NostrilR,
     /// Height of the chin (7–9) below the inner eye corners.
     JawDrop,
+    /// Height of the left mouth corner (54) above the base of the nose (33).
+    CornerL,
+    /// Height of the right mouth corner (48) above the base of the nose.
+    CornerR,
+    /// Height of the left brow's inner end (22, 23) above the middle of the eye-corner line (42, 45).
+    InnerBrowL,
+    /// Height of the right brow's inner end (20, 21) above the middle of the eye-corner line (36, 39).
+    InnerBrowR,
+    /// Height of the upper lip's left edge (52, 53) below the base of the nose (33, 34).
+    UpperLipL,
+    /// Height of the upper lip's right edge (49, 50) below the base of the nose (32, 33).
+    UpperLipR,
+    /// How far the left cheek is blown out, as depth tells.
+    CheekL,
+    /// How far the right cheek is blown out, as depth tells.
+    CheekR,
     /// Distance of the inner eye corners, in metres even after scaling.
     EyeDistance,
 }
@@ -65,6 +82,14 @@ impl Measure {
         Self::NostrilL,
         Self::NostrilR,
         Self::JawDrop,
+        Self::CornerL,
+        Self::CornerR,
+        Self::InnerBrowL,
+        Self::InnerBrowR,
+        Self::UpperLipL,
+        Self::UpperLipR,
+        Self::CheekL,
+        Self::CheekR,
         Self::EyeDistance,
     ];
 
@@ -84,6 +109,14 @@ impl Measure {
             Self::NostrilL => "nostril_L",
             Self::NostrilR => "nostril_R",
             Self::JawDrop => "jaw_drop",
+            Self::CornerL => "corner_L",
+            Self::CornerR => "corner_R",
+            Self::InnerBrowL => "inner_brow_L",
+            Self::InnerBrowR => "inner_brow_R",
+            Self::UpperLipL => "upper_lip_L",
+            Self::UpperLipR => "upper_lip_R",
+            Self::CheekL => "cheek_L",
+            Self::CheekR => "cheek_R",
             Self::EyeDistance => "eye_distance",
         }
     }
@@ -109,6 +142,14 @@ impl Measure {
             Self::NostrilL => &[34, 35, 42],
             Self::NostrilR => &[31, 32, 39],
             Self::JawDrop => &[7, 8, 9, 39, 42],
+            Self::CornerL => &[54, 33],
+            Self::CornerR => &[48, 33],
+            Self::InnerBrowL => &[22, 23, 42, 45],
+            Self::InnerBrowR => &[20, 21, 36, 39],
+            Self::UpperLipL => &[52, 53, 33, 34],
+            Self::UpperLipR => &[49, 50, 32, 33],
+            // Depth tells; the landmarks only say where the cheeks are.
+            Self::CheekL | Self::CheekR => &[],
             Self::EyeDistance => &[39, 42],
         }
     }
@@ -133,9 +174,19 @@ fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
     Point::from(sum / indices.len() as f32)
 }
 
-/// All measures in metres, from landmarks in the head frame.
+/// How far a full puff moves a cheek, metres.
+const PUFF_M: f32 = 0.01;
+
+/// All measures in metres, from landmarks in the head frame, with the cheeks at 0.
 #[must_use]
 pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
+    with_cheeks(points, [0.0; PUFFS])
+}
+
+/// All measures in metres, from landmarks in the head frame and how far the right and the left cheek are blown out
+/// ([`Landmarks::cheeks`]).
+#[must_use]
+pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; MEASURES] {
     let height_below =
         |lower: &[usize], upper: &[usize]| mean(points, lower).y - mean(points, upper).y;
     let upper_lip = mean(points, &[50, 51, 52]);
@@ -155,6 +206,14 @@ pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
         Measure::NostrilL => height_below(&[34, 35], &[42]),
         Measure::NostrilR => height_below(&[31, 32], &[39]),
         Measure::JawDrop => height_below(&[7, 8, 9], &[39, 42]),
+        Measure::CornerL => height_below(&[33], &[54]),
+        Measure::CornerR => height_below(&[33], &[48]),
+        Measure::InnerBrowL => height_below(&[42, 45], &[22, 23]),
+        Measure::InnerBrowR => height_below(&[36, 39], &[20, 21]),
+        Measure::UpperLipL => height_below(&[52, 53], &[33, 34]),
+        Measure::UpperLipR => height_below(&[49, 50], &[32, 33]),
+        Measure::CheekR => PUFF_M * cheeks[0],
+        Measure::CheekL => PUFF_M * cheeks[1],
         Measure::EyeDistance => nalgebra::distance(&points[39], &points[42]),
     })
 }
@@ -171,6 +230,9 @@ pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
 #[must_use]
 pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
     let indices = measure.landmarks();
+    if indices.is_empty() {
+        return landmarks.confidence;
+    }
     let sum: f32 = indices.iter().map(|&i| landmarks.point_confidence[i]).sum();
     sum / indices.len() as f32
 }
@@ -307,7 +369,7 @@ pub(crate) mod tests {
     #[test]
     fn every_sign_is_the_contracts() {
         // Displacement of some landmarks in mm, and the measure that must rise by exactly so much.
-        let cases: [(&[usize], Vector, Measure, f32); 12] = [
+        let cases: [(&[usize], Vector, Measure, f32); 18] = [
             (&[65, 66, 67], Vector::y(), Measure::LipGap, 1.0),
             (&[54], Vector::x(), Measure::MouthWidth, 1.0),
             (&[56, 57, 58], Vector::x(), Measure::LipShift, 1.0),
@@ -325,6 +387,12 @@ pub(crate) mod tests {
             (&[34, 35], -Vector::y(), Measure::NostrilL, -1.0),
             (&[31, 32], -Vector::y(), Measure::NostrilR, -1.0),
             (&[7, 8, 9], Vector::y(), Measure::JawDrop, 1.0),
+            (&[54], -Vector::y(), Measure::CornerL, 1.0),
+            (&[48], -Vector::y(), Measure::CornerR, 1.0),
+            (&[22, 23], -Vector::y(), Measure::InnerBrowL, 1.0),
+            (&[20, 21], -Vector::y(), Measure::InnerBrowR, 1.0),
+            (&[52, 53], -Vector::y(), Measure::UpperLipL, -1.0),
+            (&[49, 50], -Vector::y(), Measure::UpperLipR, -1.0),
         ];
         for (points, direction, measure, rise_mm) in cases {
             let mut p = toy_face();
@@ -363,7 +431,8 @@ pub(crate) mod tests {
         let p = toy_face();
         let q = p.map(|p| Point::from(p.coords * 1.2 + Vector::new(0.01, 0.02, 0.03)));
         let (a, b) = (raw(&p), raw(&q));
-        let (a, b) = (scaled(&a, a[12]), scaled(&b, b[12]));
+        let w = Measure::EyeDistance as usize;
+        let (a, b) = (scaled(&a, a[w]), scaled(&b, b[w]));
         for measure in Measure::ALL
             .into_iter()
             .filter(|&m| m != Measure::EyeDistance)

@@ -324,7 +324,7 @@ impl Expression {
         sensor_from_head: &Rigid,
         at: Timestamp,
     ) -> &Weights {
-        let raw = measures::raw(&landmarks.head);
+        let raw = measures::with_cheeks(&landmarks.head, landmarks.cheeks);
         if raw.iter().any(|g| !g.is_finite()) || raw[Measure::EyeDistance as usize] <= 0.0 {
             return &self.weights;
         }

@@ -73,6 +73,9 @@ pub struct Explained {
     pub share: f64,
 }
 
+/// Measures that may explain another, at most.
+pub const EXPLAINED: usize = 4;
+
 /// A side of rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -98,7 +101,7 @@ pub struct Unit {
     /// FACS unit when it falls.
     pub falls: Option<UnitName>,
     /// Cross-talk to take out.
-    pub explained: heapless::Vec<Explained, 2>,
+    pub explained: heapless::Vec<Explained, EXPLAINED>,
 }
 
 /// The whole table, one row for each measure but the eye distance, in the order of [`Measure::ALL`].
@@ -256,7 +259,7 @@ impl Row {
             rises,
             falls,
             explained: heapless::Vec::from_slice(&explained)
-                .map_err(|_| refuse("at most two `explained`"))?,
+                .map_err(|_| refuse("at most four `explained`"))?,
         })
     }
 }

@@ -11,8 +11,8 @@
 use std::sync::Arc;
 
 use super::cascade::{Belief, FaceFit, Solver};
-use super::refine::{self, Inputs, Refinement};
 use super::features::OrientationMaps;
+use super::refine::{self, Inputs, Refinement};
 use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, WINDOW, sensor_picture};
@@ -23,6 +23,12 @@ use crate::geometry::{Rigid, Rotation, Vector};
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
+
+/// Time that a first frame, or one after a loss, stands for, seconds.
+const FIRST_STEP_S: f32 = 0.1;
+/// A person's usual correction is a plain mean for so long, and then follows slowly, seconds.
+const SETTLED_S: f32 = 2.0;
+const USUAL_S: f32 = 120.0;
 
 /// Settings of the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,6 +64,8 @@ pub struct LandmarkFitter {
     refinement: Option<Arc<Refinement>>,
     /// What the last refinement was made from, and the coefficients before it.
     inputs: Inputs,
+    /// Mean correction of this person, and the seconds it was averaged over.
+    usual: ([f32; MAX_MODES], f32),
     window: Vec<f32>,
     maps: OrientationMaps,
     solver: Solver,
@@ -84,6 +92,7 @@ impl LandmarkFitter {
             confidence: model.confidence.clone(),
             refinement: model.refinement.clone(),
             inputs: Inputs::new(),
+            usual: ([0.0; MAX_MODES], 0.0),
             window: vec![0.0; WINDOW * WINDOW],
             maps: OrientationMaps::default(),
             solver: Solver::default(),
@@ -102,6 +111,7 @@ impl LandmarkFitter {
         self.log_size = None;
         self.turn = Rotation::identity();
         self.shift = Vector::zeros();
+        self.usual = ([0.0; MAX_MODES], 0.0);
         self.filter.reset();
     }
 
@@ -114,6 +124,9 @@ impl LandmarkFitter {
         pose: &HeadPose,
         at: Timestamp,
     ) -> Option<&Landmarks> {
+        let step_s = self.last_at.map_or(FIRST_STEP_S, |last| {
+            at.seconds_since(last).clamp(0.0, 1.0) as f32
+        });
         let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
         let sensor_from_face = pose.sensor_from_head * head_from_face;
         let Some(placement) = Placement::of_pose(camera, &sensor_from_face) else {
@@ -129,8 +142,8 @@ impl LandmarkFitter {
             self.lose();
             return None;
         }
-        self.settle(&placement, &fit, at);
-        let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head);
+        self.settle(&placement, &fit, step_s);
+        let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head, step_s);
         self.report(&placement, &fit, &shape, &belief, at);
         Some(&self.landmarks)
     }
@@ -171,11 +184,8 @@ impl LandmarkFitter {
     }
 
     /// Averages the constants of the person, size and turn.
-    fn settle(&mut self, placement: &Placement, fit: &FaceFit, at: Timestamp) {
+    fn settle(&mut self, placement: &Placement, fit: &FaceFit, step_s: f32) {
         let log_size = fit.view.log_scale - PIXELS_PER_METRE.ln();
-        let step_s = self
-            .last_at
-            .map_or(0.1, |last| at.seconds_since(last).clamp(0.0, 1.0) as f32);
         let (mean, time) = self.log_size.unwrap_or((log_size, 0.0));
         let time = (time + step_s).min(self.settings.size_time_s);
         let share = (step_s / time.max(step_s)).clamp(0.0, 1.0);
@@ -201,6 +211,7 @@ impl LandmarkFitter {
         depth: &[u16; PIXELS],
         camera: &Camera,
         pose: &Rigid,
+        step_s: f32,
     ) -> [f32; MAX_MODES] {
         let mut shape = fit.shape;
         self.shape.shape(&shape, &mut self.landmarks.head);
@@ -211,11 +222,19 @@ impl LandmarkFitter {
             self.size(),
             depth,
             camera,
-            &(pose * self.turn()),
+            &(pose * Rigid::from_parts(self.shift.into(), self.turn)),
         );
         if let Some(refinement) = &self.refinement {
             let mut inputs = self.inputs.clone();
             self.landmarks.cheeks = refinement.refine(&mut inputs, &mut shape);
+            // Learnt were changes; what is constant of a person is not known better than the fit has it.
+            let (usual, time) = &mut self.usual;
+            *time = (*time + step_s).min(SETTLED_S);
+            let memory = if *time < SETTLED_S { *time } else { USUAL_S };
+            for ((b, usual), fitted) in shape.iter_mut().zip(usual).zip(&fit.shape) {
+                *usual += (*b - fitted - *usual) * (step_s / memory).min(1.0);
+                *b -= *usual;
+            }
         }
         shape
     }

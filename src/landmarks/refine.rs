@@ -56,8 +56,9 @@ pub struct Refinement {
 
 fn places(head: &[Point; LANDMARKS]) -> impl Iterator<Item = Point> {
     let at = move |i: usize| head[i];
-    let between =
-        move |(a, b, share): (usize, usize, f32)| Point::from(head[a].coords.lerp(&head[b].coords, share));
+    let between = move |(a, b, share): (usize, usize, f32)| {
+        Point::from(head[a].coords.lerp(&head[b].coords, share))
+    };
     let landmarks = FIRST_PLACES.into_iter().chain(FROM..LANDMARKS).map(at);
     landmarks.chain(CHEEKS.into_iter().map(between))
 }
@@ -80,7 +81,11 @@ pub fn inputs(
         relief::height(depth, camera, sensor_from_head, &(place * size))
             .map_or(f32::NAN, |height| height / size + place.z)
     });
-    let all = shape.iter().copied().chain([x, y, z, x * x, y * y, x * y]).chain(seen);
+    let all = shape
+        .iter()
+        .copied()
+        .chain([x, y, z, x * x, y * y, x * y])
+        .chain(seen);
     // Capacity is that of the most modes.
     inputs.extend(all.take(MAX_INPUTS));
     inputs
@@ -97,7 +102,11 @@ impl Refinement {
     pub fn standardise(&self, inputs: &mut Inputs) {
         for ((x, mean), deviation) in inputs.iter_mut().zip(&self.mean).zip(&self.deviation) {
             let z = (*x - mean) / deviation;
-            *x = if z.is_finite() { z.clamp(-MOST, MOST) } else { 0.0 };
+            *x = if z.is_finite() {
+                z.clamp(-MOST, MOST)
+            } else {
+                0.0
+            };
         }
     }
 
@@ -151,5 +160,61 @@ impl Refinement {
     pub fn emit(&self) -> Vec<u8> {
         let all = self.mean.iter().chain(&self.deviation).chain(&self.weights);
         all.flat_map(|v| v.to_le_bytes()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MODES: usize = 3;
+    const INPUTS: usize = MODES + TURN + PLACES;
+
+    /// The second coefficient follows the first input, the left cheek the last; all means 1, all deviations 2.
+    fn planted() -> Refinement {
+        let mut map = Refinement {
+            mean: vec![1.0; INPUTS],
+            deviation: vec![2.0; INPUTS],
+            weights: vec![0.0; (MODES + PUFFS) * INPUTS],
+        };
+        map.weights[INPUTS] = 0.5;
+        map.weights[(MODES + 2) * INPUTS - 1] = -1.0;
+        map
+    }
+
+    #[test]
+    fn a_planted_map_corrects_what_it_says() {
+        let mut inputs: Inputs = core::iter::repeat_n(1.0, INPUTS).collect();
+        (inputs[0], inputs[INPUTS - 1]) = (4.0, -3.0);
+        let mut shape = [0.1, 0.2, 0.3];
+        let cheeks = planted().refine(&mut inputs, &mut shape);
+        // (4 − 1)/2 · 0.5 and −(−3 − 1)/2.
+        assert!((shape[1] - 0.95).abs() < 1e-6 && shape[0] == 0.1 && shape[2] == 0.3);
+        assert!(cheeks[0] == 0.0 && (cheeks[1] - 2.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_was_not_seen_says_nothing_and_outliers_little() {
+        let mut inputs: Inputs = core::iter::repeat_n(f32::NAN, INPUTS).collect();
+        let mut shape = [0.0; MODES];
+        planted().refine(&mut inputs, &mut shape);
+        assert_eq!(shape, [0.0; MODES]);
+        let mut inputs: Inputs = core::iter::repeat_n(1e9, INPUTS).collect();
+        planted().refine(&mut inputs, &mut shape);
+        assert!((shape[1] - 0.5 * MOST).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_is_written_is_read_and_what_is_wrong_is_refused() {
+        let bytes = planted().emit();
+        assert_eq!(Refinement::parse(&bytes, MODES), Ok(planted()));
+        assert!(Refinement::parse(&bytes, MODES + 1).is_err());
+        assert!(Refinement::parse(&bytes[4..], MODES).is_err());
+        let mut bad = bytes.clone();
+        bad[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(Refinement::parse(&bad, MODES).is_err());
+        let mut bad = bytes;
+        bad[4 * INPUTS..4 * INPUTS + 4].copy_from_slice(&0.0f32.to_le_bytes());
+        assert!(Refinement::parse(&bad, MODES).is_err());
     }
 }

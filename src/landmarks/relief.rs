@@ -62,3 +62,45 @@ pub fn height(
     }
     Some(sum / count)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::NO_DEPTH;
+
+    /// A depth picture of the plane z = 0.8 m + slope · x, in the camera's whole steps.
+    fn plane(camera: &Camera, slope: f32) -> Box<[u16; PIXELS]> {
+        let mut depth = vec![NO_DEPTH; PIXELS].into_boxed_slice();
+        for (i, raw) in depth.iter_mut().enumerate() {
+            let ray = camera.point((i % WIDTH) as f32, (i / WIDTH) as f32, 1.0);
+            let z = 0.8 / (1.0 - slope * ray.x);
+            *raw = camera.raw_from_m(z).round() as u16;
+        }
+        depth.try_into().expect("PIXELS long")
+    }
+
+    #[test]
+    fn a_plane_is_where_it_is_in_the_head_frame() {
+        let camera = Camera::nominal();
+        let depth = plane(&camera, 0.2);
+        let pose = Rigid::translation(0.01, -0.02, 0.83);
+        for place in [[0.0, 0.0], [0.03, 0.02], [-0.04, 0.05]] {
+            let truth = -(0.8 + 0.2 * (place[0] + 0.01) - 0.83);
+            let guess = Point::new(place[0], place[1], -truth + 0.008);
+            let found = height(&depth, &camera, &pose, &guess).expect("depth is there");
+            // The sensor's steps are 2 mm here.
+            assert!((found - truth).abs() < 0.0012, "{found} for {truth}");
+        }
+    }
+
+    #[test]
+    fn what_is_far_from_the_place_is_not_taken_for_it() {
+        let camera = Camera::nominal();
+        let depth = plane(&camera, 0.0);
+        let pose = Rigid::translation(0.0, 0.0, 0.8);
+        assert!(height(&depth, &camera, &pose, &Point::new(0.0, 0.0, 0.05)).is_none());
+        assert!(height(&depth, &camera, &pose, &Point::new(3.0, 0.0, 0.0)).is_none());
+        let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");
+        assert!(height(&nothing, &camera, &pose, &Point::origin()).is_none());
+    }
+}

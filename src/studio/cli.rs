@@ -408,13 +408,18 @@ fn say(line: &str) {
 fn run_refine(words: &Words, model: &Path) -> Result<(), Fault> {
     let out: PathBuf = words.required("out")?;
     let mut model = service::model(Some(model)).map_err(|failure| service_fault(&failure))?;
-    let held_out = if words.flag("hold-out-dev") { Split::Dev } else { Split::Test };
+    let held_out = if words.flag("hold-out-dev") {
+        Split::Dev
+    } else {
+        Split::Test
+    };
     let keep = |person| Split::of(person) != Split::Test && Split::of(person) != held_out;
     let mut practice = Practice::default();
     practice.seed = words.value("seed")?.unwrap_or(practice.seed);
     let learnt = learn_refinement(&data(words), &model, keep, &practice)?;
     model.refinement = learnt.map(Into::into);
-    std::fs::write(&out, crate::face_model::file::emit(&model)).map_err(|source| TrainError::Unwritable { path: out, source })?;
+    std::fs::write(&out, crate::face_model::file::emit(&model))
+        .map_err(|source| TrainError::Unwritable { path: out, source })?;
     Ok(())
 }
 

@@ -4,8 +4,9 @@
 //! expressions in turn and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also with one
 //! fixed offset per person taken out, because where a head's frame sits on a face is a convention. Landmarks: mean
 //! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against the
-//! activation of the true points, 0 at the person's neutral and ±1 at the measure's largest change over the single
-//! expressions at full weight. All figures over every frame with a face that is reported `warming` or `tracking`.
+//! activation of the true points: the measure with its cross-talk taken out by the table of units, 0 at the person's
+//! neutral and ±1 at its largest change over the full expressions, alone, on both sides, and a brow's ends together. All
+//! figures over every frame with a face that is reported `warming` or `tracking`.
 
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -16,11 +17,13 @@ use rayon::prelude::*;
 use super::heads::{HeadsError, PersonHead, textured_heads};
 use super::split::Split;
 use super::train::dataset::DatasetError;
-use crate::capacity::{LANDMARKS, LEARNT_MEASURES};
+use crate::capacity::{LANDMARKS, LEARNT_MEASURES, MEASURES};
 use crate::expression::measures::{self, Measure};
-use crate::expression::units::Units;
+use crate::expression::units::{Side, Units};
 use crate::face_model::FaceModel;
-use crate::geometry::{Point, Rigid, Vector};
+use crate::geometry::{Rigid, Vector};
+use crate::landmarks::Landmarks;
+use crate::landmarks::refine::PUFFS;
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
@@ -194,7 +197,8 @@ fn play_one(
     sessions: &Sessions,
 ) -> Result<Played, PipelineError> {
     let seed = sessions.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let truth = Activation::new(&head.asset);
+    let units = Units::shipped();
+    let truth = Activation::new(&head.asset, &units);
     let mut random = fastrand::Rng::with_seed(seed);
     let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
     let light = Light {
@@ -205,7 +209,6 @@ fn play_one(
     let mut simulator =
         Simulator::new(head.asset, Scene::Acted, seed).lit(light, 0.6 + 0.6 * random.f32());
     let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
-    let units = Units::shipped();
     let names: Vec<String> = pipeline
         .unit_names()
         .iter()
@@ -249,8 +252,8 @@ fn play_one(
             true_pose: shown.sensor_from_head,
             error: landmark_error(&landmarks.pixels, &shown),
             weights,
-            measures: truth.measures(&landmarks.head, &shown.landmarks_head),
-            activations: truth.of(&shown.landmarks_head, both),
+            measures: truth.measures(landmarks, &shown),
+            activations: truth.of(&shown, both),
         });
     }
     Ok(played)
@@ -267,72 +270,121 @@ fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
     })
 }
 
+/// Closes lips that an open jaw has parted: no expression of its own.
+const ONLY_WITH_OTHERS: &str = "mouthClose";
+/// Ends of a brow that are raised together.
+const BROW: [&str; 2] = ["browInnerUp", "browOuterUp"];
+
 /// True activations of one person's measures.
 struct Activation {
+    units: Units,
     eye_distance: f32,
+    /// Right and left cheek among the expressions.
+    cheeks: [Option<usize>; PUFFS],
     rest: [f64; LEARNT_MEASURES],
     /// Largest rise and fall.
     ends: [[f64; 2]; LEARNT_MEASURES],
 }
 
 impl Activation {
-    fn new(asset: &HeadAsset) -> Self {
+    fn new(asset: &HeadAsset, units: &Units) -> Self {
+        let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
         let mut vertices = asset.neutral.clone();
         let mut measured = |weights: &[f32]| {
             asset.deform(weights, &mut vertices);
-            measures::raw(&asset.landmarks_on(&vertices))
+            measures::with_cheeks(&asset.landmarks_on(&vertices), blown(&cheeks, weights))
         };
         let mut weights = vec![0.0; asset.expressions.len()];
         let neutral = measured(&weights);
         let eye_distance = neutral[Measure::EyeDistance as usize];
-        let rest = core::array::from_fn(|m| f64::from(neutral[m] / eye_distance));
-        let mut ends = [[1e-6_f64; 2]; LEARNT_MEASURES];
-        for k in 0..weights.len() {
-            weights[k] = 1.0;
+        let mut activation = Self {
+            units: units.clone(),
+            eye_distance,
+            cheeks,
+            rest: core::array::from_fn(|m| f64::from(neutral[m] / eye_distance)),
+            ends: [[1e-6_f64; 2]; LEARNT_MEASURES],
+        };
+        for acted in full_expressions(asset) {
+            acted.iter().for_each(|&k| weights[k] = 1.0);
             let full = measured(&weights);
-            weights[k] = 0.0;
-            for (m, ends) in ends.iter_mut().enumerate() {
-                let change = f64::from(full[m] / eye_distance) - rest[m];
+            weights.fill(0.0);
+            let changes = activation.changes(&full);
+            for (ends, change) in activation.ends.iter_mut().zip(changes) {
                 *ends = [ends[0].max(change), ends[1].max(-change)];
             }
         }
-        Self {
-            eye_distance,
-            rest,
-            ends,
-        }
+        activation
+    }
+
+    /// Departures from rest, what other measures explain taken out.
+    fn changes(&self, raw: &[f32; MEASURES]) -> [f64; LEARNT_MEASURES] {
+        let departure = |m: usize| f64::from(raw[m] / self.eye_distance) - self.rest[m];
+        core::array::from_fn(|m| {
+            let explained = self.units.rows[m].explained.iter().map(|other| {
+                let by = departure(other.by as usize);
+                other.share
+                    * match other.when {
+                        Side::Rises => by.max(0.0),
+                        Side::Falls => by.min(0.0),
+                    }
+            });
+            departure(m) - explained.sum::<f64>()
+        })
+    }
+
+    fn truth(&self, shown: &Truth) -> [f32; MEASURES] {
+        measures::with_cheeks(
+            &shown.landmarks_head,
+            blown(&self.cheeks, &shown.activations),
+        )
     }
 
     /// Each measure, seen and true, both over the true eye distance.
-    fn measures(
-        &self,
-        seen: &[Point; LANDMARKS],
-        shown: &[Point; LANDMARKS],
-    ) -> [[f64; 2]; LEARNT_MEASURES] {
-        let both = [seen, shown].map(measures::raw);
+    fn measures(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
+        let both = [
+            measures::with_cheeks(&seen.head, seen.cheeks),
+            self.truth(shown),
+        ];
         core::array::from_fn(|m| [0, 1].map(|k| f64::from(both[k][m] / self.eye_distance)))
     }
 
     /// Signed activations; `sides`: whether a unit reads the rise and the fall.
-    fn of(
-        &self,
-        landmarks: &[Point; LANDMARKS],
-        sides: impl Iterator<Item = [bool; 2]>,
-    ) -> [f64; LEARNT_MEASURES] {
-        let raw = measures::raw(landmarks);
+    fn of(&self, shown: &Truth, sides: impl Iterator<Item = [bool; 2]>) -> [f64; LEARNT_MEASURES] {
+        let changes = self.changes(&self.truth(shown));
         let mut activations = [0.0; LEARNT_MEASURES];
         for (m, [rises, falls]) in sides.enumerate() {
-            let change = f64::from(raw[m] / self.eye_distance) - self.rest[m];
-            activations[m] = if change > 0.0 && rises {
-                change / self.ends[m][0]
-            } else if change < 0.0 && falls {
-                change / self.ends[m][1]
+            activations[m] = if changes[m] > 0.0 && rises {
+                changes[m] / self.ends[m][0]
+            } else if changes[m] < 0.0 && falls {
+                changes[m] / self.ends[m][1]
             } else {
                 0.0
             };
         }
         activations
     }
+}
+
+/// How far the cheeks are blown out at these weights.
+fn blown(cheeks: &[Option<usize>; PUFFS], weights: &[f32]) -> [f32; PUFFS] {
+    cheeks.map(|k| k.and_then(|k| weights.get(k)).copied().unwrap_or(0.0))
+}
+
+/// Sets of expressions that are full expressions of a face: each alone, those of both sides, the brows as a whole.
+fn full_expressions(asset: &HeadAsset) -> Vec<Vec<usize>> {
+    let sides = |stem: &str| ["_L", "_R"].map(|side| asset.expression(&format!("{stem}{side}")));
+    let mut sets: Vec<Vec<usize>> = Vec::new();
+    for (k, expression) in asset.expressions.iter().enumerate() {
+        if expression.name == ONLY_WITH_OTHERS {
+            continue;
+        }
+        sets.push(vec![k]);
+        if let Some(stem) = expression.name.strip_suffix("_L") {
+            sets.push(sides(stem).into_iter().flatten().collect());
+        }
+    }
+    sets.push(BROW.into_iter().flat_map(sides).flatten().collect());
+    sets
 }
 
 fn table(played: &[Played]) -> Table {

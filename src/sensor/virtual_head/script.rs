@@ -398,7 +398,11 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let mut sided = |stem: &str, side: &str, weight: f32, set: &mut dyn FnMut(&str, f32)| {
         name.clear();
         // Names of the list fit.
-        if name.push_str(stem).and_then(|()| name.push_str(side)).is_ok() {
+        if name
+            .push_str(stem)
+            .and_then(|()| name.push_str(side))
+            .is_ok()
+        {
             set(&name, weight);
         }
     };
@@ -469,6 +473,25 @@ mod tests {
             widest > 0.4 && near < 0.67 && far > 0.95,
             "{widest} {near} {far}"
         );
+    }
+
+    #[test]
+    fn mixed_expressions_come_in_all_kinds_and_not_in_one_order() {
+        let mut most = std::collections::BTreeMap::<String, f32>::new();
+        let mut both = 0;
+        for frame in 0..9000 {
+            let mut on = 0;
+            Scene::Mixed.play(3, frame as f32 / 15.0, |name, w| {
+                assert!((0.0..=1.0).contains(&w), "{name} {w}");
+                on += usize::from(w > 0.3);
+                let seen = most.entry(name.to_owned()).or_default();
+                *seen = seen.max(w);
+            });
+            both += usize::from(on > 2);
+        }
+        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2);
+        assert!(most.values().all(|w| *w > 0.5), "{most:?}");
+        assert!(both > 900, "{both} frames with more than one");
     }
 
     #[test]

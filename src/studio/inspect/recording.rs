@@ -171,7 +171,8 @@ pub(super) fn inspect(
                 *value = Some(f64::from(found));
             }
             values[8] = Some(f64::from(pose.residual) * 1e3);
-            if let Some(landmarks) = fitter.fit(&frame.luma, &frame.depth, &camera, &pose, frame.at) {
+            if let Some(landmarks) = fitter.fit(&frame.luma, &frame.depth, &camera, &pose, frame.at)
+            {
                 faces += 1;
                 values[7] = Some(f64::from(landmarks.confidence));
                 if let Some((_, picture)) = &mut pictures {

@@ -105,7 +105,12 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
     let camera = simulator.camera().clone();
     let settings = Settings::default();
     let head = &model.standard_head;
-    let anchor: Vec<_> = head.points.iter().copied().zip(head.normals.iter().copied()).collect();
+    let anchor: Vec<_> = head
+        .points
+        .iter()
+        .copied()
+        .zip(head.normals.iter().copied())
+        .collect();
     let mut segmenter = Segmenter::new(settings.segment);
     let Ok(mut pose) = PoseTracker::new(settings.pose, &anchor) else {
         return Session::default();
@@ -120,10 +125,22 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
         let found = segmenter
             .segment(&frame, &camera)
             .and_then(|cloud| pose.track(cloud, at))
-            .filter(|pose| fitter.fit(&frame.luma, &frame.depth, &camera, pose, at).is_some());
-        let (Some(truth), Some(_)) = (truth, found) else { continue };
+            .filter(|pose| {
+                fitter
+                    .fit(&frame.luma, &frame.depth, &camera, pose, at)
+                    .is_some()
+            });
+        let (Some(truth), Some(_)) = (truth, found) else {
+            continue;
+        };
         if index >= SETTLE_FRAMES {
-            examples.push(example(model, &mean, &truth, fitter.refined_from(), &cheeks));
+            examples.push(example(
+                model,
+                &mean,
+                &truth,
+                fitter.refined_from(),
+                &cheeks,
+            ));
         }
     }
     let means = centred(&mut examples);
@@ -138,7 +155,9 @@ fn example(
     cheeks: &[Option<usize>; PUFFS],
 ) -> Example {
     let mut shape = vec![0.0; model.shape.modes.len()];
-    model.shape.coefficients(&aligned(&truth.landmarks_head, mean), &mut shape);
+    model
+        .shape
+        .coefficients(&aligned(&truth.landmarks_head, mean), &mut shape);
     for (b, fitted) in shape.iter_mut().zip(inputs) {
         *b -= fitted;
     }
@@ -158,7 +177,10 @@ fn centred(examples: &mut [Example]) -> Vec<f32> {
     };
     let mut means = vec![f32::NAN; first.inputs.len()];
     for i in 0..first.inputs.len() {
-        let seen = examples.iter().map(|e| e.inputs[i]).filter(|x| x.is_finite());
+        let seen = examples
+            .iter()
+            .map(|e| e.inputs[i])
+            .filter(|x| x.is_finite());
         let (sum, count) = seen.fold((0.0, 0.0f32), |(sum, count), x| (sum + x, count + 1.0));
         let mean = sum / count;
         means[i] = mean;
@@ -175,11 +197,18 @@ fn centred(examples: &mut [Example]) -> Vec<f32> {
 }
 
 fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
-    let inputs = sessions.iter().find_map(|s| s.examples.first())?.inputs.len();
+    let inputs = sessions
+        .iter()
+        .find_map(|s| s.examples.first())?
+        .inputs
+        .len();
     // Over people, not frames: who was tracked longer is no more typical.
     let mean = (0..inputs)
         .map(|i| {
-            let known = sessions.iter().filter_map(|s| s.means.get(i)).filter(|m| m.is_finite());
+            let known = sessions
+                .iter()
+                .filter_map(|s| s.means.get(i))
+                .filter(|m| m.is_finite());
             let (sum, count) = known.fold((0.0, 0.0f32), |(sum, count), m| (sum + m, count + 1.0));
             sum / count.max(1.0)
         })
@@ -188,11 +217,17 @@ fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
     let frames = examples.len() as f64;
     let deviation: Vec<f64> = (0..inputs)
         .map(|i| {
-            let squares: f64 = examples.iter().map(|e| f64::from(e.inputs[i]).powi(2)).sum();
+            let squares: f64 = examples
+                .iter()
+                .map(|e| f64::from(e.inputs[i]).powi(2))
+                .sum();
             (squares / frames).sqrt().max(1e-6)
         })
         .collect();
-    let (mut scatter, mut shared) = (DMatrix::zeros(inputs, inputs), DMatrix::zeros(inputs, modes + PUFFS));
+    let (mut scatter, mut shared) = (
+        DMatrix::zeros(inputs, inputs),
+        DMatrix::zeros(inputs, modes + PUFFS),
+    );
     for e in &examples {
         let x = DVector::from_fn(inputs, |i, _| f64::from(e.inputs[i]) / deviation[i]);
         let y = DVector::from_fn(modes + PUFFS, |k, _| f64::from(e.lacks[k]));
@@ -209,4 +244,50 @@ fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
         deviation: deviation.iter().map(|d| *d as f32).collect(),
         weights: solved.as_slice().iter().map(|w| *w as f32).collect(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_planted_map_is_learnt_whatever_is_constant_of_a_person() {
+        const MODES: usize = 2;
+        let mut random = fastrand::Rng::with_seed(5);
+        let mut sessions = Vec::new();
+        for _ in 0..6 {
+            let own: Vec<f32> = (0..8).map(|_| 3.0 * random.f32()).collect();
+            let mut examples: Vec<Example> = (0..400)
+                .map(|_| {
+                    let x: Vec<f32> = (0..5).map(|_| random.f32() - 0.5).collect();
+                    let lacks = [0.8 * x[0] - 0.3 * x[3], 0.2 * x[1], x[4], 0.0];
+                    Example {
+                        inputs: x.iter().zip(&own).map(|(x, own)| x + own).collect(),
+                        lacks: lacks
+                            .iter()
+                            .zip(&own[4..])
+                            .map(|(y, own)| y + own)
+                            .collect(),
+                    }
+                })
+                .collect();
+            let means = centred(&mut examples);
+            sessions.push(Session { means, examples });
+        }
+        let map = regressed(sessions, MODES).expect("enough");
+        let weight = |row: usize, input: usize| map.weights[row * 5 + input] / map.deviation[input];
+        for (row, input, planted) in [
+            (0, 0, 0.8),
+            (0, 3, -0.3),
+            (0, 1, 0.0),
+            (1, 1, 0.2),
+            (2, 4, 1.0),
+        ] {
+            let found = weight(row, input);
+            assert!(
+                (found - planted).abs() < 0.03,
+                "{row} {input}: {found} for {planted}"
+            );
+        }
+    }
 }
