@@ -261,7 +261,7 @@ impl<'a> Player<'a> {
             };
             let Some(pose) = self.find(at) else { continue };
             let began = Instant::now();
-            let fit = tracked.fit(&self.frame.luma, &self.camera, &pose, at);
+            let fit = tracked.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
             self.seen.times_ms.push(began.elapsed().as_secs_f64() * 1e3);
             let mut here = f64::NAN;
             if let Some(fit) = fit {
@@ -272,7 +272,7 @@ impl<'a> Player<'a> {
             for (to, from) in changed.iter_mut().zip(self.frame.luma.iter()) {
                 *to = from / 4;
             }
-            if let Some(fit) = dim.fit(&changed, &self.camera, &pose, at) {
+            if let Some(fit) = dim.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
                 let error = self.seen.judge(fit, &truth, &none);
                 self.seen.dim.push(error);
             }
@@ -286,7 +286,7 @@ impl<'a> Player<'a> {
                 centre,
                 &mut self.random,
             );
-            if let Some(fit) = covered.fit(&changed, &self.camera, &pose, at) {
+            if let Some(fit) = covered.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
                 self.seen.judge(fit, &truth, &hidden);
                 let d = differences(&fit.pixels, &truth.landmarks_px);
                 let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
@@ -303,13 +303,21 @@ impl<'a> Player<'a> {
                 continue;
             }
             once.reset();
-            if let Some(fit) = once.fit(&self.frame.luma, &self.camera, &pose, at) {
+            if let Some(fit) =
+                once.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
+            {
                 let error = self.seen.judge(fit, &truth, &none);
                 self.seen.cold.push(error);
             }
             once.reset();
             let wrong = self.astray(&pose);
-            if let Some(fit) = once.fit(&self.frame.luma, &self.camera, &wrong, at) {
+            if let Some(fit) = once.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &wrong,
+                at,
+            ) {
                 self.seen.judge(fit, &truth, &none);
             }
             // The lamp goes round once in two seconds.
@@ -322,7 +330,9 @@ impl<'a> Player<'a> {
             self.relight(moved);
             self.simulator.draw(at, &mut self.frame);
             self.relight(self.light);
-            if let Some(fit) = lamp.fit(&self.frame.luma, &self.camera, &pose, at) {
+            if let Some(fit) =
+                lamp.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
+            {
                 let error = self.seen.judge(fit, &truth, &none);
                 self.seen.lamp.push(error);
                 self.seen.same_as_lamp.push(here);
@@ -381,8 +391,13 @@ impl<'a> Player<'a> {
                 .draw_pose(&pose, &weights, at, &mut self.frame);
             let Some(found) = self.find(at) else { continue };
             let wide = yaw.abs() > 25.0 || pitch.abs() > 15.0;
-            if let Some(fit) = fitter.fit(&self.frame.luma, &self.camera, &found, at)
-                && wide
+            if let Some(fit) = fitter.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &found,
+                at,
+            ) && wide
             {
                 let error = self.seen.judge(fit, &truth, &none);
                 self.seen.beyond.push(error);
@@ -408,8 +423,13 @@ impl<'a> Player<'a> {
                 .draw_pose(&pose, &weights, at, &mut self.frame);
             eye = scheme::outer_eye_distance(&truth.landmarks_px);
             let Some(found) = self.find(at) else { continue };
-            if let Some(fit) = fitter.fit(&self.frame.luma, &self.camera, &found, at)
-                && index >= 20
+            if let Some(fit) = fitter.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &found,
+                at,
+            ) && index >= 20
             {
                 places.push(fit.pixels);
             }

@@ -46,7 +46,7 @@ impl Default for Practice {
     fn default() -> Self {
         Self {
             people: 40,
-            seconds: 40.0,
+            seconds: 30.0,
             seed: 4242,
         }
     }

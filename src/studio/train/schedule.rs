@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::cascade::{Progress, StageSettings, advance, inner_error_percent, learn_stage};
 use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
+use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
 use super::{confidence, paper_aam, report, shape, standard_head};
@@ -493,6 +494,15 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             since(&began),
             model.paper_aam.len()
         ));
+    }
+    if args.drawn > 0 {
+        let keep = |person| used(Split::of(person));
+        let practice = Practice {
+            seed: args.seed + 17,
+            ..Practice::default()
+        };
+        model.refinement = learn_refinement(&args.data, &model, keep, &practice)?.map(Into::into);
+        say(&format!("{} what depth adds", since(&began)));
     }
     let bytes = file::emit(&model);
     model.id = u32::from_le_bytes([
