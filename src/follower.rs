@@ -88,7 +88,9 @@ impl Follower {
         let Some(pose) = pose else {
             return false;
         };
-        let fitted = self.landmarks.fit(&frame.luma, &frame.depth, camera, &pose, frame.at);
+        let fitted = self
+            .landmarks
+            .fit(&frame.luma, &frame.depth, camera, &pose, frame.at);
         after(Stage::Landmarks);
         let fitted = fitted.cloned();
         let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();

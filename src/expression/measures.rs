@@ -333,6 +333,7 @@ pub(crate) mod tests {
             p[i] = mm(x, 40.0, -10.0);
         }
         (p[48], p[54]) = (mm(-25.0, 60.0, -5.0), mm(25.0, 60.0, -5.0));
+        (p[49], p[53]) = (mm(-16.0, 55.0, -9.0), mm(16.0, 55.0, -9.0));
         for k in 0..3 {
             let x = 8.0 * (k as f32 - 1.0);
             p[50 + k] = mm(x, 55.0, -12.0);
@@ -351,7 +352,8 @@ pub(crate) mod tests {
     fn known_lengths_of_the_toy_face() {
         let raw = raw(&toy_face());
         let expected_mm = [
-            0.0, 50.0, 0.0, -2.0, 11.0, 20.0, 20.0, 10.0, 10.0, 40.0, 40.0, 90.0, 30.0,
+            0.0, 50.0, 0.0, -2.0, 11.0, 20.0, 20.0, 10.0, 10.0, 40.0, 40.0, 90.0, -20.0, -20.0,
+            20.0, 20.0, 15.0, 15.0, 0.0, 0.0, 30.0,
         ];
         for (measure, expected) in Measure::ALL.into_iter().zip(expected_mm) {
             let found = raw[measure as usize] * 1e3;

@@ -119,8 +119,9 @@ mod tests {
 
     #[test]
     fn a_held_surprise_is_no_newcomer_but_another_face_is() {
-        assert_eq!(seconds_to_notice(&mut Newcomer::default(), 6), None);
-        let seconds = seconds_to_notice(&mut Newcomer::default(), 8).unwrap();
+        let half = LEARNT_MEASURES / 2;
+        assert_eq!(seconds_to_notice(&mut Newcomer::default(), half), None);
+        let seconds = seconds_to_notice(&mut Newcomer::default(), half + 1).unwrap();
         assert!((9.0..12.0).contains(&seconds), "{seconds}");
     }
 
@@ -128,10 +129,10 @@ mod tests {
     fn after_a_loss_it_is_noticed_soon() {
         let mut newcomer = Newcomer::default();
         newcomer.after_loss();
-        let seconds = seconds_to_notice(&mut newcomer, 5).unwrap();
+        let seconds = seconds_to_notice(&mut newcomer, LEARNT_MEASURES / 3 + 1).unwrap();
         assert!((2.0..3.5).contains(&seconds), "{seconds}");
         newcomer.after_loss();
-        assert_eq!(seconds_to_notice(&mut newcomer, 3), None);
+        assert_eq!(seconds_to_notice(&mut newcomer, LEARNT_MEASURES / 3), None);
     }
 
     #[test]

@@ -17,7 +17,7 @@ use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
-use crate::capacity::{LANDMARKS, PIXELS};
+use crate::capacity::PIXELS;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
 use crate::geometry::{Rigid, Rotation, Vector};
 use crate::pose::HeadPose;
@@ -69,7 +69,8 @@ pub struct LandmarkFitter {
     window: Vec<f32>,
     maps: OrientationMaps,
     solver: Solver,
-    filter: ShapeFilter,
+    /// Of the shape as fitted, which the picture shows, and as depth corrects it.
+    filters: [ShapeFilter; 2],
     last_at: Option<Timestamp>,
     /// Logarithm of the face's size against the mean shape, and the seconds it was averaged over.
     log_size: Option<(f32, f32)>,
@@ -96,7 +97,7 @@ impl LandmarkFitter {
             window: vec![0.0; WINDOW * WINDOW],
             maps: OrientationMaps::default(),
             solver: Solver::default(),
-            filter: ShapeFilter::new(settings.steadiness),
+            filters: [(); 2].map(|()| ShapeFilter::new(settings.steadiness)),
             last_at: None,
             log_size: None,
             turn: Rotation::identity(),
@@ -112,7 +113,7 @@ impl LandmarkFitter {
         self.turn = Rotation::identity();
         self.shift = Vector::zeros();
         self.usual = ([0.0; MAX_MODES], 0.0);
-        self.filter.reset();
+        self.filters.iter_mut().for_each(ShapeFilter::reset);
     }
 
     /// Fits one frame; `None` if there is no face to be found at the pose.
@@ -158,7 +159,7 @@ impl LandmarkFitter {
 
     fn lose(&mut self) {
         self.last_at = None;
-        self.filter.reset();
+        self.filters.iter_mut().for_each(ShapeFilter::reset);
         // Perhaps what was learnt of this face is what misleads: back to depth alone within a few frames.
         self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * FORGOTTEN);
         self.shift *= FORGOTTEN;
@@ -253,14 +254,19 @@ impl LandmarkFitter {
         belief: &Belief,
         at: Timestamp,
     ) {
-        let shape = self.filter.follow(shape, at);
         self.last_at = Some(at);
-        self.shape.shape(&shape, &mut self.landmarks.head);
+        // Depth knows heights and expressions better, the picture its own pixels.
+        let [fitted, refined] = &mut self.filters;
+        self.shape
+            .shape(&fitted.follow(&fit.shape, at), &mut self.landmarks.head);
+        for (pixel, point) in self.landmarks.pixels.iter_mut().zip(&self.landmarks.head) {
+            *pixel = placement.picture_pixel(fit.view.project(point));
+        }
+        self.shape
+            .shape(&refined.follow(shape, at), &mut self.landmarks.head);
         let size = self.size();
-        for i in 0..LANDMARKS {
-            let window = fit.view.project(&self.landmarks.head[i]);
-            self.landmarks.pixels[i] = placement.picture_pixel(window);
-            self.landmarks.head[i] *= size;
+        for point in &mut self.landmarks.head {
+            *point *= size;
         }
         self.landmarks.point_confidence = belief.landmark;
         self.landmarks.confidence = belief.face;
