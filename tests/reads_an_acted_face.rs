@@ -21,20 +21,16 @@ const LEARNING: u64 = 300;
 const FRAMES: u64 = 1600;
 
 /// Unit, the expressions whose strongest it should follow, and the least r: 0.85 is asked of mouth opening, mouth width, brow
-/// heights and lids, the others keep what they reach.
-const FOLLOWS: [(&str, &[&str], f64); 12] = [
+/// heights and lids (the mouth is widened by a smile, AU12), the others keep what they reach.
+const FOLLOWS: [(&str, &[&str], f64); 17] = [
     ("AU26", &["jawOpen"], 0.85),
     ("AU25", &["jawOpen"], 0.7),
-    (
-        "AU20",
-        &[
-            "mouthSmile_L",
-            "mouthSmile_R",
-            "mouthStretch_L",
-            "mouthStretch_R",
-        ],
-        0.85,
-    ),
+    ("AU20", &["mouthStretch_L", "mouthStretch_R"], 0.75),
+    ("AU12L", &["mouthSmile_L"], 0.85),
+    ("AU12R", &["mouthSmile_R"], 0.85),
+    ("AU29", &["jawForward"], 0.6),
+    ("AU34L", &["cheekPuff_L"], 0.85),
+    ("AU34R", &["cheekPuff_R"], 0.85),
     ("AU18", &["mouthPucker"], 0.7),
     ("AU2L", &["browOuterUp_L", "browInnerUp_L"], 0.85),
     ("AU2R", &["browOuterUp_R", "browInnerUp_R"], 0.85),

@@ -36,7 +36,7 @@ fn a_configuration_with_an_unknown_key_or_a_value_out_of_range_is_placed_and_exp
     let unknown = file(folder.path(), "unknown.toml", "[users]\nhold = 1\n");
     let text = sentence(&["check-config", &unknown], 2);
     assert!(
-        text.contains("unknown.toml:2:1: expected one of the keys hold_s")
+        text.contains("unknown.toml:2:1: expected one of the keys most, single, hold_s")
             && text.contains("found hold"),
         "{text}"
     );

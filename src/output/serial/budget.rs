@@ -18,9 +18,9 @@ pub(super) const AVR_RING: usize = 63;
 
 /// Units in the order in which they are kept when a line is slow: what carries speech and mood first. Others follow in the
 /// order of the table.
-const PRIORITY: [&str; 19] = [
-    "AU26", "AU25", "AU43L", "AU43R", "AU2L", "AU2R", "AU20", "AU18", "AU4L", "AU4R", "AU30L",
-    "AU30R", "AU9L", "AU9R", "AU22", "AU28", "AU29", "AU5L", "AU5R",
+const PRIORITY: [&str; 21] = [
+    "AU26", "AU25", "AU43L", "AU43R", "AU12L", "AU12R", "AU2L", "AU2R", "AU20", "AU18", "AU4L",
+    "AU4R", "AU30L", "AU30R", "AU9L", "AU9R", "AU22", "AU28", "AU29", "AU5L", "AU5R",
 ];
 
 /// Bytes a second that may be written at `baud`.
