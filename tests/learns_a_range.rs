@@ -315,7 +315,7 @@ const AFTER_S: [u64; 3] = [5, 20, 60];
 
 /// Scores by learning time and measure; r is the mean over people.
 struct Table {
-    scores: [[[Score; LEARNT_MEASURES]; 3]; PEOPLE as usize],
+    scores: Vec<[[Score; LEARNT_MEASURES]; 3]>,
 }
 
 impl Table {
@@ -323,7 +323,7 @@ impl Table {
         let units = Units::shipped();
         let paper = settings.method == Method::Paper;
         let mut table = Self {
-            scores: [[[Score::default(); LEARNT_MEASURES]; 3]; PEOPLE as usize],
+            scores: vec![[[Score::default(); LEARNT_MEASURES]; 3]; PEOPLE as usize],
         };
         for (seed, scores) in table.scores.iter_mut().enumerate() {
             let person = Person::new(&units, 100 + seed as u64);
