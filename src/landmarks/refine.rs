@@ -135,18 +135,27 @@ impl Refinement {
             found: found as u64,
         };
         let inputs = modes + TURN + PLACES;
-        let numbers = 2 * inputs + (modes + PUFFS) * inputs;
-        if bytes.len() != 4 * numbers {
+        let rows = modes + PUFFS;
+        let floats = 2 * inputs + rows;
+        if bytes.len() != 4 * floats + 2 * rows * inputs {
             return Err(malformed("a map for this shape model", bytes.len()));
         }
-        let mut values = bytes
+        let (floats, steps) = bytes.split_at(4 * floats);
+        let mut values = floats
             .chunks_exact(4)
             .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
         let mut take = |n: usize| -> Vec<f32> { values.by_ref().take(n).collect() };
+        let (mean, deviation, scales) = (take(inputs), take(inputs), take(rows));
+        let steps = steps
+            .chunks_exact(2)
+            .map(|b| f32::from(i16::from_le_bytes([b[0], b[1]])));
         let map = Self {
-            mean: take(inputs),
-            deviation: take(inputs),
-            weights: take((modes + PUFFS) * inputs),
+            mean,
+            deviation,
+            weights: steps
+                .enumerate()
+                .map(|(i, step)| step * scales[i / inputs])
+                .collect(),
         };
         let finite = map.mean.iter().chain(&map.weights).all(|v| v.is_finite());
         if !finite || map.deviation.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
@@ -155,11 +164,22 @@ impl Refinement {
         Ok(map)
     }
 
-    /// As bytes: little-endian 32-bit floats.
+    /// As little-endian bytes: means, deviations, the size of a step for each row, all 32-bit floats; then the weights in
+    /// steps of 16 bits.
     #[must_use]
     pub fn emit(&self) -> Vec<u8> {
-        let all = self.mean.iter().chain(&self.deviation).chain(&self.weights);
-        all.flat_map(|v| v.to_le_bytes()).collect()
+        let rows = self.weights.chunks_exact(self.inputs());
+        let scales: Vec<f32> = rows
+            .clone()
+            .map(|row| row.iter().fold(0.0f32, |most, w| most.max(w.abs())) / f32::from(i16::MAX))
+            .collect();
+        let floats = self.mean.iter().chain(&self.deviation).chain(&scales);
+        let mut bytes: Vec<u8> = floats.flat_map(|v| v.to_le_bytes()).collect();
+        for (row, scale) in rows.zip(&scales) {
+            let step = |w: &f32| (w / scale.max(f32::MIN_POSITIVE)).round() as i16;
+            bytes.extend(row.iter().flat_map(|w| step(w).to_le_bytes()));
+        }
+        bytes
     }
 }
 
@@ -207,7 +227,10 @@ mod tests {
     #[test]
     fn what_is_written_is_read_and_what_is_wrong_is_refused() {
         let bytes = planted().emit();
-        assert_eq!(Refinement::parse(&bytes, MODES), Ok(planted()));
+        let read = Refinement::parse(&bytes, MODES).expect("valid");
+        assert_eq!(read.emit(), bytes);
+        let (found, true_) = (read.weights.iter(), planted().weights);
+        assert!(found.zip(&true_).all(|(a, b)| (a - b).abs() < 1e-6));
         assert!(Refinement::parse(&bytes, MODES + 1).is_err());
         assert!(Refinement::parse(&bytes[4..], MODES).is_err());
         let mut bad = bytes.clone();

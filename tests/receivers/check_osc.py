@@ -28,26 +28,35 @@ ARKIT = {
     "mouthPucker": "AU18", "mouthStretchLeft": "AU20", "mouthStretchRight": "AU20", "mouthFunnel": "AU22",
     "jawOpen": "AU26", "mouthRollLower": "AU28", "mouthRollUpper": "AU28", "jawForward": "AU29",
     "jawLeft": "AU30L", "jawRight": "AU30R", "eyeBlinkLeft": "AU43L", "eyeBlinkRight": "AU43R",
+    "mouthUpperUpLeft": "AU10L", "mouthUpperUpRight": "AU10R", "mouthSmileLeft": "AU12L", "mouthSmileRight": "AU12R",
+    "mouthShrugLower": "AU17",
 }
 ARKIT = {name: (lambda w, unit=unit: w[unit]) for name, unit in ARKIT.items()}
+ARKIT["browInnerUp"] = lambda w: max(w["AU1L"], w["AU1R"])
+ARKIT["cheekPuff"] = lambda w: max(w["AU34L"], w["AU34R"])
 VRM1 = {
     "aa": lambda w: w["AU26"] - w["AU18"] - 0.5 * w["AU20"], "ih": lambda w: w["AU20"] - w["AU26"],
     "ou": lambda w: w["AU18"] - 0.5 * w["AU26"], "ee": lambda w: 0.5 * w["AU20"] + 0.5 * w["AU25"] - w["AU18"],
-    "oh": lambda w: w["AU22"], "happy": lambda w: w["AU20"], "angry": lambda w: max(w["AU4L"], w["AU4R"]),
+    "oh": lambda w: w["AU22"], "happy": lambda w: max(w["AU12L"], w["AU12R"]), "angry": lambda w: max(w["AU4L"], w["AU4R"]),
     "surprised": lambda w: 0.5 * max(w["AU2L"], w["AU2R"]) + 0.5 * max(w["AU5L"], w["AU5R"]),
     "blinkLeft": lambda w: w["AU43L"], "blinkRight": lambda w: w["AU43R"],
 }
 UNIFIED = {
     "EyeLidLeft": lambda w: 0.75 - 0.75 * w["AU43L"] + 0.25 * w["AU5L"],
     "EyeLidRight": lambda w: 0.75 - 0.75 * w["AU43R"] + 0.25 * w["AU5R"],
-    "BrowExpressionLeft": lambda w: w["AU2L"] - w["AU4L"], "BrowExpressionRight": lambda w: w["AU2R"] - w["AU4R"],
+    "BrowExpressionLeft": lambda w: max(w["AU1L"], w["AU2L"]) - w["AU4L"],
+    "BrowExpressionRight": lambda w: max(w["AU1R"], w["AU2R"]) - w["AU4R"],
+    "SmileFrownLeft": lambda w: w["AU12L"], "SmileFrownRight": lambda w: w["AU12R"],
+    "SmileSadLeft": lambda w: w["AU12L"] - w["AU20"], "SmileSadRight": lambda w: w["AU12R"] - w["AU20"],
+    "MouthUpperUp": lambda w: max(w["AU10L"], w["AU10R"]), "MouthRaiserLower": lambda w: w["AU17"],
+    "CheekPuffSuckLeft": lambda w: w["AU34L"], "CheekPuffSuckRight": lambda w: w["AU34R"],
     "JawOpen": lambda w: w["AU26"], "JawX": lambda w: w["AU30R"] - w["AU30L"], "JawZ": lambda w: w["AU29"],
     "MouthStretchLeft": lambda w: w["AU20"], "MouthStretchRight": lambda w: w["AU20"],
     "MouthOpen": lambda w: w["AU25"], "LipPucker": lambda w: w["AU18"], "LipFunnel": lambda w: w["AU22"],
     "LipSuckUpper": lambda w: w["AU28"], "LipSuckLower": lambda w: w["AU28"],
     "NoseSneer": lambda w: max(w["AU9L"], w["AU9R"]),
 }
-SIGNED = ("BrowExpressionLeft", "BrowExpressionRight", "JawX")
+SIGNED = ("BrowExpressionLeft", "BrowExpressionRight", "JawX", "SmileSadLeft", "SmileSadRight")
 SWITCHES = ("EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive")
 
 

@@ -2,8 +2,7 @@
 //!
 //! ARKit's shapes are FACS units almost one to one. The expressions of VRM avatars are coarser: five vowels, blinks and a
 //! few moods. The vowels are read off the mouth: A an open jaw that is neither rounded nor spread, I spread lips, U
-//! pursed lips, E half of a spread mouth that is open, O funnelled lips; a smile counts as joy also where only the width of
-//! the mouth is measured (AU20). They are an approximation: speech is not heard.
+//! pursed lips, E half of a spread mouth that is open, O funnelled lips. They are an approximation: speech is not heard.
 
 use super::parameters::{Definition, Term, plain};
 
@@ -45,7 +44,7 @@ pub(super) const ARKIT: [Definition; 44] = [
     plain("jawForward", &[(1.0, &["AU29"])]),
     plain("jawLeft", &[(1.0, &["AU30L"])]),
     plain("jawRight", &[(1.0, &["AU30R"])]),
-    plain("cheekPuff", &[(1.0, &["AU33", "AU34"])]),
+    plain("cheekPuff", &[(1.0, &["AU33", "AU34", "AU34L", "AU34R"])]),
     plain("eyeBlinkLeft", &[(1.0, &["AU43L", "AU43", "AU45L"])]),
     plain("eyeBlinkRight", &[(1.0, &["AU43R", "AU43", "AU45R"])]),
     plain("eyeLookInLeft", &[(1.0, &["AU62L"])]),
@@ -60,7 +59,7 @@ const I: &[Term] = &[(1.0, &["AU20"]), (-1.0, &["AU26"])];
 const U: &[Term] = &[(1.0, &["AU18"]), (-0.5, &["AU26"])];
 const E: &[Term] = &[(0.5, &["AU20"]), (0.5, &["AU25"]), (-1.0, &["AU18"])];
 const O: &[Term] = &[(1.0, &["AU22"])];
-const JOY: &[Term] = &[(1.0, &["AU12L", "AU12R", "AU12", "AU20"])];
+const JOY: &[Term] = &[(1.0, &["AU12L", "AU12R", "AU12"])];
 const ANGER: &[Term] = &[(1.0, &["AU4L", "AU4R", "AU4"])];
 const SORROW: &[Term] = &[(1.0, &["AU15L", "AU15R", "AU15"])];
 const SURPRISE: &[Term] = &[

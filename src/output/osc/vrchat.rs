@@ -125,8 +125,8 @@ const PARAMETERS: [Definition; 26] = [
     plain("LipFunnel", &[(1.0, &["AU22"])]),
     plain("LipSuckUpper", &[(1.0, &["AU28"])]),
     plain("LipSuckLower", &[(1.0, &["AU28"])]),
-    plain("CheekPuffSuckLeft", &[(1.0, &["AU33", "AU34"])]),
-    plain("CheekPuffSuckRight", &[(1.0, &["AU33", "AU34"])]),
+    plain("CheekPuffSuckLeft", &[(1.0, &["AU33", "AU34", "AU34L"])]),
+    plain("CheekPuffSuckRight", &[(1.0, &["AU33", "AU34", "AU34R"])]),
     plain("NoseSneer", &[(1.0, &["AU9L", "AU9R", "AU9"])]),
 ];
 
