@@ -378,7 +378,7 @@ impl Pipeline {
     }
 
     /// What is known after the last frame: a report for each user, one with the state absent for who was forgotten in this
-    /// frame, and one without a user if there is none.
+    /// frame, and one without a user if there is neither.
     #[must_use]
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
         let nobody = Report {
@@ -398,7 +398,12 @@ impl Pipeline {
             }
         }
         if !self.followers[..USERS].iter().any(Follower::is_taken) {
-            let _ = reports.push(nobody);
+            match reports.first_mut() {
+                Some(gone) => gone.alone = true,
+                None => {
+                    let _ = reports.push(nobody);
+                }
+            }
         }
         reports
     }

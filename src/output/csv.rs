@@ -85,13 +85,15 @@ impl<W: Write> Csv<W> {
 impl<W: Write> Output for Csv<W> {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         // Who was forgotten has no row; a frame without anybody has one without a user.
-        if report.user.is_some() && report.state == TrackingState::Absent {
+        let gone = report.user.is_some() && report.state == TrackingState::Absent;
+        if gone && !report.alone {
             return Ok(());
         }
+        let user = report.user.filter(|_| !gone);
         self.row.clear();
         let row = &mut self.row;
         write!(row, "{},{},", report.frame, report.at.as_us()).expect("a Vec takes everything");
-        if let Some(user) = report.user {
+        if let Some(user) = user {
             write!(row, "{user}").expect("a Vec takes everything");
         }
         write!(row, ",{}", report.state.name()).expect("a Vec takes everything");

@@ -32,6 +32,8 @@ pub struct Report<'a> {
     pub user: Option<usize>,
     /// What is known of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
     pub state: TrackingState,
+    /// Nobody else is reported of this frame, and this user is gone: a frame without anybody.
+    pub alone: bool,
     /// Whether another user is the one whom wires show that have room for one.
     pub aside: bool,
     /// 0…1, the whole face.
