@@ -10,6 +10,7 @@ use std::io::{self, Write};
 use std::time::Instant;
 
 use crate::cli::Bench;
+use crate::memory;
 use crate::pipeline::{Pipeline, Stage};
 use crate::sensor::device::Stream;
 use crate::sensor::kinect::{develop_colour, develop_depth};
@@ -125,7 +126,7 @@ impl Times {
             "ms per frame", "min", "median", "p99", "max", "frames"
         )?;
         for (name, times) in STEPS.iter().zip(&mut self.of) {
-            times.sort_by(f32::total_cmp);
+            times.sort_unstable_by(f32::total_cmp);
             let at = |share: f32| {
                 let last = times.len().checked_sub(1)?;
                 Some(times[(last as f32 * share).ceil() as usize])
@@ -197,22 +198,12 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
         times.end_frame(counts);
     }
     let written = times.write(out).and_then(|()| {
-        if let Some(bytes) = peak_rss_bytes() {
+        if let Some(bytes) = memory::peak_resident_bytes() {
             writeln!(out, "peak_rss_bytes {bytes}")?;
         }
         writeln!(out, "allocations_after_start {allocated}")
     });
     written.map_err(Failure::Print)
-}
-
-/// The most memory this process has had resident; `None` where the system does not tell.
-fn peak_rss_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
 }
 
 #[cfg(test)]

@@ -1,4 +1,17 @@
-//! Every compile-time size of the appliance: name, value, unit, reason. Nothing is sized anywhere else.
+//! Every compile-time size of the appliance: name, value, unit, reason. What they come to is in [`crate::budget`].
+//!
+//! | container | when full |
+//! | --- | --- |
+//! | points of a head's cloud | thinned evenly before they are stored |
+//! | heads of a picture | the farthest are left out |
+//! | users | who comes waits until a slot is free |
+//! | people remembered | the one who left first is forgotten |
+//! | heads without a face | the oldest is tried again |
+//! | samples and nodes of a measure | the two that are most alike are merged |
+//! | pictures that wait for their other half | the oldest is dropped and counted |
+//! | frames that wait for the stages | the oldest is dropped and counted |
+//! | landed USB transfers | the oldest is overwritten and counted |
+//! | a line of the log, of status, of a serial port | cut, or not sent and counted |
 
 /// Columns of both pictures of a Kinect v1, in pixels.
 pub const WIDTH: usize = 640;
@@ -29,3 +42,13 @@ pub const UNITS: usize = 2 * LEARNT_MEASURES;
 pub const PAPER_SAMPLES: usize = 128;
 /// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
 pub const RANGE_NODES: usize = 64;
+/// Pictures of one stream that may wait for their other half: one that is about to get it, and a newer one.
+pub const UNPAIRED_PICTURES: usize = 2;
+/// Frames of the sensor that may wait for the stages: a hiccup of 66 ms.
+pub const WAITING_FRAMES: usize = 2;
+/// USB transfers in flight per stream: 32 ms.
+pub const TRANSFERS: usize = 16;
+/// Packets per transfer, a multiple of the eight microframes of a frame.
+pub const PACKETS: usize = 16;
+/// Landed transfers of both streams that may wait to be taken: 64 ms, as long as a command may take.
+pub const LANDED_TRANSFERS: usize = 4 * TRANSFERS;

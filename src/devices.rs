@@ -87,7 +87,7 @@ fn serial_ports() -> Vec<Port> {
             }
         })
         .collect();
-    ports.sort_by(|a, b| a.name.cmp(&b.name));
+    crate::few::sort_by_key(&mut ports, |port| port.name.clone());
     ports
 }
 

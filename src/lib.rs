@@ -36,13 +36,15 @@ pub mod users;
 
 pub mod output;
 
-pub mod allocations;
 pub mod bench;
+pub mod budget;
 pub mod cli;
 pub mod devices;
+mod few;
 mod follower;
 mod live;
 pub mod log;
+pub mod memory;
 pub mod pipeline;
 pub mod send_test;
 pub mod service;

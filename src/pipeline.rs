@@ -8,6 +8,8 @@
 //!
 //! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
 
+use std::sync::Arc;
+
 use crate::capacity::{HEADS, USERS};
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
@@ -110,10 +112,11 @@ impl Pipeline {
             .zip(head.normals.iter().copied())
             .collect();
         let pose = PoseTracker::new(settings.pose, &anchor)?;
+        let scratch = Arc::default();
         let follower = |_| {
             Ok(Follower::new(
                 pose.another(),
-                LandmarkStage::new(settings.landmarks, model)?,
+                LandmarkStage::new(settings.landmarks, model, &scratch)?,
                 Expression::new(settings.learning.clone(), Units::shipped()),
                 Presence::new(settings.users.hold_s, settings.users.forget_s),
             ))

@@ -21,7 +21,7 @@ use crate::settings::{Settings, SettingsError};
 use crate::status::Status;
 use crate::time::Timestamp;
 use crate::users::TrackingState;
-use crate::{live, send_test, wires};
+use crate::{live, memory, send_test, wires};
 
 /// Where the configuration is looked for when none is named.
 const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
@@ -202,6 +202,14 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
     let signals = Signals::watch()?;
     let mut manager = ServiceManager::from_environment();
+    match memory::lock() {
+        Ok(()) => tracing::debug!("memory is locked"),
+        // Only as a service is somebody there who can permit it once and for all.
+        Err(problem) if manager.is_there() => tracing::info!(
+            "memory is not locked ({problem}), so frames may wait for pages; LimitMEMLOCK=infinity in the unit permits it"
+        ),
+        Err(problem) => tracing::debug!("memory is not locked ({problem})"),
+    }
     manager.ready();
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();

@@ -69,6 +69,12 @@ impl ServiceManager {
         })
     }
 
+    /// Whether there is one.
+    #[must_use]
+    pub const fn is_there(&self) -> bool {
+        self.socket.is_some()
+    }
+
     /// The run takes frames from now on (or waits for the sensor, which is as good).
     pub fn ready(&self) {
         self.send("READY=1");

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use mien::allocations::Counting;
+use mien::memory::Counting;
 use mien::sensor::Frame;
 use mien::sensor::device::{Model, Stream};
 use mien::sensor::faults::{Faulty, Injected, Rates};

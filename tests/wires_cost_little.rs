@@ -5,10 +5,10 @@ use std::io::Read;
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use mien::allocations::Counting;
 use mien::capacity::LANDMARKS;
 use mien::geometry::{Point, Rigid};
 use mien::landmarks::Landmarks;
+use mien::memory::Counting;
 use mien::output::osc::faceosc::{self, FaceOsc};
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};

@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use mien::allocations::Counting;
 use mien::cli::{self, Command};
 use mien::face_model::FaceModel;
+use mien::memory::Counting;
 use mien::service;
 use mien::settings::Settings;
 

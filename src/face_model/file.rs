@@ -9,6 +9,8 @@
 //! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
 //! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
 
+use std::borrow::Cow;
+
 use crate::capacity::LANDMARKS;
 use crate::checksum::crc32;
 use crate::geometry::{Point, Vector};
@@ -166,6 +168,18 @@ impl<'a> Reader<'a> {
 /// # Errors
 /// If it is no model, of another version, damaged or inconsistent.
 pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
+    parse_with(bytes, |_| None)
+}
+
+/// As [`parse`], for a file that stays in memory anyway: what is big is used where it lies.
+pub(super) fn parse_in_place(bytes: &'static [u8]) -> Result<FaceModel, ModelError> {
+    parse_with(bytes, Some)
+}
+
+/// What makes bytes of a file stay, if they do.
+type Lasting<'a> = fn(&'a [u8]) -> Option<&'static [u8]>;
+
+fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, ModelError> {
     let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
     if !is_model {
         return Err(ModelError::NotAModel {
@@ -220,7 +234,12 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
         };
         match tag {
             b"PROV" => model.provenance = String::from_utf8_lossy(payload).into_owned(),
-            b"PAAM" => model.paper_aam = payload.to_vec(),
+            b"PAAM" => {
+                model.paper_aam = match lasting(payload) {
+                    Some(payload) => Cow::Borrowed(payload),
+                    None => Cow::Owned(payload.to_vec()),
+                }
+            }
             b"SHAP" => model.shape = parse_shape(section("SHAP"))?,
             b"HEAD" => model.standard_head = parse_head(section("HEAD"))?,
             b"COLD" => cold = Some(section("COLD")),
@@ -240,11 +259,13 @@ pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
     model.cold = parse_stages(
         cold.ok_or(ModelError::Missing { section: "COLD" })?,
         parameters,
+        lasting,
     )?
     .into();
     model.warm = parse_stages(
         warm.ok_or(ModelError::Missing { section: "WARM" })?,
         parameters,
+        lasting,
     )?
     .into();
     model.confidence =
@@ -290,7 +311,11 @@ fn parse_head(mut reader: Reader) -> Result<StandardHead, ModelError> {
     Ok(StandardHead { points, normals })
 }
 
-fn parse_stages(mut reader: Reader, parameters: usize) -> Result<Vec<CascadeStage>, ModelError> {
+fn parse_stages<'a>(
+    mut reader: Reader<'a>,
+    parameters: usize,
+    lasting: Lasting<'a>,
+) -> Result<Vec<CascadeStage>, ModelError> {
     let count = reader.count(MAX_STAGES, "at most 8 stages")?;
     let mut stages = Vec::with_capacity(count);
     for _ in 0..count {
@@ -305,11 +330,13 @@ fn parse_stages(mut reader: Reader, parameters: usize) -> Result<Vec<CascadeStag
         stages.push(CascadeStage {
             cell_px: reader.floats(1)?[0],
             mean: reader.floats(FEATURES)?,
-            weights: reader
-                .take(rows * FEATURES)?
-                .iter()
-                .map(|&b| i8::from_le_bytes([b]))
-                .collect(),
+            weights: {
+                let weights = reader.take(rows * FEATURES)?;
+                match lasting(weights) {
+                    Some(weights) => Cow::Borrowed(bytemuck::cast_slice(weights)),
+                    None => Cow::Owned(bytemuck::cast_slice(weights).to_vec()),
+                }
+            },
             scales: reader.floats(rows * LANDMARKS)?,
             prior: reader.floats(rows * rows)?,
             bias: reader.floats(rows)?,
@@ -480,7 +507,7 @@ mod tests {
             points: vectors(floats(30)).into_iter().map(Point::from).collect(),
             normals: vectors(floats(30)),
         };
-        model.paper_aam = vec![1, 2, 3];
+        model.paper_aam = vec![1, 2, 3].into();
         model
     }
 

@@ -8,13 +8,15 @@
 //!
 //! **Cascade.** Update matrices of the stages of [`crate::landmarks`], quantised to 8 bits in blocks of one patch.
 //!
-//! Memory: 0.4 MB per stage; all of it is allocated while reading and never after. Limits: see [`mod@file`].
+//! Memory: 0.4 MB per stage. The built-in model's update matrices stay where they are in the binary; all else is allocated
+//! while reading and never after. Limits: see [`mod@file`].
 
 pub mod file;
 pub mod scheme;
 
 pub use file::ModelError;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use crate::capacity::LANDMARKS;
@@ -87,7 +89,7 @@ pub struct CascadeStage {
     /// Mean features, [`FEATURES`] values.
     pub mean: Vec<f32>,
     /// Update matrix, one row of [`FEATURES`] per parameter that is moved, in units of `scales`.
-    pub weights: Vec<i8>,
+    pub weights: Cow<'static, [i8]>,
     /// Size of one step of `weights`, per row and landmark.
     pub scales: Vec<f32>,
     /// Columns for what is known beside the picture: the way from the start in the view parameters, then the shape
@@ -141,7 +143,7 @@ pub struct FaceModel {
     /// Anchor of the pose stage.
     pub standard_head: StandardHead,
     /// The paper's own active appearance model, as its module writes it; empty if the model has none.
-    pub paper_aam: Vec<u8>,
+    pub paper_aam: Cow<'static, [u8]>,
 }
 
 /// The model built into the binary, as a file.
@@ -159,7 +161,7 @@ impl FaceModel {
     /// The model built into the binary.
     #[must_use]
     pub fn shipped() -> Self {
-        Self::read(SHIPPED).expect("the shipped model is read by a test")
+        file::parse_in_place(SHIPPED).expect("the shipped model is read by a test")
     }
 
     /// Parameters that a stage updates: view and shape.

@@ -85,6 +85,9 @@ pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
 }
 
 impl Solver {
+    /// Bytes on the heap.
+    pub const BYTES: usize = FEATURES * (4 + 2);
+
     /// Projects the fit into [`Self::window`].
     pub fn project(&mut self, shape: &ShapeModel, fit: &FaceFit) {
         shape.shape(&fit.shape, &mut self.head);

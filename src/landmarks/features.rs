@@ -45,6 +45,9 @@ impl Default for OrientationMaps {
 }
 
 impl OrientationMaps {
+    /// Bytes on the heap.
+    pub const BYTES: usize = 3 * MAP * MAP * ORIENTATIONS * 4;
+
     /// Computes the maps of a window of `WINDOW` × `WINDOW` grey values.
     pub fn compute(&mut self, window: &[f32]) {
         const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;

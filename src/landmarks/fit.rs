@@ -5,10 +5,11 @@
 //! about a person is averaged slowly: the size of the face against the mean, which then adds nothing to the jitter of the
 //! points, and how the face sits in the frame of the head that depth sees (turn and shift), from which the next fit starts.
 //! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see
-//! [`super::cascade`]. Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (1.2 MB).
+//! [`super::cascade`]. Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction
+//! (60 kB a person and 1 MB of [`Scratch`] that fitters of one pipeline share).
 //! Degenerate: a head outside the picture, or an end that is not believed, is `None`.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cascade::{Belief, FaceFit, Solver};
 use super::features::OrientationMaps;
@@ -54,6 +55,28 @@ impl Default for Settings {
 /// What stays of a face's turn and shift in its head with every frame it is lost.
 const FORGOTTEN: f32 = 0.5;
 
+/// What a fit works on and leaves nothing in: big, so that people who are fitted one after the other share it.
+pub struct Scratch {
+    window: Vec<f32>,
+    maps: OrientationMaps,
+    solver: Solver,
+}
+
+impl Scratch {
+    /// Bytes on the heap.
+    pub const BYTES: usize = WINDOW * WINDOW * 4 + OrientationMaps::BYTES + Solver::BYTES;
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self {
+            window: vec![0.0; WINDOW * WINDOW],
+            maps: OrientationMaps::default(),
+            solver: Solver::default(),
+        }
+    }
+}
+
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
     settings: Settings,
@@ -66,9 +89,7 @@ pub struct LandmarkFitter {
     inputs: Inputs,
     /// Mean correction of this person, and the seconds it was averaged over.
     usual: ([f32; MAX_MODES], f32),
-    window: Vec<f32>,
-    maps: OrientationMaps,
-    solver: Solver,
+    scratch: Arc<Mutex<Scratch>>,
     /// Of the shape as fitted, which the picture shows, and as depth corrects it.
     filters: [ShapeFilter; 2],
     last_at: Option<Timestamp>,
@@ -85,6 +106,12 @@ impl LandmarkFitter {
     /// A fitter without history; all memory is allocated here.
     #[must_use]
     pub fn new(settings: Settings, model: &FaceModel) -> Self {
+        Self::with(settings, model, Arc::default())
+    }
+
+    /// As [`Self::new`], with the scratch of others, none of which then runs at the same time.
+    #[must_use]
+    pub fn with(settings: Settings, model: &FaceModel, scratch: Arc<Mutex<Scratch>>) -> Self {
         Self {
             settings,
             shape: model.shape.clone(),
@@ -94,9 +121,7 @@ impl LandmarkFitter {
             refinement: model.refinement.clone(),
             inputs: Inputs::new(),
             usual: ([0.0; MAX_MODES], 0.0),
-            window: vec![0.0; WINDOW * WINDOW],
-            maps: OrientationMaps::default(),
-            solver: Solver::default(),
+            scratch,
             filters: [(); 2].map(|()| ShapeFilter::new(settings.steadiness)),
             last_at: None,
             log_size: None,
@@ -134,11 +159,9 @@ impl LandmarkFitter {
             self.lose();
             return None;
         };
-        placement.resample(&sensor_picture(luma), &mut self.window);
-        self.maps.compute(&self.window);
         let mut start = placement.start;
         start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
-        let (fit, belief) = self.run(&start);
+        let (fit, belief) = self.run(luma, &placement, &start);
         if belief.face < self.settings.min_confidence {
             self.lose();
             return None;
@@ -166,21 +189,23 @@ impl LandmarkFitter {
     }
 
     /// From the mean shape at the pose: a fit that goes on from the last frame's shape lags behind blinks and brows.
-    fn run(&mut self, depth: &View) -> (FaceFit, Belief) {
+    fn run(&self, luma: &[u8; PIXELS], placement: &Placement, depth: &View) -> (FaceFit, Belief) {
+        let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
+        let Scratch {
+            window,
+            maps,
+            solver,
+        } = &mut *scratch;
+        placement.resample(&sensor_picture(luma), window);
+        maps.compute(window);
         let start = FaceFit {
             view: *depth,
             shape: [0.0; MAX_MODES],
         };
-        let near = self
-            .solver
-            .run(&self.cold, &self.shape, &self.maps, &start, depth);
+        let near = solver.run(&self.cold, &self.shape, maps, &start, depth);
         // The later stages see finer patches and move all modes: they finish the fit.
-        let fit = self
-            .solver
-            .run(&self.warm, &self.shape, &self.maps, &near, depth);
-        let belief = self
-            .solver
-            .belief(&self.confidence, &self.shape, &self.maps, &fit);
+        let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);
+        let belief = solver.belief(&self.confidence, &self.shape, maps, &fit);
         (fit, belief)
     }
 

@@ -11,7 +11,7 @@ pub mod steady;
 pub mod view;
 pub mod window;
 
-pub use fit::{LandmarkFitter, Settings};
+pub use fit::{LandmarkFitter, Scratch, Settings};
 pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};
 
 use crate::capacity::LANDMARKS;

@@ -1,7 +1,9 @@
 //! The landmark stage of a pipeline: the chosen method behind one verb.
 
+use std::sync::{Arc, Mutex};
+
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
-use super::{LandmarkFitter, Landmarks, Settings};
+use super::{LandmarkFitter, Landmarks, Scratch, Settings};
 use crate::capacity::PIXELS;
 use crate::face_model::FaceModel;
 use crate::geometry::Rotation;
@@ -50,15 +52,20 @@ pub enum LandmarkStage {
 }
 
 impl LandmarkStage {
-    /// Prepares the chosen method; all memory is taken here.
+    /// Prepares the chosen method; all memory is taken here. `scratch` is shared by the stages of one pipeline.
     ///
     /// # Errors
     /// If the model lacks what the method needs.
-    pub fn new(settings: StageSettings, model: &FaceModel) -> Result<Self, LandmarkError> {
+    pub fn new(
+        settings: StageSettings,
+        model: &FaceModel,
+        scratch: &Arc<Mutex<Scratch>>,
+    ) -> Result<Self, LandmarkError> {
         match settings.method {
-            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::new(
+            Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::with(
                 settings.cascade,
                 model,
+                scratch.clone(),
             )))),
             Method::Paper if model.paper_aam.is_empty() => Err(LandmarkError::NoPaperModel),
             Method::Paper => {

@@ -91,6 +91,10 @@ pub struct Segmenter {
 }
 
 impl Segmenter {
+    /// Bytes on the heap.
+    pub const BYTES: usize =
+        DepthKMeans::BYTES + RAW_DEPTH_VALUES * 4 + Regions::BYTES + HEADS * size_of::<HeadCloud>();
+
     /// Makes all buffers.
     #[must_use]
     pub fn new(settings: Settings) -> Self {

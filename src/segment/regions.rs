@@ -38,6 +38,11 @@ pub(crate) struct Regions {
     parents: Vec<u16>,
 }
 
+impl Regions {
+    /// Bytes on the heap.
+    pub(crate) const BYTES: usize = COLUMNS * ROWS * (4 + 2 + 1) + MAX_REGIONS * 2;
+}
+
 impl Default for Regions {
     fn default() -> Self {
         Self {

@@ -19,9 +19,8 @@ use super::motor::Light;
 use super::pairing::RawPair;
 use super::picture_clock::PictureClock;
 use super::usb::UsbKinect;
+use crate::capacity::WAITING_FRAMES as RING;
 
-/// Pairs the ring holds: one being used, one to come.
-const RING: usize = 2;
 /// Between two looks for an absent device.
 const RETRY: Duration = Duration::from_millis(500);
 /// Longest wait for packets; commands and the end are noticed as often.
@@ -95,7 +94,8 @@ impl LiveKinect {
         let shared = Arc::new(Shared {
             inner: Mutex::new(Inner {
                 ring: VecDeque::with_capacity(RING),
-                free: vec![RawPair::default(); RING + 1],
+                // With those that the two threads hold: never less than needed, and untouched until then.
+                free: (0..RING).map(|_| RawPair::default()).collect(),
                 status: Status::default(),
                 registration: Registration::default(),
                 tracking: None,

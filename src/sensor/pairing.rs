@@ -6,13 +6,13 @@
 //! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
 //! the choice flip.
 //!
-//! Memory: three pictures per stream, allocated once; when full the oldest is dropped and counted.
+//! Memory: two pictures per stream, allocated once; when full the oldest is dropped and counted.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
 use super::stream::Layout;
+use crate::capacity::UNPAIRED_PICTURES as SLOTS;
 
-const SLOTS: usize = 3;
 const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
 /// The offset follows a difference by one part in this many: a second or so.
 const SLOWNESS: i32 = 16;
@@ -26,6 +26,11 @@ pub struct RawPair {
     pub ticks: [u32; 2],
     /// Picture bytes by stream: Bayer, packed depth.
     pub pictures: [Box<[u8]>; 2],
+}
+
+impl RawPair {
+    /// Bytes on the heap.
+    pub const BYTES: usize = Layout::of(Stream::Depth).bytes + Layout::of(Stream::Colour).bytes;
 }
 
 impl Default for RawPair {
@@ -272,7 +277,7 @@ mod tests {
             let ticks = u32::from(number) * TICKS_PER_PICTURE;
             assert_eq!(bench.offer(Stream::Depth, number, ticks), None);
         }
-        assert_eq!(bench.pairing.unpaired(), [0, 7]);
+        assert_eq!(bench.pairing.unpaired(), [0, 8]);
         assert_eq!(
             bench.offer(Stream::Colour, 8, 8 * TICKS_PER_PICTURE),
             Some([8, 8])

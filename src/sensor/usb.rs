@@ -29,15 +29,12 @@ use rusb::{Context, DeviceHandle, UsbContext};
 use super::device::{DeviceError, Model, PacketSource, Received, Stream};
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, plain};
+use crate::capacity::{LANDED_TRANSFERS, PACKETS, TRANSFERS};
 
 mod inbox;
 
-use inbox::{INBOX, Inbox};
+use inbox::Inbox;
 
-/// Transfers in flight per stream.
-const TRANSFERS: usize = 16;
-/// Packets per transfer, a multiple of the eight microframes of a frame.
-const PACKETS: usize = 16;
 /// Cancelled transfers come back within this.
 const DRAIN: Duration = Duration::from_secs(2);
 
@@ -337,7 +334,7 @@ impl PacketSource for UsbKinect {
                     bytes: &bytes[..usize::from(length.unwrap_or(0))],
                 });
             }
-            inbox.oldest = (inbox.oldest + 1) % INBOX;
+            inbox.oldest = (inbox.oldest + 1) % LANDED_TRANSFERS;
             inbox.filled -= 1;
         }
         alive

@@ -194,7 +194,9 @@ impl Bus {
                     .then(|| (device, descriptor.product_id(), release))
             })
             .collect();
-        devices.sort_by_key(|(device, ..)| (device.bus_number(), device.address()));
+        crate::few::sort_by_key(&mut devices, |(device, ..)| {
+            (device.bus_number(), device.address())
+        });
         Ok(Self { context, devices })
     }
 
@@ -370,7 +372,7 @@ fn alternate_with_streams(device: &Device<Context>, model: Model) -> Result<u8, 
     let interface = configuration
         .interfaces()
         .find(|interface| interface.number() == 0);
-    let mut settings: Vec<u8> = interface
+    let settings = interface
         .iter()
         .flat_map(rusb::Interface::descriptors)
         .filter(|setting| {
@@ -381,10 +383,10 @@ fn alternate_with_streams(device: &Device<Context>, model: Model) -> Result<u8, 
                 })
             })
         })
-        .map(|setting| setting.setting_number())
-        .collect();
-    settings.sort_by_key(|&setting| (setting != usual, setting));
-    settings.first().copied().ok_or(missing)
+        .map(|setting| setting.setting_number());
+    settings
+        .min_by_key(|&setting| (setting != usual, setting))
+        .ok_or(missing)
 }
 
 /// Bus and ports, which name the socket a unit without a readable serial sits in.

@@ -5,7 +5,7 @@
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -207,14 +207,10 @@ fn stable_name(path: &Path, names: &Path) -> Option<String> {
     }
     let device = path.canonicalize().ok()?;
     let links = std::fs::read_dir(names).ok()?;
-    let mut found: Vec<PathBuf> = links
+    links
         .filter_map(|link| Some(link.ok()?.path()))
         .filter(|link| link.canonicalize().is_ok_and(|leads_to| leads_to == device))
-        .collect();
-    found.sort();
-    found
-        .into_iter()
-        .next()?
+        .min()?
         .into_os_string()
         .into_string()
         .ok()

@@ -1,11 +1,9 @@
 //! Where landed transfers wait to be polled: a bounded ring in which the newest wins.
 
-use super::PACKETS;
+use crate::capacity::{LANDED_TRANSFERS as INBOX, PACKETS};
 use crate::sensor::device::Stream;
 use crate::sensor::packet::LONGEST;
 
-/// Transfers the inbox holds: 128 ms of both streams.
-pub(super) const INBOX: usize = 128;
 /// One landed transfer, copied.
 pub(super) struct Landed {
     pub(super) stream: Stream,
@@ -46,6 +44,10 @@ impl Inbox {
 
     /// Where the next transfer goes; overwrites the oldest when full.
     pub(super) fn next(&mut self) -> &mut Landed {
+        if self.filled == 0 {
+            // Memory that has never been needed is not touched.
+            self.oldest = 0;
+        }
         let slot = (self.oldest + self.filled) % INBOX;
         if self.filled == INBOX {
             self.oldest = (self.oldest + 1) % INBOX;

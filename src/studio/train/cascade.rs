@@ -64,6 +64,7 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
             stage.scales.push(scale);
             stage
                 .weights
+                .to_mut()
                 .extend(patch.map(|w| (w / scale.max(1e-30)).round().clamp(-127.0, 127.0) as i8));
         }
         // The prior columns are used as they are: their means go into the bias.

@@ -488,7 +488,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         let every = every.max(1);
         let few: Vec<TruePicture> = pictures.train.iter().step_by(every).cloned().collect();
         model.paper_aam =
-            paper_aam::paper_aam_block(&few, &model.shape, args.tracks.as_ref(), args.seed)?;
+            paper_aam::paper_aam_block(&few, &model.shape, args.tracks.as_ref(), args.seed)?.into();
         say(&format!(
             "{} the paper's active appearance model: {} bytes",
             since(&began),
