@@ -8,6 +8,7 @@ use std::str::FromStr;
 use lexopt::prelude::*;
 
 use super::bars;
+use super::default_head;
 use super::fit::{self, FitArgs};
 use super::head_scenes;
 use super::heads::average::make_simulated_head;
@@ -130,6 +131,16 @@ const COMMANDS: &[Command] = &[
         flags: &["derive-controls", "dense"],
         words: 0,
         run: run_bake,
+    },
+    Command {
+        name: "head",
+        usage: "--out FILE.glb|FILE.obj",
+        about: "a head to try things with, that of the simulated sensor: baked and coloured (.glb), or neutral with its landmarks (.obj, .txt)",
+        example: "mien-studio head --out head.obj",
+        options: &["out"],
+        flags: &[],
+        words: 0,
+        run: run_head,
     },
     Command {
         name: "animate",
@@ -536,6 +547,11 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
         dense: words.flag("dense"),
     };
     bake::command::run(&request)?;
+    Ok(())
+}
+
+fn run_head(words: &Words) -> Result<(), Fault> {
+    say(&default_head::write_to(&words.required("out")?)?);
     Ok(())
 }
 

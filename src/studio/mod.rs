@@ -4,6 +4,7 @@ pub mod animate;
 pub mod bake;
 pub mod bars;
 pub mod cli;
+pub mod default_head;
 pub mod fit;
 pub mod head_scenes;
 pub mod heads;

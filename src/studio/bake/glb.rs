@@ -229,7 +229,7 @@ impl Glb {
     }
 }
 
-pub(super) fn push(list: &mut Value, item: Value) -> usize {
+pub(crate) fn push(list: &mut Value, item: Value) -> usize {
     if !list.is_array() {
         *list = json!([]);
     }
