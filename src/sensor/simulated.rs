@@ -130,5 +130,6 @@ impl From<Simulator> for Simulated {
 
 /// Names of the scenes, for messages.
 pub(super) fn scene_names() -> String {
-    Scene::NAMES.map(|(name, _)| name).join(", ")
+    let names: Vec<&str> = Scene::NAMES.iter().map(|(name, _)| *name).collect();
+    names.join(", ")
 }

@@ -43,11 +43,14 @@ pub enum Scene {
     /// Moving as in `Acted`, with expressions drawn at random and mixed freely: what is learnt from it is not the order of
     /// an act.
     Mixed,
+    /// Joy, sorrow, anger and surprise in turn, with rest between, as the paper's demonstration has them.
+    #[cfg(feature = "studio")]
+    Moods,
 }
 
 impl Scene {
     /// All, with the names that select them.
-    pub const NAMES: [(&'static str, Self); 15] = [
+    pub const NAMES: &[(&'static str, Self)] = &[
         ("acted", Self::Acted),
         ("still", Self::Still),
         ("turning", Self::Turning),
@@ -63,6 +66,8 @@ impl Scene {
         ("behind", Self::Behind),
         ("furnished", Self::Furnished),
         ("mixed", Self::Mixed),
+        #[cfg(feature = "studio")]
+        ("moods", Self::Moods),
     ];
 
     /// Scene of a name.
@@ -137,6 +142,49 @@ const ACTS: [Act; 24] = [
         ("mouthSmile_R", 0.6),
     ],
 ];
+/// What each mood of [`Scene::Moods`] looks like, as far as the head's expressions go (its mouth corners do not go down).
+#[cfg(feature = "studio")]
+const MOODS: [Act; 4] = [
+    &[
+        ("mouthSmile_L", 1.0),
+        ("mouthSmile_R", 1.0),
+        ("cheekRaiser_L", 0.8),
+        ("cheekRaiser_R", 0.8),
+        ("mouthUpperUp_L", 0.4),
+        ("mouthUpperUp_R", 0.4),
+        ("jawOpen", 0.15),
+    ],
+    &[
+        ("browInnerUp_L", 1.0),
+        ("browInnerUp_R", 1.0),
+        ("mouthShrugLower", 0.9),
+        ("mouthShrugUpper", 0.3),
+        ("eyeBlink_L", 0.3),
+        ("eyeBlink_R", 0.3),
+    ],
+    &[
+        ("browDown_L", 1.0),
+        ("browDown_R", 1.0),
+        ("noseSneer_L", 0.8),
+        ("noseSneer_R", 0.8),
+        ("mouthUpperUp_L", 0.5),
+        ("mouthUpperUp_R", 0.5),
+        ("mouthStretch_L", 0.4),
+        ("mouthStretch_R", 0.4),
+    ],
+    &[
+        ("browInnerUp_L", 1.0),
+        ("browInnerUp_R", 1.0),
+        ("browOuterUp_L", 1.0),
+        ("browOuterUp_R", 1.0),
+        ("eyeWide_L", 1.0),
+        ("eyeWide_R", 1.0),
+        ("jawOpen", 0.8),
+    ],
+];
+/// Duration of one mood, seconds.
+#[cfg(feature = "studio")]
+const MOOD_S: f32 = 3.0;
 /// Acts played in turn before mixtures begin, and mixtures before the turn begins again.
 const MIXTURES: u64 = 16;
 
@@ -252,6 +300,15 @@ impl Scene {
                     angles,
                     [x, -0.02 + walk(5, 4.1, 0.04), 0.8 + walk(6, 4.7, 0.2)],
                 )
+            }
+            #[cfg(feature = "studio")]
+            Self::Moods => {
+                let (mood, within) = ((t / MOOD_S) as usize % MOODS.len(), t % MOOD_S);
+                let height = ramp(within, 0.3, 0.9) * (1.0 - ramp(within, 2.2, 2.8));
+                for (name, weight) in MOODS[mood] {
+                    set(name, weight * height);
+                }
+                placed(turned(12.0, 7.0), [0.0, -0.02, 0.75])
             }
             Self::Fast => {
                 // 64° in 0.48 s, at most half as fast again as on average; then a rest.
