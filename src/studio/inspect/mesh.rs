@@ -1,7 +1,7 @@
-//! A mesh as pictures: shaded from the front, at an angle and from the side.
+//! A mesh as pictures: shaded from the front, at an angle and from the side; of a GLB also each morph target at weight 1.
 //!
 //! Orthographic, flat shading by the angle to the viewer, depth by a z-buffer. The mesh is scaled to the picture and taken
-//! as y up, z towards the viewer, as OBJ and glTF heads are.
+//! as y up, z towards the viewer, as OBJ and glTF heads are. Of a GLB positions are taken as stored, before node transforms.
 
 use std::path::Path;
 
@@ -10,6 +10,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::InspectError;
 use super::album::Album;
+use crate::studio::bake::glb::{Glb, GlbError};
 
 const SIZE: u32 = 420;
 
@@ -73,7 +74,8 @@ impl Mesh {
         Ok(mesh)
     }
 
-    fn draw(&self, yaw: f32) -> RgbImage {
+    /// The mesh turned, or in another form of it: `moved` has as many vertices. The neutral one sets the scale.
+    fn draw(&self, moved: &[Vector3<f32>], yaw: f32) -> RgbImage {
         let low = self
             .vertices
             .iter()
@@ -91,8 +93,7 @@ impl Mesh {
             0.94 * SIZE as f32 / (high - low).max().max(f32::MIN_POSITIVE),
         );
         let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), yaw);
-        let placed: Vec<Vector3<f32>> = self
-            .vertices
+        let placed: Vec<Vector3<f32>> = moved
             .iter()
             .map(|v| {
                 let v = turn * (v - centre) * scale;
@@ -147,7 +148,11 @@ impl Mesh {
 
 /// Reads an OBJ and draws it.
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let mesh = Mesh::read(path, text)?;
+    Ok(views(path, &Mesh::read(path, text)?))
+}
+
+/// Three views of a mesh.
+fn views(path: &Path, mesh: &Mesh) -> Album {
     let mut album = Album {
         title: format!("Mesh {}", super::name_of(path)),
         ..Album::default()
@@ -157,7 +162,129 @@ pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
     for (name, yaw_deg) in [("front", 0.0f32), ("half", -40.0), ("side", -90.0)] {
         album
             .pictures
-            .push((name.into(), mesh.draw(yaw_deg.to_radians())));
+            .push((name.into(), mesh.draw(&mesh.vertices, yaw_deg.to_radians())));
+    }
+    album
+}
+
+/// A morph target: what it is called, what drives it, and how far it moves each vertex.
+struct Target {
+    name: String,
+    unit: String,
+    moves: Vec<Vector3<f32>>,
+}
+
+/// Meshes and morph targets of a GLB as one.
+fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
+    let mut mesh = Mesh {
+        vertices: Vec::new(),
+        triangles: Vec::new(),
+    };
+    let mut targets: Vec<Target> = Vec::new();
+    let rows = |accessor: u64| {
+        let values = glb.floats(accessor as usize, 3)?;
+        let rows = values
+            .chunks_exact(3)
+            .map(|v| Vector3::new(v[0], v[1], v[2]));
+        Ok::<_, GlbError>(rows.collect::<Vec<_>>())
+    };
+    for shape in glb.json["meshes"].as_array().into_iter().flatten() {
+        let names = &shape["extras"]["targetNames"];
+        // Materials may share their vertices.
+        let mut known: Vec<(u64, usize)> = Vec::new();
+        for primitive in shape["primitives"].as_array().into_iter().flatten() {
+            let Some(position) = primitive["attributes"]["POSITION"].as_u64() else {
+                continue;
+            };
+            let known_at = known.iter().find(|(accessor, _)| *accessor == position);
+            let first = match known_at {
+                Some((_, first)) => *first,
+                None => {
+                    let first = mesh.vertices.len();
+                    mesh.vertices.extend(rows(position)?);
+                    known.push((position, first));
+                    let listed = primitive["targets"].as_array().into_iter().flatten();
+                    for (k, target) in listed.enumerate() {
+                        let name = names[k]
+                            .as_str()
+                            .map_or_else(|| k.to_string(), str::to_owned);
+                        let at = match targets.iter().position(|known| known.name == name) {
+                            Some(at) => at,
+                            None => {
+                                let unit = shape["extras"]["mien"]["units"][k].as_str();
+                                targets.push(Target {
+                                    name,
+                                    unit: unit.unwrap_or_default().to_owned(),
+                                    moves: Vec::new(),
+                                });
+                                targets.len() - 1
+                            }
+                        };
+                        if let Some(accessor) = target["POSITION"].as_u64() {
+                            let moves = &mut targets[at].moves;
+                            moves.resize(first, Vector3::zeros());
+                            moves.extend(rows(accessor)?);
+                        }
+                    }
+                    first
+                }
+            };
+            let count = mesh.vertices.len() - first;
+            let order: Vec<u32> = match primitive["indices"].as_u64() {
+                Some(indices) => glb.indices(indices as usize)?,
+                None => (0..count as u32).collect(),
+            };
+            if order.iter().any(|&k| k as usize >= count) {
+                return Err(GlbError::Content {
+                    expected: "indices of vertices that exist",
+                    found: format!("one beyond {count}"),
+                });
+            }
+            let corners = order.chunks_exact(3);
+            mesh.triangles
+                .extend(corners.map(|t| [t[0], t[1], t[2]].map(|k| first + k as usize)));
+        }
+    }
+    for target in &mut targets {
+        target.moves.resize(mesh.vertices.len(), Vector3::zeros());
+    }
+    Ok((mesh, targets))
+}
+
+/// Reads a GLB and draws it, and each of its morph targets.
+pub(super) fn inspect_glb(path: &Path, bytes: &[u8]) -> Result<Album, InspectError> {
+    let refuse = |source| InspectError::Glb {
+        path: path.into(),
+        source,
+    };
+    let glb = Glb::parse(bytes).map_err(refuse)?;
+    let (mesh, targets) = read_glb(&glb).map_err(refuse)?;
+    if mesh.triangles.is_empty() {
+        return Err(refuse(GlbError::Content {
+            expected: "triangles",
+            found: "none".into(),
+        }));
+    }
+    let mut album = views(path, &mesh);
+    album.fact("morph targets", targets.len().to_string());
+    if !targets.is_empty() {
+        let header = ["morph target", "unit", "vertices that move", "largest, mm"];
+        album.table.push(header.map(str::to_owned).to_vec());
+    }
+    for Target { name, unit, moves } in targets {
+        let moved = moves.iter().filter(|d| **d != Vector3::zeros()).count();
+        let largest = moves.iter().map(Vector3::norm).fold(0.0, f32::max);
+        let figures = [moved.to_string(), format!("{:.2}", largest * 1e3)];
+        album
+            .table
+            .push([name.clone(), unit].into_iter().chain(figures).collect());
+        let places: Vec<Vector3<f32>> = mesh
+            .vertices
+            .iter()
+            .zip(&moves)
+            .map(|(v, d)| v + d)
+            .collect();
+        album.pictures.push((name, mesh.draw(&places, 0.0)));
     }
     Ok(album)
 }
@@ -165,6 +292,18 @@ pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_baked_head_is_shown_with_its_targets() {
+        let head = crate::studio::default_head::glb().unwrap();
+        let album = inspect_glb(Path::new("head.glb"), &head).unwrap();
+        assert_eq!((album.pictures.len(), album.table.len()), (3 + 67, 1 + 67));
+        let jaw = album.table.iter().find(|row| row[0] == "jawOpen").unwrap();
+        assert_eq!(jaw[1], "AU26");
+        let picture = |name: &str| &album.pictures.iter().find(|(n, _)| n == name).unwrap().1;
+        assert!(picture("jawOpen") != picture("front"));
+        assert!(inspect_glb(Path::new("head.glb"), &head[..5000]).is_err());
+    }
 
     #[test]
     fn a_square_is_drawn_and_a_broken_face_is_refused() {

@@ -1,17 +1,21 @@
-//! `mien-studio inspect`: a recording, a run's CSV, a face model or a mesh, as one HTML page or one PNG sheet.
+//! `mien-studio inspect`: a recording, a run's CSV, a face model, a mesh, saved ranges or a status file, as one HTML page or one
+//! PNG sheet.
 //!
-//! What PATH is, is seen from the path itself: a directory is a recording, a file that starts like a model is one, `.csv` is a
-//! run, `.obj` a mesh. The page needs nothing but a browser. Nothing is written unless all went well.
+//! What PATH is, is seen from the path itself: a directory is a recording, a file that starts like a model or like saved
+//! ranges is one, `.csv` is a run, `.obj` and `.glb` a mesh, `.json` the status of a running `mien`. The page needs nothing but a browser. Nothing is written unless all went well.
 
 pub mod album;
 pub mod canvas;
 mod mesh;
 mod model;
+mod ranges;
 mod recording;
 mod run;
 
 use std::path::{Path, PathBuf};
 
+use super::bake::glb::GlbError;
+use crate::expression::saved::SavedError;
 use crate::face_model::{FaceModel, ModelError, file::MAGIC};
 use crate::sensor::recording::{Recording, RecordingError};
 
@@ -20,7 +24,7 @@ use crate::sensor::recording::{Recording, RecordingError};
 pub enum InspectError {
     /// Not there, or not readable.
     #[error(
-        "cannot read {path}: {source}; expected a recording directory, a run's .csv, a face model or an .obj mesh"
+        "cannot read {path}: {source}; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved ranges or a status.json"
     )]
     Unreadable {
         /// The path.
@@ -30,7 +34,7 @@ pub enum InspectError {
     },
     /// None of the things that can be shown.
     #[error(
-        "{path} is nothing that can be shown; expected a recording directory, a run's .csv, a face model or an .obj mesh"
+        "{path} is nothing that can be shown; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved ranges or a status.json"
     )]
     Unknown {
         /// The path.
@@ -107,6 +111,28 @@ pub enum InspectError {
         /// As written.
         found: String,
     },
+    /// A mesh that is none.
+    #[error("{path}: {source}")]
+    Glb {
+        /// The path.
+        path: PathBuf,
+        /// What is wrong.
+        source: GlbError,
+    },
+    /// Saved ranges that are damaged.
+    #[error("{path}: {source}")]
+    Saved {
+        /// The path.
+        path: PathBuf,
+        /// What is wrong.
+        source: SavedError,
+    },
+    /// JSON of something else.
+    #[error("{path} is no status of mien: expected the file that `mien run` writes to status.path")]
+    NotAStatus {
+        /// The path.
+        path: PathBuf,
+    },
     /// A directory that is no recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -176,9 +202,14 @@ pub fn album(path: &Path, model: &FaceModel) -> Result<album::Album, InspectErro
         })?;
         return Ok(model::inspect(&name_of(path), &model, bytes.len()));
     }
+    if bytes.starts_with(b"glTF") {
+        return mesh::inspect_glb(path, &bytes);
+    }
     match (ending.to_str(), std::str::from_utf8(&bytes)) {
         (Some("csv"), Ok(text)) => run::inspect(path, text),
         (Some("obj"), Ok(text)) => mesh::inspect(path, text),
+        (_, Ok(text)) if text.starts_with("mien-ranges") => ranges::saved(path, text),
+        (Some("json"), Ok(text)) => ranges::status(path, text),
         _ => Err(InspectError::Unknown { path: path.into() }),
     }
 }
