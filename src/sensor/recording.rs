@@ -171,6 +171,11 @@ impl Recording {
         self.skipped = 0;
     }
 
+    /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
+    pub fn go_to(&mut self, number: usize) {
+        self.next = number.min(self.index.depth.len());
+    }
+
     /// Fills `frame` with the next whole frame; `false` at the end.
     pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
         while self.next < self.index.depth.len() {

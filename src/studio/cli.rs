@@ -14,6 +14,7 @@ use super::head_scenes;
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
+use super::preview;
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
@@ -143,6 +144,18 @@ const COMMANDS: &[Command] = &[
         run: run_head,
     },
     Command {
+        name: "preview",
+        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--mesh FILE.glb...] [--port N]",
+        about: "a web page: the head that moves, the units, their ranges, curves, pose and state",
+        example: "mien-studio preview --csv run.csv --mesh head.glb",
+        options: &[
+            "osc", "serial", "baud", "full", "csv", "source", "model", "config", "mesh", "port",
+        ],
+        flags: &[],
+        words: 0,
+        run: run_preview,
+    },
+    Command {
         name: "animate",
         usage: "--mesh FILE.glb --csv FILE --out FILE.glb [--user N]",
         about: "the weights of a run as a glTF animation",
@@ -155,7 +168,8 @@ const COMMANDS: &[Command] = &[
 ];
 
 /// What `--help` of a command says beyond its line.
-const OPTIONS: [(&str, &str); 3] = [
+const OPTIONS: [(&str, &str); 4] = [
+    ("preview", preview::OPTIONS),
     ("bake", bake::request::OPTIONS),
     ("animate", animate::OPTIONS),
     ("nrsfm", nrsfm::OPTIONS),
@@ -552,6 +566,50 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
 
 fn run_head(words: &Words) -> Result<(), Fault> {
     say(&default_head::write_to(&words.required("out")?)?);
+    Ok(())
+}
+
+fn run_preview(words: &Words) -> Result<(), Fault> {
+    let address = |option: &str, default: &str| {
+        let word = words.value::<String>(option)?;
+        let word = word.as_deref().unwrap_or(default);
+        preview::address(word).ok_or_else(|| {
+            Fault::Usage(format!(
+                "--{option} {word} is not a port or an address:port"
+            ))
+        })
+    };
+    let sources = ["osc", "serial", "csv", "source"];
+    let given: Vec<&str> = sources
+        .into_iter()
+        .filter(|name| words.flag(name))
+        .collect();
+    let feed = match given[..] {
+        [] | ["osc"] => preview::Feed::Osc(address("osc", preview::OSC_AT)?),
+        ["serial"] => preview::Feed::Serial(preview::serial::Port {
+            name: words.value("serial")?.unwrap_or_default(),
+            baud: words.value("baud")?.unwrap_or(115_200),
+            full: words.value::<u32>("full")?.unwrap_or(100).max(1) as f32,
+        }),
+        ["csv"] => preview::Feed::Csv(words.required("csv")?),
+        ["source"] => preview::Feed::Sensor {
+            name: words.value("source")?.unwrap_or_default(),
+            model: words.path("model"),
+            config: words.path("config"),
+        },
+        _ => {
+            return Err(Fault::Usage(format!(
+                "--{} and --{} cannot be shown at once",
+                given[0], given[1]
+            )));
+        }
+    };
+    let request = preview::Request {
+        feed,
+        meshes: words.paths("mesh").unwrap_or_default(),
+        page: address("port", preview::PAGE_AT)?,
+    };
+    preview::run(&request, &mut say)?;
     Ok(())
 }
 

@@ -31,6 +31,10 @@ const U32: u32 = 5125;
 const PHOTO_SHARE: f32 = 0.02;
 /// A triangle whose normal leans further from the photograph than this is coloured by its vertices, cosine.
 const FACING: f64 = 0.15;
+/// A place of the photograph with less than this, red, green and blue together, is one where it shows nothing.
+const EMPTY: f32 = 24.0;
+/// So near to such a place it does not count, pixels.
+const MARGIN_PX: f32 = 4.0;
 const JPEG_QUALITY: u8 = 90;
 
 /// Why the head cannot be written.
@@ -97,16 +101,37 @@ fn linear(byte: f32) -> f32 {
     }
 }
 
+/// How far the photograph counts at each vertex: not where it ends or is empty within a few pixels.
+fn shares(asset: &HeadAsset, photograph: &Texture) -> Vec<f32> {
+    let drawn = |x: f32, y: f32| {
+        let inside = x >= 0.0
+            && y >= 0.0
+            && x <= photograph.width as f32 - 1.0
+            && y <= photograph.height as f32 - 1.0;
+        inside && photograph.at(x, y).iter().sum::<f32>() > EMPTY
+    };
+    let around = [[0.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]];
+    (0..asset.neutral.len())
+        .map(|v| {
+            let [x, y] = asset.photo[v];
+            let whole = around
+                .iter()
+                .all(|d| drawn(x + d[0] * MARGIN_PX, y + d[1] * MARGIN_PX));
+            if whole {
+                asset.photo_share[v].clamp(0.0, 1.0)
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
 /// Colours of the vertices, linear: by themselves, and as what the photograph is to be multiplied with.
-fn colours(asset: &HeadAsset, photograph: &Texture) -> [Vec<[f32; 3]>; 2] {
+fn colours(asset: &HeadAsset, photograph: &Texture, shares: &[f32]) -> [Vec<[f32; 3]>; 2] {
     let mut out = [Vec::new(), Vec::new()];
     for v in 0..asset.neutral.len() {
         let [x, y] = asset.photo[v];
-        let (photo, own, share) = (
-            photograph.at(x, y),
-            asset.colour[v],
-            asset.photo_share[v].clamp(0.0, 1.0),
-        );
+        let (photo, own, share) = (photograph.at(x, y), asset.colour[v], shares[v]);
         let whole = [0, 1, 2].map(|k| linear(photo[k] * share + own[k] * (1.0 - share)));
         out[0].push(whole);
         out[1].push([0, 1, 2].map(|k| (whole[k] / linear(photo[k]).max(1e-3)).min(1.0)));
@@ -152,7 +177,8 @@ fn coloured(asset: &HeadAsset, mesh: &Mesh) -> Glb {
         .collect();
     let position = rows(&mut glb, &places, true);
     let normal = rows(&mut glb, &normals, false);
-    let [whole, ratio] = colours(asset, photograph);
+    let shares = shares(asset, photograph);
+    let [whole, ratio] = colours(asset, photograph, &shares);
     let plain =
         json!({"POSITION": position, "NORMAL": normal, "COLOR_0": rows(&mut glb, &whole, false)});
     let mut pictured =
@@ -185,7 +211,7 @@ fn coloured(asset: &HeadAsset, mesh: &Mesh) -> Glb {
         let t: Vec<u32> = mesh.face(f).iter().map(|corner| corner.vertex).collect();
         let at = |k: usize| mesh.positions[t[k] as usize];
         let facing = (at(1) - at(0)).cross(&(at(2) - at(0))).normalize().z;
-        let shows = |&v: &u32| asset.photo_share[v as usize] > PHOTO_SHARE;
+        let shows = |&v: &u32| shares[v as usize] > PHOTO_SHARE;
         let textured = facing > FACING && t.iter().all(shows);
         lists[mesh.face_material[f] as usize][usize::from(textured)].extend(t);
     }

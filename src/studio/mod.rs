@@ -11,6 +11,7 @@ pub mod heads;
 pub mod ict;
 pub mod inspect;
 pub mod nrsfm;
+pub mod preview;
 pub mod priors;
 pub mod record;
 pub mod sessions;

@@ -135,13 +135,13 @@ fn packet(bytes: &[u8], prefix: &str, depth: usize, take: &mut dyn FnMut(Request
 }
 
 /// The first element of a bundle behind its length, and what follows.
-fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+pub(crate) fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     rest.split_at_checked(usize::try_from(u32::from_be_bytes(*length)).ok()?)
 }
 
 /// A string and what follows its padding.
-fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
+pub(crate) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
     let zeros = text[end..].iter().all(|&byte| byte == 0);

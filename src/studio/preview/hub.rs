@@ -1,0 +1,228 @@
+//! Between one source and any number of pages: events are kept in order, and each page reads them at its own pace.
+//!
+//! A live source keeps the newest [`LIVE_LINES`]; a page that reads too slowly misses the oldest. A session (CSV, recording)
+//! keeps all, up to [`SESSION_LINES`], so that a page that comes later has it whole. Facts that hold until told anew (schema,
+//! source, ranges) are told to every page that comes.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::sample::{Sample, UnitRange, ranges_json};
+
+/// Events of a live source that wait for pages at most: some ten seconds of four users.
+const LIVE_LINES: usize = 1200;
+/// Events of a session at most: three hours of one user, about 150 MB.
+const SESSION_LINES: usize = 330_000;
+/// Events handed to a page at once.
+const BATCH: usize = 256;
+
+/// A picture of the sensor: number of its frame, and its Bayer mosaic.
+pub type Mosaic = (u64, Arc<[u8]>);
+
+#[derive(Default)]
+struct State {
+    lines: VecDeque<Arc<str>>,
+    /// Number of the first line that is kept.
+    first: u64,
+    facts: BTreeMap<String, Arc<str>>,
+    mosaic: Option<Mosaic>,
+    note: String,
+}
+
+/// The exchange.
+pub struct Hub {
+    state: Mutex<State>,
+    changed: Condvar,
+    keep: usize,
+    received: AtomicU64,
+    refused: AtomicU64,
+}
+
+/// What was received and refused so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counts {
+    /// Messages that were understood.
+    pub received: u64,
+    /// Messages, lines or requests that were not.
+    pub refused: u64,
+}
+
+impl Hub {
+    /// For a session that is kept whole, or a live source.
+    #[must_use]
+    pub fn new(session: bool) -> Self {
+        Self {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            keep: if session { SESSION_LINES } else { LIVE_LINES },
+            received: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing is left half done by a thread that died.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn push(&self, state: &mut State, line: Arc<str>) {
+        if state.lines.len() == self.keep {
+            state.lines.pop_front();
+            state.first += 1;
+        }
+        state.lines.push_back(line);
+        self.changed.notify_all();
+    }
+
+    /// A frame of a user.
+    pub fn tell(&self, sample: &Sample) {
+        let line = format!("data: {}\n\n", sample.json());
+        self.push(&mut self.lock(), line.into());
+    }
+
+    /// Something that holds until it is told anew under the same key.
+    pub fn fact(&self, event: &str, key: &str, json: &str) {
+        let line: Arc<str> = format!("event: {event}\ndata: {json}\n\n").into();
+        let mut state = self.lock();
+        if state.facts.get(key) != Some(&line) {
+            state.facts.insert(key.to_owned(), Arc::clone(&line));
+            self.push(&mut state, line);
+        }
+    }
+
+    /// Names of the units in the order of the weights.
+    pub fn schema<'a>(&self, units: impl Iterator<Item = &'a str>) {
+        let units: Vec<&str> = units.collect();
+        self.fact("schema", "schema", &serde_json::json!(units).to_string());
+    }
+
+    /// What is known of a user's ranges, in the order of the schema.
+    pub fn ranges(&self, user: usize, ranges: &[Option<UnitRange>]) {
+        self.fact(
+            "ranges",
+            &format!("ranges {user}"),
+            &ranges_json(user, ranges),
+        );
+    }
+
+    /// How the source is doing, in words; told to pages with the counts.
+    pub fn note(&self, note: &str) {
+        let mut state = self.lock();
+        if state.note != note {
+            note.clone_into(&mut state.note);
+        }
+    }
+
+    /// Counts messages.
+    pub fn count(&self, received: u64, refused: u64) {
+        self.received.fetch_add(received, Ordering::Relaxed);
+        self.refused.fetch_add(refused, Ordering::Relaxed);
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        Counts {
+            received: self.received.load(Ordering::Relaxed),
+            refused: self.refused.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Counts and note as an event.
+    #[must_use]
+    pub fn counts_event(&self) -> String {
+        let Counts { received, refused } = self.counts();
+        let note = self.lock().note.clone();
+        let json = serde_json::json!({"received": received, "refused": refused, "note": note});
+        format!("event: count\ndata: {json}\n\n")
+    }
+
+    /// The newest picture of the sensor.
+    pub fn show(&self, mosaic: Mosaic) {
+        self.lock().mosaic = Some(mosaic);
+    }
+
+    /// The newest picture of the sensor, if it shows any.
+    #[must_use]
+    pub fn mosaic(&self) -> Option<Mosaic> {
+        self.lock().mosaic.clone()
+    }
+
+    /// What a page that comes now is told first, and where it then reads on: a session from its start, a live source from now.
+    #[must_use]
+    pub fn start(&self) -> (Vec<Arc<str>>, u64) {
+        let state = self.lock();
+        let next = if self.keep == SESSION_LINES {
+            state.first
+        } else {
+            state.first + state.lines.len() as u64
+        };
+        (state.facts.values().cloned().collect(), next)
+    }
+
+    /// Events from number `next` on, and the number after them; waits at most `time` for the first.
+    #[must_use]
+    pub fn read(&self, next: u64, time: Duration) -> (Vec<Arc<str>>, u64) {
+        let has = |state: &State| next < state.first + state.lines.len() as u64;
+        let waited = self
+            .changed
+            .wait_timeout_while(self.lock(), time, |state| !has(state));
+        let state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        // What is older is gone.
+        let next = next.max(state.first);
+        let from = (next - state.first) as usize;
+        let lines: Vec<_> = state.lines.iter().skip(from).take(BATCH).cloned().collect();
+        let after = next + lines.len() as u64;
+        (lines, after)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(number: u64) -> Sample {
+        Sample {
+            number,
+            ..Sample::default()
+        }
+    }
+
+    #[test]
+    fn a_session_is_whole_for_whoever_comes_late_and_a_live_source_is_not() {
+        for session in [true, false] {
+            let hub = Hub::new(session);
+            hub.schema(["AU26"].into_iter());
+            (0..5).for_each(|n| hub.tell(&sample(n)));
+            let (facts, next) = hub.start();
+            assert_eq!(&*facts[0], "event: schema\ndata: [\"AU26\"]\n\n");
+            let (lines, after) = hub.read(next, Duration::ZERO);
+            assert_eq!(lines.len(), if session { 6 } else { 0 });
+            hub.tell(&sample(9));
+            let (lines, _) = hub.read(after, Duration::ZERO);
+            assert!(lines.len() == 1 && lines[0].contains("\"n\":9"));
+        }
+    }
+
+    #[test]
+    fn who_reads_too_slowly_goes_on_with_what_is_left() {
+        let hub = Hub::new(false);
+        (0..2 * LIVE_LINES as u64).for_each(|n| hub.tell(&sample(n)));
+        let (lines, after) = hub.read(3, Duration::ZERO);
+        assert!(lines[0].contains(&format!("\"n\":{LIVE_LINES},")));
+        assert_eq!((lines.len(), after), (BATCH, (LIVE_LINES + BATCH) as u64));
+    }
+
+    #[test]
+    fn facts_are_told_once_and_then_only_when_they_change() {
+        let hub = Hub::new(false);
+        let next = hub.start().1;
+        for low in [0.1, 0.1, 0.2] {
+            hub.ranges(0, &[Some(([low, 0.5, 0.9], None))]);
+        }
+        assert_eq!(hub.read(next, Duration::ZERO).0.len(), 2);
+        assert_eq!(hub.start().0.len(), 1);
+    }
+}

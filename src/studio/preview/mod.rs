@@ -1,0 +1,399 @@
+//! `mien-studio preview`: one page that shows what is received: a baked head that moves, units, curves, pose, state.
+//!
+//! ```text
+//! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
+//! ```
+//! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and is served on the
+//! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,
+//! and only to pages on this machine. Times in seconds of the stream. Memory: see [`hub`]; the standard head is baked at the
+//! start, in about a second of processor time.
+
+pub mod http;
+pub mod hub;
+pub mod osc;
+pub mod sample;
+pub mod sensor;
+pub mod serial;
+pub mod table;
+
+use std::io::Write;
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use super::bake::glb::Glb;
+use super::bake::recipe::{Recipe, SHIPPED};
+use super::default_head;
+use crate::pipeline::Pipeline;
+use crate::sensor::SourceName;
+use crate::service::{self, NoKinect};
+use http::{Answer, Request as Asked, Site};
+use hub::Hub;
+use table::TableError;
+
+/// The options of `mien-studio preview`, explained.
+pub const OPTIONS: &str =
+    "  --osc     PORT or ADDRESS:PORT to receive OSC at; default 127.0.0.1:9130, where mien sends; 0.0.0.0:9130 for a mien elsewhere
+  --serial  a port or tcp:host:port, any style; --baud N (115200), --full N (100) as serial.full of the sender
+  --csv     what mien run --csv wrote, to play, pause and scrub; - for standard input
+  --source  a recording, kinect or simulated: followed here, with pictures; --model, --config as for mien
+  --mesh    a head with named morph targets (.glb), also several; default: a head of our own
+  --port    where the page is served, PORT or ADDRESS:PORT; default 127.0.0.1:9180; 0 takes a free one
+";
+
+/// Where the page is served.
+pub const PAGE_AT: &str = "127.0.0.1:9180";
+/// Where OSC is received: where `mien` sends it.
+pub const OSC_AT: &str = "127.0.0.1:9130";
+/// How often counts are told, which also finds out who is gone.
+const COUNTS_EVERY: Duration = Duration::from_millis(500);
+/// Largest mesh that is served, bytes.
+const LARGEST_MESH: u64 = 1 << 30;
+
+/// The files of the page: path, media type, text.
+pub const PAGE: [(&str, &str, &str); 9] = [
+    (
+        "/",
+        "text/html; charset=utf-8",
+        include_str!("page/index.html"),
+    ),
+    (
+        "/style.css",
+        "text/css; charset=utf-8",
+        include_str!("page/style.css"),
+    ),
+    ("/main.js", JAVASCRIPT, include_str!("page/main.js")),
+    ("/stream.js", JAVASCRIPT, include_str!("page/stream.js")),
+    ("/head.js", JAVASCRIPT, include_str!("page/head.js")),
+    ("/glb.js", JAVASCRIPT, include_str!("page/glb.js")),
+    ("/matrix.js", JAVASCRIPT, include_str!("page/matrix.js")),
+    ("/panels.js", JAVASCRIPT, include_str!("page/panels.js")),
+    ("/picture.js", JAVASCRIPT, include_str!("page/picture.js")),
+];
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// Where frames come from.
+#[derive(Clone, Debug)]
+pub enum Feed {
+    /// OSC received here.
+    Osc(SocketAddr),
+    /// A serial line.
+    Serial(serial::Port),
+    /// The CSV of a run.
+    Csv(PathBuf),
+    /// Something this process follows itself, with the model and configuration named.
+    Sensor {
+        /// As `mien run --source`.
+        name: String,
+        /// Face model, else the shipped one.
+        model: Option<PathBuf>,
+        /// Configuration, else the defaults.
+        config: Option<PathBuf>,
+    },
+}
+
+/// What to show and where.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Where frames come from.
+    pub feed: Feed,
+    /// Heads; empty for our own.
+    pub meshes: Vec<PathBuf>,
+    /// Where the page is served.
+    pub page: SocketAddr,
+}
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum PreviewError {
+    /// The page's address.
+    #[error("cannot serve the page at {address}: {source}; choose another with --port")]
+    Page {
+        /// What was given.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// OSC's address.
+    #[error(
+        "cannot receive OSC at {address}: {source}; another receiver may have the port: choose one with --osc, and name it in osc.targets of mien"
+    )]
+    Osc {
+        /// What was given.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The table.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// A mesh.
+    #[error("{path}: {problem}")]
+    Mesh {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The source or the stages.
+    #[error(transparent)]
+    Service(#[from] service::Failure),
+}
+
+/// `PORT` or `ADDRESS:PORT`; a port alone is one of the loopback interface.
+#[must_use]
+pub fn address(text: &str) -> Option<SocketAddr> {
+    let port = text.parse::<u16>().ok();
+    port.map(|port| SocketAddr::new(IpAddr::from([127, 0, 0, 1]), port))
+        .or_else(|| text.parse().ok())
+}
+
+/// The heads, each read or baked when it is there.
+struct Heads {
+    own: OnceLock<Option<Arc<[u8]>>>,
+    given: Vec<Arc<[u8]>>,
+}
+
+/// All that pages are answered from.
+struct Preview {
+    hub: Hub,
+    heads: Heads,
+    /// Recording whose pictures are shown.
+    recording: Option<PathBuf>,
+    /// Names of targets to units, for heads that do not say.
+    units: Arc<[u8]>,
+}
+
+impl Preview {
+    fn picture(&self, asked: &Asked) -> Answer {
+        if !asked.peer.ip().to_canonical().is_loopback() {
+            return Answer::Forbidden("pictures of the sensor are shown on its own machine only\n");
+        }
+        let wanted = asked.query.strip_prefix("n=");
+        let found = match &self.recording {
+            Some(directory) => wanted.and_then(|number| {
+                let number = number.parse().ok()?;
+                Some((number, sensor::recorded(directory, number)?))
+            }),
+            None => self
+                .hub
+                .mosaic()
+                .and_then(|(number, bayer)| Some((number, sensor::jpeg(&bayer)?))),
+        };
+        match found {
+            Some((number, jpeg)) => {
+                Answer::Marked("image/jpeg", format!("X-Frame: {number}\r\n"), jpeg.into())
+            }
+            None => Answer::Missing("no picture of this frame\n"),
+        }
+    }
+
+    fn mesh(&self, number: &str) -> Answer {
+        let file = |bytes: &Arc<[u8]>| Answer::File("model/gltf-binary", Arc::clone(bytes));
+        match (self.heads.given.is_empty(), number.parse::<usize>()) {
+            (true, Ok(0)) => {
+                let bake = || default_head::glb().ok().map(Into::into);
+                let head = self.heads.own.get_or_init(bake).as_ref();
+                head.map_or(Answer::Missing("no head\n"), file)
+            }
+            (false, Ok(k)) => {
+                let head = self.heads.given.get(k);
+                head.map_or(Answer::Missing("no such head\n"), file)
+            }
+            _ => Answer::Missing("no such head\n"),
+        }
+    }
+}
+
+impl Site for Preview {
+    fn answer(&self, asked: &Asked) -> Answer {
+        if let Some((_, kind, text)) = PAGE.iter().find(|(path, ..)| *path == asked.path) {
+            return Answer::File(kind, text.as_bytes().into());
+        }
+        match &*asked.path {
+            "/events" => Answer::Events,
+            "/units.json" => Answer::File("application/json", Arc::clone(&self.units)),
+            "/picture" => self.picture(asked),
+            "/favicon.ico" => Answer::File("image/x-icon", Arc::new([])),
+            path => match path.strip_prefix("/mesh/") {
+                Some(number) => self.mesh(number),
+                None => {
+                    self.refused();
+                    Answer::Missing("not here; the page is at /\n")
+                }
+            },
+        }
+    }
+
+    fn events(&self, to: &mut dyn Write) -> std::io::Result<()> {
+        let (facts, mut next) = self.hub.start();
+        for fact in facts {
+            to.write_all(fact.as_bytes())?;
+        }
+        let mut told: Option<Instant> = None;
+        loop {
+            let (lines, after) = self.hub.read(next, COUNTS_EVERY);
+            next = after;
+            let mut text: String = lines.iter().map(|line| &**line).collect();
+            if told.is_none_or(|told| told.elapsed() >= COUNTS_EVERY) {
+                told = Some(Instant::now());
+                text += &self.hub.counts_event();
+            }
+            to.write_all(text.as_bytes())?;
+        }
+    }
+
+    fn refused(&self) {
+        self.hub.count(0, 1);
+    }
+}
+
+fn read_mesh(path: &Path) -> Result<Arc<[u8]>, PreviewError> {
+    let wrong = |problem: String| PreviewError::Mesh {
+        path: path.into(),
+        problem,
+    };
+    let size =
+        std::fs::metadata(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+    if size.len() > LARGEST_MESH {
+        return Err(wrong(format!(
+            "expected at most {LARGEST_MESH} bytes, found {}",
+            size.len()
+        )));
+    }
+    let bytes = std::fs::read(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+    Glb::parse(&bytes).map_err(|error| wrong(error.to_string()))?;
+    Ok(bytes.into())
+}
+
+/// Serves the page until the process ends; `say` gets a line once it can be opened.
+///
+/// # Errors
+/// If an address is taken, or the source, the model or a mesh cannot be read.
+pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewError> {
+    let given = request.meshes.iter().map(|path| read_mesh(path));
+    let given: Vec<_> = given.collect::<Result<_, _>>()?;
+    let recording = match &request.feed {
+        Feed::Sensor { name, .. } => match name.parse().unwrap_or_else(|never| match never {}) {
+            SourceName::Recording(path) => Some(path),
+            _ => None,
+        },
+        _ => None,
+    };
+    let session = recording.is_some() || matches!(request.feed, Feed::Csv(_));
+    let pictures = matches!(request.feed, Feed::Sensor { .. });
+    let (kind, name) = match &request.feed {
+        Feed::Osc(address) => ("osc", format!("OSC at {address}")),
+        Feed::Serial(port) => ("serial", port.name.clone()),
+        Feed::Csv(path) => ("csv", path.display().to_string()),
+        Feed::Sensor { name, .. } => ("sensor", name.clone()),
+    };
+    let meshes: Vec<String> = match &request.meshes[..] {
+        [] => vec!["head".into()],
+        some => some
+            .iter()
+            .map(|path| {
+                path.file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned()
+            })
+            .collect(),
+    };
+    let names: serde_json::Map<String, serde_json::Value> = Recipe::read(SHIPPED)
+        .map(|recipe| recipe.units())
+        .unwrap_or_default()
+        .into_iter()
+        .map(|(name, unit)| (name, unit.into()))
+        .collect();
+    let preview = Arc::new(Preview {
+        hub: Hub::new(session),
+        heads: Heads {
+            own: OnceLock::new(),
+            given,
+        },
+        recording,
+        units: serde_json::Value::Object(names)
+            .to_string()
+            .into_bytes()
+            .into(),
+    });
+    let listener = TcpListener::bind(request.page).map_err(|source| PreviewError::Page {
+        address: request.page,
+        source,
+    })?;
+    let page = listener.local_addr().unwrap_or(request.page);
+    let feeding = feed(&request.feed, Arc::clone(&preview))?;
+    let source = serde_json::json!({
+        "kind": kind, "name": name, "session": session, "pictures": pictures, "meshes": meshes,
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    preview.hub.fact("source", "source", &source.to_string());
+    let early = Arc::clone(&preview);
+    std::thread::spawn(move || drop(early.mesh("0")));
+    std::thread::spawn(feeding);
+    say(&format!("open http://{page}/ (shows {name}; Ctrl-C ends)"));
+    http::serve(&listener, &preview);
+    Ok(())
+}
+
+/// What feeds the hub, to be run on a thread of its own; all that can fail at the start has been done.
+fn feed(feed: &Feed, preview: Arc<Preview>) -> Result<Box<dyn FnOnce() + Send>, PreviewError> {
+    match feed {
+        Feed::Osc(address) => {
+            let address = *address;
+            let socket =
+                UdpSocket::bind(address).map_err(|source| PreviewError::Osc { address, source })?;
+            Ok(Box::new(move || osc::listen(&socket, &preview.hub)))
+        }
+        Feed::Serial(port) => {
+            let port = port.clone();
+            Ok(Box::new(move || serial::listen(&port, &preview.hub)))
+        }
+        Feed::Csv(path) => {
+            let (table, reader) = table::open(path)?;
+            preview.hub.schema(table.units());
+            Ok(Box::new(move || table::play(table, reader, &preview.hub)))
+        }
+        Feed::Sensor {
+            name,
+            model,
+            config,
+        } => {
+            let settings = service::settings(config.as_deref())?;
+            let model = service::model(model.as_deref())?;
+            let mut source = service::open(name, NoKinect::Wait, settings.sensor.kinect)?;
+            let mut pipeline = Pipeline::new(&settings, source.registration(), &model)
+                .map_err(service::Failure::from)?;
+            Ok(Box::new(move || {
+                sensor::follow(&mut source, &mut pipeline, &preview.hub);
+            }))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_small_and_fetches_nothing_from_elsewhere() {
+        let bytes: usize = PAGE.iter().map(|(_, _, text)| text.len()).sum();
+        assert!(bytes < 1 << 20, "{bytes}");
+        for (path, _, text) in PAGE {
+            // Names of XML vocabularies are no addresses to fetch from.
+            assert!(
+                !text.contains("http://") && !text.contains("https://"),
+                "{path}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_port_alone_is_on_this_machine_only() {
+        assert!(address("9130").unwrap().ip().is_loopback());
+        assert!(!address("0.0.0.0:9130").unwrap().ip().is_loopback());
+        assert_eq!(address("host:9130"), None);
+    }
+}

@@ -1,0 +1,164 @@
+// The page: what arrives (stream) is shown as heads (head), bars, curves and figures (panels) and the sensor's picture.
+
+import { readGlb } from "./glb.js";
+import { View } from "./head.js";
+import { Bars, Curves, figures } from "./panels.js";
+import { Picture } from "./picture.js";
+import { Stream } from "./stream.js";
+
+const byId = (id) => document.getElementById(id);
+const stream = new Stream();
+const bars = new Bars(byId("bars"));
+const curves = new Curves(byId("curves"));
+const picture = new Picture(byId("picture"));
+const say = (text) => { byId("message").textContent = text; };
+
+let view = null;
+try {
+  view = new View(byId("view"));
+} catch (error) {
+  say(`${error.message}; bars and curves work without`);
+}
+
+// A target's unit by its name in lower case, for heads that do not say.
+const units = fetch("/units.json")
+  .then((answer) => answer.json())
+  .then((names) => Object.fromEntries(Object.entries(names).map(([name, unit]) => [name.toLowerCase(), unit])));
+
+async function show(files) {
+  if (!view) return;
+  try {
+    const heads = [];
+    for (const { name, bytes } of files) heads.push(view.load(name, readGlb(await bytes, await units)));
+    view.heads = heads;
+    const driven = heads.map((head) => head.targets.filter((target) => target.unit).length);
+    say(heads.map((head, k) => `${head.name}: ${head.vertices} vertices, ${driven[k]} of ${head.targets.length} targets driven`).join("; "));
+  } catch (error) {
+    say(`cannot show it: ${error.message}`);
+  }
+}
+
+stream.onSource = (source) => {
+  byId("source").textContent = source.name;
+  document.title = `mien preview – ${source.name}`;
+  byId("now").hidden = source.session;
+  if (view?.heads.length) return;
+  say("baking a head…");
+  show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
+};
+stream.onSchema = (names) => bars.name(names);
+stream.open("/events");
+
+// Whom is shown: a slot, "all", or whoever is there.
+let chosen = null;
+let tabs = "";
+function whom() {
+  const present = stream.present();
+  const key = present.join() + chosen;
+  if (key !== tabs) {
+    tabs = key;
+    byId("users").replaceChildren(...(present.length > 1 || chosen !== null ? [...present, "all"] : []).map((who) => {
+      const tab = document.createElement("button");
+      tab.textContent = who === "all" ? "all" : `user ${who}`;
+      tab.ariaPressed = String(who === chosen);
+      tab.addEventListener("click", () => { chosen = who === chosen ? null : who; });
+      return tab;
+    }));
+  }
+  if (chosen === "all") return present;
+  if (chosen !== null && present.includes(chosen)) return [chosen];
+  return present.slice(0, 1);
+}
+
+const toggle = (id, take) => byId(id).addEventListener("click", (event) => {
+  const on = event.currentTarget.ariaPressed !== "true";
+  event.currentTarget.ariaPressed = String(on);
+  take(on);
+});
+let posed = true;
+toggle("wire", (on) => { if (view) view.wireframe = on; });
+toggle("pose", (on) => { posed = on; });
+toggle("mirror", (on) => { if (view) view.mirror = on; });
+byId("reset").addEventListener("click", () => view?.front());
+const pause = (paused) => {
+  stream.pause(paused);
+  byId("play").textContent = paused ? "play" : "pause";
+};
+byId("play").addEventListener("click", () => pause(!stream.paused));
+byId("now").addEventListener("click", () => pause(false));
+byId("scrub").addEventListener("input", (event) => {
+  if (!stream.source?.session) pause(true);
+  stream.seek(stream.first + Number(event.target.value) * (stream.last - stream.first));
+});
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const button = { " ": "play", w: "wire", p: "pose", m: "mirror", r: "reset" }[event.key];
+  if (!button) return;
+  event.preventDefault();
+  byId(button).click();
+});
+
+const stage = byId("stage");
+for (const [name, over] of [["dragover", true], ["dragleave", false], ["drop", false]]) {
+  addEventListener(name, (event) => {
+    event.preventDefault();
+    stage.classList.toggle("over", over);
+  });
+}
+addEventListener("drop", (event) => {
+  const files = [...event.dataTransfer.files];
+  if (files.length) show(files.map((file) => ({ name: file.name, bytes: file.arrayBuffer() })));
+});
+
+const neutral = new Map();
+const byUnit = (sample) => (sample ? new Map(stream.units.map((unit, k) => [unit, sample.w[k] ?? 0])) : neutral);
+
+let last = performance.now();
+let frames = 0;
+let chosenAt = 0;
+function frame(now) {
+  stream.pass(Math.min(0.25, (now - last) / 1000));
+  last = now;
+  frames += 1;
+  const users = whom();
+  const slot = users[0] ?? (chosen === "all" ? 0 : chosen ?? 0);
+  const samples = users.map((user) => stream.at(user));
+  const sample = samples[0] ?? null;
+  if (view) {
+    const shown = samples.length ? samples : [null];
+    const columns = shown.flatMap((one) => view.heads.map((head) => ({ head, weights: byUnit(one), pose: posed ? one?.p : null })));
+    view.draw(columns);
+    label(columns.map(({ head }, k) => {
+      const user = users[Math.floor(k / view.heads.length)];
+      return columns.length > 1 ? [users.length > 1 ? `user ${user}` : "", view.heads.length > 1 ? head.name : ""].filter(Boolean).join(" · ") : "";
+    }));
+  }
+  const window = stream.window(slot);
+  if (now - chosenAt > 500) {
+    chosenAt = now;
+    curves.choose(stream.units, window, bars.chosen);
+  }
+  bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.colours);
+  curves.draw(stream.units, window, stream.empty ? 0 : stream.now());
+  picture.draw(stream.source?.pictures, samples, (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
+  figures(byId, stream, slot, sample);
+  if (!stream.empty) {
+    const length = stream.last - stream.first;
+    if (document.activeElement !== byId("scrub") || !stream.paused) byId("scrub").value = length > 0 ? (stream.now() - stream.first) / length : 1;
+    byId("clock").textContent = stream.source?.session
+      ? `${(stream.now() - stream.first).toFixed(1)} of ${length.toFixed(1)} s`
+      : stream.paused ? `${(stream.now() - stream.last).toFixed(1)} s` : "live";
+  }
+  requestAnimationFrame(frame);
+}
+let labels = "";
+function label(texts) {
+  const key = texts.join("|");
+  if (key === labels) return;
+  labels = key;
+  byId("names").replaceChildren(...texts.map((text) => Object.assign(document.createElement("span"), { textContent: text })));
+}
+requestAnimationFrame(frame);
+
+// For tests and the console.
+window.mien = { stream, get heads() { return view?.heads ?? []; }, get frames() { return frames; }, view, show };

@@ -1,0 +1,59 @@
+// The sensor's picture with the landmarks, where this computer has it; landmarks alone from a table that has them.
+
+// Lines between the 68 points: jaw, brows, nose, eyes, lips; [first, last, closed].
+const RUNS = [[0, 16, 0], [17, 21, 0], [22, 26, 0], [27, 30, 0], [31, 35, 0], [36, 41, 1], [42, 47, 1], [48, 59, 1], [60, 67, 1]];
+const [WIDTH, HEIGHT] = [640, 480];
+const LEAST_MS = 60;
+
+export class Picture {
+  constructor(canvas) {
+    this.canvas = canvas;
+    [canvas.width, canvas.height] = [WIDTH, HEIGHT];
+    this.bitmap = null;
+    this.frame = null;
+    this.asking = false;
+    this.asked = 0;
+  }
+
+  // One question at a time; the answer says which frame it is.
+  async ask(number) {
+    if (this.asking || performance.now() - this.asked < LEAST_MS || number === this.frame) return;
+    this.asking = true;
+    this.asked = performance.now();
+    try {
+      const answer = await fetch(`/picture?n=${number}`);
+      if (answer.ok) {
+        this.bitmap = await createImageBitmap(await answer.blob());
+        this.frame = Number(answer.headers.get("X-Frame"));
+      }
+    } catch {
+      // The state line says that the connection is gone.
+    }
+    this.asking = false;
+  }
+
+  // `shown` are the samples of now; `find` gives a user's sample of a frame.
+  draw(pictures, shown, find) {
+    const points = shown.some((sample) => sample.m);
+    this.canvas.hidden = !(pictures ? this.bitmap || shown.length : points);
+    if (this.canvas.hidden && !pictures) return;
+    if (pictures && shown.length) this.ask(shown[0].n);
+    else if (pictures) this.ask(-1);
+    const ink = this.canvas.getContext("2d");
+    if (this.bitmap) ink.drawImage(this.bitmap, 0, 0, WIDTH, HEIGHT);
+    else ink.clearRect(0, 0, WIDTH, HEIGHT);
+    ink.strokeStyle = "#00beff";
+    ink.lineWidth = 2;
+    for (const sample of shown) {
+      // Points of the frame that is seen, not of a later one.
+      const m = (this.bitmap ? find(sample.u, this.frame) : sample)?.m;
+      if (!m) continue;
+      ink.beginPath();
+      for (const [first, last, closed] of RUNS) {
+        for (let k = first; k <= last; k++) ink[k === first ? "moveTo" : "lineTo"](m[2 * k], m[2 * k + 1]);
+        if (closed) ink.closePath();
+      }
+      ink.stroke();
+    }
+  }
+}

@@ -1,0 +1,124 @@
+//! A source that this computer sees itself: a recording, a sensor or the simulated one, followed by the pipeline in this
+//! process, so that pictures, landmarks, ranges and readiness are there to be shown.
+//!
+//! A recording is followed as fast as it goes and every frame is kept; its pictures are read again when the page asks. A live
+//! source is followed at its pace.
+
+use std::io::Cursor;
+use std::path::Path;
+use std::time::Instant;
+
+use image::codecs::jpeg::JpegEncoder;
+
+use super::hub::Hub;
+use super::sample::{Sample, UnitRange};
+use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::output::Report;
+use crate::pipeline::Pipeline;
+use crate::sensor::recording::Recording;
+use crate::sensor::{Frame, Pacer, Source, SourceError, colour};
+
+/// Between two tellings of the ranges, seconds of the stream.
+const RANGES_EVERY_S: f64 = 0.5;
+const JPEG_QUALITY: u8 = 80;
+
+fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
+    let present = report.state.is_present();
+    Sample {
+        user: report.user,
+        number: report.frame,
+        seconds: report.at.as_us() as f64 * 1e-6,
+        state: report.state.code(),
+        confidence: report.confidence,
+        latency_ms,
+        frozen: report.frozen,
+        pose: report.sensor_from_head.filter(|_| present).map(|pose| {
+            let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+            [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+        }),
+        weights: report.weights.to_vec(),
+        points: report
+            .landmarks
+            .filter(|_| present)
+            .map_or_else(Vec::new, |landmarks| landmarks.pixels.to_vec()),
+    }
+}
+
+/// Follows a source to its end, or for good.
+pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
+    let live = !matches!(source, Source::Recording(_));
+    let mut frame = Frame::default();
+    let mut pacer = Pacer::default();
+    let mut told = f64::NEG_INFINITY;
+    hub.schema(pipeline.unit_names().into_iter());
+    loop {
+        match source.next_frame(&mut frame) {
+            Ok(true) => {}
+            Ok(false) => return,
+            Err(SourceError::Waiting(problem)) => {
+                hub.note(&format!("waiting for the sensor: {problem}"));
+                continue;
+            }
+            Err(problem) => {
+                hub.note(&problem.to_string());
+                return;
+            }
+        }
+        if matches!(source, Source::Simulated(_)) {
+            pacer.wait(frame.at);
+        }
+        hub.note("");
+        let arrived = source.arrived().unwrap_or_else(Instant::now);
+        if source.registration() != pipeline.camera().registration() {
+            pipeline.set_camera(source.registration());
+        }
+        pipeline.follow(&frame);
+        if live {
+            hub.show((frame.index, frame.bayer.as_slice().into()));
+        }
+        let latency = live.then(|| arrived.elapsed().as_secs_f32() * 1e3);
+        let now = frame.at.as_us() as f64 * 1e-6;
+        for report in &pipeline.reports() {
+            hub.tell(&sample(report, latency));
+            let slot = report.user.filter(|_| !report.ranges.is_empty());
+            if let Some(slot) = slot.filter(|_| now - told >= RANGES_EVERY_S) {
+                let ready = pipeline.expression(slot).weights().readiness();
+                let both = report.ranges.iter().zip(ready);
+                let ranges: Vec<Option<UnitRange>> = both
+                    .map(|(range, ready)| Some((*range, Some(*ready))))
+                    .collect();
+                hub.ranges(slot, &ranges);
+            }
+        }
+        if now - told >= RANGES_EVERY_S {
+            told = now;
+        }
+        hub.count(1, 0);
+    }
+}
+
+/// The picture of a Bayer mosaic as JPEG.
+#[must_use]
+pub fn jpeg(bayer: &[u8]) -> Option<Vec<u8>> {
+    let bayer: &[u8; PIXELS] = bayer.try_into().ok()?;
+    let mut rgb = vec![0; 3 * PIXELS];
+    colour::rgb_from_bayer(bayer, &mut rgb);
+    let mut out = Cursor::new(Vec::new());
+    let encoded = JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY).encode(
+        &rgb,
+        WIDTH as u32,
+        HEIGHT as u32,
+        image::ExtendedColorType::Rgb8,
+    );
+    encoded.ok()?;
+    Some(out.into_inner())
+}
+
+/// Picture of frame `number` of a recording as JPEG; `None` if it is damaged or not there.
+#[must_use]
+pub fn recorded(directory: &Path, number: u64) -> Option<Vec<u8>> {
+    let mut recording = Recording::open(directory).ok()?;
+    let mut frame = Frame::default();
+    recording.go_to(usize::try_from(number).ok()?);
+    (recording.next_frame(&mut frame) && frame.index == number).then(|| jpeg(&frame.bayer[..]))?
+}

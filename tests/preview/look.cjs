@@ -1,0 +1,302 @@
+// What tests/preview/run does in the browser. Words: folder of the programmes, folder for screenshots and files.
+const { chromium } = require("playwright-core");
+const { spawn, execFileSync } = require("node:child_process");
+const dgram = require("node:dgram");
+const http = require("node:http");
+const net = require("node:net");
+const fs = require("node:fs");
+const os = require("node:os");
+const path = require("node:path");
+
+const [programmes, shots] = process.argv.slice(2);
+const running = [];
+const work = fs.mkdtempSync(path.join(os.tmpdir(), "mien-preview-"));
+let failures = 0;
+
+function check(what, holds, found = "") {
+  console.log(`${holds ? "ok  " : "FAIL"} ${what}${found === "" ? "" : `: ${found}`}`);
+  if (!holds) failures += 1;
+}
+
+function start(name, words, options = {}) {
+  const child = spawn(path.join(programmes, name), words, { stdio: ["pipe", "pipe", "inherit"], ...options });
+  running.push(child);
+  return child;
+}
+
+// Starts a preview on a free port; the address of its page.
+function preview(words, stdin) {
+  const child = start("mien-studio", ["preview", "--port", "0", ...words]);
+  return new Promise((resolve, reject) => {
+    let text = "";
+    child.stdout.on("data", (data) => {
+      text += data;
+      const found = /open (\S+)/.exec(text);
+      if (found) resolve({ child, url: found[1] });
+    });
+    child.on("exit", (code) => reject(new Error(`mien-studio preview ended with ${code}`)));
+    if (stdin) child.stdin.end(stdin);
+  });
+}
+
+const get = (url, headers = {}) => new Promise((resolve, reject) => {
+  http.get(url, { headers, timeout: 5000 }, (answer) => {
+    const parts = [];
+    answer.on("data", (part) => parts.push(part));
+    answer.on("end", () => resolve({ status: answer.statusCode, headers: answer.headers, body: Buffer.concat(parts) }));
+  }).on("error", reject);
+});
+
+function freePort() {
+  return new Promise((resolve) => {
+    const socket = dgram.createSocket("udp4");
+    socket.bind(0, "127.0.0.1", () => {
+      const { port } = socket.address();
+      socket.close(() => resolve(port));
+    });
+  });
+}
+
+// A page that notes every complaint.
+async function open(browser, url) {
+  const page = await browser.newPage({ viewport: { width: 1280, height: 800 } });
+  page.complaints = [];
+  page.on("console", (message) => { if (["error", "warning"].includes(message.type())) page.complaints.push(message.text()); });
+  page.on("pageerror", (error) => page.complaints.push(error.message));
+  page.on("request", (request) => { if (!request.url().startsWith(url) && !request.url().startsWith("blob:")) page.complaints.push(`asks elsewhere: ${request.url()}`); });
+  await page.goto(url);
+  await page.waitForFunction(() => window.mien.heads.length > 0 && !window.mien.stream.empty, null, { timeout: 60000 });
+  return page;
+}
+
+// Drivers of software rendering report how slow a read of pixels is; that is this test's, not the page's.
+const complaints = (page) => page.complaints.filter((text) => !/GPU stall due to ReadPixels|GL Driver Message/.test(text));
+
+const jaw = () => {
+  const { stream, heads } = window.mien;
+  const head = heads[0];
+  const target = head.targets.findIndex(({ name }) => name === "jawOpen");
+  const shown = stream.at(stream.present()[0] ?? 0);
+  return { weight: head.weights[target], unit: shown?.w[stream.units.indexOf("AU26")] ?? 0 };
+};
+
+// Dark reddish pixels in the lower half of the middle of the view: the open mouth.
+async function mouth(page) {
+  const shot = await page.locator("#view").screenshot();
+  return page.evaluate(async (base64) => {
+    const bitmap = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))]));
+    const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+    const ink = canvas.getContext("2d");
+    ink.drawImage(bitmap, 0, 0);
+    const [x, y, w, h] = [0.3, 0.5, 0.4, 0.4].map((share, k) => Math.round(share * (k % 2 ? bitmap.height : bitmap.width)));
+    const { data } = ink.getImageData(x, y, w, h);
+    let dark = 0;
+    for (let k = 0; k < data.length; k += 4) {
+      const ground = data[k] < 30 && Math.abs(data[k] - data[k + 2]) < 14;
+      if (!ground && data[k] + data[k + 1] + data[k + 2] < 190) dark += 1;
+    }
+    return dark;
+  }, shot.toString("base64"));
+}
+
+async function live(browser) {
+  const port = await freePort();
+  const { child, url } = await preview(["--osc", String(port)]);
+  const config = path.join(work, "mien.toml");
+  fs.writeFileSync(config, `[osc]\ntarget = ["127.0.0.1:${port}"]\nranges = true\n[status]\npath = ""\n`);
+  const csv = path.join(work, "run.csv");
+  start("mien", ["run", "--source", "simulated", "--config", config, "--csv", csv]);
+  const page = await open(browser, url);
+  // Until the act has had its open jaw, after some six seconds; the last 30 s can be gone back to.
+  await page.waitForFunction(() => {
+    const { stream } = window.mien;
+    const k = stream.units.indexOf("AU26");
+    return stream.users[0].samples.some(({ w }) => w[k] > 0.6) && stream.last > 8;
+  }, null, { timeout: 40000 });
+  await page.click("#pose");
+  await page.click("#play");
+  const look = async (wanted) => {
+    // The sample at which AU26 is largest, or smallest with every other unit near rest.
+    await page.evaluate((open) => {
+      const { stream } = window.mien;
+      const k = stream.units.indexOf("AU26");
+      const worth = ({ w }) => (open ? w[k] : -w[k] - w.reduce((sum, one) => sum + one, 0));
+      const best = stream.window(0).filter(({ s, w }) => s === 2 && w.length).reduce((a, b) => (worth(b) > worth(a) ? b : a));
+      stream.seek(best.t);
+      const drawn = window.mien.frames;
+      return new Promise((done) => {
+        const wait = () => (window.mien.frames > drawn + 2 ? done() : requestAnimationFrame(wait));
+        wait();
+      });
+    }, wanted === "open");
+    const found = { ...(await page.evaluate(jaw)), dark: await mouth(page) };
+    await page.screenshot({ path: path.join(shots, `${wanted}.png`) });
+    return found;
+  };
+  const [closed, opened] = [await look("closed"), await look("open")];
+  check("the weight of jawOpen is AU26's", Math.abs(closed.weight - closed.unit) + Math.abs(opened.weight - opened.unit) < 1e-3 && opened.weight > 0.6 && closed.weight < 0.1, `${closed.weight.toFixed(2)} closed, ${opened.weight.toFixed(2)} open`);
+  check("an open mouth is dark pixels", opened.dark > 1.3 * closed.dark + 300, `${closed.dark} closed, ${opened.dark} open`);
+  await page.click("#play");
+  await page.click("#pose");
+  await page.waitForTimeout(1000);
+  const bar = await page.evaluate(() => {
+    const { stream } = window.mien;
+    const samples = stream.window(stream.present()[0] ?? 0);
+    return { bars: document.querySelectorAll("#bars .bar").length, units: stream.units.length, samples: samples.length, rate: document.getElementById("rate").textContent, state: document.getElementById("state").textContent };
+  });
+  check("a bar for every unit, at the sensor's rate", bar.bars === bar.units && bar.units > 20 && bar.samples > 200, JSON.stringify(bar));
+  const moved = new Set();
+  for (let k = 0; k < 60 && moved.size < 3 * bar.units; k++) {
+    for (const text of await page.$$eval("#bars .bar", (all) => all.map((one) => `${one.parentElement.dataset.unit} ${Math.round(10 * one.dataset.weight)}`))) moved.add(text);
+    await page.waitForTimeout(100);
+  }
+  check("bars move", moved.size > 1.5 * bar.units, `${moved.size} lengths seen`);
+  const frames = await page.evaluate(async () => {
+    const before = window.mien.frames;
+    await new Promise((done) => setTimeout(done, 2000));
+    return (window.mien.frames - before) / 2;
+  });
+  console.log(`     ${frames} frames a second here, drawn by the processor`);
+  await page.screenshot({ path: path.join(shots, "live.png") });
+
+  // Garbage to both ports.
+  const before = await page.evaluate(() => ({ ...window.mien.stream.counts, units: window.mien.stream.units.join() }));
+  const socket = dgram.createSocket("udp4");
+  let seed = 7;
+  const random = () => { seed = (Math.imul(seed, 1103515245) + 12345) >>> 0; return seed >>> 16; };
+  for (let k = 0; k < 10000; k++) {
+    const bytes = Buffer.from(Array.from({ length: 1 + (random() % 400) }, () => random() & 255));
+    const prefix = [Buffer.alloc(0), Buffer.from("#bundle\0\0\0\0\0\0\0\0\x01"), Buffer.from("/face/0/au\0\0,f\0\0"), Buffer.from("/face/7/frame\0\0\0")][k % 4];
+    await new Promise((done) => socket.send(Buffer.concat([prefix, bytes]), port, "127.0.0.1", done));
+    if (k % 50 === 0) await new Promise((done) => setTimeout(done, 2));
+  }
+  socket.close();
+  const { port: pagePort } = new URL(url);
+  for (let k = 0; k < 200; k++) {
+    await new Promise((done) => {
+      const peer = net.connect(Number(pagePort), "127.0.0.1", () => peer.end(Buffer.from(Array.from({ length: 100 }, () => random() & 255)).toString("latin1") + "\r\n\r\n"));
+      peer.on("error", done);
+      peer.on("close", done);
+      peer.resume();
+    });
+  }
+  await page.waitForTimeout(1500);
+  const after = await page.evaluate(() => ({ ...window.mien.stream.counts, units: window.mien.stream.units.join(), users: window.mien.stream.present(), going: performance.now() - window.mien.stream.arrived }));
+  check("10,000 datagrams and 200 connections of garbage change only the counter", after.units === before.units && after.users.length === 1 && after.going < 1000 && after.refused - before.refused > 9000, `${after.refused - before.refused} refused`);
+
+  // Who may see what.
+  const sizes = await Promise.all(["", "style.css", "main.js", "stream.js", "head.js", "glb.js", "matrix.js", "panels.js", "picture.js"].map((name) => get(url + name)));
+  const size = sizes.reduce((sum, { body }) => sum + body.length, 0);
+  check("the page is below 1 MB without the mesh", size < 1 << 20 && sizes.every(({ status }) => status === 200), `${size} bytes`);
+  check("a name of another's is turned away", (await get(url, { Host: "evil.example" })).status === 421);
+  check("there is no picture from a network stream", (await get(`${url}picture?n=1`)).status === 404);
+  const elsewhere = Object.values(os.networkInterfaces()).flat().find(({ family, internal }) => family === "IPv4" && !internal);
+  if (elsewhere) {
+    const refused = await new Promise((done) => {
+      const peer = net.connect({ port: Number(pagePort), host: elsewhere.address, timeout: 2000 }, () => { peer.destroy(); done(false); });
+      peer.on("error", () => done(true));
+      peer.on("timeout", () => { peer.destroy(); done(true); });
+    });
+    check("the page listens on the loopback interface only", refused);
+  }
+  // The wireframe, from the side.
+  await page.click("#wire");
+  await page.mouse.move(400, 300);
+  await page.mouse.down();
+  await page.mouse.move(300, 320, { steps: 4 });
+  await page.mouse.up();
+  await page.waitForTimeout(400);
+  await page.screenshot({ path: path.join(shots, "wire.png") });
+  check("the page complains of nothing", complaints(page).length === 0, complaints(page).slice(0, 3).join(" | "));
+  await page.close();
+  running[running.indexOf(child) + 1].kill("SIGTERM");
+  child.kill();
+  return csv;
+}
+
+async function table(browser, csv) {
+  const { child, url } = await preview(["--csv", csv]);
+  const page = await open(browser, url);
+  await page.waitForTimeout(800);
+  await page.click("#play");
+  const jump = (share) => page.evaluate((to) => {
+    const scrub = document.getElementById("scrub");
+    scrub.value = to;
+    scrub.dispatchEvent(new Event("input"));
+    return new Promise((done) => setTimeout(() => done({ now: window.mien.stream.now() - window.mien.stream.first, length: window.mien.stream.last - window.mien.stream.first }), 300));
+  }, share);
+  const [half, same] = [await jump(0.5), await jump(0.5)];
+  check("a table can be paused and scrubbed", Math.abs(half.now - half.length / 2) < 0.1 && half.now === same.now, `${half.now.toFixed(2)} of ${half.length.toFixed(2)} s`);
+  // A head by drag and drop: a dense one made elsewhere would do as well.
+  const head = path.join(work, "dropped.glb");
+  execFileSync(path.join(programmes, "mien-studio"), ["head", "--out", head]);
+  const bytes = fs.readFileSync(head).toString("base64");
+  await page.evaluate(async (base64) => {
+    const data = new DataTransfer();
+    data.items.add(new File([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], "dropped.glb"));
+    dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+  }, bytes);
+  await page.waitForFunction(() => window.mien.heads[0]?.name === "dropped.glb", null, { timeout: 10000 }).catch(() => null);
+  check("a head can be dropped on the page", (await page.evaluate(() => window.mien.heads[0].name)) === "dropped.glb");
+  await page.screenshot({ path: path.join(shots, "table.png") });
+  check("the page complains of nothing", complaints(page).length === 0, complaints(page).slice(0, 3).join(" | "));
+  await page.close();
+  child.kill();
+}
+
+async function recording(browser) {
+  const session = path.join(work, "session");
+  execFileSync(path.join(programmes, "mien-studio"), ["record", "--source", "simulated:two", "--seconds", "3", "--out", session]);
+  const { child, url } = await preview(["--source", session]);
+  const page = await open(browser, url);
+  await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 2.8, null, { timeout: 60000 });
+  await page.click("#play");
+  await page.evaluate(() => { window.mien.stream.seek(window.mien.stream.last - 0.2); });
+  await page.waitForTimeout(1500);
+  const users = await page.evaluate(() => window.mien.stream.present());
+  check("two people are two users", users.length === 2, users.join());
+  await page.locator("#users button", { hasText: "all" }).click();
+  await page.waitForTimeout(1000);
+  const seen = await page.evaluate(() => {
+    const canvas = document.getElementById("picture");
+    const { data } = canvas.getContext("2d").getImageData(0, 0, 640, 480);
+    let [lit, drawn] = [0, 0];
+    for (let k = 0; k < data.length; k += 4) {
+      if (data[k] + data[k + 1] + data[k + 2] > 60) lit += 1;
+      if (data[k] < 40 && data[k + 1] > 150 && data[k + 2] > 220) drawn += 1;
+    }
+    return { lit, drawn, hidden: canvas.hidden };
+  });
+  check("the recording's picture is shown with landmarks", !seen.hidden && seen.lit > 50000 && seen.drawn > 300, JSON.stringify(seen));
+  const ready = await page.$$eval("#bars .ready", (all) => all.filter((one) => one.style.visibility === "visible").length);
+  check("ranges and readiness are shown", ready > 20, ready);
+  await page.screenshot({ path: path.join(shots, "recording.png") });
+  check("the page complains of nothing", complaints(page).length === 0, complaints(page).slice(0, 3).join(" | "));
+  await page.close();
+  child.kill();
+}
+
+(async () => {
+  const browser = await chromium.launch({
+    executablePath: process.env.CHROMIUM || execFileSync("sh", ["-c", "command -v chromium"]).toString().trim(),
+    args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+  }).catch((error) => error);
+  if (browser instanceof Error) {
+    console.log(`!! skipped: the page in a browser: chromium does not start: ${browser.message.split("\n")[0]}`);
+    return;
+  }
+  try {
+    const csv = await live(browser);
+    await table(browser, csv);
+    await recording(browser);
+  } finally {
+    await browser.close();
+  }
+})()
+  .catch((error) => { console.log(`FAIL ${error.stack}`); failures += 1; })
+  .finally(() => {
+    for (const child of running) child.kill();
+    fs.rmSync(work, { recursive: true, force: true });
+    console.log(failures ? `${failures} failed` : "all well");
+    process.exitCode = failures ? 1 : 0;
+  });
