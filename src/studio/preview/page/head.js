@@ -6,6 +6,7 @@ import { chain, multiply, orbit, perspective, rotation, scaling, translation } f
 
 const ROW = 2048; // texels in a row of the texture of entries; even, so that an entry is in one row
 const VIEW_ANGLE = 0.5;
+const GROUND = [0.078, 0.09, 0.106];
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -218,6 +219,15 @@ class Head {
     gl.bindVertexArray(this.array);
     if (wireframe) {
       gl.uniform1i(at("line"), 1);
+      // What is behind is hidden by the surface itself, drawn in the colour of the ground.
+      gl.uniform3fv(at("base"), GROUND);
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(1, 1);
+      for (const part of this.parts) {
+        gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.buffer);
+        gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
+      }
+      gl.disable(gl.POLYGON_OFFSET_FILL);
       gl.uniform3fv(at("base"), [0.45, 0.72, 0.95]);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.edges.buffer);
       gl.drawElements(gl.LINES, this.edges.count, gl.UNSIGNED_INT, 0);
@@ -284,7 +294,7 @@ export class View {
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     gl.viewport(0, 0, width, height);
     gl.disable(gl.SCISSOR_TEST);
-    gl.clearColor(0.078, 0.09, 0.106, 1);
+    gl.clearColor(...GROUND, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.program);

@@ -1,0 +1,1 @@
+../mien_receiver/mien.h

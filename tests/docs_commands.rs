@@ -1,0 +1,238 @@
+//! Promise: what the README and the documents tell a reader to type works as it stands, and what they quote from the log is in
+//! the log.
+//!
+//! Every line of every `sh` block is run in order in one folder, as one reader would. What runs until it is stopped is stopped
+//! after it has spoken. What builds, installs, trains or evaluates for long is not run; its words are checked against
+//! the command's own help.
+#![cfg(feature = "studio")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Documents with commands.
+const DOCUMENTS: [&str; 2] = ["README.md", "docs/troubleshooting.md"];
+/// What needs minutes: only its words are looked at.
+const LONG: [&str; 4] = ["train", "evaluate", "fit", "nrsfm"];
+/// Commands of others, or of this very run.
+const NOT_OURS: [&str; 8] = ["cargo", "sudo", "git", "node", "python", "cd", "npm", "apt"];
+/// Enough for the slowest to speak.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn text(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap()
+}
+
+/// Lines of the `sh` blocks, without comments.
+fn commands(document: &str) -> Vec<String> {
+    let mut inside = false;
+    let mut out = Vec::new();
+    for line in document.lines() {
+        match line.trim() {
+            "```sh" => inside = true,
+            "```" => inside = false,
+            line if inside => {
+                let line = line.split(" #").next().unwrap().trim();
+                if !line.is_empty() && !line.starts_with('#') {
+                    out.push(line.to_owned());
+                }
+            }
+            _ => {}
+        }
+    }
+    out
+}
+
+/// The folder the reader works in; the programmes are found, the data are where the README says they are.
+struct Reader {
+    folder: tempfile::TempDir,
+    path: std::ffi::OsString,
+}
+
+impl Reader {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let link = |name: &str| {
+            let to = folder.path().join("mien").join(name);
+            std::os::unix::fs::symlink(root().join(name), to).unwrap();
+        };
+        std::fs::create_dir(folder.path().join("mien")).unwrap();
+        ["config", "tests", "systemd"].into_iter().for_each(link);
+        let programmes = Path::new(env!("CARGO_BIN_EXE_mien")).parent().unwrap();
+        let mut path = programmes.as_os_str().to_owned();
+        path.push(":");
+        path.push(std::env::var_os("PATH").unwrap_or_default());
+        Self { folder, path }
+    }
+
+    /// The avatar that a reader has: here our own head under another name.
+    fn bring_avatar(&self) {
+        for line in [
+            "mien-studio head --out avatar.glb",
+            "mv avatar.glb avatar.vrm",
+            "mien-studio head --out avatar.obj",
+            "mv avatar.txt avatar68.txt",
+        ] {
+            self.run(line);
+        }
+    }
+
+    fn home(&self) -> PathBuf {
+        self.folder.path().join("mien")
+    }
+
+    fn start(&self, line: &str) -> Child {
+        Command::new("sh")
+            .args(["-c", &format!("exec {line}")])
+            .current_dir(self.home())
+            .env("PATH", &self.path)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    /// Runs to the end and must succeed.
+    fn run(&self, line: &str) {
+        let out = self.start(line).wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert!(out.status.success(), "{line}: {said}");
+    }
+
+    /// Starts what does not end, waits for its first words, and ends it.
+    fn speak(&self, line: &str) {
+        use std::io::BufRead;
+        let mut child = self.start(line);
+        let (to, from) = std::sync::mpsc::channel();
+        let out = std::io::BufReader::new(child.stdout.take().unwrap());
+        std::thread::spawn(move || {
+            for line in out.lines() {
+                let _ = to.send(line);
+            }
+        });
+        let first = from.recv_timeout(PATIENCE);
+        // To the process that was started, and no other.
+        let term = Command::new("kill").arg(child.id().to_string()).status();
+        assert!(term.unwrap().success(), "{line} ended by itself");
+        let start = Instant::now();
+        let status = loop {
+            match child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if start.elapsed() < PATIENCE => {
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                None => panic!("{line} does not end when told to"),
+            }
+        };
+        let spoke = matches!(&first, Ok(Ok(line)) if !line.trim().is_empty());
+        assert!(spoke, "{line} says nothing");
+        // The box ends in order; the page has nothing to put in order.
+        assert!(
+            status.success() || line.contains("preview"),
+            "{line}: {status}"
+        );
+    }
+}
+
+/// That every option of a line is one that its command knows.
+fn words_are_known(reader: &Reader, line: &str) {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let help = Command::new(words[0])
+        .args([words[1], "--help"])
+        .env("PATH", &reader.path)
+        .output()
+        .unwrap();
+    let help = String::from_utf8_lossy(&help.stdout);
+    for option in words.iter().filter(|word| word.starts_with("--")) {
+        assert!(help.contains(*option), "{line}: {option} is not in\n{help}");
+    }
+}
+
+#[test]
+fn every_command_of_the_documents_works_as_it_stands() {
+    let reader = Reader::new();
+    reader.bring_avatar();
+    let mut done = [0; 3];
+    let mut seen: Vec<String> = Vec::new();
+    // It takes half a minute and uses no processor: it runs beside the others.
+    let mut sweeps = Vec::new();
+    for line in DOCUMENTS.iter().flat_map(|path| commands(&text(path))) {
+        if seen.contains(&line) {
+            continue;
+        }
+        seen.push(line.clone());
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if NOT_OURS.contains(&words[0]) || words[0].starts_with("tests/") {
+            println!("not run: {line}");
+            done[2] += 1;
+            continue;
+        }
+        let command = words.get(1).copied().unwrap_or_default();
+        if LONG.contains(&command) {
+            words_are_known(&reader, &line);
+            done[1] += 1;
+            continue;
+        }
+        let endless = command == "preview"
+            || command == "run" && !line.contains("--frames") && !line.contains("--fast");
+        println!("{line}");
+        let start = Instant::now();
+        match command {
+            // A port that another test may have, and no second one on it.
+            "preview" => reader.speak(&format!("{line} --port 0{}", other_port(&line))),
+            "run" if endless => reader.speak(&line),
+            "send-test" => sweeps.push(reader.start(&line)),
+            // What reports trouble with this machine says so in its exit code.
+            "doctor" | "devices" => drop(reader.start(&line).wait_with_output()),
+            _ => reader.run(&line),
+        }
+        println!("    {:.1} s", start.elapsed().as_secs_f64());
+        done[0] += 1;
+    }
+    for sweep in sweeps {
+        assert!(sweep.wait_with_output().unwrap().status.success());
+    }
+    let [run, words, not] = done;
+    println!("{run} run, {words} checked by their words, {not} not ours");
+    assert!(run >= 12, "only {run} commands were found");
+}
+
+/// OSC at a free port, for a preview that would take the standard one.
+fn other_port(line: &str) -> &'static str {
+    let named = ["--osc", "--csv", "--serial", "--source"];
+    if named.iter().any(|option| line.contains(option)) {
+        ""
+    } else {
+        " --osc 0"
+    }
+}
+
+#[test]
+fn what_is_quoted_from_the_log_is_in_the_source() {
+    fn sources(folder: &Path, all: &mut String) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                sources(&path, all);
+            } else if let Ok(text) = std::fs::read_to_string(&path) {
+                all.push_str(&text);
+            }
+        }
+    }
+    let mut all = String::new();
+    sources(&root().join("src"), &mut all);
+    let document = text("docs/troubleshooting.md");
+    let mut quoted = 0;
+    for line in document.lines().filter(|line| line.starts_with("| `")) {
+        let cell = line.split('|').nth(1).unwrap();
+        for quote in cell.split('`').skip(1).step_by(2) {
+            assert!(all.contains(quote), "{quote:?} is nowhere in src");
+            quoted += 1;
+        }
+    }
+    assert!(quoted > 25, "only {quoted} quotes were found");
+}
