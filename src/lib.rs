@@ -19,6 +19,7 @@ pub mod capacity;
 pub mod checksum;
 pub mod geometry;
 pub mod time;
+pub mod vectors;
 
 pub mod sensor;
 

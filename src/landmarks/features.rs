@@ -9,9 +9,12 @@
 //! Scaling the grey values changes nothing: the small constant of the normalisation follows the window's mean gradient.
 //! Degenerate: a flat window gives zero patches. Limits: clipped highlights lose their gradients.
 
-use super::window::WINDOW;
+use std::ops::Range;
+
+use super::window::{Region, WINDOW};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
+use crate::vectors::wide;
 
 /// Cells along one side of the maps.
 pub const MAP: usize = WINDOW / 2;
@@ -24,6 +27,15 @@ const COARSE: [f32; 4] = [0.3838, 0.2417, 0.0604, 0.0060];
 /// Share of a typical patch's length that is added in the normalisation, so that empty patches stay small.
 const FLATNESS: f32 = 0.3;
 
+const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;
+/// Directions of the orientations: right, right and down, down, …
+const ACROSS: [f32; ORIENTATIONS] = [
+    1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL, 0.0, DIAGONAL,
+];
+const DOWN: [f32; ORIENTATIONS] = [
+    0.0, DIAGONAL, 1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL,
+];
+
 /// Orientation maps of one window: `MAP` × `MAP` cells of eight values, fine and coarse.
 #[derive(Clone)]
 pub struct OrientationMaps {
@@ -31,6 +43,8 @@ pub struct OrientationMaps {
     coarse: Vec<[f32; ORIENTATIONS]>,
     scratch: Vec<[f32; ORIENTATIONS]>,
     floor: f32,
+    /// What the maps hold.
+    region: Region,
 }
 
 impl Default for OrientationMaps {
@@ -40,6 +54,7 @@ impl Default for OrientationMaps {
             coarse: vec![[0.0; ORIENTATIONS]; MAP * MAP],
             scratch: vec![[0.0; ORIENTATIONS]; MAP * MAP],
             floor: 1.0,
+            region: Region::WHOLE,
         }
     }
 }
@@ -48,45 +63,33 @@ impl OrientationMaps {
     /// Bytes on the heap.
     pub const BYTES: usize = 3 * MAP * MAP * ORIENTATIONS * 4;
 
-    /// Computes the maps of a window of `WINDOW` × `WINDOW` grey values.
-    pub fn compute(&mut self, window: &[f32]) {
-        const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;
-        let mut total = 0.0f32;
-        self.coarse.fill([0.0; ORIENTATIONS]);
-        for row in 1..WINDOW - 1 {
-            let line = &window[row * WINDOW..(row + 1) * WINDOW];
-            let above = &window[(row - 1) * WINDOW..row * WINDOW];
-            let below = &window[(row + 1) * WINDOW..(row + 2) * WINDOW];
-            let cells = &mut self.coarse[row / 2 * MAP..(row / 2 + 1) * MAP];
-            let (mut gx, mut gy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
-            let mut inverse = [0.0f32; WINDOW];
-            for column in 1..WINDOW - 1 {
-                let (x, y) = (
-                    line[column + 1] - line[column - 1],
-                    below[column] - above[column],
-                );
-                let squared = x * x + y * y;
-                let magnitude = squared.sqrt();
-                total += magnitude;
-                // Of the cube: magnitude × cosine⁴ is projection⁴ / magnitude³. The constant only keeps 0 / 0 away.
-                inverse[column] = 1.0 / (squared * magnitude + 1e-12);
-                (gx[column], gy[column]) = (x, y);
-            }
-            for column in 1..WINDOW - 1 {
-                let (x, y) = (gx[column], gy[column]);
-                let (rising, falling) = ((x + y) * DIAGONAL, (y - x) * DIAGONAL);
-                let along = [x, rising, y, falling, -x, -rising, -y, -falling];
-                let cell = &mut cells[column / 2];
-                for k in 0..ORIENTATIONS {
-                    let squared = along[k].max(0.0) * along[k].max(0.0);
-                    cell[k] += squared * squared * inverse[column];
-                }
-            }
-        }
-        blur(&self.coarse, &FINE, &mut self.scratch, &mut self.fine);
-        blur(&self.fine, &COARSE, &mut self.scratch, &mut self.coarse);
+    /// Computes the maps of a region of a window of `WINDOW` × `WINDOW` grey values; beyond it they repeat its border.
+    pub fn compute(&mut self, window: &[f32], region: &Region) {
+        self.region = region.clone();
+        let cells = Region {
+            rows: region.rows.start / 2..region.rows.end / 2,
+            columns: region.columns.start / 2..region.columns.end / 2,
+        };
+        let Self {
+            fine,
+            coarse,
+            scratch,
+            ..
+        } = self;
+        let total = wide(
+            #[inline(always)]
+            || spread(window, region, coarse),
+        );
+        wide(
+            #[inline(always)]
+            || blur(coarse, &FINE, &cells, scratch, fine),
+        );
+        wide(
+            #[inline(always)]
+            || blur(fine, &COARSE, &cells, scratch, coarse),
+        );
         // A typical cell holds four mean gradients, spread over about three orientations.
-        let cell = 4.0 * total / (WINDOW * WINDOW) as f32;
+        let cell = 4.0 * total / (region.rows.len() * region.columns.len()) as f32;
         self.floor = (FLATNESS * cell * (PATCH_CELLS as f32)).max(1e-3);
     }
 
@@ -98,70 +101,172 @@ impl OrientationMaps {
         } else {
             &self.coarse
         };
+        wide(
+            #[inline(always)]
+            || {
+                for (landmark, patch) in landmarks.iter().zip(out.as_chunks_mut::<PATCH>().0) {
+                    self.patch(maps, *landmark, cell_px, patch);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn patch(
+        &self,
+        maps: &[[f32; ORIENTATIONS]],
+        landmark: [f32; 2],
+        cell_px: f32,
+        patch: &mut [f32; PATCH],
+    ) {
         let first = -0.5 * (PATCH_CELLS as f32 - 1.0);
-        for (landmark, patch) in landmarks.iter().zip(out.chunks_exact_mut(PATCH)) {
-            let mut squared = self.floor * self.floor;
-            for (cell, values) in patch.chunks_exact_mut(ORIENTATIONS).enumerate() {
-                let x = landmark[0] + (first + (cell % PATCH_CELLS) as f32) * cell_px;
-                let y = landmark[1] + (first + (cell / PATCH_CELLS) as f32) * cell_px;
-                let value = at(maps, x, y);
-                squared += value.iter().map(|v| v * v).sum::<f32>();
-                values.copy_from_slice(&value);
+        let mut squares = [0.0f32; ORIENTATIONS];
+        let cells = patch.as_chunks_mut::<ORIENTATIONS>().0;
+        for (cell, values) in cells.iter_mut().enumerate() {
+            let x = landmark[0] + (first + (cell % PATCH_CELLS) as f32) * cell_px;
+            let y = landmark[1] + (first + (cell / PATCH_CELLS) as f32) * cell_px;
+            *values = at(maps, &self.region, x, y);
+            for k in 0..ORIENTATIONS {
+                squares[k] += values[k] * values[k];
             }
-            let inverse = 1.0 / squared.sqrt();
-            for value in patch {
-                *value = (*value * inverse).max(0.0).sqrt();
-            }
+        }
+        let squared = self.floor * self.floor + squares.iter().sum::<f32>();
+        let inverse = 1.0 / squared.sqrt();
+        for value in patch {
+            *value = (*value * inverse).max(0.0).sqrt();
         }
     }
 }
 
-/// Blurs rows, then columns, with half a symmetric kernel; the border repeats.
-fn blur(
+/// Gradients of a region spread over orientations into cells; returned is the sum of their magnitudes.
+#[inline(always)]
+fn spread(window: &[f32], region: &Region, cells: &mut [[f32; ORIENTATIONS]]) -> f32 {
+    let pixels = window.as_chunks::<WINDOW>().0;
+    let (mut gx, mut gy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
+    let (mut magnitude, mut inverse) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
+    let mut totals = [0.0f32; ORIENTATIONS];
+    let columns = region.columns.start..region.columns.end.min(WINDOW);
+    for row in region.rows.clone() {
+        let cells =
+            &mut cells.as_chunks_mut::<MAP>().0[row / 2][columns.start / 2..columns.end / 2];
+        if row % 2 == 0 {
+            cells.fill([0.0; ORIENTATIONS]);
+        }
+        if row == region.rows.start || row + 1 == region.rows.end {
+            continue;
+        }
+        let (line, above, below) = (&pixels[row], &pixels[row - 1], &pixels[row + 1]);
+        for column in columns.start + 1..columns.end - 1 {
+            let x = line[column + 1] - line[column - 1];
+            let y = below[column] - above[column];
+            let squared = x * x + y * y;
+            magnitude[column] = squared.sqrt();
+            // Of the cube: magnitude × cosine⁴ is projection⁴ / magnitude³. The constant only keeps 0 / 0 away.
+            inverse[column] = 1.0 / (squared * magnitude[column] + 1e-12);
+            (gx[column], gy[column]) = (x, y);
+        }
+        for part in magnitude.as_chunks::<ORIENTATIONS>().0 {
+            for k in 0..ORIENTATIONS {
+                totals[k] += part[k];
+            }
+        }
+        for (cell, left) in cells.iter_mut().zip(columns.clone().step_by(2)) {
+            for pixel in [left, left + 1] {
+                for k in 0..ORIENTATIONS {
+                    let along = gx[pixel] * ACROSS[k] + gy[pixel] * DOWN[k];
+                    let squared = along.max(0.0) * along.max(0.0);
+                    cell[k] += squared * squared * inverse[pixel];
+                }
+            }
+        }
+    }
+    totals.iter().sum()
+}
+
+/// Blurs rows, then columns, of a region of cells with half a symmetric kernel; its border repeats.
+#[inline(always)]
+fn blur<const TAPS: usize>(
     from: &[[f32; ORIENTATIONS]],
-    kernel: &[f32],
+    kernel: &[f32; TAPS],
+    cells: &Region,
     scratch: &mut [[f32; ORIENTATIONS]],
     to: &mut [[f32; ORIENTATIONS]],
 ) {
-    let last = MAP - 1;
-    for row in 0..MAP {
-        let line = &from[row * MAP..(row + 1) * MAP];
-        let out = &mut scratch[row * MAP..(row + 1) * MAP];
-        for column in 0..MAP {
-            let mut sum = line[column].map(|v| v * kernel[0]);
-            for (distance, weight) in kernel.iter().enumerate().skip(1) {
-                let a = &line[column.saturating_sub(distance)];
-                let b = &line[(column + distance).min(last)];
-                for k in 0..ORIENTATIONS {
-                    sum[k] += weight * (a[k] + b[k]);
-                }
+    let columns = cells.columns.clone();
+    let inside = columns.start + TAPS..columns.end - TAPS;
+    for row in cells.rows.clone() {
+        let line = &from.as_chunks::<MAP>().0[row];
+        let out = &mut scratch.as_chunks_mut::<MAP>().0[row];
+        for column in (columns.start..inside.start).chain(inside.end..columns.end) {
+            let mut sum = scaled(&line[column], kernel[0]);
+            for distance in 1..TAPS {
+                let left = column.saturating_sub(distance).max(columns.start);
+                let right = (column + distance).min(columns.end - 1);
+                add_pair(&mut sum, &line[left], &line[right], kernel[distance]);
+            }
+            out[column] = sum;
+        }
+        for column in inside.clone() {
+            let mut sum = scaled(&line[column], kernel[0]);
+            for distance in 1..TAPS {
+                let (left, right) = (column - distance, column + distance);
+                add_pair(&mut sum, &line[left], &line[right], kernel[distance]);
             }
             out[column] = sum;
         }
     }
-    for row in 0..MAP {
-        for column in 0..MAP {
-            let mut sum = scratch[row * MAP + column].map(|v| v * kernel[0]);
-            for (distance, weight) in kernel.iter().enumerate().skip(1) {
-                let a = &scratch[row.saturating_sub(distance) * MAP + column];
-                let b = &scratch[(row + distance).min(last) * MAP + column];
-                for k in 0..ORIENTATIONS {
-                    sum[k] += weight * (a[k] + b[k]);
-                }
+    let lines = scratch.as_chunks::<MAP>().0;
+    for row in cells.rows.clone() {
+        let mut above = [&lines[row]; TAPS];
+        let mut below = above;
+        for distance in 1..TAPS {
+            above[distance] = &lines[row.saturating_sub(distance).max(cells.rows.start)];
+            below[distance] = &lines[(row + distance).min(cells.rows.end - 1)];
+        }
+        let out = &mut to.as_chunks_mut::<MAP>().0[row];
+        for column in columns.clone() {
+            let mut sum = scaled(&lines[row][column], kernel[0]);
+            for distance in 1..TAPS {
+                let (a, b) = (&above[distance][column], &below[distance][column]);
+                add_pair(&mut sum, a, b, kernel[distance]);
             }
-            to[row * MAP + column] = sum;
+            out[column] = sum;
         }
     }
 }
 
-/// Bilinear value of maps at a window pixel.
-fn at(maps: &[[f32; ORIENTATIONS]], x: f32, y: f32) -> [f32; ORIENTATIONS] {
-    let most = (MAP - 1) as f32 - 1e-3;
-    let x = ((x - 0.5) * 0.5).clamp(0.0, most);
-    let y = ((y - 0.5) * 0.5).clamp(0.0, most);
-    let (column, row) = (x as usize, y as usize);
+#[inline(always)]
+fn scaled(values: &[f32; ORIENTATIONS], by: f32) -> [f32; ORIENTATIONS] {
+    let mut out = *values;
+    for value in &mut out {
+        *value *= by;
+    }
+    out
+}
+
+#[inline(always)]
+fn add_pair(
+    sum: &mut [f32; ORIENTATIONS],
+    a: &[f32; ORIENTATIONS],
+    b: &[f32; ORIENTATIONS],
+    weight: f32,
+) {
+    for k in 0..ORIENTATIONS {
+        sum[k] += weight * (a[k] + b[k]);
+    }
+}
+
+/// Bilinear value of maps at a window pixel, or at the nearest of the region.
+#[inline(always)]
+fn at(maps: &[[f32; ORIENTATIONS]], region: &Region, x: f32, y: f32) -> [f32; ORIENTATIONS] {
+    let cell = |pixel: f32, along: &Range<usize>| {
+        let (first, last) = ((along.start / 2) as f32, (along.end / 2 - 1) as f32 - 1e-3);
+        ((pixel - 0.5) * 0.5).max(first).min(last)
+    };
+    let (x, y) = (cell(x, &region.columns), cell(y, &region.rows));
+    let (column, row) = (x as i32, y as i32);
     let (fx, fy) = (x - column as f32, y - row as f32);
-    let here = row * MAP + column;
+    let here = row as usize * MAP + column as usize;
     let (a, b) = (&maps[here], &maps[here + 1]);
     let (c, d) = (&maps[here + MAP], &maps[here + MAP + 1]);
     let (wa, wb) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
@@ -191,8 +296,11 @@ mod tests {
     fn an_edge_answers_in_its_own_orientation() {
         for k in 0..ORIENTATIONS {
             let mut maps = OrientationMaps::default();
-            maps.compute(&edge(k as f32 * std::f32::consts::FRAC_PI_4, 1.0));
-            let value = at(&maps.coarse, 92.0, 92.0);
+            maps.compute(
+                &edge(k as f32 * std::f32::consts::FRAC_PI_4, 1.0),
+                &Region::WHOLE,
+            );
+            let value = at(&maps.coarse, &Region::WHOLE, 92.0, 92.0);
             let strongest = (0..ORIENTATIONS).max_by(|&a, &b| value[a].total_cmp(&value[b]));
             assert_eq!(strongest, Some(k), "{value:?}");
         }
@@ -203,7 +311,7 @@ mod tests {
         let landmarks = [[93.0, 90.0]; LANDMARKS];
         let patches = |gain, cell_px| {
             let mut maps = OrientationMaps::default();
-            maps.compute(&edge(0.4, gain));
+            maps.compute(&edge(0.4, gain), &Region::WHOLE);
             let mut out = vec![0.0; FEATURES];
             maps.patches(&landmarks, cell_px, &mut out);
             out

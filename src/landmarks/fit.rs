@@ -16,7 +16,7 @@ use super::features::OrientationMaps;
 use super::refine::{self, Inputs, Refinement};
 use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
-use super::window::{PIXELS_PER_METRE, Placement, WINDOW, sensor_picture};
+use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::PIXELS;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
@@ -76,6 +76,9 @@ impl Default for Scratch {
         }
     }
 }
+
+/// How far beside the mean shape the fit looks, pixels: half a patch and its blur (16), and the way to the landmarks.
+const REACH_PX: f32 = 28.0;
 
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
@@ -196,12 +199,14 @@ impl LandmarkFitter {
             maps,
             solver,
         } = &mut *scratch;
-        placement.resample(&sensor_picture(luma), window);
-        maps.compute(window);
         let start = FaceFit {
             view: *depth,
             shape: [0.0; MAX_MODES],
         };
+        solver.project(&self.shape, &start);
+        let region = Region::around(&solver.window, REACH_PX);
+        placement.resample(&sensor_picture(luma), &region, window);
+        maps.compute(window, &region);
         let near = solver.run(&self.cold, &self.shape, maps, &start, depth);
         // The later stages see finer patches and move all modes: they finish the fit.
         let fit = solver.run(&self.warm, &self.shape, maps, &near, depth);

@@ -6,7 +6,7 @@
 //! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.
 
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::geometry::{Point, Rigid};
+use crate::geometry::{Point, Rigid, Vector};
 use crate::sensor::camera::Camera;
 
 /// Half the width of a window, metres.
@@ -39,22 +39,23 @@ pub fn height(
         let to = ((centre + reach).floor() + 1.0).clamp(0.0, most as f32) as usize;
         from..to.max(from)
     };
-    let head_from_sensor = sensor_from_head.inverse();
+    let origin = sensor_from_head * Point::origin();
+    let towards = sensor_from_head.rotation * -Vector::z();
     let mut heights = heapless::Vec::<f32, 169>::new();
     for y in span(row, HEIGHT) {
         for x in span(col, WIDTH) {
             let z = camera.depth_m(depth[y * WIDTH + x]);
             if (z - seen.z).abs() < NEAR_M {
-                let p = head_from_sensor * camera.point(x as f32, y as f32, z);
-                let _ = heights.push(-p.z);
+                let point = camera.point(x as f32, y as f32, z);
+                let _ = heights.push((point - origin).dot(&towards));
             }
         }
     }
     if heights.len() < LEAST {
         return None;
     }
-    heights.sort_unstable_by(f32::total_cmp);
-    let median = heights[heights.len() / 2];
+    let middle = heights.len() / 2;
+    let (_, &mut median, _) = heights.select_nth_unstable_by(middle, f32::total_cmp);
     let (mut sum, mut count) = (0.0, 0.0);
     for &h in heights.iter().filter(|&&h| (h - median).abs() < AGREE_M) {
         sum += h;

@@ -7,12 +7,15 @@
 //! Pixels, metres, radians. One bilinear look-up per window pixel, 34 k in all.
 //! Degenerate: a Jacobian without rank (head at the camera) gives no placement. Outside the picture its edge is repeated.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::view::View;
 use crate::capacity::{HEIGHT, WIDTH};
 use crate::geometry::{Point, Rigid, Rotation, Vector};
 use crate::sensor::camera::Camera;
+use crate::vectors::wide;
 
 /// Side of the window, pixels.
 pub const WINDOW: usize = 184;
@@ -22,6 +25,43 @@ pub const PIXELS_PER_METRE: f32 = 690.0;
 pub const ORIGIN: [f32; 2] = [91.5, 66.0];
 /// Half the base of the central differences, metres: about an eye's distance, so that table steps do not matter.
 const DIFFERENCE: f32 = 0.03;
+/// Least side of a region, pixels.
+const LEAST_REGION: usize = 32;
+
+/// The part of a window that is looked at: pixel rows and columns, even numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Pixel rows.
+    pub rows: Range<usize>,
+    /// Pixel columns.
+    pub columns: Range<usize>,
+}
+
+impl Region {
+    /// All of it.
+    pub const WHOLE: Self = Self {
+        rows: 0..WINDOW,
+        columns: 0..WINDOW,
+    };
+
+    /// What lies at most `margin` pixels beside a box about the points; at least one patch.
+    #[must_use]
+    pub fn around(points: &[[f32; 2]], margin: f32) -> Self {
+        let along = |axis: usize| {
+            let values = points.iter().map(|point| point[axis]);
+            let low = values.clone().fold(f32::MAX, f32::min) - margin;
+            let high = values.fold(f32::MIN, f32::max) + margin;
+            let most = WINDOW - LEAST_REGION;
+            let first = (low.max(0.0) as usize / 2 * 2).min(most);
+            let end = (high.max(0.0) as usize + 2) / 2 * 2;
+            first..end.clamp(first + LEAST_REGION, WINDOW)
+        };
+        Self {
+            rows: along(1),
+            columns: along(0),
+        }
+    }
+}
 
 /// A grey picture to cut windows from.
 #[derive(Clone, Copy)]
@@ -40,16 +80,9 @@ impl Picture<'_> {
     pub fn at(&self, x: f32, y: f32) -> f32 {
         let x = x.clamp(0.0, (self.width - 1) as f32 - 1e-3);
         let y = y.clamp(0.0, (self.height - 1) as f32 - 1e-3);
-        self.between(x, y)
-    }
-
-    /// Bilinear value at a place that is known to lie at least a hundredth of a pixel inside.
-    #[inline]
-    fn between(&self, x: f32, y: f32) -> f32 {
-        // As 32-bit numbers: the conversion is a single instruction.
-        let (column, row) = (x as i32, y as i32);
+        let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let at = row as usize * self.width + column as usize;
+        let at = row * self.width + column;
         let value = |at: usize| f32::from(self.luma[at]);
         let top = value(at) + (value(at + 1) - value(at)) * fx;
         let below = at + self.width;
@@ -104,6 +137,18 @@ fn homography(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<Matrix3<f32>> 
 fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
     let p = map * Vector::new(x, y, 1.0);
     [p.x / p.z, p.y / p.z]
+}
+
+/// A whole number and what remains of `x`, 0…1; `x` from 0 to a few thousand. A float of this size has no room for a
+/// fraction, so the addition rounds: without a conversion, which would not become a vector instruction.
+#[inline(always)]
+fn split(x: f32) -> (u32, f32) {
+    const NO_FRACTION: f32 = 12_582_912.0;
+    let rounded = (x - 0.5) + NO_FRACTION;
+    (
+        rounded.to_bits() - NO_FRACTION.to_bits(),
+        x - (rounded - NO_FRACTION),
+    )
 }
 
 impl Placement {
@@ -203,31 +248,54 @@ impl Placement {
         [x + ORIGIN[0], y + ORIGIN[1]]
     }
 
-    /// Resamples the window, row by row.
-    pub fn resample(&self, picture: &Picture, window: &mut [f32]) {
+    /// Resamples a region of the window, row by row; outside the picture its border is repeated.
+    pub fn resample(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
+        wide(
+            #[inline(always)]
+            || self.resample_rows(picture, region, window),
+        );
+    }
+
+    #[inline(always)]
+    fn resample_rows(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
         let map = &self.picture_from_window;
-        let far = (WINDOW - 1) as f32;
-        // A window that lies within the picture with its corners does so with all of it, and needs no care at borders.
-        let within = [[0.0, 0.0], [far, 0.0], [0.0, far], [far, far]]
-            .into_iter()
-            .all(|corner| {
-                let [x, y] = self.picture_pixel(corner);
-                let inside = |v: f32, size: usize| v >= 0.0 && v < size as f32 - 1.01;
-                inside(x, picture.width) && inside(y, picture.height)
-            });
-        for (row, line) in window.chunks_exact_mut(WINDOW).take(WINDOW).enumerate() {
+        let most = [picture.width, picture.height].map(|size| (size - 1) as f32 - 1e-2);
+        // Places, looking up and weighing in turn: only the looking up goes pixel by pixel.
+        let (mut at, mut corners) = ([0u32; WINDOW], [[0u8; WINDOW]; 4]);
+        let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
+        let columns = region.columns.start..region.columns.end.min(WINDOW);
+        for row in region.rows.clone() {
+            let line = &mut window.as_chunks_mut::<WINDOW>().0[row];
             let down = row as f32 - ORIGIN[1];
             // The three sums of the homography at the row's first pixel; they grow evenly along it.
             let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
-            for (column, value) in line.iter_mut().enumerate() {
-                let p = first + map.column(0) * column as f32;
-                let inverse = 1.0 / p.z;
-                let (x, y) = (p.x * inverse, p.y * inverse);
-                *value = if within {
-                    picture.between(x, y)
-                } else {
-                    picture.at(x, y)
-                };
+            for column in columns.clone() {
+                let along = column as f32;
+                let inverse = 1.0 / (first.z + map.m31 * along);
+                let x = ((first.x + map.m11 * along) * inverse)
+                    .max(0.0)
+                    .min(most[0]);
+                let y = ((first.y + map.m21 * along) * inverse)
+                    .max(0.0)
+                    .min(most[1]);
+                let ((left, part), (top, rest)) = (split(x), split(y));
+                (fx[column], fy[column]) = (part, rest);
+                at[column] = top * picture.width as u32 + left;
+            }
+            for column in columns.clone() {
+                // One slice of both rows: one check of its bounds for all four.
+                let square = &picture.luma[at[column] as usize..][..picture.width + 2];
+                corners[0][column] = square[0];
+                corners[1][column] = square[1];
+                corners[2][column] = square[picture.width];
+                corners[3][column] = square[picture.width + 1];
+            }
+            for column in columns.clone() {
+                let (a, b) = (f32::from(corners[0][column]), f32::from(corners[1][column]));
+                let (c, d) = (f32::from(corners[2][column]), f32::from(corners[3][column]));
+                let top = a + (b - a) * fx[column];
+                let bottom = c + (d - c) * fx[column];
+                line[column] = top + (bottom - top) * fy[column];
             }
         }
     }
@@ -272,6 +340,15 @@ mod tests {
                 let off = (seen[0] - said[0]).hypot(seen[1] - said[1]);
                 assert!(off < 0.35, "{seen:?} {said:?} at {x} {y} {z}");
             }
+        }
+    }
+
+    #[test]
+    fn a_number_is_its_parts_together() {
+        for x in [0.0, 0.25, 0.5, 0.999, 1.0, 1.5, 638.99, 639.0] {
+            let (whole, rest) = split(x);
+            assert_eq!(whole as f32 + rest, x);
+            assert!((0.0..=1.0).contains(&rest), "{x}: {whole} {rest}");
         }
     }
 

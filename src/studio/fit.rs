@@ -17,7 +17,7 @@ use crate::geometry::{Point, rotation_from_yaw_pitch_roll};
 use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
-use crate::landmarks::window::{Picture, Placement, WINDOW};
+use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
 use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
 use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
@@ -285,8 +285,8 @@ impl<'a> StillFitter<'a> {
     /// Cold and warm stages in a window cut where the view says; log odds, fit in the window, placement.
     fn run(&mut self, picture: &Picture, view: &View) -> (f32, FaceFit, Placement) {
         let placement = Placement::of_view(view);
-        placement.resample(picture, &mut self.window);
-        self.maps.compute(&self.window);
+        placement.resample(picture, &Region::WHOLE, &mut self.window);
+        self.maps.compute(&self.window, &Region::WHOLE);
         let shape = &self.model.shape;
         let start = FaceFit {
             view: placement.start,

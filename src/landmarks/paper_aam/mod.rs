@@ -24,7 +24,7 @@ pub use model::{
 pub(crate) use solver::sample;
 pub use solver::{AamFit, Solver, similarity_modes};
 
-use super::window::{Placement, WINDOW, sensor_picture};
+use super::window::{Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
 use crate::pose::HeadPose;
@@ -93,7 +93,7 @@ impl PaperAamFitter {
             self.last = None;
             return None;
         };
-        placement.resample(&sensor_picture(luma), &mut self.window);
+        placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
         let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
         let warm = self.last.take().map(|last| {

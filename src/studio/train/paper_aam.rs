@@ -16,7 +16,7 @@ use crate::geometry::{Point, Vector};
 use crate::landmarks::paper_aam::warp::{Shape2, base_pixels, triangulate};
 use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver, sample, similarity_modes};
 use crate::landmarks::view::View;
-use crate::landmarks::window::{PIXELS_PER_METRE, Placement, WINDOW};
+use crate::landmarks::window::{PIXELS_PER_METRE, Placement, Region, WINDOW};
 use crate::studio::nrsfm::{self, Tracks, shape_model_from_tracks};
 use nalgebra::{DMatrix, DVector};
 
@@ -105,7 +105,7 @@ fn point(p: [f64; 3]) -> Point {
 fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
     let placement = Placement::of_view(view);
     let mut window = vec![0.0; WINDOW * WINDOW];
-    placement.resample(&picture.picture(), &mut window);
+    placement.resample(&picture.picture(), &Region::WHOLE, &mut window);
     (
         window,
         picture.points.map(|p| placement.window_pixel(p)),

@@ -9,7 +9,7 @@ use crate::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::landmarks::cascade::FaceFit;
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
-use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, WINDOW};
+use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
 
 use super::dataset::{DatasetError, Entry, GreyPicture, load_grey};
@@ -250,7 +250,7 @@ impl Eye {
         for (value, grey) in self.window.iter_mut().zip(&sample.window) {
             *value = f32::from(*grey);
         }
-        self.maps.compute(&self.window);
+        self.maps.compute(&self.window, &Region::WHOLE);
         &self.maps
     }
 }
@@ -319,7 +319,7 @@ pub fn sample(
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.of(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
-    placement.resample(&picture.picture(), window);
+    placement.resample(&picture.picture(), &Region::WHOLE, window);
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }
