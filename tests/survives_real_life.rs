@@ -285,7 +285,7 @@ const CASES: [Case; 11] = [
                     let frame = (t / FRAME_S).round() as usize;
                     if frame % 300 == 150 {
                         for m in 0..ACTED {
-                            let sign = if (frame / 300 + m) % 2 == 0 {
+                            let sign = if (frame / 300 + m).is_multiple_of(2) {
                                 1.0
                             } else {
                                 -1.0
