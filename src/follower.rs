@@ -3,7 +3,7 @@
 //! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
 
 use crate::capacity::UNITS;
-use crate::expression::Expression;
+use crate::expression::{Expression, UnitRange};
 use crate::geometry::{Rigid, Vector};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
@@ -14,6 +14,7 @@ use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
 use crate::users::matching::Place;
+use crate::users::memory::Gone;
 use crate::users::{Presence, TrackingState};
 
 /// A face seen in so many frames is known, and may turn away.
@@ -44,7 +45,7 @@ pub(crate) struct Follower {
     /// Frames in which the face was seen.
     pub(crate) frames: u64,
     /// Learned ranges, one for each unit.
-    ranges: heapless::Vec<[f32; 3], UNITS>,
+    ranges: heapless::Vec<UnitRange, UNITS>,
 }
 
 impl Follower {
@@ -169,6 +170,17 @@ impl Follower {
         (self.place, self.since) = (before.place, before.since);
         (self.last_seen, self.frames) = (before.last_seen, before.frames);
         self.ranges = self.expression.unit_ranges();
+    }
+
+    /// What to remember of the person by, seen last when they were.
+    pub(crate) fn gone(&self, slot: usize) -> Gone {
+        Gone {
+            slot,
+            signature: self.pose.signature(),
+            learned: self.expression.learned(),
+            last_seen: self.last_seen,
+            before_s: 0.0,
+        }
     }
 
     /// Adds what is known to a report that has frame, time and user.

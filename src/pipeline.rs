@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use crate::capacity::{HEADS, USERS};
+use crate::capacity::{HEADS, REMEMBERED, USERS};
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
 use crate::expression::units::Units;
@@ -210,13 +210,29 @@ impl Pipeline {
     fn remember(&mut self, slot: usize) {
         let user = &self.followers[slot];
         if self.settings.remember_s > 0.0 {
-            self.memory.keep(Gone {
-                slot,
-                signature: user.pose.signature(),
-                learned: user.expression.learned(),
-                last_seen: user.last_seen,
-            });
+            self.memory.keep(user.gone(slot));
         }
+    }
+
+    /// Those who left, longest gone first, and those who are there, as if they left now; nobody if none is to be remembered.
+    pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
+        let users = self.followers[..USERS].iter().enumerate();
+        let known = users.filter(|(_, user)| user.is_taken() && user.pose.taught() >= FIRST_LOOK);
+        let there = known.map(|(slot, user)| user.gone(slot));
+        let left = self.memory.gone().iter().cloned();
+        let all = left.chain(there);
+        all.take_while(|_| self.settings.remember_s > 0.0).collect()
+    }
+
+    /// Remembers people of an earlier run.
+    pub fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
+        people.into_iter().for_each(|gone| self.memory.keep(gone));
+    }
+
+    /// Time of the last frame.
+    #[must_use]
+    pub fn at(&self) -> Timestamp {
+        self.at
     }
 
     /// Looks at one head that is nobody's; it may become a user.

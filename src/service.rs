@@ -21,6 +21,7 @@ use crate::settings::{Settings, SettingsError};
 use crate::status::Status;
 use crate::time::Timestamp;
 use crate::users::TrackingState;
+use crate::users::saved::People;
 use crate::{live, memory, send_test, wires};
 
 /// Where the configuration is looked for when none is named.
@@ -199,6 +200,10 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
     let mut outputs = outputs(&settings, run.csv.as_ref(), &pipeline)?;
     let mut status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+    let mut people = people(&settings, &source);
+    if let Some(people) = &people {
+        pipeline.recall(people.load());
+    }
     let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
     let signals = Signals::watch()?;
     let mut manager = ServiceManager::from_environment();
@@ -233,6 +238,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
                 }
             });
             status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+            people = self::people(&settings, &source);
             manager.ready();
         }
         match source.next_frame(&mut frame) {
@@ -290,12 +296,18 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         }
         hear(&mut outputs, &mut pipeline);
         status.write(outputs.iter().map(|output| output.tally()));
+        if let Some(people) = people.as_mut().filter(|people| people.is_due()) {
+            people.save(pipeline.people().iter(), pipeline.at());
+        }
         let now = Instant::now();
         manager.alive(now);
         manager.state(format_args!("{}", state.name()), now);
         left -= 1;
     }
     manager.stopping();
+    if let Some(people) = &mut people {
+        people.save(pipeline.people().iter(), pipeline.at());
+    }
     if let Some(live) = live {
         live.end();
     }
@@ -303,6 +315,12 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         tracing::warn!(frames = source.skipped(), "damaged frames were skipped");
     }
     Ok(())
+}
+
+/// Where people are saved, if they are: a recording must replay alike however often it has been played.
+fn people(settings: &Settings, source: &Source) -> Option<People> {
+    let saves = settings.state.persist && matches!(source, Source::Kinect(_));
+    saves.then(|| People::at(Path::new(&settings.state.path)))
 }
 
 /// What is known while no frames come: the wires' heartbeat goes on, and faces on them are let go.

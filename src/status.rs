@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::capacity::{UNITS, USERS};
+use crate::expression::UnitRange;
 use crate::output::{Report, Tally, TrackingState};
 
 /// Between two writings.
@@ -18,7 +19,7 @@ const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
 /// Room for a text; it grows at the first writing if it must.
-const TEXT: usize = 16 * 1024;
+const TEXT: usize = 24 * 1024;
 
 /// Figures to be told.
 pub struct Status {
@@ -42,7 +43,7 @@ struct User {
     confidence: f32,
     frozen: bool,
     weights: heapless::Vec<f32, UNITS>,
-    ranges: heapless::Vec<[f32; 3], UNITS>,
+    ranges: heapless::Vec<UnitRange, UNITS>,
 }
 
 impl Status {
@@ -156,12 +157,14 @@ impl Status {
             let units = self.units.iter().zip(&user.weights).zip(&user.ranges);
             for (i, ((name, weight), range)) in units.enumerate() {
                 let comma = if i > 0 { "," } else { "" };
-                let [low, rest, high] = range.map(Finite);
+                let [low, rest, high, noise] =
+                    [range.low, range.rest, range.high, range.noise].map(Finite);
                 write!(
                     text,
-                    "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}}}",
+                    "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
                     Quoted(name),
-                    Finite(*weight)
+                    Finite(*weight),
+                    Finite(range.readiness)
                 )?;
             }
             write!(text, "}}}}")?;
@@ -347,7 +350,13 @@ mod tests {
             state: TrackingState::Tracking,
             confidence: f32::NAN,
             weights: &[0.25],
-            ranges: &[[0.1, 0.2, 0.3]],
+            ranges: &[UnitRange {
+                low: 0.1,
+                rest: 0.2,
+                high: 0.3,
+                noise: 0.01,
+                readiness: 0.5,
+            }],
             ..Report::default()
         };
         status.observe(&report, Some(Duration::from_millis(4)));
@@ -365,7 +374,7 @@ mod tests {
             "\"source\": \"a \\\"b\\\"\\\\\"",
             "\"latency_ms\": {\"median\": 4.000, \"p99\": 4.000, \"max\": 4.000, \"frames\": 1}",
             "\"slot\": 1, \"state\": \"tracking\", \"confidence\": 0.000",
-            "\"AU26\": {\"weight\": 0.250, \"low\": 0.1000, \"rest\": 0.2000, \"high\": 0.3000}",
+            "\"AU26\": {\"weight\": 0.250, \"low\": 0.1000, \"rest\": 0.2000, \"high\": 0.3000, \"noise\": 0.0100, \"readiness\": 0.50}",
             "\"sent\": 5, \"dropped\": 1",
         ] {
             assert!(text.contains(part), "{part} in {text}");

@@ -136,6 +136,21 @@ impl Weights {
     }
 }
 
+/// What is known of a unit, in units of its measure.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UnitRange {
+    /// Where the measure is with the full falling expression; rest, if there is none.
+    pub low: f32,
+    /// And neutral.
+    pub rest: f32,
+    /// And with the full rising expression.
+    pub high: f32,
+    /// Standard deviation of its noise; 0 with the paper's method, which does not ask.
+    pub noise: f32,
+    /// 0…1: how far this is the person's own.
+    pub readiness: f32,
+}
+
 /// A frame stands for at most this long, seconds: what lies between was not seen.
 const LONGEST_FRAME_S: f64 = 0.1;
 /// The frame before the first.
@@ -248,20 +263,31 @@ impl Expression {
         }
     }
 
-    /// Low, rest and high of the measure behind each column, in the order of [`Self::unit_names`].
+    /// What is known of each column's unit, in the order of [`Self::unit_names`].
     #[must_use]
-    pub fn unit_ranges(&self) -> heapless::Vec<[f32; 3], UNITS> {
+    pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {
         let paper = matches!(self.learners, Learners::Paper(_));
-        let rows = self.units.rows.iter().zip(self.ranges());
-        rows.flat_map(|(row, range)| {
+        let rows = self.units.rows.iter().zip(self.ranges()).enumerate();
+        let columns = rows.flat_map(|(m, (row, range))| {
             let kind = row.kind(paper);
-            let bounds = [range.low, range.rest, range.high].map(|bound| bound as f32);
-            core::iter::repeat_n(
-                bounds,
-                usize::from(kind.rises()) + usize::from(kind.falls()),
-            )
-        })
-        .collect()
+            let noise = match &self.learners {
+                Learners::Robust(learners) => learners[m].sigma() as f32,
+                Learners::Paper(_) => 0.0,
+            };
+            let unit = UnitRange {
+                low: range.low as f32,
+                rest: range.rest as f32,
+                high: range.high as f32,
+                noise,
+                readiness: 0.0,
+            };
+            core::iter::repeat_n(unit, usize::from(kind.rises()) + usize::from(kind.falls()))
+        });
+        let readiness = self.weights.readiness();
+        columns
+            .zip(readiness)
+            .map(|(unit, &readiness)| UnitRange { readiness, ..unit })
+            .collect()
     }
 
     /// How often a change of person was noticed here.

@@ -10,6 +10,7 @@ pub mod osc;
 pub mod serial;
 mod view;
 
+use crate::expression::UnitRange;
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 use crate::time::Timestamp;
@@ -50,7 +51,7 @@ pub struct Report<'a> {
     pub weights: &'a [f32],
     /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when lost or
     /// absent.
-    pub ranges: &'a [[f32; 3]],
+    pub ranges: &'a [UnitRange],
     /// From the frame's arrival to its being sent, µs; 0 if not known.
     pub latency_us: u32,
 }

@@ -233,7 +233,8 @@ impl Osc {
         let wanted = self.ranges && present && !report.ranges.is_empty();
         if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
             for (name, range) in self.units.iter().zip(report.ranges) {
-                let numbers = range.map(|bound| if bound.is_finite() { bound } else { 0.0 });
+                let bounds = [range.low, range.rest, range.high];
+                let numbers = bounds.map(|bound| if bound.is_finite() { bound } else { 0.0 });
                 wire.message(
                     format_args!("/{slot}/range/{name}"),
                     numbers.into_iter().map(Argument::Float),

@@ -4,7 +4,7 @@
 //! and the head's size. Before two are compared, what a rigid motion or a change of size would explain is taken out of
 //! their difference, because both belong to the pose's convention. What is left is divided by its usual spread within one
 //! person: the distance is about 1 for the same person. A face cannot be drawn from these numbers: they hold neither
-//! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth; they live in memory only.
+//! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth.
 //!
 //! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
 //! patches in common cannot be compared. Limitation: hats, glasses and thick hair change it; siblings may share it.
@@ -27,6 +27,10 @@ const MIN_COMMON: usize = 14;
 const PATCH_SIGMA_M: f32 = 0.0008;
 /// Spread of the logarithm of the size within one person.
 const SIZE_SIGMA: f64 = 0.012;
+
+/// No head is farther from the anchor, metres, nor larger or smaller by this logarithm.
+const MOST_OFFSET_M: f32 = 0.1;
+const MOST_LOG_SIZE: f64 = 0.7;
 
 /// One head's numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,6 +104,37 @@ impl Signature {
                 (counts[k] * 2 > all[k] && all[k] > 3).then(|| sums[k] / counts[k] as f32)
             }),
         }
+    }
+
+    /// Writes a word for each number, each after a blank; `-` for what was not seen.
+    ///
+    /// # Errors
+    /// If the writer fails.
+    pub fn write(&self, text: &mut impl core::fmt::Write) -> core::fmt::Result {
+        write!(text, " {:.6}", self.log_size)?;
+        for patch in &self.patches {
+            match patch {
+                Some(offset) => write!(text, " {offset:.6}")?,
+                None => write!(text, " -")?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the words that [`Self::write`] wrote; `None` if they are too few, too many or absurd.
+    #[must_use]
+    pub fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let log_size: f64 = words.next()?.parse().ok()?;
+        let mut patches = [None; PLACES];
+        for patch in &mut patches {
+            let word = words.next()?;
+            if word != "-" {
+                let offset: f32 = word.parse().ok()?;
+                *patch = Some((offset.abs() < MOST_OFFSET_M).then_some(offset)?);
+            }
+        }
+        (log_size.abs() < MOST_LOG_SIZE && words.next().is_none())
+            .then_some(Self { log_size, patches })
     }
 
     /// Root mean square difference in units of its spread within one person: about 1 for the same head. `None` when too

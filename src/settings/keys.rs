@@ -27,6 +27,10 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("vrchat", "OSC for VRChat, Unified Expressions."),
     ("faceosc", "OSC as FaceOSC sends it."),
     ("serial", "A serial port."),
+    (
+        "state",
+        "What outlives a restart, of people before a Kinect.",
+    ),
     ("status", "What the programme tells of itself, in files."),
     ("log", "What is written to standard error."),
 ];
@@ -668,6 +672,24 @@ pub(super) const KEYS: &[Key] = &[
         "decay_s",
         "How long they then take to fade to neutral.",
         |s| single(&mut s.serial.loss.decay_s, 0.0, 60.0, "s"),
+    ),
+    key(
+        "state",
+        "persist",
+        "Whether ranges and head shape of those who left are saved, for users.remember_s, so that a restart forgets nobody.",
+        |s| Kind::Bool {
+            value: &mut s.state.persist,
+        },
+    ),
+    key(
+        "state",
+        "path",
+        "The file; rewritten once a minute and at the end.",
+        |s| Kind::Text {
+            value: &mut s.state.path,
+            form: "the path of a file in an existing directory",
+            valid: |path| !path.is_empty(),
+        },
     ),
     key(
         "status",

@@ -46,6 +46,8 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// What outlives a restart.
+    pub state: StateSettings,
     /// What is told in files.
     pub status: StatusSettings,
     /// What is logged.
@@ -96,6 +98,24 @@ impl Default for UserSettings {
             hold_s: 0.5,
             forget_s: 2.0,
             remember_s: 600.0,
+        }
+    }
+}
+
+/// What outlives a restart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateSettings {
+    /// Whether people who left are saved; only while a Kinect is followed.
+    pub persist: bool,
+    /// Path of the file.
+    pub path: String,
+}
+
+impl Default for StateSettings {
+    fn default() -> Self {
+        Self {
+            persist: true,
+            path: "/var/lib/mien/people.ranges".into(),
         }
     }
 }

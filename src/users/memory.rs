@@ -1,7 +1,7 @@
 //! People who left, to be known when they come back: a head's signature and the ranges learned, for a while, in memory.
 //!
-//! At most [`capacity::REMEMBERED`](crate::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Nothing
-//! is written anywhere, and neither pictures nor clouds are kept.
+//! At most [`capacity::REMEMBERED`](crate::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
+//! pictures nor clouds are kept; [`super::saved`] takes them over a restart.
 
 use crate::capacity::{REMEMBERED, USERS};
 use crate::expression::saved::Learned;
@@ -17,8 +17,18 @@ pub struct Gone {
     pub signature: Signature,
     /// Their ranges.
     pub learned: Learned,
-    /// When they were seen last.
+    /// When they were seen last, or the start of this run.
     pub last_seen: Timestamp,
+    /// How long they had been gone before this run, seconds; 0 for who was seen in it.
+    pub before_s: f64,
+}
+
+impl Gone {
+    /// How long they have been gone, seconds.
+    #[must_use]
+    pub fn away_s(&self, now: Timestamp) -> f64 {
+        now.seconds_since(self.last_seen).max(0.0) + self.before_s
+    }
 }
 
 /// Those who left, longest gone first.
@@ -41,7 +51,7 @@ impl Memory {
     /// Forgets who has been gone for more than `most_s` seconds.
     pub fn forget_older(&mut self, now: Timestamp, most_s: f64) {
         self.gone
-            .retain(|gone| (0.0..=most_s).contains(&now.seconds_since(gone.last_seen)));
+            .retain(|gone| now >= gone.last_seen && gone.away_s(now) <= most_s);
     }
 
     /// Forgets who had a slot last.

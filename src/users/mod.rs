@@ -11,6 +11,8 @@
 pub mod choice;
 pub mod matching;
 pub mod memory;
+#[cfg(feature = "std")]
+pub mod saved;
 
 pub use choice::Policy;
 

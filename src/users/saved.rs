@@ -1,0 +1,199 @@
+//! People who are remembered, to disk and back, so that a restart forgets nobody who is not to be forgotten.
+//!
+//! One text file; its last line has the CRC-32 of all before it. Per person the slot, when they were seen last (seconds
+//! since 1970), the head's signature and what was learned ([`Learned`]); no picture, nothing a face could be drawn from:
+//! ```text
+//! mien-people 1
+//! person 0 1763720000 0.012 0.00041 - -0.00112 …
+//! mien-ranges 1 0.0372
+//! lip_gap 0.0213 0.0213 0.7961
+//! …
+//! checksum 1a2b3c4d
+//! ```
+//! Written by rename, at most once a minute and at the end, and only while a Kinect is followed: a recording that changed
+//! what its next replay starts from would not be one. A damaged file is set aside and said. Memory: fixed after
+//! [`People::at`]. Degenerate: a clock that was set back makes nobody older; who has been gone for too long is dropped by
+//! [`Memory::forget_older`](super::memory::Memory::forget_older).
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use super::memory::Gone;
+use crate::capacity::{REMEMBERED, USERS};
+use crate::checksum::crc32;
+use crate::expression::saved::{Learned, SavedError};
+use crate::pose::signature::Signature;
+use crate::time::Timestamp;
+
+const HEADER: &str = "mien-people 1";
+/// Time between two writings.
+const PERIOD: Duration = Duration::from_secs(60);
+/// Bytes of the longest file: signature and ranges of everybody.
+const TEXT: usize = (REMEMBERED + USERS) * 2048;
+
+/// Why a file of people is refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PeopleError {
+    /// Not this format.
+    #[error("expected a first line \"mien-people 1\"")]
+    Header,
+    /// Not what was written.
+    #[error("the checksum in the last line is not that of the text")]
+    Checksum,
+    /// A person's line.
+    #[error("person {0}: expected \"person slot seconds\" and the signature of a head")]
+    Person(usize),
+    /// A person's ranges.
+    #[error("person {0}: {1}")]
+    Ranges(usize, SavedError),
+}
+
+fn seconds(at: SystemTime) -> u64 {
+    let since = at.duration_since(SystemTime::UNIX_EPOCH);
+    since.unwrap_or_default().as_secs()
+}
+
+/// Writes people; `now` is the time of the frame they were last looked for in, and of the clock.
+///
+/// # Errors
+/// If the writer fails.
+pub fn write<'a>(
+    people: impl Iterator<Item = &'a Gone>,
+    now: (Timestamp, SystemTime),
+    text: &mut String,
+) -> std::fmt::Result {
+    text.clear();
+    writeln!(text, "{HEADER}")?;
+    for one in people {
+        let last_seen = seconds(now.1).saturating_sub(one.away_s(now.0) as u64);
+        write!(text, "person {} {last_seen}", one.slot)?;
+        one.signature.write(text)?;
+        writeln!(text)?;
+        one.learned.write(text)?;
+    }
+    let checksum = crc32(text.as_bytes());
+    writeln!(text, "checksum {checksum:08x}")
+}
+
+/// Reads what [`write`] wrote.
+///
+/// # Errors
+/// If anything is damaged; then nobody is known.
+pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERED>, PeopleError> {
+    let body = text.strip_prefix(HEADER).ok_or(PeopleError::Header)?;
+    let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
+    let checksum = text[end..].trim_end().strip_prefix("checksum ");
+    let checksum = checksum.and_then(|hex| u32::from_str_radix(hex, 16).ok());
+    if checksum != Some(crc32(&text.as_bytes()[..end])) {
+        return Err(PeopleError::Checksum);
+    }
+    let mut people = heapless::Vec::new();
+    let blocks = body[..end - HEADER.len()].split("\nperson ").skip(1);
+    // The latest stand last.
+    for (number, block) in blocks.enumerate() {
+        let person = || PeopleError::Person(number + 1);
+        let (line, ranges) = block.split_once('\n').ok_or_else(person)?;
+        let mut words = line.split_ascii_whitespace();
+        let slot = words.next().and_then(|word| word.parse().ok());
+        let last_seen: Option<u64> = words.next().and_then(|word| word.parse().ok());
+        let signature = Signature::read(words).ok_or_else(person)?;
+        let gone = Gone {
+            slot: slot.filter(|&slot| slot < USERS).ok_or_else(person)?,
+            signature,
+            learned: Learned::read(ranges)
+                .map_err(|problem| PeopleError::Ranges(number + 1, problem))?,
+            last_seen: Timestamp::default(),
+            before_s: seconds(now).saturating_sub(last_seen.ok_or_else(person)?) as f64,
+        };
+        if people.is_full() {
+            people.remove(0);
+        }
+        // Not full: just seen to.
+        let _ = people.push(gone);
+    }
+    Ok(people)
+}
+
+/// The file.
+pub struct People {
+    path: PathBuf,
+    new: PathBuf,
+    written: Instant,
+    text: String,
+    /// Whether it was said that it cannot be written.
+    told: bool,
+}
+
+impl People {
+    /// At a path; nothing is read or written yet.
+    #[must_use]
+    pub fn at(path: &Path) -> Self {
+        let mut new = path.as_os_str().to_owned();
+        new.push(".new");
+        Self {
+            path: path.to_owned(),
+            new: new.into(),
+            written: Instant::now(),
+            text: String::with_capacity(TEXT),
+            told: false,
+        }
+    }
+
+    /// Who is remembered; nobody if there is no file, or a damaged one, which is set aside.
+    #[must_use]
+    pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
+        let path = self.path.display();
+        let bytes = match std::fs::read(&self.path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return heapless::Vec::new();
+            }
+            Err(error) => {
+                tracing::warn!("{path}: people cannot be read ({error}); nobody is remembered");
+                return heapless::Vec::new();
+            }
+        };
+        let text = String::from_utf8_lossy(&bytes);
+        read(&text, SystemTime::now()).unwrap_or_else(|problem| {
+            let mut aside = self.path.as_os_str().to_owned();
+            aside.push(".damaged");
+            // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
+            let _ = std::fs::rename(&self.path, &aside);
+            tracing::warn!(
+                "{path}: {problem}; it is set aside as {}, nobody is remembered",
+                Path::new(&aside).display()
+            );
+            heapless::Vec::new()
+        })
+    }
+
+    /// Whether a minute has gone by since it was written.
+    #[must_use]
+    pub fn is_due(&self) -> bool {
+        self.written.elapsed() >= PERIOD
+    }
+
+    /// Writes the file; said once if that cannot be done. `at` is the time of the last frame.
+    pub fn save<'a>(&mut self, people: impl Iterator<Item = &'a Gone>, at: Timestamp) {
+        self.written = Instant::now();
+        // A string takes everything.
+        let _ = write(people, (at, SystemTime::now()), &mut self.text);
+        let written = std::fs::File::create(&self.new)
+            .and_then(|mut file| {
+                file.write_all(self.text.as_bytes())?;
+                file.sync_data()
+            })
+            .and_then(|()| std::fs::rename(&self.new, &self.path));
+        if let Err(error) = &written
+            && !self.told
+        {
+            tracing::info!(
+                "{}: people are not saved ({error}); state.path names another place, state.persist = false does without",
+                self.path.display()
+            );
+        }
+        self.told = written.is_err();
+    }
+}

@@ -1,0 +1,152 @@
+//! Promise: a restart forgets nobody: who was there gets their ranges back from a file, which is believed only whole.
+
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, SystemTime};
+
+use mien::expression::Measure;
+use mien::face_model::FaceModel;
+use mien::pipeline::Pipeline;
+use mien::sensor::{Frame, Source};
+use mien::settings::Settings;
+use mien::time::Timestamp;
+use mien::users::memory::Gone;
+use mien::users::saved::{People, read, write};
+
+/// The built-in person before the simulated sensor, for so many frames.
+fn play(pipeline: &mut Pipeline, frames: usize) {
+    let mut source = Source::simulated(None).expect("built in");
+    let mut frame = Frame::default();
+    for _ in 0..frames {
+        assert!(source.next_frame(&mut frame).expect("endless"));
+        pipeline.follow(&frame);
+    }
+}
+
+fn pipeline() -> Pipeline {
+    let source = Source::simulated(None).expect("built in");
+    let model = FaceModel::shipped();
+    Pipeline::new(&Settings::default(), source.registration(), &model).expect("built in")
+}
+
+fn written(people: &[Gone], pipeline: &Pipeline, at: SystemTime) -> String {
+    let mut text = String::new();
+    write(people.iter(), (pipeline.at(), at), &mut text).expect("a String takes everything");
+    text
+}
+
+#[test]
+fn who_was_there_is_known_after_a_restart() {
+    let mut before = pipeline();
+    play(&mut before, 600);
+    let people = before.people();
+    assert_eq!(people.len(), 1, "one person is there");
+    let learned = people[0].learned.clone();
+
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join("people.ranges");
+    let mut file = People::at(&path);
+    assert!(file.load().is_empty(), "no file, nobody");
+    file.save(people.iter(), before.at());
+    let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
+    assert_eq!(names.len(), 1, "nothing is left beside it");
+
+    let mut after = pipeline();
+    after.recall(People::at(&path).load());
+    play(&mut after, 30);
+    let mut fresh = pipeline();
+    play(&mut fresh, 30);
+    let up = |range: &mien::expression::Range| range.high - range.rest;
+    let (mut own, mut strange) = (0.0, 0.0);
+    for m in [
+        Measure::LipGap,
+        Measure::JawDrop,
+        Measure::MouthWidth,
+        Measure::BrowL,
+    ] {
+        let learned = up(&learned.ranges[m as usize]);
+        own += (up(&after.expression(0).ranges()[m as usize]) / learned)
+            .ln()
+            .abs();
+        strange += (up(&fresh.expression(0).ranges()[m as usize]) / learned)
+            .ln()
+            .abs();
+    }
+    println!("sides are off by {own:.3} with the file, by {strange:.3} without");
+    assert!(own < 0.4 * strange, "{own} {strange}");
+}
+
+#[test]
+fn a_file_reads_back_and_ages() {
+    let mut pipeline = pipeline();
+    play(&mut pipeline, 60);
+    let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    let text = written(&pipeline.people(), &pipeline, at);
+    let later = read(&text, at + Duration::from_secs(90)).expect("just written");
+    assert_eq!(later.len(), 1);
+    assert!((later[0].before_s - 90.0).abs() <= 1.0);
+    let mut again = String::new();
+    let now = (Timestamp::default(), at + Duration::from_secs(90));
+    write(later.iter(), now, &mut again).expect("a String takes everything");
+    assert_eq!(again, text);
+    let earlier = read(&text, at - Duration::from_secs(3600)).expect("just written");
+    assert!(
+        earlier[0].before_s == 0.0,
+        "a clock set back makes nobody older"
+    );
+}
+
+#[test]
+fn a_damaged_file_is_refused_and_set_aside() {
+    let mut pipeline = pipeline();
+    play(&mut pipeline, 60);
+    let at = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    let text = written(&pipeline.people(), &pipeline, at);
+    for byte in 0..text.len() - 1 {
+        let mut bytes = text.clone().into_bytes();
+        bytes[byte] ^= 1;
+        let damaged = String::from_utf8_lossy(&bytes).into_owned();
+        assert!(read(&damaged, at).is_err(), "byte {byte}");
+    }
+    for length in 0..text.len() - 1 {
+        assert!(read(&text[..length], at).is_err(), "cut at {length}");
+    }
+
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join("people.ranges");
+    std::fs::write(&path, &text[..text.len() / 2]).expect("writable");
+    assert!(People::at(&path).load().is_empty());
+    assert!(!path.exists() && folder.path().join("people.ranges.damaged").exists());
+}
+
+#[test]
+fn a_simulation_saves_nobody() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let people = folder.path().join("people.ranges");
+    let config = folder.path().join("mien.toml");
+    let quote = |path: &Path| format!("{:?}", path.display().to_string());
+    let text = format!(
+        "[state]\npersist = true\npath = {}\n[osc]\nenabled = false\n[status]\npath = \"\"\n",
+        quote(&people)
+    );
+    std::fs::write(&config, text).expect("writable");
+    let run = Command::new(env!("CARGO_BIN_EXE_mien"))
+        .args([
+            "run",
+            "--source",
+            "simulated",
+            "--fast",
+            "--frames",
+            "60",
+            "--config",
+        ])
+        .arg(&config)
+        .output()
+        .expect("runs");
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+    assert!(!people.exists());
+}
