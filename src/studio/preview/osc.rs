@@ -279,6 +279,7 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::expression::UnitRange;
     use crate::geometry::Rigid;
     use crate::output::osc::{Osc, Settings};
     use crate::output::{Output, Report, TrackingState};
@@ -321,7 +322,12 @@ mod tests {
             confidence: 0.75,
             sensor_from_head: Some(&pose),
             weights: &[0.25, 0.5],
-            ranges: &[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]],
+            ranges: &[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]].map(|[low, rest, high]| UnitRange {
+                low,
+                rest,
+                high,
+                ..UnitRange::default()
+            }),
             latency_us: 12_500,
             ..Report::default()
         };

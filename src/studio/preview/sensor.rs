@@ -82,10 +82,9 @@ pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
             hub.tell(&sample(report, latency));
             let slot = report.user.filter(|_| !report.ranges.is_empty());
             if let Some(slot) = slot.filter(|_| now - told >= RANGES_EVERY_S) {
-                let ready = pipeline.expression(slot).weights().readiness();
-                let both = report.ranges.iter().zip(ready);
-                let ranges: Vec<Option<UnitRange>> = both
-                    .map(|(range, ready)| Some((*range, Some(*ready))))
+                let known = report.ranges.iter();
+                let ranges: Vec<Option<UnitRange>> = known
+                    .map(|unit| Some(([unit.low, unit.rest, unit.high], Some(unit.readiness))))
                     .collect();
                 hub.ranges(slot, &ranges);
             }
