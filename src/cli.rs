@@ -13,6 +13,7 @@ mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
 mien devices                         sensors and serial ports that are there
+mien doctor         [--config FILE]  one line per check: OK, WARN or FAIL, and the remedy
 mien bench          [--source S] [--frames N]  time per stage and memory, without the source's own cost
 mien send-test      [--config FILE]  sweeps every unit 0-1-0 to every output, its name in the log
 mien help | --help | --version
@@ -40,6 +41,8 @@ pub enum Command {
     PrintConfig(Option<PathBuf>),
     /// `devices`
     Devices,
+    /// `doctor`, with the file if one was named.
+    Doctor(Option<PathBuf>),
     /// `bench`
     Bench(Bench),
     /// `send-test`, with the file if one was named.
@@ -133,18 +136,19 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
             Some(other) => return Err(other.unexpected().into()),
             None => Command::CheckConfig(None),
         },
-        "print-config" => match parser.next()? {
-            Some(Long("config")) => Command::PrintConfig(Some(parser.value()?.into())),
-            Some(Long("help")) => return Ok(Command::Help),
-            Some(other) => return Err(other.unexpected().into()),
-            None => Command::PrintConfig(None),
-        },
-        "send-test" => match parser.next()? {
-            Some(Long("config")) => Command::SendTest(Some(parser.value()?.into())),
-            Some(Long("help")) => return Ok(Command::Help),
-            Some(other) => return Err(other.unexpected().into()),
-            None => Command::SendTest(None),
-        },
+        "print-config" | "doctor" | "send-test" => {
+            let config = match parser.next()? {
+                Some(Long("config")) => Some(parser.value()?.into()),
+                Some(Long("help")) => return Ok(Command::Help),
+                Some(other) => return Err(other.unexpected().into()),
+                None => None,
+            };
+            match command.as_str() {
+                "doctor" => Command::Doctor(config),
+                "send-test" => Command::SendTest(config),
+                _ => Command::PrintConfig(config),
+            }
+        }
         _ => {
             return Err(
                 lexopt::Error::Custom(format!("unknown command {command:?}").into()).into(),
@@ -209,6 +213,7 @@ mod tests {
         );
         assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
         assert_eq!(words("devices").unwrap(), Command::Devices);
+        assert_eq!(words("doctor").unwrap(), Command::Doctor(None));
         let bench = Bench {
             source: Some("session".into()),
             frames: Some(60),

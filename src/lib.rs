@@ -41,6 +41,7 @@ pub mod bench;
 pub mod budget;
 pub mod cli;
 pub mod devices;
+pub mod doctor;
 mod few;
 mod follower;
 mod live;

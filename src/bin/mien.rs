@@ -49,6 +49,11 @@ fn main() -> ExitCode {
             print!("{}", mien::devices::report());
             Ok(())
         }
+        Command::Doctor(file) => {
+            let (lines, sound) = mien::doctor::report(file.as_deref());
+            print!("{lines}");
+            return ExitCode::from(u8::from(!sound));
+        }
         Command::Bench(bench) => {
             mien::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())
         }

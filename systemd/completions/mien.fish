@@ -1,0 +1,21 @@
+# fish completion for mien
+complete -c mien -f
+set mien_first 'not __fish_seen_subcommand_from run check-config print-config devices doctor bench send-test help'
+complete -c mien -n $mien_first -a run -d 'From the sensor to the wires'
+complete -c mien -n $mien_first -a check-config -d 'Check a configuration'
+complete -c mien -n $mien_first -a print-config -d 'The configuration in force'
+complete -c mien -n $mien_first -a devices -d 'Sensors and serial ports that are there'
+complete -c mien -n $mien_first -a doctor -d 'What a run needs, and the remedy'
+complete -c mien -n $mien_first -a bench -d 'Time per stage and memory'
+complete -c mien -n $mien_first -a send-test -d 'Sweep every unit on every output'
+complete -c mien -n $mien_first -a help -d 'Commands and options'
+complete -c mien -n $mien_first -l help -d 'Commands and options'
+complete -c mien -n $mien_first -l version -d 'Version, features, model'
+complete -c mien -n '__fish_seen_subcommand_from run print-config doctor send-test' -l config -r -F -d 'Configuration'
+complete -c mien -n '__fish_seen_subcommand_from run bench' -l source -r -F -a 'kinect simulated' -d 'Where frames come from'
+complete -c mien -n '__fish_seen_subcommand_from run bench' -l frames -x -d 'End after so many frames'
+complete -c mien -n '__fish_seen_subcommand_from run' -l csv -r -F -d 'One row per frame and user'
+complete -c mien -n '__fish_seen_subcommand_from run' -l fast -d 'As fast as it goes'
+complete -c mien -n '__fish_seen_subcommand_from run' -l model -r -F -d 'Face model'
+complete -c mien -n '__fish_seen_subcommand_from run' -l require-device -d 'Exit 3 without a sensor'
+complete -c mien -n '__fish_seen_subcommand_from check-config' -F

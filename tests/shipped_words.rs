@@ -1,0 +1,42 @@
+//! Promise: the man page and the completions know every command and option of `mien help`, and no others.
+
+use std::collections::BTreeSet;
+
+use mien::cli::HELP;
+
+/// Options in a text; completions of fish have them as `-l name`.
+fn options(text: &str) -> BTreeSet<String> {
+    let text = text.replace("\\-", "-").replace(" -l ", " --");
+    let starts = text.match_indices("--").map(|(at, _)| at + 2);
+    let words = starts.map(|at| {
+        let word = text[at..].split(|c: char| !c.is_ascii_lowercase() && c != '-');
+        word.take(1).collect::<String>()
+    });
+    words.filter(|word| word.len() > 1).collect()
+}
+
+fn commands() -> BTreeSet<&'static str> {
+    let lines = HELP.lines().filter_map(|line| line.strip_prefix("mien "));
+    let words = lines.filter_map(|line| line.split_whitespace().next());
+    words.filter(|word| *word != "-").collect()
+}
+
+#[test]
+fn man_page_and_completions_know_what_help_says() {
+    let expected = options(HELP);
+    assert!(commands().len() == 8 && expected.len() >= 9, "{expected:?}");
+    for (name, text) in [
+        ("mien.1", include_str!("../systemd/mien.1")),
+        ("bash", include_str!("../systemd/completions/mien.bash")),
+        ("zsh", include_str!("../systemd/completions/_mien")),
+        ("fish", include_str!("../systemd/completions/mien.fish")),
+    ] {
+        // What shells call their own words with.
+        let text = text.replace("-- \"$word\"", "");
+        assert_eq!(options(&text), expected, "{name}");
+        let plain = text.replace("\\-", "-");
+        for command in commands() {
+            assert!(plain.contains(command), "{name} does not know {command}");
+        }
+    }
+}
