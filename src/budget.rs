@@ -15,12 +15,12 @@
 //! | anchor | 700,000 | the standard head, prepared |
 //! | people | 5 × 170,000 | four users and the one at the door |
 //! | **stages** | **4,632,496** | of 8 MiB |
-//! | waiting frames | 4 × 729,600 | two in the ring, one at each end |
-//! | pairing | 4 × 364,800 | two pictures per stream |
+//! | waiting frames | 3 × 729,600 | two in the ring or being unpacked, one with the sensor's thread |
+//! | pairing | 729,600 | one picture per stream |
 //! | assembling | 729,600 | one picture per stream |
 //! | transfers in flight | 983,040 | 16 per stream |
-//! | landed transfers | 1,974,272 | 64 |
-//! | **live sensor** | **8,064,512** | of 8 MiB |
+//! | landed transfers | 1,110,528 | 36 |
+//! | **live sensor** | **5,741,568** | of 8 MiB |
 
 use crate::capacity::{
     LANDED_TRANSFERS, PACKETS, PIXELS, RAW_DEPTH_VALUES, TRANSFERS, UNPAIRED_PICTURES, USERS,
@@ -49,8 +49,8 @@ pub const PERSON: usize = 170_000;
 pub const STAGES: usize =
     FRAME + SEGMENT + CAMERA + LANDMARKS + MODEL + ANCHOR + (USERS + 1) * PERSON;
 
-/// Frames between the sensor's thread and the stages, with the one at either end.
-pub const WAITING: usize = (WAITING_FRAMES + 2) * RawPair::BYTES;
+/// Frames between the sensor's thread and the stages, and the thread's own.
+pub const WAITING: usize = (WAITING_FRAMES + 1) * RawPair::BYTES;
 /// Pictures that wait for their other half, and those that are being assembled.
 pub const PICTURES: usize = (UNPAIRED_PICTURES + 1) * RawPair::BYTES;
 /// Transfers in flight, both streams.

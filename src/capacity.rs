@@ -42,13 +42,13 @@ pub const UNITS: usize = 2 * LEARNT_MEASURES;
 pub const PAPER_SAMPLES: usize = 128;
 /// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
 pub const RANGE_NODES: usize = 64;
-/// Pictures of one stream that may wait for their other half: one that is about to get it, and a newer one.
-pub const UNPAIRED_PICTURES: usize = 2;
-/// Frames of the sensor that may wait for the stages: a hiccup of 66 ms.
+/// Pictures of one stream that may wait for their other half: they come in turn, so of two the newer one will get it.
+pub const UNPAIRED_PICTURES: usize = 1;
+/// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.
 pub const WAITING_FRAMES: usize = 2;
 /// USB transfers in flight per stream: 32 ms.
 pub const TRANSFERS: usize = 16;
 /// Packets per transfer, a multiple of the eight microframes of a frame.
 pub const PACKETS: usize = 16;
-/// Landed transfers of both streams that may wait to be taken: 64 ms, as long as a command may take.
-pub const LANDED_TRANSFERS: usize = 4 * TRANSFERS;
+/// Landed transfers of both streams that may wait to be taken: all in flight and some more, 36 ms.
+pub const LANDED_TRANSFERS: usize = 2 * TRANSFERS + 4;

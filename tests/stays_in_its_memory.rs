@@ -1,25 +1,25 @@
 //! Promise: what a run takes is taken before the first frame, fits its budgets, and stays the same whoever comes and goes.
 //! By itself in its program, one test at a time: the allocator counts what any thread asks for.
 
-use std::io::Read;
-use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use mien::budget;
-use mien::cli::{CsvTarget, Run};
 use mien::face_model::FaceModel;
 use mien::landmarks::Scratch;
 use mien::memory::Counting;
 use mien::pipeline::Pipeline;
 use mien::segment::Segmenter;
+use mien::sensor::Frame;
 use mien::sensor::camera::{Camera, Registration};
 use mien::sensor::pairing::{Pairing, RawPair};
-use mien::sensor::recording::Recorder;
-use mien::sensor::{Frame, Source};
 use mien::settings::Settings;
-use serialport::{SerialPort, TTYPort};
+
+#[path = "common/whole_run.rs"]
+mod whole_run;
+
+use whole_run::{everything_on, read_port, record};
 
 #[global_allocator]
 static MEMORY: Counting = Counting::new();
@@ -76,84 +76,6 @@ fn every_row_of_the_table_is_what_is_taken() {
         assert!(taken * 10 >= row * 9, "{part} takes only {taken} of {row}");
     }
     println!("stages {}, sensor {}", budget::STAGES, budget::SENSOR);
-}
-
-/// Some seconds of people who come and go, as a recording.
-fn record(folder: &Path, scene: &str, frames: u64) {
-    let mut source = Source::simulated(Some(scene)).unwrap();
-    let mut recorder = Recorder::create(folder, source.registration(), 1.0e9).unwrap();
-    let mut frame = Frame::default();
-    for _ in 0..frames {
-        assert!(source.next_frame(&mut frame).unwrap());
-        recorder.write(&frame).unwrap();
-    }
-}
-
-/// A serial port whose other end is read, for as long as the test programme runs.
-fn read_port() -> String {
-    let (mut reader, port) = TTYPort::pair().unwrap();
-    let name = port.name().unwrap();
-    std::thread::spawn(move || {
-        let _open = port;
-        let mut bytes = [0; 4096];
-        loop {
-            // Nothing to read is no reason to stop.
-            let _ = reader.read(&mut bytes);
-        }
-    });
-    name
-}
-
-/// Every output there is, into this folder and to nobody.
-fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
-    let config = folder.join("mien.toml");
-    let text = format!(
-        "[osc]\ntarget = \"127.0.0.1:9\"\nranges = true\ncommands = true\nlisten = \"127.0.0.1:0\"\n\
-         [vmc]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
-         [vrchat]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
-         [faceosc]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
-         [serial]\nport = {serial:?}\nbaud = 921600\npose = true\n\
-         [status]\npath = {:?}\n",
-        folder.join("status.json")
-    );
-    std::fs::write(&config, text).unwrap();
-    config
-}
-
-#[test]
-fn four_people_and_every_output_ask_for_nothing_once_all_is_running() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = tempfile::tempdir().unwrap();
-    let session = folder.path().join("session");
-    record(&session, "four", 240);
-    let port = read_port();
-    let csv = folder.path().join("out.csv");
-    let run = Run {
-        config: Some(everything_on(folder.path(), &port)),
-        source: Some(session.to_str().unwrap().to_owned()),
-        csv: Some(CsvTarget::File(csv.clone())),
-        fast: true,
-        ..Run::default()
-    };
-    // Length of the table and requests so far, in memory taken beforehand.
-    let mut samples: Vec<(u64, u64)> = Vec::with_capacity(1 << 16);
-    let thread = std::thread::spawn(move || mien::service::run(&run));
-    while !thread.is_finished() && samples.len() < samples.capacity() {
-        let length = std::fs::metadata(&csv).map_or(0, |file| file.len());
-        samples.push((length, MEMORY.requests()));
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    thread.join().unwrap().unwrap();
-    let whole = std::fs::metadata(&csv).unwrap().len();
-    let at = |share: f64| {
-        let part = (whole as f64 * share) as u64;
-        samples.iter().find(|(length, _)| *length >= part).unwrap()
-    };
-    // The first frames are still alone with one person; what ends a run may ask again.
-    let (start, end) = (at(0.05), at(0.95));
-    println!("{} samples, from {start:?} to {end:?}", samples.len());
-    assert!(end.0 > start.0);
-    assert_eq!(start.1, end.1, "requests between 5 % and 95 % of the table");
 }
 
 /// The highest value of a line of `/proc/PID/status` until the process ends, for several lines.

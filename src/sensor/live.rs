@@ -72,7 +72,6 @@ pub struct LiveKinect {
     /// Opening of the last frame, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
     arrived: Option<Instant>,
-    pair: RawPair,
     registration: Registration,
 }
 
@@ -94,7 +93,7 @@ impl LiveKinect {
         let shared = Arc::new(Shared {
             inner: Mutex::new(Inner {
                 ring: VecDeque::with_capacity(RING),
-                // With those that the two threads hold: never less than needed, and untouched until then.
+                // The sensor's thread has one more.
                 free: (0..RING).map(|_| RawPair::default()).collect(),
                 status: Status::default(),
                 registration: Registration::default(),
@@ -116,7 +115,6 @@ impl LiveKinect {
             clock: PictureClock::default(),
             last: None,
             arrived: None,
-            pair: RawPair::default(),
             registration: Registration::default(),
         }
     }
@@ -125,12 +123,10 @@ impl LiveKinect {
     pub fn next_frame(&mut self, frame: &mut Frame, wait: Duration) -> bool {
         let deadline = Instant::now() + wait;
         let mut inner = self.shared.lock();
-        let opening = loop {
-            if let Some((opening, arrived, mut pair)) = inner.ring.pop_front() {
+        let (opening, mut pair) = loop {
+            if let Some((opening, arrived, pair)) = inner.ring.pop_front() {
                 self.arrived = Some(arrived);
-                core::mem::swap(&mut self.pair, &mut pair);
-                inner.free.push(pair);
-                break opening;
+                break (opening, pair);
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
@@ -154,7 +150,8 @@ impl LiveKinect {
         }
         self.last = Some((opening, now));
         drop(inner);
-        develop(&mut self.pair, &mut self.clock, frame);
+        develop(&mut pair, &mut self.clock, frame);
+        self.shared.lock().free.push(pair);
         true
     }
 
@@ -355,7 +352,7 @@ fn stream<S: PacketSource>(
 /// Swaps a completed pair into the ring; the oldest in it gives way.
 fn hand_over(shared: &Shared, opening: u64, pair: &mut RawPair) {
     let mut inner = shared.lock();
-    if inner.ring.len() == RING
+    if inner.free.is_empty()
         && let Some((_, _, oldest)) = inner.ring.pop_front()
     {
         inner.status.overwritten += 1;

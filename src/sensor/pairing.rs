@@ -6,7 +6,7 @@
 //! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
 //! the choice flip.
 //!
-//! Memory: two pictures per stream, allocated once; when full the oldest is dropped and counted.
+//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
@@ -277,11 +277,11 @@ mod tests {
             let ticks = u32::from(number) * TICKS_PER_PICTURE;
             assert_eq!(bench.offer(Stream::Depth, number, ticks), None);
         }
-        assert_eq!(bench.pairing.unpaired(), [0, 8]);
+        assert_eq!(bench.pairing.unpaired(), [0, 9]);
         assert_eq!(
-            bench.offer(Stream::Colour, 8, 8 * TICKS_PER_PICTURE),
-            Some([8, 8])
+            bench.offer(Stream::Colour, 9, 9 * TICKS_PER_PICTURE),
+            Some([9, 9])
         );
-        assert_eq!(bench.pairing.unpaired(), [0, 8]);
+        assert_eq!(bench.pairing.unpaired(), [0, 9]);
     }
 }

@@ -1,0 +1,51 @@
+//! A run with everything on: a recording of people, a serial port that is read, a configuration with every output.
+#![allow(unreachable_pub, reason = "each test programme is a crate of its own")]
+
+use std::io::Read;
+use std::path::Path;
+
+use mien::sensor::recording::Recorder;
+use mien::sensor::{Frame, Source};
+use serialport::{SerialPort, TTYPort};
+
+/// Some seconds of people who come and go, as a recording.
+pub fn record(folder: &Path, scene: &str, frames: u64) {
+    let mut source = Source::simulated(Some(scene)).unwrap();
+    let mut recorder = Recorder::create(folder, source.registration(), 1.0e9).unwrap();
+    let mut frame = Frame::default();
+    for _ in 0..frames {
+        assert!(source.next_frame(&mut frame).unwrap());
+        recorder.write(&frame).unwrap();
+    }
+}
+
+/// A serial port whose other end is read, for as long as the test programme runs.
+pub fn read_port() -> String {
+    let (mut reader, port) = TTYPort::pair().unwrap();
+    let name = port.name().unwrap();
+    std::thread::spawn(move || {
+        let _open = port;
+        let mut bytes = [0; 4096];
+        loop {
+            // Nothing to read is no reason to stop.
+            let _ = reader.read(&mut bytes);
+        }
+    });
+    name
+}
+
+/// Every output there is, into this folder and to nobody.
+pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
+    let config = folder.join("mien.toml");
+    let text = format!(
+        "[osc]\ntarget = \"127.0.0.1:9\"\nranges = true\ncommands = true\nlisten = \"127.0.0.1:0\"\n\
+         [vmc]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+         [vrchat]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+         [faceosc]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+         [serial]\nport = {serial:?}\nbaud = 921600\npose = true\n\
+         [status]\npath = {:?}\n",
+        folder.join("status.json")
+    );
+    std::fs::write(&config, text).unwrap();
+    config
+}
