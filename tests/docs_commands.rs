@@ -15,7 +15,9 @@ const DOCUMENTS: [&str; 2] = ["README.md", "docs/troubleshooting.md"];
 /// What needs minutes: only its words are looked at.
 const LONG: [&str; 4] = ["train", "evaluate", "fit", "nrsfm"];
 /// Commands of others, or of this very run.
-const NOT_OURS: [&str; 8] = ["cargo", "sudo", "git", "node", "python", "cd", "npm", "apt"];
+const NOT_OURS: [&str; 9] = [
+    "cargo", "sudo", "git", "node", "python", "cd", "npm", "apt", "export",
+];
 /// Enough for the slowest to speak.
 const PATIENCE: Duration = Duration::from_secs(60);
 

@@ -9,7 +9,7 @@
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
-//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it | every 5 s with a face, if wanted |
+//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if wanted |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units stand under their names in
 //! the configuration. Receivers may ask for something, if the configuration lets them ([`commands`]).
@@ -233,8 +233,8 @@ impl Osc {
         let wanted = self.ranges && present && !report.ranges.is_empty();
         if wanted && user.range.due(report.at, RANGES_PERIOD_S) {
             for (name, range) in self.units.iter().zip(report.ranges) {
-                let bounds = [range.low, range.rest, range.high];
-                let numbers = bounds.map(|bound| if bound.is_finite() { bound } else { 0.0 });
+                let numbers = [range.low, range.rest, range.high, range.readiness];
+                let numbers = numbers.map(|bound| if bound.is_finite() { bound } else { 0.0 });
                 wire.message(
                     format_args!("/{slot}/range/{name}"),
                     numbers.into_iter().map(Argument::Float),

@@ -165,7 +165,7 @@ def check_osc(messages, rows, units, options):
     if options["ranges"]:
         for name in names:
             ranges = of("/0/range/" + name)
-            assert ranges and all(low <= rest <= high for low, rest, high in ranges), (name, ranges)
+            assert ranges and all(low <= rest <= high and 0 <= ready <= 1 for low, rest, high, ready in ranges), (name, ranges)
     return checked
 
 

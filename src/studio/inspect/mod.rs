@@ -1,8 +1,8 @@
-//! `mien-studio inspect`: a recording, a run's CSV, a face model, a mesh, saved ranges or a status file, as one HTML page or one
-//! PNG sheet.
+//! `mien-studio inspect`: a recording, a run's CSV, a face model, a mesh, remembered people or a status file, as one HTML
+//! page or one PNG sheet.
 //!
 //! What PATH is, is seen from the path itself: a directory is a recording, a file that starts like a model or like saved
-//! ranges is one, `.csv` is a run, `.obj` and `.glb` a mesh, `.json` the status of a running `mien`. The page needs nothing but a browser. Nothing is written unless all went well.
+//! people is one, `.csv` is a run, `.obj` and `.glb` a mesh, `.json` the status of a running `mien`. The page needs nothing but a browser. Nothing is written unless all went well.
 
 pub mod album;
 pub mod canvas;
@@ -15,16 +15,16 @@ mod run;
 use std::path::{Path, PathBuf};
 
 use super::bake::glb::GlbError;
-use crate::expression::saved::SavedError;
 use crate::face_model::{FaceModel, ModelError, file::MAGIC};
 use crate::sensor::recording::{Recording, RecordingError};
+use crate::users::saved::PeopleError;
 
 /// Why nothing could be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum InspectError {
     /// Not there, or not readable.
     #[error(
-        "cannot read {path}: {source}; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved ranges or a status.json"
+        "cannot read {path}: {source}; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
     )]
     Unreadable {
         /// The path.
@@ -34,7 +34,7 @@ pub enum InspectError {
     },
     /// None of the things that can be shown.
     #[error(
-        "{path} is nothing that can be shown; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved ranges or a status.json"
+        "{path} is nothing that can be shown; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
     )]
     Unknown {
         /// The path.
@@ -119,13 +119,13 @@ pub enum InspectError {
         /// What is wrong.
         source: GlbError,
     },
-    /// Saved ranges that are damaged.
-    #[error("{path}: {source}")]
-    Saved {
+    /// Saved people that are damaged.
+    #[error("{path}: {source}; mien sets such a file aside and starts anew")]
+    People {
         /// The path.
         path: PathBuf,
         /// What is wrong.
-        source: SavedError,
+        source: PeopleError,
     },
     /// JSON of something else.
     #[error("{path} is no status of mien: expected the file that `mien run` writes to status.path")]
@@ -208,7 +208,7 @@ pub fn album(path: &Path, model: &FaceModel) -> Result<album::Album, InspectErro
     match (ending.to_str(), std::str::from_utf8(&bytes)) {
         (Some("csv"), Ok(text)) => run::inspect(path, text),
         (Some("obj"), Ok(text)) => mesh::inspect(path, text),
-        (_, Ok(text)) if text.starts_with("mien-ranges") => ranges::saved(path, text),
+        (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(path, text),
         (Some("json"), Ok(text)) => ranges::status(path, text),
         _ => Err(InspectError::Unknown { path: path.into() }),
     }

@@ -1,10 +1,11 @@
-//! What was learnt of people: ranges as they were saved (`mien-ranges`), or the `status.json` of a running `mien`, as a picture
-//! of each range beside the population's, and as a table.
+//! What was learnt of people: those who are remembered, as they were saved ([`crate::users::saved`]), or the `status.json` of a
+//! running `mien`, as a picture of each range beside the population's, and as a table.
 //!
 //! Units: inner-eye-corner distances. A picture has one row a measure: grey from the population's low to its high, blue the
-//! person's, a mark at either rest; each row is scaled to what it shows.
+//! person's, a mark at either rest; each row is scaled to what it shows. A unit of the status has the row of its measure.
 
 use std::path::Path;
+use std::time::SystemTime;
 
 use image::{Rgb, RgbImage};
 use serde_json::Value;
@@ -12,7 +13,8 @@ use serde_json::Value;
 use super::album::Album;
 use super::{InspectError, canvas, name_of};
 use crate::expression::units::{Prior, Units};
-use crate::expression::{Learned, Measure, Range};
+use crate::expression::{Measure, Range};
+use crate::users::saved;
 
 /// Picture of ranges: a row's height, left margin for names, width of the scale, pixels.
 const ROW: u32 = 22;
@@ -26,6 +28,16 @@ type Bounds = [f64; 3];
 
 fn prior(prior: &Prior) -> Bounds {
     [prior.rest - prior.down, prior.rest, prior.rest + prior.up]
+}
+
+/// What the shipped table has of the measure behind a unit.
+fn population(unit: &str) -> Option<Bounds> {
+    let units = Units::shipped();
+    let row = units.rows.iter().find(|row| {
+        let mut names = row.rises.iter().chain(&row.falls);
+        names.any(|name| name == unit)
+    })?;
+    Some(prior(&row.prior))
 }
 
 /// Rows of a name, the population's bounds if known, and the person's.
@@ -83,33 +95,48 @@ fn table(rows: &[(String, Option<Bounds>, Bounds)]) -> Vec<Vec<String>> {
     table
 }
 
-/// Saved ranges.
-pub(super) fn saved(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let learned = Learned::read(text).map_err(|source| InspectError::Saved {
+/// Remembered people as they were saved.
+pub(super) fn people(path: &Path, text: &str) -> Result<Album, InspectError> {
+    let people = saved::read(text, SystemTime::now()).map_err(|source| InspectError::People {
         path: path.into(),
         source,
     })?;
-    let units = Units::shipped();
-    let rows: Vec<_> = Measure::ALL
-        .iter()
-        .zip(&learned.ranges)
-        .zip(&units.rows)
-        .map(|((measure, range), unit)| {
-            let Range { low, rest, high } = *range;
-            let name = measure.name().trim_start_matches("m_").to_owned();
-            (name, Some(prior(&unit.prior)), [low, rest, high])
-        })
-        .collect();
     let mut album = Album {
-        title: format!("Ranges {}", name_of(path)),
-        table: table(&rows),
+        title: format!("People {}", name_of(path)),
         ..Album::default()
     };
-    let eyes = format!("{:.1} mm", learned.eye_distance_m * 1e3);
-    album.fact("inner eye corners apart", eyes);
-    album.fact("measures", rows.len().to_string());
-    let caption = "Ranges: grey the population's, blue this person's; marks are rest";
-    album.pictures.push((caption.into(), picture(&rows)));
+    album.fact("people", people.len().to_string());
+    let units = Units::shipped();
+    for (number, person) in people.iter().enumerate() {
+        let learned = &person.learned;
+        let rows: Vec<_> = Measure::ALL
+            .iter()
+            .zip(&learned.ranges)
+            .zip(&units.rows)
+            .map(|((measure, range), unit)| {
+                let Range { low, rest, high } = *range;
+                let name = measure.name().trim_start_matches("m_").to_owned();
+                (name, Some(prior(&unit.prior)), [low, rest, high])
+            })
+            .collect();
+        let who = format!("person {number}");
+        let eyes_mm = learned.eye_distance_m * 1e3;
+        let gone = format!(
+            "slot {}, gone for {:.0} s, inner eye corners {eyes_mm:.1} mm apart",
+            person.slot, person.before_s
+        );
+        album.fact(&who, gone);
+        let caption = format!("{who}: grey the population's range, blue theirs; marks are rest");
+        album.pictures.push((caption, picture(&rows)));
+        let skip = usize::from(!album.table.is_empty());
+        let cells = table(&rows).into_iter().enumerate().skip(skip);
+        album.table.extend(cells.map(|(row, mut cells)| {
+            if row > 0 {
+                cells[0] = format!("{who} {}", cells[0]);
+            }
+            cells
+        }));
+    }
     Ok(album)
 }
 
@@ -165,21 +192,24 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
         };
         let rows: Option<Vec<_>> = units
             .iter()
-            .map(|(name, unit)| Some((name.clone(), None, bounds(unit)?)))
+            .map(|(name, unit)| Some((name.clone(), population(name), bounds(unit)?)))
             .collect();
         let rows = rows.ok_or_else(not)?;
-        let caption =
-            format!("User {slot}: low to high of the measure behind each unit, mark is rest");
+        let caption = format!(
+            "User {slot}, measure behind each unit: grey the population's, blue theirs; marks are rest"
+        );
         album.pictures.push((caption, picture(&rows)));
         let mut cells = table(&rows);
         for (row, unit) in cells.iter_mut().skip(1).zip(units.values()) {
             row.truncate(4);
+            let ready = unit["readiness"].as_f64();
+            row.push(ready.map_or(String::new(), |ready| format!("{ready:.2}")));
             row[0] = format!("user {slot} {}", row[0]);
             row.push(format!("{:.3}", unit["weight"].as_f64().unwrap_or(0.0)));
         }
         let skip = usize::from(!album.table.is_empty());
         cells[0].truncate(4);
-        cells[0].push("weight".into());
+        cells[0].extend(["ready".to_owned(), "weight".to_owned()]);
         album.table.extend(cells.into_iter().skip(skip));
     }
     Ok(album)
@@ -188,27 +218,40 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::expression::Learned;
+    use crate::pose::signature::Signature;
+    use crate::time::Timestamp;
+    use crate::users::memory::Gone;
 
     #[test]
-    fn saved_ranges_stand_beside_the_populations() {
+    fn remembered_people_stand_beside_the_population() {
         let units = Units::shipped();
         let ranges = std::array::from_fn(|m| {
             let [low, rest, high] = prior(&units.rows[m].prior);
             Range { low, rest, high }
         });
-        let mut text = String::new();
-        let learned = Learned {
-            eye_distance_m: 0.034,
-            ranges,
+        // A head of which no place was seen, whatever the number of places.
+        let unseen = |n| Signature::read(std::iter::once("0").chain(std::iter::repeat_n("-", n)));
+        let gone = Gone {
+            slot: 2,
+            signature: (0..10_000).find_map(unseen).unwrap(),
+            learned: Learned {
+                eye_distance_m: 0.034,
+                ranges,
+            },
+            last_seen: Timestamp::default(),
+            before_s: 0.0,
         };
-        learned.write(&mut text).unwrap();
-        let album = saved(Path::new("anna.ranges"), &text).unwrap();
-        assert_eq!(album.table.len(), 1 + units.rows.len());
+        let mut text = String::new();
+        let now = (Timestamp::default(), SystemTime::now());
+        saved::write([&gone, &gone].into_iter(), now, &mut text).unwrap();
+        let album = people(Path::new("people"), &text).unwrap();
+        assert_eq!(album.table.len(), 1 + 2 * units.rows.len());
         // The same as the population, to the digits of the file.
         assert!(album.table[1..].iter().all(|row| row[1..4] == row[4..7]));
         let person = |p: &&Rgb<u8>| p.0 == PERSON;
-        assert!(album.pictures[0].1.pixels().filter(person).count() > 5000);
-        assert!(saved(Path::new("x"), "mien-ranges 1 0.5\n").is_err());
+        assert!(album.pictures[1].1.pixels().filter(person).count() > 5000);
+        assert!(people(Path::new("x"), &text.replace("person 2", "person 1")).is_err());
     }
 
     #[test]
@@ -219,7 +262,7 @@ mod tests {
         let album = status(Path::new("status.json"), text).unwrap();
         assert_eq!(
             album.table[1],
-            ["user 1 AU26", "0.1000", "0.2000", "0.3000", "0.250"]
+            ["user 1 AU26", "0.1000", "0.2000", "0.3000", "", "0.250"]
         );
         assert!(
             album

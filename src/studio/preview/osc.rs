@@ -326,6 +326,7 @@ mod tests {
                 low,
                 rest,
                 high,
+                readiness: 0.75,
                 ..UnitRange::default()
             }),
             latency_us: 12_500,
@@ -359,7 +360,7 @@ mod tests {
             (&2.into(), &0.75.into(), &12.5.into())
         );
         let ranges = events.iter().rfind(|event| event["r"].is_array()).unwrap();
-        assert_eq!(ranges["r"][1], serde_json::json!([1, 2, 3, null]));
+        assert_eq!(ranges["r"][1], serde_json::json!([1, 2, 3, 0.75]));
     }
 
     #[test]

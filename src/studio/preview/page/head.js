@@ -68,7 +68,7 @@ void main() {
   float soft = max(dot(n, fill), 0.0);
   float sky = 0.5 + 0.5 * n.y;
   float shine = pow(max(dot(n, normalize(lamp + eye)), 0.0), mix(60.0, 8.0, rough)) * mix(0.35, 0.03, rough);
-  vec3 lit = look * (0.22 + 0.16 * sky + 0.72 * key + 0.22 * soft) + vec3(shine);
+  vec3 lit = look * (0.18 + 0.14 * sky + 0.64 * key + 0.18 * soft) + vec3(shine);
   drawn = vec4(pow(clamp(lit, 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
 }`;
 
