@@ -168,7 +168,7 @@ fn every_command_of_the_documents_works_as_it_stands() {
         }
         seen.push(line.clone());
         let words: Vec<&str> = line.split_whitespace().collect();
-        if NOT_OURS.contains(&words[0]) || words[0].starts_with("tests/") {
+        if NOT_OURS.contains(&words[0]) || words[0].contains('/') {
             println!("not run: {line}");
             done[2] += 1;
             continue;
