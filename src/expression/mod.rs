@@ -263,6 +263,28 @@ impl Expression {
         }
     }
 
+    /// Learnt measures of the last frame, cross-talk taken out (robust), in units of the inner-eye-corner distance.
+    #[must_use]
+    pub fn corrected(&self) -> &[f64; LEARNT_MEASURES] {
+        &self.corrected
+    }
+
+    /// What is kept of a learnt measure, ascending: value, how long it tells of rest, how long of the ends (seconds; with the
+    /// paper's method both are the sample's weight).
+    pub fn history(&self, measure: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
+        let (nodes, growth, samples) = match &self.learners {
+            Learners::Robust(learners) => {
+                let nodes = learners[measure].nodes();
+                (nodes.as_slice(), nodes.growth(), &[][..])
+            }
+            Learners::Paper(learners) => (&[][..], 1.0, learners[measure].samples()),
+        };
+        let nodes = nodes
+            .iter()
+            .map(move |n| [n.value, n.rest / growth, n.range / growth]);
+        nodes.chain(samples.iter().map(|s| [s.value, s.weight, s.weight]))
+    }
+
     /// What is known of each column's unit, in the order of [`Self::unit_names`].
     #[must_use]
     pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {

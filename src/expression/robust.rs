@@ -230,6 +230,12 @@ impl RobustLearner {
         }
     }
 
+    /// What is kept of the past.
+    #[must_use]
+    pub fn nodes(&self) -> &Nodes<RANGE_NODES> {
+        &self.nodes
+    }
+
     /// Deviation of the measure's noise.
     #[must_use]
     pub fn sigma(&self) -> f64 {

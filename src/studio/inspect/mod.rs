@@ -6,6 +6,7 @@
 
 pub mod album;
 pub mod canvas;
+mod learning;
 mod mesh;
 mod model;
 mod ranges;

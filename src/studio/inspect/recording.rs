@@ -4,6 +4,7 @@
 use image::RgbImage;
 
 use super::album::{Album, Curve, Plot};
+use super::learning::Learning;
 use super::{InspectError, canvas, face_lines};
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::face_model::FaceModel;
@@ -143,6 +144,7 @@ pub(super) fn inspect(
         ..Album::default()
     };
     let mut curves = Curves::default();
+    let mut learning = Learning::new();
     let mut frame = Frame::default();
     let every = recording.len().div_ceil(SHOWN).max(1) as u64;
     let (mut frames, mut heads, mut faces, mut next) = (0usize, 0usize, 0usize, every / 2);
@@ -150,6 +152,7 @@ pub(super) fn inspect(
         let shown = frame.index >= next;
         let mut pictures = shown.then(|| (depth_picture(&frame, &camera), colour_picture(&frame)));
         let mut values = [None; 9];
+        let mut face = None;
         let cloud = segmenter.segment(&frame, &camera);
         if let (Some((depth, _)), Some(cloud)) = (&mut pictures, cloud) {
             draw_head(depth, cloud, &camera);
@@ -178,12 +181,17 @@ pub(super) fn inspect(
                 if let Some((_, picture)) = &mut pictures {
                     draw_landmarks(picture, landmarks);
                 }
+                face = Some((landmarks, pose.sensor_from_head));
             }
             if let Some((_, picture)) = &mut pictures {
                 draw_axes(picture, &pose.sensor_from_head, &camera);
             }
         }
         frames += 1;
+        learning.observe(
+            frame.at,
+            face.as_ref().map(|(landmarks, pose)| (*landmarks, pose)),
+        );
         curves.add(frame.at.as_us() as f64 * 1e-6, values);
         if let Some((depth, picture)) = pictures {
             next += every;
@@ -231,5 +239,8 @@ pub(super) fn inspect(
     album
         .plots
         .push(curves.plot("Residual of the pose, mm", 8..9, Some((0.0, 1.0))));
+    if faces > 0 {
+        learning.show(&mut album);
+    }
     Ok(album)
 }
