@@ -164,9 +164,17 @@ pub struct Table {
     pub landmarks: Spread,
     /// Points 17–67.
     pub inner: Spread,
+    /// Size of the weights while nothing is acted.
+    pub rest: Spread,
+    /// One eye shut, the other open: weight of the shut one, and of the open one.
+    pub winks: [Spread; 2],
     /// By unit.
     pub following: Vec<Following>,
 }
+
+/// Activation up to which nothing is acted, and from which an eye is shut.
+const IDLE: f64 = 0.02;
+const SHUT: f64 = 0.95;
 
 /// Plays the sessions and makes the table.
 ///
@@ -443,6 +451,24 @@ fn table(played: &[Played]) -> Table {
             });
         }
     }
+    let frames_seen = || played.iter().flat_map(|one| &one.seen);
+    let idle = |seen: &&Seen| seen.activations.iter().all(|a| a.abs() < IDLE);
+    let resting = frames_seen().filter(idle);
+    let rest = Spread::of(
+        resting
+            .flat_map(|seen| seen.weights.map(f64::abs))
+            .collect(),
+    );
+    let mut winks = [Vec::new(), Vec::new()];
+    let lids = [Measure::LidL as usize, Measure::LidR as usize];
+    for (seen, [shut, open]) in
+        frames_seen().flat_map(|seen| [(seen, lids), (seen, [lids[1], lids[0]])])
+    {
+        if -seen.activations[shut] > SHUT && -seen.activations[open] < IDLE {
+            winks[0].push(-seen.weights[shut]);
+            winks[1].push((-seen.weights[open]).max(0.0));
+        }
+    }
     Table {
         people: played.len(),
         frames,
@@ -451,6 +477,8 @@ fn table(played: &[Played]) -> Table {
         translation_mm: translations.map(Spread::of),
         landmarks: all(&|seen: &Seen| seen.error[0]),
         inner: all(&|seen: &Seen| seen.error[1]),
+        rest,
+        winks: winks.map(Spread::of),
         following,
     }
 }
@@ -516,6 +544,13 @@ impl Display for Table {
             self.landmarks
         )?;
         writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
+        writeln!(f, "| weights while nothing is acted | {:.3} |", self.rest)?;
+        let [shut, open] = &self.winks;
+        writeln!(
+            f,
+            "| winks: weight of the shut eye, of the open one | {:.2}, {open:.2} |",
+            shut.mean
+        )?;
         writeln!(
             f,
             "\n| unit | correlation of weight and true activation (worst person) | error of the weight | measure | its correlation | of its signed weight |\n| --- | --- | --- | --- | --- | --- |"
