@@ -483,11 +483,12 @@ fn a_day_of_visitors() {
     hold_to("a_day.md", &[line]);
 }
 
-/// Every frame stands for a second of thirty: the same sums of weights in a thirtieth of the time.
+/// Every frame stands for ten seconds of thirty: the same sums of weights in a three-hundredth of the time.
 #[test]
 #[ignore = "minutes"]
 fn a_year_of_samples() {
     const YEAR_S: f64 = 365.25 * 86_400.0;
+    const STEP_S: f64 = 10.0;
     let units = Units::shipped();
     let one = person(&units, 3);
     let m = Measure::MouthWidth as usize;
@@ -506,9 +507,9 @@ fn a_year_of_samples() {
     let mut second = 0.0;
     // The person changes their rest by half a range in the last hour: who has stopped learning shows it.
     while second < YEAR_S {
-        let away = match second as u64 % 20 {
-            3..6 => one.up[m],
-            11..13 => -one.down[m],
+        let away = match second as u64 % 200 {
+            30..60 => one.up[m],
+            110..130 => -one.down[m],
             _ => 0.0,
         };
         let changed = if second > YEAR_S - 3600.0 {
@@ -517,9 +518,9 @@ fn a_year_of_samples() {
             0.0
         };
         let g = one.rest[m] + changed + away + 0.006 * actors::normal(&mut random);
-        ours.observe(g, 0.95, 1.0, true);
-        papers.observe(g, 0.95, 1.0);
-        second += 1.0;
+        ours.observe(g, 0.95, STEP_S, true);
+        papers.observe(g, 0.95, STEP_S);
+        second += STEP_S;
     }
     let truth = one.rest[m] + 0.5 * one.up[m];
     let (found, literal) = (ours.range(), papers.range());
