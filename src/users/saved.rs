@@ -77,7 +77,7 @@ pub fn write<'a>(
     writeln!(text, "checksum {checksum:08x}")
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 ///
 /// # Errors
 /// If anything is damaged; then nobody is known.
