@@ -139,10 +139,11 @@ impl Receiver {
                     [Value::Float(ms), ..] if ms.is_finite() && *ms > 0.0 => Some(*ms),
                     _ => None,
                 };
+                let number = u64::try_from(number).ok()?;
                 let weights = std::mem::take(&mut user.sample.weights);
                 user.sample = Sample {
                     user: Some(slot),
-                    number: u64::try_from(number).ok()?,
+                    number,
                     seconds: f64::from(ms) * 1e-3,
                     state: state as u8,
                     confidence,
@@ -361,6 +362,18 @@ mod tests {
         );
         let ranges = events.iter().rfind(|event| event["r"].is_array()).unwrap();
         assert_eq!(ranges["r"][1], serde_json::json!([1, 2, 3, 0.75]));
+    }
+
+    #[test]
+    fn a_refused_message_takes_nothing_away() {
+        let (_, mut receiver, hub) = sent();
+        let before = receiver.users[2].sample.clone();
+        // A frame with a number below 0.
+        let mut bytes = b"/face/2/frame\0\0\0,iiif\0\0\0".to_vec();
+        bytes.extend([[0xff; 4], [0; 4], [0, 0, 0, 2], [0; 4]].concat());
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, 1);
+        assert_eq!(receiver.users[2].sample, before);
     }
 
     #[test]
