@@ -129,13 +129,20 @@ async function live(browser) {
         wait();
       });
     }, wanted === "open");
-    const found = { ...(await page.evaluate(jaw)), dark: await mouth(page) };
+    // Drawn by a busy processor the picture may lag behind: until it stays as it is.
+    let dark = await mouth(page);
+    for (let k = 0, last = -1; k < 20 && last !== dark; k++) {
+      last = dark;
+      await page.waitForTimeout(300);
+      dark = await mouth(page);
+    }
+    const found = { ...(await page.evaluate(jaw)), dark };
     await page.screenshot({ path: path.join(shots, `${wanted}.png`) });
     return found;
   };
   const [closed, opened] = [await look("closed"), await look("open")];
   check("the weight of jawOpen is AU26's", Math.abs(closed.weight - closed.unit) + Math.abs(opened.weight - opened.unit) < 1e-3 && opened.weight > 0.6 && closed.weight < 0.1, `${closed.weight.toFixed(2)} closed, ${opened.weight.toFixed(2)} open`);
-  check("an open mouth is dark pixels", opened.dark > 1.3 * closed.dark + 300, `${closed.dark} closed, ${opened.dark} open`);
+  check("an open mouth is dark pixels", opened.dark > closed.dark + 400, `${closed.dark} closed, ${opened.dark} open`);
   await page.click("#play");
   await page.click("#pose");
   await page.waitForTimeout(1000);
