@@ -7,6 +7,7 @@
 //! searched for from nothing, so that no frame costs much more than following.
 //!
 //! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
+//! One file: who gets which head, from door to memory, is one decision.
 
 use std::sync::Arc;
 
@@ -104,13 +105,7 @@ impl Pipeline {
         registration: &Registration,
         model: &FaceModel,
     ) -> Result<Self, PipelineError> {
-        let head = &model.standard_head;
-        let anchor: Vec<_> = head
-            .points
-            .iter()
-            .copied()
-            .zip(head.normals.iter().copied())
-            .collect();
+        let anchor = model.standard_head.oriented();
         let pose = PoseTracker::new(settings.pose, &anchor)?;
         let scratch = Arc::default();
         let follower = |_| {

@@ -1,4 +1,5 @@
 //! What goes over the wires, byte for byte, and what the wires do when nobody is at the other end.
+//! One file: the bytes of every wire, held against each other.
 
 use std::io::{Read, Write};
 use std::net::UdpSocket;

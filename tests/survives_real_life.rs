@@ -125,7 +125,6 @@ impl Scene {
                 cheeks: [0.0; 2],
                 confidence: 1.0,
             };
-            // Once for what is acted, once more for what is done to the finished points.
             change(t, &mut truth, &mut appears, &mut landmarks);
             landmarks.head = appears.face(&truth);
             self.jitter.add(&mut landmarks.head);

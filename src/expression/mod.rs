@@ -17,6 +17,7 @@
 //! 1 and beyond. Memory: fixed, about 40 KiB a person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
 //! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames the tracker
 //! doubts, or with ω < 1/3, give weights but teach nothing. In the first third of a second all weights are 0, then fade in.
+//! One file: the order of the stage; every method has its own.
 
 pub mod compensate;
 pub mod ends;

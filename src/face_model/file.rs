@@ -8,6 +8,7 @@
 //! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
 //! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
 //! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
+//! One file: what is written and what is read stand side by side, section by section.
 
 use std::borrow::Cow;
 

@@ -123,6 +123,15 @@ pub struct StandardHead {
     pub normals: Vec<Vector>,
 }
 
+impl StandardHead {
+    /// Each point with its normal, as the pose stage takes them.
+    #[must_use]
+    pub fn oriented(&self) -> Vec<(Point, Vector)> {
+        let normals = self.normals.iter().copied();
+        self.points.iter().copied().zip(normals).collect()
+    }
+}
+
 /// All that is learnt offline, read once; the big parts are shared by the fitters of all users.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaceModel {

@@ -322,4 +322,18 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn wider_vectors_change_nothing() {
+        let window = edge(0.4, 0.7);
+        let mut narrow = vec![[0.0; ORIENTATIONS]; MAP * MAP];
+        let mut broad = narrow.clone();
+        let total = spread(&window, &Region::WHOLE, &mut narrow);
+        let same = wide(
+            #[inline(always)]
+            || spread(&window, &Region::WHOLE, &mut broad),
+        );
+        assert_eq!(total.to_bits(), same.to_bits());
+        assert!(narrow == broad);
+    }
 }

@@ -10,6 +10,7 @@
 //! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
 //! badly with the head gives `None`, and the next frame searches anew; a learned shape survives short losses only.
 //! Limitation: the back of a head is a head to the depth camera; telling is left to the landmarks.
+//! One file: the order of the stage; alignment, shape, start and smoothing have their own.
 
 pub mod anchor;
 pub mod icp;

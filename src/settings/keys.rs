@@ -1,4 +1,5 @@
 //! Every key of the configuration: section, name, meaning, unit, range, place.
+//! One table, so one file: every key stands beside the others of its section.
 
 use super::Settings;
 use crate::expression::measures::Scale;

@@ -1,4 +1,5 @@
 //! The command line of the workstation: words to calls.
+//! One file: the whole grammar of the program, with the texts of its help.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;

@@ -4,6 +4,7 @@
 //! cold and the warm stages, the most believed end is fitted once more in a window cut where it lies, and the better
 //! of the two is kept. Boxes come from the command line, a table, or the annotation, disturbed by a fixed seed. Errors are
 //! per cent of the outer eye distance, as they are and with mean offsets per landmark (face axes) taken out.
+//! One file: the command from pictures to table.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;

@@ -7,6 +7,7 @@
 //! activation of the true points: the measure with its cross-talk taken out by the table of units, 0 at the person's
 //! neutral and ±1 at its largest change over the full expressions, alone, on both sides, and a brow's ends together. All
 //! figures over every frame with a face that is reported `warming` or `tracking`.
+//! One file: how a session is played and what its table says.
 
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -198,24 +199,33 @@ pub fn play(
     Ok(table(&played))
 }
 
-fn play_one(
-    head: PersonHead,
-    model: &FaceModel,
-    settings: &Settings,
-    sessions: &Sessions,
-) -> Result<Played, PipelineError> {
-    let seed = sessions.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let units = Units::shipped();
-    let truth = Activation::new(&head.asset, &units);
-    let mut random = fastrand::Rng::with_seed(seed);
+/// Seed of one person's session, from that of all.
+pub(super) fn seed_of(seed: u64, person: usize) -> u64 {
+    seed ^ (person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+}
+
+/// A light of the session's own, and the camera's exposure.
+pub(super) fn lighting(random: &mut fastrand::Rng) -> (Light, f32) {
     let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
     let light = Light {
         towards,
         ambient: 0.45 + 0.4 * random.f32(),
         ..Light::default()
     };
-    let mut simulator =
-        Simulator::new(head.asset, Scene::Acted, seed).lit(light, 0.6 + 0.6 * random.f32());
+    (light, 0.6 + 0.6 * random.f32())
+}
+
+fn play_one(
+    head: PersonHead,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+) -> Result<Played, PipelineError> {
+    let seed = seed_of(sessions.seed, head.person);
+    let units = Units::shipped();
+    let truth = Activation::new(&head.asset, &units);
+    let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
+    let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
     let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
     let names: Vec<String> = pipeline
         .unit_names()

@@ -2,6 +2,7 @@
 //!
 //! Nothing is remembered from frame to frame, so any instant can be drawn without those before it. Curves are values
 //! hashed per interval and joined by Hermite splines (value noise): smooth in position and speed.
+//! One file: what is acted in all scenes.
 
 use super::noise::uniform;
 use crate::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};

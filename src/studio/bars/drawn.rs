@@ -20,7 +20,7 @@ use crate::sensor::virtual_head::{Light, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::settings::Settings;
 use crate::studio::heads::{PersonHead, textured_heads};
-use crate::studio::sessions::{Sessions, SessionsError};
+use crate::studio::sessions::{Sessions, SessionsError, lighting, seed_of};
 use crate::studio::split::Split;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 use crate::time::Timestamp;
@@ -186,23 +186,11 @@ impl<'a> Player<'a> {
         settings: &Settings,
         sessions: &Sessions,
     ) -> Result<Self, PipelineError> {
-        let seed = sessions.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let seed = seed_of(sessions.seed, head.person);
         let mut random = fastrand::Rng::with_seed(seed);
-        let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
-        let light = Light {
-            towards,
-            ambient: 0.45 + 0.4 * random.f32(),
-            ..Light::default()
-        };
-        let exposure = 0.6 + 0.6 * random.f32();
+        let (light, exposure) = lighting(&mut random);
         let simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-        let standard = &model.standard_head;
-        let anchor: Vec<_> = standard
-            .points
-            .iter()
-            .copied()
-            .zip(standard.normals.iter().copied())
-            .collect();
+        let anchor = model.standard_head.oriented();
         let fit_settings = settings.landmarks.cascade;
         Ok(Self {
             person: head.person,

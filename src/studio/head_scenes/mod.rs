@@ -7,6 +7,7 @@
 //! hardly shows. The real Kinect frames (`kinect_v1_pcl`) are played where they are.
 //!
 //! Everything is seeded. Cost: some minutes; `--people` and `--seconds` shorten it.
+//! One file: every scene of the table with its figure; how they are measured has its own.
 
 mod measure;
 
@@ -133,13 +134,7 @@ impl Cast<'_> {
     /// frontal pose taken out; and the time of each first frame's search, milliseconds.
     fn first_poses(&self, k: usize) -> Result<(Vec<f64>, Vec<f64>), PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
-        let head = &self.model.standard_head;
-        let anchor: Vec<_> = head
-            .points
-            .iter()
-            .copied()
-            .zip(head.normals.iter().copied())
-            .collect();
+        let anchor = self.model.standard_head.oriented();
         let mut tracker = PoseTracker::new(self.settings.pose, &anchor)?;
         let mut segmenter = Segmenter::new(self.settings.segment);
         let mut frame = Frame::default();
@@ -178,13 +173,7 @@ impl Cast<'_> {
 
     /// Whether a head is known again in another session, and how many others are taken for it.
     fn known_again(&self) -> Result<String, PipelineError> {
-        let head = &self.model.standard_head;
-        let anchor: Vec<_> = head
-            .points
-            .iter()
-            .copied()
-            .zip(head.normals.iter().copied())
-            .collect();
+        let anchor = self.model.standard_head.oriented();
         let tracker = PoseTracker::new(self.settings.pose, &anchor)?;
         let session = |k: usize, seed: u64, frames: &[usize]| {
             let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);

@@ -158,16 +158,6 @@ fn name_of(path: &Path) -> String {
         .into_owned()
 }
 
-/// The standard head as the pose stage wants it.
-fn anchor(model: &FaceModel) -> Vec<(crate::geometry::Point, crate::geometry::Vector)> {
-    let head = &model.standard_head;
-    head.points
-        .iter()
-        .copied()
-        .zip(head.normals.iter().copied())
-        .collect()
-}
-
 /// Pairs of landmarks that a drawing of a face connects.
 fn face_lines() -> impl Iterator<Item = [usize; 2]> {
     let open = [0..17, 17..22, 22..27, 27..31, 31..36]

@@ -136,8 +136,11 @@ pub(super) fn inspect(
 ) -> Result<Album, InspectError> {
     let camera = Camera::new(recording.registration());
     let mut segmenter = Segmenter::new(crate::segment::Settings::default());
-    let mut tracker = PoseTracker::new(crate::pose::Settings::default(), &super::anchor(model))
-        .map_err(InspectError::Pose)?;
+    let mut tracker = PoseTracker::new(
+        crate::pose::Settings::default(),
+        &model.standard_head.oriented(),
+    )
+    .map_err(InspectError::Pose)?;
     let mut fitter = LandmarkFitter::new(crate::landmarks::Settings::default(), model);
     let mut album = Album {
         title: format!("Recording {name}"),

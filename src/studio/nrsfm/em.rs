@@ -16,6 +16,7 @@
 //! Units: the tracks', divided by their spread (the caller does that). Cost of a sweep: F (P K + K³) + P (3K + 3)³ / 6
 //! operations, the last term only with missing points. Memory: F K² + 9 P K numbers.
 //! Degenerate: a camera that never turns leaves depth undetermined; the tiny ridge of the basis then keeps it small.
+//! One file: the two steps of one iteration share all their terms.
 
 use super::tracks::Tracks;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};

@@ -13,15 +13,15 @@ use rayon::prelude::*;
 
 use super::shape::{Face, aligned};
 use crate::face_model::FaceModel;
-use crate::geometry::Vector;
 use crate::landmarks::LandmarkFitter;
 use crate::landmarks::refine::{Inputs, PUFFS, Refinement};
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
-use crate::sensor::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
+use crate::sensor::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::settings::Settings;
 use crate::studio::heads::{HeadsError, textured_heads};
+use crate::studio::sessions::{lighting, seed_of};
 
 /// Ticks of the 60 MHz counter per frame, at half the sensor's rate: neighbours say the same.
 const FRAME_TICKS: i64 = 4_000_000;
@@ -84,7 +84,7 @@ pub fn learn_refinement(
     let sessions: Vec<Session> = heads
         .into_par_iter()
         .map(|head| {
-            let seed = practice.seed ^ (head.person as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let seed = seed_of(practice.seed, head.person);
             practise(head.asset, &plain, practice.seconds, seed)
         })
         .collect();
@@ -92,25 +92,12 @@ pub fn learn_refinement(
 }
 
 fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Session {
-    let mut random = fastrand::Rng::with_seed(seed);
-    let towards = Vector::new(random.f32() * 1.6 - 0.8, -random.f32() * 0.8, -1.0).normalize();
-    let light = Light {
-        towards,
-        ambient: 0.45 + 0.4 * random.f32(),
-        ..Light::default()
-    };
+    let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
-    let exposure = 0.6 + 0.6 * random.f32();
     let mut simulator = Simulator::new(asset, Scene::Mixed, seed).lit(light, exposure);
     let camera = simulator.camera().clone();
     let settings = Settings::default();
-    let head = &model.standard_head;
-    let anchor: Vec<_> = head
-        .points
-        .iter()
-        .copied()
-        .zip(head.normals.iter().copied())
-        .collect();
+    let anchor = model.standard_head.oriented();
     let mut segmenter = Segmenter::new(settings.segment);
     let Ok(mut pose) = PoseTracker::new(settings.pose, &anchor) else {
         return Session::default();

@@ -9,6 +9,7 @@
 //! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
 //! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
 //! fixed places of the mesh, hidden ones included, with a flag. Limitation: no hair of its own but painted strips.
+//! One file: all steps of a picture draw from one stream of random numbers, in this order.
 
 use std::ops::Range;
 use std::path::Path;

@@ -3,6 +3,7 @@
 //! Shape modes from the head set; portraits of the people that [`Split`] gives to training, each with its mirror image and
 //! many disturbed starts; drawn faces with known truth; cold stages, warm stages, confidence; then the test people.
 //! The model file is written only at the end.
+//! One file: the order of a training from pictures to figures; each step has its own file.
 
 use std::path::PathBuf;
 use std::time::Instant;
