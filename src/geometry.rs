@@ -10,6 +10,8 @@
 //! A frontal, upright face has `sensor_from_head` = identity rotation: the axes of both frames agree.
 //! Yaw is the rotation about y, pitch about x, roll about z. Names read `b_from_a`: `p_b = b_from_a * p_a`.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 /// A point in metres.

@@ -14,10 +14,21 @@
 //!
 //! Inside: metres, radians, seconds or [`time::Timestamp`]. Anything else only at a border, with the unit in the name
 //! (`_mm`, `_deg`, `_px`, `_us`).
+//!
+//! Without the feature `std` the library is what needs no files, clocks, sockets or ports: packets to pictures, the stages,
+//! users, and the outputs up to their bytes. It then wants a memory allocator and nothing else of its platform.
+
+#![cfg_attr(not(feature = "std"), no_std)]
+
+extern crate alloc;
+
+#[cfg(not(feature = "std"))]
+mod prelude;
 
 pub mod capacity;
 pub mod checksum;
 pub mod geometry;
+pub mod shared;
 pub mod time;
 pub mod vectors;
 
@@ -37,22 +48,38 @@ pub mod users;
 
 pub mod output;
 
+#[cfg(feature = "std")]
 pub mod bench;
 pub mod budget;
+#[cfg(feature = "std")]
 pub mod cli;
+#[cfg(feature = "std")]
 pub mod devices;
+#[cfg(feature = "std")]
 pub mod doctor;
+#[cfg(feature = "std")]
 mod few;
+#[cfg(feature = "std")]
 mod follower;
+#[cfg(feature = "std")]
 mod live;
+#[cfg(feature = "std")]
 pub mod log;
+#[cfg(feature = "std")]
 pub mod memory;
+#[cfg(feature = "std")]
 pub mod pipeline;
+#[cfg(feature = "std")]
 pub mod send_test;
+#[cfg(feature = "std")]
 pub mod service;
+#[cfg(feature = "std")]
 pub mod service_manager;
+#[cfg(feature = "std")]
 pub mod settings;
+#[cfg(feature = "std")]
 pub mod status;
+#[cfg(feature = "std")]
 mod wires;
 
 #[cfg(feature = "studio")]

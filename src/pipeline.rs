@@ -9,8 +9,6 @@
 //! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
 //! One file: who gets which head, from door to memory, is one decision.
 
-use std::sync::Arc;
-
 use crate::capacity::{HEADS, REMEMBERED, USERS};
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
@@ -25,6 +23,7 @@ use crate::segment::{HeadCloud, Segmenter};
 use crate::sensor::Frame;
 use crate::sensor::camera::{Camera, Registration};
 use crate::settings::{Settings, UserSettings};
+use crate::shared::Shared;
 use crate::time::Timestamp;
 use crate::users::choice::{Candidate, Choice};
 use crate::users::memory::{Gone, Memory};
@@ -107,7 +106,7 @@ impl Pipeline {
     ) -> Result<Self, PipelineError> {
         let anchor = model.standard_head.oriented();
         let pose = PoseTracker::new(settings.pose, &anchor)?;
-        let scratch = Arc::default();
+        let scratch = Shared::default();
         let follower = |_| {
             Ok(Follower::new(
                 pose.another(),

@@ -23,6 +23,9 @@
 //! person's (at 2 m and 28° they are two to three times too long). Where one-way units matter most, scale it. The robust
 //! method does without compensation: it brought nothing there.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// Weights under this make a sample invalid.
 pub const LEAST_WEIGHT: f64 = 1.0 / 3.0;
 

@@ -6,6 +6,8 @@
 //! a range. Units of the measure, weights in seconds. Memory: none. Cost: one pass, run twice a second.
 
 use super::nodes::Node;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Seconds that must lie beyond an end, at least.
 const BEYOND_S: f64 = 0.25;

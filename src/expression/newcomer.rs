@@ -111,7 +111,7 @@ mod tests {
 
     /// Seconds until somebody else is seen, with the first `off` measures one deviation off rest.
     fn seconds_to_notice(newcomer: &mut Newcomer, off: usize) -> Option<f64> {
-        let values = std::array::from_fn(|m| if m < off { 1.1 } else { 1.0 });
+        let values = core::array::from_fn(|m| if m < off { 1.1 } else { 1.0 });
         (1..900)
             .find(|_| newcomer.observe(&values, 0.95, DT, |_| Some(1.0), |_| 0.1))
             .map(|frame| f64::from(frame) * DT)

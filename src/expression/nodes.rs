@@ -10,6 +10,9 @@
 //! Memory: 32 bytes a node. Cost of a push: one search, one shift, one pass over the costs; two costs are recomputed.
 //! Policy when full: merge; total weights and the mean stay. Degenerate: the caller hands in finite values only.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// A value and how long it was seen, in grown seconds; see [`Nodes::advance`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Node {

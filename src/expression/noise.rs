@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     fn normal(random: &mut fastrand::Rng) -> f64 {
-        (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (std::f64::consts::TAU * random.f64()).cos()
+        (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (core::f64::consts::TAU * random.f64()).cos()
     }
 
     #[test]

@@ -9,6 +9,8 @@
 
 use super::nodes::Node;
 use super::units::Prior;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Seconds that the population's mass is worth.
 const PRIOR_S: f64 = 0.3;

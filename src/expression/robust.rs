@@ -22,6 +22,8 @@ use super::range::Range;
 use super::rest;
 use super::units::Prior;
 use crate::capacity::RANGE_NODES;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// White noise assumed at first, in w: 0.25 % of the outer eye-corner distance.
 const ASSUMED_NOISE: f64 = 0.006;
@@ -329,7 +331,7 @@ mod tests {
         for frame in 0..(seconds / DT) as usize {
             let t = frame as f64 * DT % 5.0;
             let e = if (2.0..3.0).contains(&t) {
-                (std::f64::consts::PI * (t - 2.0)).sin().sqrt()
+                (core::f64::consts::PI * (t - 2.0)).sin().sqrt()
             } else {
                 0.0
             };

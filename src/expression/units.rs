@@ -9,6 +9,8 @@ use serde::Deserialize;
 
 use super::measures::Measure;
 use crate::capacity::{LEARNT_MEASURES, UNITS};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// FACS unit with its side, such as `AU12L`.
 pub type UnitName = heapless::String<8>;

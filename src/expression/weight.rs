@@ -7,6 +7,8 @@
 //! picture's edge that looks at the camera counts as facing it.
 
 use crate::geometry::{Rigid, face_normal};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Fall of ω_t per metre from the best distance, equation (4).
 const FALL_PER_M: f64 = 0.2;

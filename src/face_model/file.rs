@@ -10,7 +10,7 @@
 //! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
 //! One file: what is written and what is read stand side by side, section by section.
 
-use std::borrow::Cow;
+use alloc::borrow::Cow;
 
 use crate::capacity::LANDMARKS;
 use crate::checksum::crc32;
@@ -21,6 +21,8 @@ use super::{
     CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FaceModel, LANDMARK_SIGNS, MAX_MODES,
     MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
 };
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";
@@ -355,7 +357,7 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
         face: {
             let slopes = reader.floats(FACE_SIGNS)?;
-            std::array::from_fn(|k| slopes[k])
+            core::array::from_fn(|k| slopes[k])
         },
     };
     reader.end()?;

@@ -16,12 +16,14 @@ pub mod scheme;
 
 pub use file::ModelError;
 
-use std::borrow::Cow;
-use std::sync::Arc;
+use alloc::borrow::Cow;
+use alloc::sync::Arc;
 
 use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
 use crate::landmarks::refine::Refinement;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Most shape modes a model may have.
 pub const MAX_MODES: usize = 48;

@@ -2,9 +2,11 @@
 //!
 //! Sides are the subject's own: L is at the right of the picture.
 
-use std::ops::Range;
+use core::ops::Range;
 
 use crate::capacity::LANDMARKS;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Right ear to left ear along the jaw; 8 is the chin. Fixed points of the head, not the silhouette.
 pub const JAW: Range<usize> = 0..17;

@@ -17,6 +17,8 @@ use crate::face_model::{
     PATCH, ShapeModel, VIEW_PARAMETERS,
 };
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::vectors::wide;
 
 /// Farthest a shape coefficient may go, in standard deviations.
@@ -190,7 +192,7 @@ impl Solver {
 /// The linear discriminant of each landmark's patch.
 #[must_use]
 pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMARKS] {
-    std::array::from_fn(|k| {
+    core::array::from_fn(|k| {
         let patch = k * PATCH..(k + 1) * PATCH;
         features[patch.clone()]
             .iter()
@@ -206,7 +208,7 @@ pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMAR
 #[must_use]
 pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMARKS] {
     let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
-    std::array::from_fn(|i| {
+    core::array::from_fn(|i| {
         let beside = own[i.saturating_sub(1)] + own[(i + 1).min(LANDMARKS - 1)];
         [own[i], 0.5 * beside, mean, 1.0]
     })

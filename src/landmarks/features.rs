@@ -9,11 +9,13 @@
 //! Scaling the grey values changes nothing: the small constant of the normalisation follows the window's mean gradient.
 //! Degenerate: a flat window gives zero patches. Limits: clipped highlights lose their gradients.
 
-use std::ops::Range;
+use core::ops::Range;
 
 use super::window::{Region, WINDOW};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::vectors::wide;
 
 /// Cells along one side of the maps.
@@ -27,7 +29,7 @@ const COARSE: [f32; 4] = [0.3838, 0.2417, 0.0604, 0.0060];
 /// Share of a typical patch's length that is added in the normalisation, so that empty patches stay small.
 const FLATNESS: f32 = 0.3;
 
-const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;
+const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
 /// Directions of the orientations: right, right and down, down, …
 const ACROSS: [f32; ORIENTATIONS] = [
     1.0, DIAGONAL, 0.0, -DIAGONAL, -1.0, -DIAGONAL, 0.0, DIAGONAL,
@@ -297,7 +299,7 @@ mod tests {
         for k in 0..ORIENTATIONS {
             let mut maps = OrientationMaps::default();
             maps.compute(
-                &edge(k as f32 * std::f32::consts::FRAC_PI_4, 1.0),
+                &edge(k as f32 * core::f32::consts::FRAC_PI_4, 1.0),
                 &Region::WHOLE,
             );
             let value = at(&maps.coarse, &Region::WHOLE, 92.0, 92.0);

@@ -9,7 +9,7 @@
 //! (60 kB a person and 1 MB of [`Scratch`] that fitters of one pipeline share).
 //! Degenerate: a head outside the picture, or an end that is not believed, is `None`.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use alloc::sync::Arc;
 
 use super::cascade::{Belief, FaceFit, Solver};
 use super::features::OrientationMaps;
@@ -22,7 +22,10 @@ use crate::capacity::PIXELS;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
 use crate::geometry::{Rigid, Rotation, Vector};
 use crate::pose::HeadPose;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
+use crate::shared::Shared;
 use crate::time::Timestamp;
 
 /// Time that a first frame, or one after a loss, stands for, seconds.
@@ -92,7 +95,7 @@ pub struct LandmarkFitter {
     inputs: Inputs,
     /// Mean correction of this person, and the seconds it was averaged over.
     usual: ([f32; MAX_MODES], f32),
-    scratch: Arc<Mutex<Scratch>>,
+    scratch: Shared<Scratch>,
     /// Of the shape as fitted, which the picture shows, and as depth corrects it.
     filters: [ShapeFilter; 2],
     last_at: Option<Timestamp>,
@@ -109,12 +112,12 @@ impl LandmarkFitter {
     /// A fitter without history; all memory is allocated here.
     #[must_use]
     pub fn new(settings: Settings, model: &FaceModel) -> Self {
-        Self::with(settings, model, Arc::default())
+        Self::with(settings, model, Shared::default())
     }
 
     /// As [`Self::new`], with the scratch of others, none of which then runs at the same time.
     #[must_use]
-    pub fn with(settings: Settings, model: &FaceModel, scratch: Arc<Mutex<Scratch>>) -> Self {
+    pub fn with(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
         Self {
             settings,
             shape: model.shape.clone(),
@@ -193,7 +196,7 @@ impl LandmarkFitter {
 
     /// From the mean shape at the pose: a fit that goes on from the last frame's shape lags behind blinks and brows.
     fn run(&self, luma: &[u8; PIXELS], placement: &Placement, depth: &View) -> (FaceFit, Belief) {
-        let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scratch = self.scratch.borrow();
         let Scratch {
             window,
             maps,

@@ -15,6 +15,8 @@ use crate::capacity::{LANDMARKS, PIXELS};
 use crate::face_model::{MAX_MODES, ModelError};
 use crate::geometry::{Point, Rigid, Vector};
 use crate::landmarks::relief;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
 
 /// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.

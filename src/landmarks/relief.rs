@@ -7,6 +7,8 @@
 
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::geometry::{Point, Rigid, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
 
 /// Half the width of a window, metres.

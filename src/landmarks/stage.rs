@@ -1,14 +1,15 @@
 //! The landmark stage of a pipeline: the chosen method behind one verb.
 
-use std::sync::{Arc, Mutex};
-
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
 use super::{LandmarkFitter, Landmarks, Scratch, Settings};
 use crate::capacity::PIXELS;
 use crate::face_model::FaceModel;
 use crate::geometry::Rotation;
 use crate::pose::HeadPose;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
+use crate::shared::Shared;
 use crate::time::Timestamp;
 
 /// How landmarks are found.
@@ -59,7 +60,7 @@ impl LandmarkStage {
     pub fn new(
         settings: StageSettings,
         model: &FaceModel,
-        scratch: &Arc<Mutex<Scratch>>,
+        scratch: &Shared<Scratch>,
     ) -> Result<Self, LandmarkError> {
         match settings.method {
             Method::Cascade => Ok(Self::Cascade(Box::new(LandmarkFitter::with(

@@ -43,7 +43,7 @@ pub struct ShapeFilter {
 
 /// Gain of a first-order low-pass for one step.
 fn gain(cutoff_hz: f32, step_s: f32) -> f32 {
-    let r = std::f32::consts::TAU * cutoff_hz * step_s;
+    let r = core::f32::consts::TAU * cutoff_hz * step_s;
     r / (1.0 + r)
 }
 

@@ -7,6 +7,8 @@
 
 use crate::face_model::VIEW_PARAMETERS;
 use crate::geometry::{Point, Rotation, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Size of one unit of each view parameter: log scale, rotation (3, radians), shift (2, window pixels).
 pub const UNITS: [f32; VIEW_PARAMETERS] = [0.05, 0.1, 0.1, 0.1, 5.0, 5.0];

@@ -7,13 +7,15 @@
 //! Pixels, metres, radians. One bilinear look-up per window pixel, 34 k in all.
 //! Degenerate: a Jacobian without rank (head at the camera) gives no placement. Outside the picture its edge is repeated.
 
-use std::ops::Range;
+use core::ops::Range;
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::view::View;
 use crate::capacity::{HEIGHT, WIDTH};
 use crate::geometry::{Point, Rigid, Rotation, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
 use crate::vectors::wide;
 

@@ -3,11 +3,17 @@
 //! Numbers have a fixed count of decimals, so that equal values give equal bytes. A value that is absent, or not a number,
 //! is an empty field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
+use core::fmt::Write as _;
+#[cfg(feature = "std")]
 use std::io::Write;
 
-use super::{Output, OutputError, Report, Tally, TrackingState};
+#[cfg(feature = "std")]
+use super::{Output, OutputError, Tally};
+use super::{Report, TrackingState};
 use crate::capacity::LANDMARKS;
 use crate::landmarks::Landmarks;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, and finer than any of them is known.
 const FINE: usize = 6;
@@ -16,25 +22,21 @@ const COARSE: usize = 4;
 /// Longest field: the largest f32 in full, with its comma.
 const FIELD_BYTES: usize = 52;
 
-/// A CSV that is being written.
-pub struct Csv<W> {
-    to: W,
-    row: Vec<u8>,
+/// The rows as text, one after the other in the same buffer.
+pub struct Rows {
+    row: String,
     measures: usize,
     units: usize,
-    rows: u64,
 }
 
-impl<W: Write> Csv<W> {
-    /// Writes the header. `measures` and `units` are names without `w_`; an `m_` the measures' names may have.
-    ///
-    /// # Errors
-    /// If nothing can be written.
-    pub fn new(to: W, measures: &[&str], units: &[&str]) -> Result<Self, OutputError> {
-        let mut row = Vec::new();
-        row.extend_from_slice(b"frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
+impl Rows {
+    /// With the header in place. `measures` and `units` are names without `w_`; an `m_` the measures' names may have.
+    #[must_use]
+    pub fn new(measures: &[&str], units: &[&str]) -> Self {
+        let mut row =
+            String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
         let mut name =
-            |name: std::fmt::Arguments| row.write_fmt(name).expect("a Vec takes everything");
+            |name: core::fmt::Arguments| row.write_fmt(name).expect("a String takes everything");
         (0..LANDMARKS).for_each(|i| name(format_args!(",x{i},y{i}")));
         (0..LANDMARKS).for_each(|i| name(format_args!(",c{i}")));
         for measure in measures {
@@ -46,57 +48,52 @@ impl<W: Write> Csv<W> {
         for unit in units {
             name(format_args!(",w_{unit}"));
         }
-        row.push(b'\n');
+        row.push('\n');
         let fields = 12 + 3 * LANDMARKS + measures.len() + units.len();
         row.reserve(fields * FIELD_BYTES);
-        let mut csv = Self {
-            to,
+        Self {
             row,
             measures: measures.len(),
             units: units.len(),
-            rows: 0,
-        };
-        csv.write_row()?;
-        Ok(csv)
+        }
     }
 
-    fn write_row(&mut self) -> Result<(), OutputError> {
-        // One write for the row, so that a reader never sees half of one for long.
-        let written = self.to.write_all(&self.row).and_then(|()| self.to.flush());
-        written.map_err(|source| OutputError::Csv { source })
+    /// The header, then the last row, with its line's end.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        &self.row
     }
 
     /// Appends a field.
     fn number(&mut self, value: Option<f32>, decimals: usize) {
-        self.row.push(b',');
+        self.row.push(',');
         let start = self.row.len();
         if let Some(value) = value.filter(|value| value.is_finite()) {
-            write!(self.row, "{value:.decimals$}").expect("a Vec takes everything");
+            write!(self.row, "{value:.decimals$}").expect("a String takes everything");
         }
         // What rounds to zero has no sign.
-        if let Some((b'-', digits)) = self.row[start..].split_first()
-            && digits.iter().all(|digit| matches!(digit, b'0' | b'.'))
+        if let Some(digits) = self.row[start..].strip_prefix('-')
+            && digits.bytes().all(|digit| matches!(digit, b'0' | b'.'))
         {
             self.row.remove(start);
         }
     }
-}
 
-impl<W: Write> Output for Csv<W> {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+    /// Makes the row of a report; `false` if it has none.
+    pub fn fill(&mut self, report: &Report) -> bool {
         // Who was forgotten has no row; a frame without anybody has one without a user.
         let gone = report.user.is_some() && report.state == TrackingState::Absent;
         if gone && !report.alone {
-            return Ok(());
+            return false;
         }
         let user = report.user.filter(|_| !gone);
         self.row.clear();
         let row = &mut self.row;
-        write!(row, "{},{},", report.frame, report.at.as_us()).expect("a Vec takes everything");
+        write!(row, "{},{},", report.frame, report.at.as_us()).expect("a String takes everything");
         if let Some(user) = user {
-            write!(row, "{user}").expect("a Vec takes everything");
+            write!(row, "{user}").expect("a String takes everything");
         }
-        write!(row, ",{}", report.state.name()).expect("a Vec takes everything");
+        write!(row, ",{}", report.state.name()).expect("a String takes everything");
         self.number(Some(report.confidence), COARSE);
 
         // Lost and absent users have no values, whatever is handed in.
@@ -125,14 +122,56 @@ impl<W: Write> Output for Csv<W> {
                 value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
             self.number(weight, FINE);
         }
-        self.row.push(b'\n');
-        self.rows += 1;
+        self.row.push('\n');
+        true
+    }
+}
+
+/// A CSV that is being written.
+#[cfg(feature = "std")]
+pub struct Csv<W> {
+    to: W,
+    rows: Rows,
+    count: u64,
+}
+
+#[cfg(feature = "std")]
+impl<W: Write> Csv<W> {
+    /// Writes the header; the names are those of [`Rows::new`].
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn new(to: W, measures: &[&str], units: &[&str]) -> Result<Self, OutputError> {
+        let mut csv = Self {
+            to,
+            rows: Rows::new(measures, units),
+            count: 0,
+        };
+        csv.write_row()?;
+        Ok(csv)
+    }
+
+    fn write_row(&mut self) -> Result<(), OutputError> {
+        // One write for the row, so that a reader never sees half of one for long.
+        let row = self.rows.text().as_bytes();
+        let written = self.to.write_all(row).and_then(|()| self.to.flush());
+        written.map_err(|source| OutputError::Csv { source })
+    }
+}
+
+#[cfg(feature = "std")]
+impl<W: Write> Output for Csv<W> {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if !self.rows.fill(report) {
+            return Ok(());
+        }
+        self.count += 1;
         self.write_row()
     }
 
     fn tally(&self) -> Tally {
         Tally {
-            sent: self.rows,
+            sent: self.count,
             ..Tally::of("csv")
         }
     }

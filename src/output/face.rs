@@ -3,6 +3,8 @@
 
 use super::view::{Channel, View};
 use super::{Report, TrackingState, unit_range};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 
 /// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.

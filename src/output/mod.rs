@@ -13,6 +13,8 @@ mod view;
 use crate::expression::UnitRange;
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 pub use crate::users::TrackingState;
 pub use face::LossPolicy;
@@ -120,18 +122,21 @@ pub trait Output {
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
     /// The CSV cannot be written.
+    #[cfg(feature = "std")]
     #[error("cannot write the CSV: {source}; check the path and the space left")]
     Csv {
         /// What the system said.
         source: std::io::Error,
     },
     /// No UDP socket.
+    #[cfg(feature = "std")]
     #[error("cannot open a UDP socket to send OSC: {source}; is the network configured?")]
     Socket {
         /// What the system said.
         source: std::io::Error,
     },
     /// Commands cannot be listened for.
+    #[cfg(feature = "std")]
     #[error(
         "cannot listen for OSC commands at {address:?}: {source}; expected a free address:port of this machine, like 127.0.0.1:9131"
     )]
@@ -176,6 +181,7 @@ pub enum OutputError {
         unit: String,
     },
     /// A thread cannot be started.
+    #[cfg(feature = "std")]
     #[error(
         "cannot start a thread for an output: {source}; is memory or the number of tasks limited?"
     )]

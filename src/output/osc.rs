@@ -22,19 +22,27 @@ pub mod faceosc;
 mod names;
 mod packet;
 mod parameters;
+#[cfg(feature = "std")]
+mod udp;
 pub mod vmc;
 pub mod vrchat;
 mod wire;
 
+#[cfg(feature = "std")]
+use super::Command;
 use super::{
-    Command, Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState,
-    View, WireWeights, unit_range,
+    Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
+    WireWeights, unit_range,
 };
 use crate::capacity::USERS;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
+#[cfg(feature = "std")]
 use commands::{Commands, Request};
 use packet::Argument;
 use wire::Wire;
+pub use wire::{Datagrams, Targets};
 
 /// How often the names of the units are repeated, for receivers that come later; seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
@@ -108,6 +116,7 @@ pub struct Osc {
     alive_count: i32,
     /// Time of the last report.
     at: Timestamp,
+    #[cfg(feature = "std")]
     commands: Option<Commands>,
 }
 
@@ -123,11 +132,27 @@ struct User {
 }
 
 impl Osc {
-    /// Opens the socket. `units` are the names in the order of the weights.
+    /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
     /// If the settings are unusable, or there is no socket to be had.
+    #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let commands = settings
+            .commands
+            .then(|| Commands::listen(&settings.listen, &settings.prefix))
+            .transpose()?;
+        let mut osc = Self::over(udp::open(&settings.targets)?, settings, units)?;
+        osc.commands = commands;
+        Ok(osc)
+    }
+
+    /// As [`Self::new`], to these targets instead of those of the settings, and without listening: what comes in may be
+    /// read with [`commands::requests`].
+    ///
+    /// # Errors
+    /// If the prefix is unusable or the names do not fit a datagram.
+    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let Settings {
             prefix, view, loss, ..
         } = settings;
@@ -147,16 +172,12 @@ impl Osc {
         if prefix.is_empty() {
             return Err(OutputError::Prefix { prefix });
         }
-        let commands = settings
-            .commands
-            .then(|| Commands::listen(&settings.listen, &prefix))
-            .transpose()?;
         Ok(Self {
-            wire: Wire::open(&settings.targets, prefix)?,
+            wire: Wire::new(targets, wire::usable(prefix)?),
             style: settings.style,
             ranges: settings.ranges,
             units: names,
-            users: std::array::from_fn(|_| User {
+            users: core::array::from_fn(|_| User {
                 count: 0,
                 known: false,
                 present: false,
@@ -169,11 +190,13 @@ impl Osc {
             alive: Every::default(),
             alive_count: 0,
             at: Timestamp::default(),
-            commands,
+            #[cfg(feature = "std")]
+            commands: None,
         })
     }
 
     /// Where commands are listened for, if they are.
+    #[cfg(feature = "std")]
     #[must_use]
     pub fn listens_at(&self) -> Option<std::net::SocketAddr> {
         self.commands.as_ref().and_then(Commands::address)
@@ -203,7 +226,7 @@ impl Osc {
             for (name, weight) in self.units.iter().zip(user.weights.shown()) {
                 wire.message(
                     format_args!("/{slot}/au/{name}"),
-                    std::iter::once(Argument::Float(weight)),
+                    core::iter::once(Argument::Float(weight)),
                 );
             }
         }
@@ -226,7 +249,7 @@ impl Osc {
         if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
             wire.message(
                 format_args!("/{slot}/present"),
-                std::iter::once(Argument::Int(present.into())),
+                core::iter::once(Argument::Int(present.into())),
             );
         }
         // Ranges are of the unit itself, not of its reflection nor its gain.
@@ -245,7 +268,7 @@ impl Osc {
 
     fn send_schema(&mut self) {
         let names = self.units.iter().map(|name| Argument::Text(name));
-        let arguments = std::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
+        let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
         self.wire.message(format_args!("/schema"), arguments);
         self.wire.flush();
     }
@@ -301,11 +324,13 @@ impl Output for Osc {
             sent: self.wire.sent(),
             dropped: self.wire.dropped(),
             not_numbers: weights.map(WireWeights::not_numbers).sum(),
+            #[cfg(feature = "std")]
             commands: self.commands.as_ref().map_or([0; 2], Commands::counts),
             ..Tally::of("osc")
         }
     }
 
+    #[cfg(feature = "std")]
     fn next_command(&mut self) -> Option<Command> {
         loop {
             match self.commands.as_mut()?.next_request()? {

@@ -19,30 +19,31 @@
 //! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes, under
 //! the stable name the system has for it, if it has one. `tcp:host:port` is a port behind a socket, as of a serial server;
 //! there the system keeps what a stuck reader has not read, so the newest frame wins only once that is full.
+//! What is written is made by an [`Encoder`], which a line without a system around it may use by itself.
 //! Memory: four buffers of 2 kB.
 
 mod budget;
 mod cobs;
 mod frame;
 mod line;
+#[cfg(feature = "std")]
 mod port;
+#[cfg(feature = "std")]
+mod sender;
 
-use std::fmt::Write;
-use std::sync::Arc;
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use core::fmt::Write;
 
 use super::{
-    LossPolicy, OneFace, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
-    unit_range,
+    LossPolicy, OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
 };
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use frame::Frame;
-use line::Line;
+pub use line::Line;
+#[cfg(feature = "std")]
 pub use port::PortState;
-use port::Shared;
-
-/// How long closing may take: to send the neutral line and no longer.
-const CLOSING: Duration = Duration::from_millis(500);
+#[cfg(feature = "std")]
+pub use sender::Serial;
 
 /// What is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,11 +99,9 @@ impl Default for Settings {
     }
 }
 
-/// A sender of weights, one face at a time.
-pub struct Serial {
-    shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
-    lines: Line,
+/// Reports to the bytes of a line, one face at a time.
+pub struct Encoder {
+    line: Line,
     count: u16,
     full: u32,
     style: Style,
@@ -114,49 +113,39 @@ pub struct Serial {
     last_ms: u32,
 }
 
-impl Serial {
-    /// Starts feeding the port. `units` are the names in the order of the weights.
+impl Encoder {
+    /// Plans what the line can carry. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If a unit is asked for that there is not, the names do not fit a line, or no thread can be started. Not if the port
-    /// is absent.
+    /// If a unit is asked for that there is not, or the names do not fit a line.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
+        Ok(Self::planned(settings, units)?.0)
+    }
+
+    /// Also what was planned.
+    fn planned(settings: &Settings, units: &[&str]) -> Result<(Self, budget::Plan), OutputError> {
         let view = &settings.view;
-        let planned = plan(settings, units)?;
-        let names: Box<[String]> = planned
+        let plan = plan(settings, units)?;
+        let names: Box<[String]> = plan
+            .units
             .iter()
             .map(|&unit| view.name(units[unit]).to_owned())
             .collect();
-        let header = header(settings.style, &names)?;
+        header(settings.style, &names)?;
         let channels = view.channels(units);
-        let channels = planned.iter().map(|&unit| channels[unit]).collect();
-        let shared = Arc::new(Shared::new());
-        let thread = port::feed(settings, header, Arc::clone(&shared))?;
-        Ok(Self {
-            shared,
-            thread: Some(thread),
-            lines: Line::new(),
+        let channels = plan.units.iter().map(|&unit| channels[unit]);
+        let encoder = Self {
+            line: Line::new(),
             count: 0,
             full: settings.full,
             style: settings.style,
             units: names,
             pose: settings.pose,
             view: view.clone(),
-            face: OneFace::of(channels, settings.loss),
+            face: OneFace::of(channels.collect(), settings.loss),
             last_ms: 0,
-        })
-    }
-
-    /// Whether the port is there.
-    #[must_use]
-    pub fn state(&self) -> PortState {
-        self.shared.state()
-    }
-
-    /// Frames that were replaced by a newer one before the port could take them.
-    #[must_use]
-    pub fn dropped(&self) -> u64 {
-        self.shared.dropped()
+        };
+        Ok((encoder, plan))
     }
 
     /// Names of the units that are sent, as shown.
@@ -165,9 +154,27 @@ impl Serial {
         &self.units
     }
 
-    /// Hands the frame to the thread.
-    fn put(&mut self, state: TrackingState, report: &Report) {
-        self.lines.clear();
+    /// What is to be sent on opening and every five seconds.
+    #[must_use]
+    pub fn header(&self) -> Line {
+        header(self.style, &self.units).expect("the same names fitted before")
+    }
+
+    /// The next frame; `None` if the report is of a face that is not shown.
+    pub fn encode(&mut self, report: &Report) -> Option<&Line> {
+        let state = self.face.follow(report)?;
+        self.last_ms = (report.at.as_us() / 1000) as u32;
+        Some(self.frame(state, report))
+    }
+
+    /// A frame that leaves the receiver with nobody, for the end.
+    pub fn neutral(&mut self) -> &Line {
+        self.face.weights.reset();
+        self.frame(TrackingState::Absent, &Report::default())
+    }
+
+    fn frame(&mut self, state: TrackingState, report: &Report) -> &Line {
+        self.line.clear();
         let confidence = if state.is_present() {
             unit_range(report.confidence)
         } else {
@@ -187,9 +194,9 @@ impl Serial {
         };
         // The names fit half a buffer; so do the weights and a pose the whole.
         let weights = self.face.weights.shown();
-        frame.write(self.style, &self.units, weights, &mut self.lines);
+        frame.write(self.style, &self.units, weights, &mut self.line);
         self.count = self.count.wrapping_add(1);
-        self.shared.put(&self.lines);
+        &self.line
     }
 }
 
@@ -219,8 +226,8 @@ fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
     Ok(header)
 }
 
-/// Indices of the units that are sent; what the line cannot carry is said once.
-fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> {
+/// Chooses the units that are sent.
+fn plan(settings: &Settings, units: &[&str]) -> Result<budget::Plan, OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
         found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
@@ -237,11 +244,10 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> 
         names.map(str::to_owned).collect()
     };
     // Names too long for a line are told before any plan is made.
-    let all = names(&wanted);
-    header(settings.style, &all)?;
+    header(settings.style, &names(&wanted))?;
     let bytes = |of: &[usize]| {
         let (names, mut line) = (names(of), Line::new());
-        let full = std::iter::repeat_n(1.0, of.len());
+        let full = core::iter::repeat_n(1.0, of.len());
         Frame::longest(settings.pose, settings.full).write(settings.style, &names, full, &mut line);
         let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
         (line.bytes().len(), header)
@@ -255,76 +261,12 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<Vec<usize>, OutputError> 
         Style::Cobs => budget::AVR_RING,
         _ => line::LARGEST,
     };
-    let baud = settings.baud;
-    let plan = budget::plan(
-        baud,
+    Ok(budget::plan(
+        settings.baud,
         settings.min_rate_hz,
         longest,
-        wanted.clone(),
+        wanted,
         rank,
         bytes,
-    );
-    let dropped: Vec<usize> = wanted
-        .into_iter()
-        .filter(|unit| !plan.units.contains(unit))
-        .collect();
-    let port = &settings.port;
-    if !dropped.is_empty() {
-        tracing::warn!(
-            "serial port {port} carries {} of {} units at {baud} bit/s: left out are {}",
-            plan.units.len(),
-            all.len(),
-            names(&dropped).join(" ")
-        );
-    }
-    if plan.rate_hz < budget::FRAMES_HZ {
-        tracing::warn!(
-            "serial port {port} takes {:.1} frames a second of up to {} bytes at {baud} bit/s, the newest each time; {} come from the sensor",
-            plan.rate_hz,
-            plan.frame_bytes,
-            budget::FRAMES_HZ
-        );
-    }
-    Ok(plan.units)
-}
-
-impl Output for Serial {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        let Some(state) = self.face.follow(report) else {
-            return Ok(());
-        };
-        self.last_ms = (report.at.as_us() / 1000) as u32;
-        self.put(state, report);
-        Ok(())
-    }
-
-    fn tally(&self) -> Tally {
-        Tally {
-            sent: self.shared.sent(),
-            dropped: self.dropped(),
-            connected: self.state() == PortState::Open,
-            not_numbers: self.face.weights.not_numbers(),
-            ..Tally::of("serial")
-        }
-    }
-}
-
-impl Drop for Serial {
-    /// Neutral and absent, as far as the port takes it in half a second.
-    fn drop(&mut self) {
-        self.face.weights.reset();
-        self.put(TrackingState::Absent, &Report::default());
-        self.shared.stop();
-        let Some(thread) = self.thread.take() else {
-            return;
-        };
-        let start = Instant::now();
-        while !thread.is_finished() && start.elapsed() < CLOSING {
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        if thread.is_finished() {
-            // A panic of the thread has been reported by itself.
-            thread.join().ok();
-        }
-    }
+    ))
 }

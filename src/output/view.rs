@@ -5,6 +5,8 @@
 //! reflection: for a person who looks at their own avatar. The CSV shows the units as they are.
 
 use crate::geometry::{Rigid, Rotation};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Longest name of a unit on a wire, bytes.
 pub(super) const LONGEST_NAME: usize = 24;

@@ -14,6 +14,8 @@ use nalgebra::SMatrix;
 use super::icp::{MIN_PAIRS, Target};
 use super::signature::Patches;
 use crate::geometry::{Point, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Side of a grid cell, metres.
 const CELL_M: f32 = 0.004;
@@ -191,7 +193,7 @@ fn on_rim(i: usize, points: &[Point], normals: &[Vector], neighbours: &[u16; NEI
         d.dot(&v).atan2(d.dot(&u))
     });
     angles.sort_unstable_by(f32::total_cmp);
-    let mut widest = angles[0] + std::f32::consts::TAU - angles[NEIGHBOURS - 1];
+    let mut widest = angles[0] + core::f32::consts::TAU - angles[NEIGHBOURS - 1];
     for pair in angles.windows(2) {
         widest = widest.max(pair[1] - pair[0]);
     }

@@ -12,15 +12,19 @@
 //! 5. move C2, repeat until the step is below [`Settings::stop_m`] or the iterations are used up.
 //!
 //! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
-//! Cost: n log n per iteration and 20 to 60 iterations, as convergence along the surface is slow. Memory: a tree per target
+//! Cost: n log n per iteration (n² without `std`, which the tree needs) and 20 to 60 iterations, as convergence along the
+//! surface is slow. Memory: a tree per target
 //! and one pair per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
 
+#[cfg(feature = "std")]
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::geometry::{Point, Rigid, Rotation};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Fewer pairs than this do not fix a rigid motion reliably.
 pub const MIN_PAIRS: usize = 12;
@@ -64,6 +68,7 @@ pub struct Alignment {
 
 /// The cloud that stands still, ready for nearest-neighbour questions.
 pub struct Target {
+    #[cfg(feature = "std")]
     tree: ImmutableKdTree<f32, 3>,
     points: Vec<Point>,
 }
@@ -75,14 +80,17 @@ impl Target {
         if points.len() < MIN_PAIRS {
             return None;
         }
+        #[cfg(feature = "std")]
         let coordinates: Vec<[f32; 3]> = points.iter().map(|p| [p.x, p.y, p.z]).collect();
         Some(Self {
+            #[cfg(feature = "std")]
             tree: ImmutableKdTree::new_from_slice(&coordinates).ok()?,
             points: points.to_vec(),
         })
     }
 
     /// Index of the nearest point and its squared distance, square metres.
+    #[cfg(feature = "std")]
     #[must_use]
     pub fn nearest(&self, p: &Point) -> (usize, f32) {
         let found = self
@@ -91,6 +99,15 @@ impl Target {
             .nearest_one::<SquaredEuclidean<f32>>()
             .execute();
         (found.item as usize, found.distance)
+    }
+
+    /// The same without a tree: every point is looked at.
+    #[cfg(not(feature = "std"))]
+    #[must_use]
+    pub fn nearest(&self, p: &Point) -> (usize, f32) {
+        let distances = self.points.iter().map(|point| (point - p).norm_squared());
+        let nearest = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest.expect("as many points as `new` asks for")
     }
 }
 

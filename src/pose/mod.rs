@@ -20,10 +20,12 @@ pub mod signature;
 pub mod smoothing;
 mod start;
 
-use std::sync::Arc;
+use alloc::sync::Arc;
 
 use crate::capacity::{HEIGHT, WIDTH};
 use crate::geometry::{Point, Rigid, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::segment::{CELL_PX, HeadCloud, PixelRect};
 use crate::time::Timestamp;
 use anchor::Anchor;

@@ -17,6 +17,8 @@ use nalgebra::{SMatrix, SVector};
 use super::anchor::Anchor;
 use super::shape::HeadShape;
 use crate::geometry::{Point, Rigid, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Fewer weighted pairs than this do not fix a pose.
 const MIN_USED: f64 = 40.0;

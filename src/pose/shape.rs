@@ -18,6 +18,8 @@ use nalgebra::SVector;
 use super::anchor::Anchor;
 use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Largest learned offset, metres.
 const MAX_OFFSET_M: f32 = 0.015;

@@ -14,6 +14,8 @@ use nalgebra::{SMatrix, SVector};
 use super::anchor::Anchor;
 use super::shape::HeadShape;
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Columns and rows of patches over the face.
 const GRID: [usize; 2] = [6, 6];

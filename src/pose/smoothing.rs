@@ -58,7 +58,7 @@ pub struct PoseFilter {
 }
 
 fn low_pass_gain(cutoff_hz: f32, dt: f32) -> f32 {
-    let tau = 1.0 / (std::f32::consts::TAU * cutoff_hz.max(1e-3));
+    let tau = 1.0 / (core::f32::consts::TAU * cutoff_hz.max(1e-3));
     dt / (dt + tau)
 }
 

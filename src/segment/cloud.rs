@@ -11,6 +11,8 @@ use super::cut::Head;
 use super::regions::{CELL_PX, COLUMNS, Regions};
 use crate::capacity::{HEAD_POINTS, PIXELS, WIDTH};
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 

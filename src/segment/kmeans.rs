@@ -12,6 +12,8 @@
 //! Limitation: a local optimum, as ever with Lloyd; starting anew when a layer runs empty keeps it useful.
 
 use crate::capacity::RAW_DEPTH_VALUES;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Layers of distance.
 pub const LAYERS: usize = 4;

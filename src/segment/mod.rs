@@ -19,6 +19,8 @@ mod regions;
 
 use crate::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use cut::Head;

@@ -8,6 +8,8 @@
 //! [`MAX_REGIONS`] in one picture: later ones stay unlabelled, which costs specks, not heads.
 
 use crate::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 

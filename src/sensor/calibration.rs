@@ -6,6 +6,8 @@
 
 use super::camera::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 use super::device::Model;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Which block of [`super::command::Command::AlgorithmParameters`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

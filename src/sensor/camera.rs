@@ -22,6 +22,8 @@ pub use registration::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 
 use crate::capacity::RAW_DEPTH_VALUES;
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use mapping::{Axis, Cubic};
 
 /// Distances are delivered below this, millimetres; what lies farther is no measurement.
@@ -320,7 +322,7 @@ mod tests {
         for (i, name) in RegistrationIntegers::NAMES.iter().enumerate() {
             *integers.by_name(name).unwrap() = i as i32;
         }
-        assert_eq!(integers.to_array(), std::array::from_fn(|i| i as i32));
+        assert_eq!(integers.to_array(), core::array::from_fn(|i| i as i32));
         assert!(integers.by_name("nonsense").is_none());
     }
 }

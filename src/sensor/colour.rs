@@ -9,7 +9,7 @@
 //! Layout: even rows G R G R…, odd rows B G B G…. Memory: three rows on the stack. Cost of luma: about 0.1 ms per picture.
 
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
-use std::num::Wrapping;
+use core::num::Wrapping;
 
 /// Bytes of an RGB picture.
 pub const RGB_BYTES: usize = 3 * PIXELS;

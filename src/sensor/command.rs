@@ -6,6 +6,9 @@
 //!        "GM" or "RB"     words that follow        command   tag    words, little endian
 //! ```
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// Bytes of the header.
 pub const HEADER: usize = 8;
 /// A reply is fetched into this many bytes. One that fills them is no reply: some hosts deliver that when it is not ready.

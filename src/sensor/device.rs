@@ -3,6 +3,8 @@
 //! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use core::time::Duration;
 
 /// One of the two isochronous streams.

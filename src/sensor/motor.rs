@@ -4,6 +4,9 @@
 //! Units: degrees and multiples of standard gravity. The tilt is relative to the horizon; there is no stop in the device, so
 //! nothing beyond ±31° is ever sent.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// Largest tilt either way, degrees.
 pub const TILT_LIMIT_DEG: f32 = 31.0;
 /// Counts of the accelerometer per standard gravity.
@@ -94,6 +97,8 @@ pub fn emit_posture(posture: &Posture) -> [u8; 10] {
 /// Messages through the audio device of the later models.
 pub mod audio {
     use super::{Light, Posture, limited};
+    #[cfg(not(feature = "std"))]
+    use crate::prelude::*;
 
     const MAGIC: u32 = 0x0602_2009;
     const STATUS_MAGIC: u32 = 0x0a6f_e000;

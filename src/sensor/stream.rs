@@ -13,6 +13,8 @@ use super::device::Stream;
 use super::packet::{HEADER, Header, NotAPacket, Place};
 use super::unpack::PACKED_DEPTH;
 use crate::capacity::PIXELS;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// How a stream's pictures are cut into packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,6 +4,8 @@
 //! that two who sit alike do not take turns. Metres, seconds. Memory: a few numbers.
 
 use crate::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 
 /// Who is preferred.

@@ -28,6 +28,8 @@ use super::window::{Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
 use crate::pose::HeadPose;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
 

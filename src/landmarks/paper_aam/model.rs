@@ -11,6 +11,8 @@
 use super::warp::{BasePixel, Shape2, base_pixels};
 use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Most 2D shape modes.
 pub const MOST_SHAPE_MODES: usize = 32;
@@ -152,7 +154,7 @@ impl Reader<'_> {
 }
 
 fn shape2(values: &[f32]) -> Shape2 {
-    std::array::from_fn(|i| [values[2 * i], values[2 * i + 1]])
+    core::array::from_fn(|i| [values[2 * i], values[2 * i + 1]])
 }
 
 impl PaperAam {

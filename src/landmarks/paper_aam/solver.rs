@@ -19,6 +19,8 @@ use crate::face_model::VIEW_PARAMETERS;
 use crate::geometry::Point;
 use crate::landmarks::view::{UNITS, View};
 use crate::landmarks::window::WINDOW;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Neighbouring pixels err together: so many count as one observation.
@@ -171,7 +173,7 @@ impl Solver {
     /// The 3D shape of a fit, head frame, metres.
     #[must_use]
     pub fn head(&self, fit: &AamFit) -> [Point; LANDMARKS] {
-        std::array::from_fn(|i| {
+        core::array::from_fn(|i| {
             let mut p = self.model.head[i];
             for (k, (mode, deviation)) in self
                 .model
@@ -188,7 +190,7 @@ impl Solver {
 
     /// Equation 1 backwards, similarity first; shape modes are kept within their range.
     fn coefficients(&self, shape: &Shape2) -> Vec<f32> {
-        let about: Shape2 = std::array::from_fn(|i| {
+        let about: Shape2 = core::array::from_fn(|i| {
             [
                 shape[i][0] - self.model.mean[i][0],
                 shape[i][1] - self.model.mean[i][1],
@@ -306,7 +308,7 @@ impl Solver {
         let p = self.coefficients(&fit.shape);
         let seen = self.head(fit).map(|point| fit.view.project(&point));
         let apart: Shape2 =
-            std::array::from_fn(|i| [fit.shape[i][0] - seen[i][0], fit.shape[i][1] - seen[i][1]]);
+            core::array::from_fn(|i| [fit.shape[i][0] - seen[i][0], fit.shape[i][1] - seen[i][1]]);
         let pull = unit / (REPROJECTION_PX * REPROJECTION_PX);
         for j in 0..shapes {
             // The inverse step is subtracted: s(p - Δp) should meet the projected 3D shape.
@@ -357,7 +359,7 @@ impl Solver {
         let mut right = DVector::<f64>::zeros(size);
         let weight = 1.0 / f64::from(REPROJECTION_PX).powi(2);
         const EPS: f32 = 1e-2;
-        let views: [View; VIEW_PARAMETERS] = std::array::from_fn(|k| {
+        let views: [View; VIEW_PARAMETERS] = core::array::from_fn(|k| {
             let mut step = [0.0; VIEW_PARAMETERS];
             step[k] = EPS;
             fit.view.moved(&step)
@@ -431,7 +433,7 @@ impl Solver {
                 count[usize::from(*corner)] += weight;
             }
         }
-        fit.point_confidence = std::array::from_fn(|i| {
+        fit.point_confidence = core::array::from_fn(|i| {
             // Around one point the residual varies more than over the face.
             let local = (sum[i] / count[i]).sqrt();
             fit.confidence

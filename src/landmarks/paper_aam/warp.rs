@@ -6,6 +6,8 @@
 //! Degenerate: pixels outside every triangle do not exist; flat triangles hold none.
 
 use crate::capacity::LANDMARKS;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Points of a 2D shape.
 pub type Shape2 = [[f32; 2]; LANDMARKS];
@@ -166,7 +168,7 @@ pub fn compose(mean: &Shape2, shape: &Shape2, change: &Shape2, triangles: &[[u8;
             count[v] += 1.0;
         }
     }
-    std::array::from_fn(|v| {
+    core::array::from_fn(|v| {
         if count[v] > 0.0 {
             [sum[v][0] / count[v], sum[v][1] / count[v]]
         } else {
@@ -181,7 +183,7 @@ mod tests {
 
     fn shape(seed: u64) -> Shape2 {
         let mut rng = fastrand::Rng::with_seed(seed);
-        std::array::from_fn(|_| [40.0 + 100.0 * rng.f32(), 40.0 + 100.0 * rng.f32()])
+        core::array::from_fn(|_| [40.0 + 100.0 * rng.f32(), 40.0 + 100.0 * rng.f32()])
     }
 
     #[test]

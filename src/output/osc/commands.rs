@@ -13,16 +13,24 @@
 //! unknown, has other arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its
 //! datagram if that cannot be told apart. Nothing allocates.
 
+#[cfg(feature = "std")]
 use std::net::{SocketAddr, UdpSocket};
 
 use crate::capacity::USERS;
-use crate::output::{Command, OutputError};
+use crate::output::Command;
+#[cfg(feature = "std")]
+use crate::output::OutputError;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Longest datagram looked at; a longer one is cut by the system and then found malformed.
+#[cfg(feature = "std")]
 const LARGEST: usize = 1472;
 /// Datagrams looked at between two frames.
+#[cfg(feature = "std")]
 const DATAGRAMS: usize = 8;
 /// Commands of one datagram that are kept; further ones are refused.
+#[cfg(feature = "std")]
 const REQUESTS: usize = 16;
 /// Bundles in bundles in bundles are refused.
 const DEPTH: usize = 3;
@@ -39,6 +47,7 @@ pub enum Request {
 }
 
 /// The listening socket.
+#[cfg(feature = "std")]
 pub struct Commands {
     socket: UdpSocket,
     /// Start of the addresses, as `/face`.
@@ -49,6 +58,7 @@ pub struct Commands {
     refused: u64,
 }
 
+#[cfg(feature = "std")]
 impl Commands {
     /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`.
     ///
@@ -146,7 +156,7 @@ pub(crate) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
     let zeros = text[end..].iter().all(|&byte| byte == 0);
     Some((
-        std::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
+        core::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
         rest,
     ))
 }

@@ -7,11 +7,13 @@
 //! a while, then not found: distances have no neutral to fade to.
 
 use super::packet::Argument;
-use super::wire::Wire;
+use super::wire::{Targets, Wire};
 use crate::capacity::WIDTH;
 use crate::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::landmarks::Landmarks;
 use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 
 /// FaceOSC's unit of length, metres.
@@ -83,9 +85,17 @@ impl FaceOsc {
     ///
     /// # Errors
     /// If a target is unusable, or there is no socket to be had.
+    #[cfg(feature = "std")]
     pub fn new(settings: Settings) -> Result<Self, OutputError> {
-        Ok(Self {
-            wire: Wire::open(&settings.targets, String::new())?,
+        let targets = super::udp::open(&settings.targets)?;
+        Ok(Self::over(targets, settings))
+    }
+
+    /// As [`Self::new`], to these targets instead of those of the settings.
+    #[must_use]
+    pub fn over(targets: Targets, settings: Settings) -> Self {
+        Self {
+            wire: Wire::new(targets, String::new()),
             face: OneFace::new(&[], &View::default(), LossPolicy::default()),
             view: View {
                 mirror: settings.mirror,
@@ -95,14 +105,14 @@ impl FaceOsc {
             found: false,
             repeat: Every::default(),
             last: None,
-        })
+        }
     }
 
     fn send_found(&mut self, found: bool) {
         self.found = found;
         self.wire.message(
             format_args!("/found"),
-            std::iter::once(Argument::Int(found.into())),
+            core::iter::once(Argument::Int(found.into())),
         );
         self.wire.flush();
     }
@@ -136,20 +146,20 @@ impl FaceOsc {
         };
         Numbers {
             pose: [x, mean_px(1), scale, pitch, yaw, roll].map(finite),
-            gestures: std::array::from_fn(distance),
+            gestures: core::array::from_fn(distance),
         }
     }
 
     fn send_numbers(&mut self, Numbers { pose, gestures }: Numbers) {
         let wire = &mut self.wire;
-        let floats = |range: std::ops::Range<usize>| range.map(move |i| Argument::Float(pose[i]));
+        let floats = |range: core::ops::Range<usize>| range.map(move |i| Argument::Float(pose[i]));
         wire.message(format_args!("/pose/position"), floats(0..2));
         wire.message(format_args!("/pose/scale"), floats(2..3));
         wire.message(format_args!("/pose/orientation"), floats(3..6));
         for ((name, ..), distance) in GESTURES.iter().zip(gestures) {
             wire.message(
                 format_args!("/gesture/{name}"),
-                std::iter::once(Argument::Float(distance)),
+                core::iter::once(Argument::Float(distance)),
             );
         }
         wire.flush();

@@ -1,7 +1,7 @@
 //! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings end in 1 to 4 zeros, up to a
 //! multiple of four; numbers are 32 bits, big endian; each message stands behind its length. Nothing allocates.
 
-use std::fmt::Write;
+use core::fmt::Write;
 
 /// Bytes a datagram may have to cross an Ethernet in one piece: 1500 less the headers of IP and UDP.
 pub(super) const LARGEST: usize = 1472;
@@ -50,7 +50,7 @@ impl Packet {
     pub(super) fn push<'a>(
         &mut self,
         prefix: &str,
-        address: std::fmt::Arguments,
+        address: core::fmt::Arguments,
         arguments: impl Iterator<Item = Argument<'a>> + Clone,
     ) -> bool {
         let start = self.length;
@@ -67,9 +67,9 @@ impl Packet {
     fn append<'a>(
         &mut self,
         prefix: &str,
-        address: std::fmt::Arguments,
+        address: core::fmt::Arguments,
         arguments: impl Iterator<Item = Argument<'a>> + Clone,
-    ) -> std::fmt::Result {
+    ) -> core::fmt::Result {
         // The length goes here when it is known.
         self.put(&[0; 4])?;
         let start = self.length;
@@ -104,17 +104,17 @@ impl Packet {
         Ok(())
     }
 
-    fn end_string(&mut self, start: usize) -> std::fmt::Result {
+    fn end_string(&mut self, start: usize) -> core::fmt::Result {
         let zeros = 4 - (self.length - start) % 4;
         self.put(&[0; 4][..zeros])
     }
 
-    fn put(&mut self, bytes: &[u8]) -> std::fmt::Result {
+    fn put(&mut self, bytes: &[u8]) -> core::fmt::Result {
         let end = self.length + bytes.len();
         let room = self
             .bytes
             .get_mut(self.length..end)
-            .ok_or(std::fmt::Error)?;
+            .ok_or(core::fmt::Error)?;
         room.copy_from_slice(bytes);
         self.length = end;
         Ok(())
@@ -122,7 +122,7 @@ impl Packet {
 }
 
 impl Write for Packet {
-    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
         self.put(text.as_bytes())
     }
 }
@@ -160,7 +160,11 @@ mod tests {
             format_args!("/Ext/Blend/Val"),
             arguments.into_iter()
         ));
-        assert!(packet.push("/VMC", format_args!("/Ext/Blend/Apply"), std::iter::empty()));
+        assert!(packet.push(
+            "/VMC",
+            format_args!("/Ext/Blend/Apply"),
+            core::iter::empty()
+        ));
         let expected = bytes(
             "23 62 75 6e 64 6c 65 00 00 00 00 00 00 00 00 01 00 00 00 24 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 6e 64 2f 56 \
              61 6c 00 00 2c 73 66 00 6a 61 77 4f 70 65 6e 00 3e 80 00 00 00 00 00 1c 2f 56 4d 43 2f 45 78 74 2f 42 6c 65 \
@@ -247,7 +251,7 @@ mod tests {
         assert!(!packet.push(
             "/face",
             format_args!("/0/frame"),
-            std::iter::repeat_n(Argument::Int(1), 400)
+            core::iter::repeat_n(Argument::Int(1), 400)
         ));
         assert_eq!(packet.bytes(), before);
     }

@@ -1,6 +1,8 @@
 //! Other programmes' parameters as sums of our units: tables of names, resolved against the units there are at the start.
 
-use std::borrow::Cow;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+use alloc::borrow::Cow;
 
 /// A gain, and the units it applies to.
 pub(super) type Term = (f32, &'static [&'static str]);

@@ -12,9 +12,11 @@
 use super::names;
 use super::packet::Argument;
 use super::parameters::Parameter;
-use super::wire::Wire;
+use super::wire::{Targets, Wire};
 use crate::geometry::Rigid;
 use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
 const CALIBRATED: [i32; 2] = [3, 0];
@@ -85,25 +87,33 @@ pub struct Vmc {
 }
 
 impl Vmc {
-    /// Opens the socket. `units` are the names in the order of the weights.
+    /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the target is unusable, or there is no socket to be had.
+    /// If a target is unusable, or there is no socket to be had.
+    #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let targets = super::udp::open(&settings.targets)?;
+        Ok(Self::over(targets, settings, units))
+    }
+
+    /// As [`Self::new`], to these targets instead of those of the settings.
+    #[must_use]
+    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
             Names::Arkit => Parameter::resolve(&names::ARKIT, units),
             Names::Vrm0 => Parameter::resolve(&names::VRM0, units),
             Names::Vrm1 => Parameter::resolve(&names::VRM1, units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
-        Ok(Self {
-            wire: Wire::open(&settings.targets, "/VMC/Ext".to_owned())?,
+        Self {
+            wire: Wire::new(targets, "/VMC/Ext".to_owned()),
             role: settings.role,
             face: OneFace::new(units, &settings.view, settings.loss),
             view: settings.view,
             shapes,
             seconds: 0.0,
-        })
+        }
     }
 
     fn send_frame(&mut self, tracked: bool, sensor_from_head: Option<&Rigid>) {
@@ -114,7 +124,7 @@ impl Vmc {
             wire.message(format_args!("/OK"), ok.into_iter());
             wire.message(
                 format_args!("/T"),
-                std::iter::once(Argument::Float(self.seconds)),
+                core::iter::once(Argument::Float(self.seconds)),
             );
             wire.message(
                 format_args!("/Root/Pos"),
@@ -144,7 +154,7 @@ impl Vmc {
             let arguments = [Argument::Text(&shape.name), Argument::Float(value)];
             wire.message(format_args!("/Blend/Val"), arguments.into_iter());
         }
-        wire.message(format_args!("/Blend/Apply"), std::iter::empty());
+        wire.message(format_args!("/Blend/Apply"), core::iter::empty());
         wire.flush();
     }
 }
@@ -156,7 +166,7 @@ fn placed(
     turn: [f32; 4],
 ) -> impl Iterator<Item = Argument<'_>> + Clone {
     let numbers = place.into_iter().chain(turn).map(Argument::Float);
-    std::iter::once(Argument::Text(name)).chain(numbers)
+    core::iter::once(Argument::Text(name)).chain(numbers)
 }
 
 impl Output for Vmc {

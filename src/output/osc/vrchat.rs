@@ -10,8 +10,10 @@
 
 use super::packet::Argument;
 use super::parameters::{Definition, Parameter, Term, plain};
-use super::wire::Wire;
+use super::wire::{self, Targets, Wire};
 use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 
 /// Changes below this are not sent: less than the 8 bits the receiver passes on.
@@ -156,13 +158,20 @@ impl VrChat {
     ///
     /// # Errors
     /// If the settings are unusable, or there is no socket to be had.
+    #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        Self::over(super::udp::open(&settings.targets)?, settings, units)
+    }
+
+    /// As [`Self::new`], to these targets instead of those of the settings.
+    ///
+    /// # Errors
+    /// If the prefix is unusable.
+    pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
         let parameters = Parameter::resolve(&PARAMETERS, units).into_iter();
         Ok(Self {
-            wire: Wire::open(
-                &settings.targets,
-                format!("/avatar/parameters/{}v2", settings.prefix),
-            )?,
+            wire: Wire::new(targets, wire::usable(prefix)?),
             face: OneFace::new(units, &settings.view, settings.loss),
             values: settings.values,
             bits: settings.bits.clamp(1, MOST_BITS),
@@ -187,7 +196,7 @@ impl VrChat {
             for name in SWITCHES {
                 wire.message(
                     format_args!("/{name}"),
-                    std::iter::once(Argument::Bool(active)),
+                    core::iter::once(Argument::Bool(active)),
                 );
             }
         }
@@ -213,7 +222,7 @@ impl Sent {
             self.value = value;
             wire.message(
                 format_args!("/{}", self.parameter.name),
-                std::iter::once(Argument::Float(value)),
+                core::iter::once(Argument::Float(value)),
             );
         }
     }
@@ -231,10 +240,10 @@ impl Sent {
         let switches = whole | negative << bits;
         let changed = if always { !0 } else { switches ^ self.switches };
         self.switches = switches;
-        let mut send = |bit: u32, address: std::fmt::Arguments| {
+        let mut send = |bit: u32, address: core::fmt::Arguments| {
             if changed >> bit & 1 == 1 {
                 let on = switches >> bit & 1 == 1;
-                wire.message(address, std::iter::once(Argument::Bool(on)));
+                wire.message(address, core::iter::once(Argument::Bool(on)));
             }
         };
         let name = &self.parameter.name;

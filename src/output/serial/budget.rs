@@ -5,6 +5,9 @@
 //! Are those fewer than are wanted at least, units are left out, the least telling first, until the rate is reached or one
 //! unit is left. A binary frame is kept to what an AVR's receive ring holds in the same way.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// Share of the line that is used.
 const USED: f32 = 0.95;
 /// Bits on the line per byte: start, eight, stop.

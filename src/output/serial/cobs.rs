@@ -15,6 +15,8 @@ use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
 use crate::geometry::Rigid;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// Start of the checksum, and its reflected polynomial.
 const CRC: [u16; 2] = [0xffff, 0x8408];
@@ -74,7 +76,7 @@ pub(super) fn hello(names: &[String], line: &mut Line) -> bool {
     let mut filled = payload.extend_from_slice(&[0x10, version, count]).is_ok();
     for (index, name) in (0..count).zip(names) {
         if payload.len() + 1 + name.len() > LONGEST_PAYLOAD {
-            filled &= append(std::mem::take(&mut payload), line);
+            filled &= append(core::mem::take(&mut payload), line);
             filled &= payload.extend_from_slice(&[0x12, version, index]).is_ok();
         }
         let length = u8::try_from(name.len()).unwrap_or(u8::MAX);
@@ -290,7 +292,7 @@ mod tests {
     #[test]
     fn fifty_two_units_fit_the_ring_of_an_avr() {
         let mut line = Line::new();
-        let values = std::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
+        let values = core::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
         assert!(weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line));
         assert!(line.bytes().len() <= 63, "{}", line.bytes().len());
     }

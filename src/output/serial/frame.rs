@@ -1,11 +1,13 @@
 //! One frame in each of the styles.
 
-use std::fmt::Write;
+use core::fmt::Write;
 
 use super::line::Line;
 use super::{Style, cobs};
 use crate::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::output::TrackingState;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// What a frame says besides its weights.
 pub(super) struct Frame {
@@ -83,7 +85,7 @@ impl Frame {
 }
 
 /// Place in millimetres, angles in tenths of a degree.
-fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> std::fmt::Result {
+fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> core::fmt::Result {
     let place = sensor_from_head.translation.vector * 1000.0;
     let (yaw, pitch, roll) = yaw_pitch_roll(&sensor_from_head.rotation);
     let angles = [yaw, pitch, roll].map(|angle| 10.0 * angle.to_degrees());
@@ -115,7 +117,7 @@ mod tests {
             };
             let mut line = Line::new();
             frame.write(Style::Text, &[], weights.iter().copied(), &mut line);
-            let text = std::str::from_utf8(line.bytes()).unwrap();
+            let text = core::str::from_utf8(line.bytes()).unwrap();
             let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
             let numbers: Vec<u32> = sentence
                 .split(',')
@@ -132,7 +134,7 @@ mod tests {
                 );
             }
             let mut longest = Line::new();
-            let ones = std::iter::repeat_n(1.0, units);
+            let ones = core::iter::repeat_n(1.0, units);
             Frame::longest(false, full).write(Style::Text, &[], ones, &mut longest);
             assert!(line.bytes().len() <= longest.bytes().len());
         }

@@ -1,13 +1,13 @@
 //! What waits to be sent, in a fixed buffer: sentences with checksums, or bytes.
 
-use std::fmt::Write;
+use core::fmt::Write;
 
 /// Bytes there is room for: twice what 60 units take in the longest style.
 pub(super) const LARGEST: usize = 2048;
 
 /// Bytes waiting to be sent. A sentence that does not fit leaves no trace.
 #[derive(Clone)]
-pub(super) struct Line {
+pub struct Line {
     bytes: [u8; LARGEST],
     length: usize,
 }
@@ -24,17 +24,19 @@ impl Line {
         self.length = 0;
     }
 
-    pub(super) fn bytes(&self) -> &[u8] {
+    /// The bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
 
     /// Appends bytes, if there is room for all.
-    pub(super) fn put(&mut self, bytes: &[u8]) -> std::fmt::Result {
+    pub(super) fn put(&mut self, bytes: &[u8]) -> core::fmt::Result {
         let end = self.length + bytes.len();
         let room = self
             .bytes
             .get_mut(self.length..end)
-            .ok_or(std::fmt::Error)?;
+            .ok_or(core::fmt::Error)?;
         room.copy_from_slice(bytes);
         self.length = end;
         Ok(())
@@ -43,7 +45,7 @@ impl Line {
     /// Appends all that `write` writes, or nothing; which, it tells.
     pub(super) fn all_or_nothing(
         &mut self,
-        write: impl FnOnce(&mut Self) -> std::fmt::Result,
+        write: impl FnOnce(&mut Self) -> core::fmt::Result,
     ) -> bool {
         let start = self.length;
         let written = write(self).is_ok();
@@ -54,7 +56,7 @@ impl Line {
     }
 
     /// Appends `$`, what `write` writes, `*`, the checksum and the line's end; `false` if there is no room.
-    pub(super) fn sentence(&mut self, write: impl FnOnce(&mut Self) -> std::fmt::Result) -> bool {
+    pub(super) fn sentence(&mut self, write: impl FnOnce(&mut Self) -> core::fmt::Result) -> bool {
         let start = self.length;
         self.all_or_nothing(|line| {
             line.put(b"$")?;
@@ -68,7 +70,7 @@ impl Line {
 }
 
 impl Write for Line {
-    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
         self.put(text.as_bytes())
     }
 }

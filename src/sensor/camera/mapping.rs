@@ -6,6 +6,8 @@
 
 use super::{FARTHEST_MM, Optics, Registration, RegistrationIntegers, boxed};
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 
 /// The registration polynomial of one axis as forward differences in fixed point, the device's own form.
 #[derive(Clone, Copy, Debug)]

@@ -30,7 +30,7 @@ fn frontal() -> View {
 }
 
 fn less(a: &Shape2, b: &Shape2) -> Shape2 {
-    std::array::from_fn(|i| [a[i][0] - b[i][0], a[i][1] - b[i][1]])
+    core::array::from_fn(|i| [a[i][0] - b[i][0], a[i][1] - b[i][1]])
 }
 
 /// Mean distance of two shapes, window pixels.
@@ -61,7 +61,7 @@ fn known() -> Known {
     let head_deviations = vec![0.02, 0.008];
     let view = frontal();
     let seen = |view: &View, offset: &dyn Fn(usize) -> Vector| -> Shape2 {
-        std::array::from_fn(|i| view.project(&(head[i] + offset(i))))
+        core::array::from_fn(|i| view.project(&(head[i] + offset(i))))
     };
     let mean = seen(&view, &|_| Vector::zeros());
     let mut basis = similarity_modes(&mean).to_vec();
@@ -107,7 +107,7 @@ fn known() -> Known {
                 .zip(values(&other))
                 .map(|(a, b)| a * b)
                 .sum();
-            row = std::array::from_fn(|i| row[i] - along * other[i]);
+            row = core::array::from_fn(|i| row[i] - along * other[i]);
         }
         let size = values(&row).iter().map(|v| v * v).sum::<f32>().sqrt();
         orthonormal.push(row.map(|v| v / size));
@@ -146,7 +146,7 @@ fn appearance_at(coefficients: &[f32; 4], [x, y]: [f32; 2]) -> f32 {
 impl Known {
     /// A window that shows the shape with appearance weights λ: equation 2 through the inverse warp, in formula.
     fn drawn(&self, shape: &Shape2, weights: [f32; 2]) -> Vec<f32> {
-        let sum: [f32; 4] = std::array::from_fn(|i| {
+        let sum: [f32; 4] = core::array::from_fn(|i| {
             self.coefficients[0][i]
                 + weights[0] * self.coefficients[1][i]
                 + weights[1] * self.coefficients[2][i]
@@ -191,7 +191,7 @@ fn steepest_descent_images_are_the_templates_derivative() {
     for (j, mode) in solver.basis.iter().enumerate() {
         const EPS: f32 = 0.2;
         let moved = |by: f32| -> Shape2 {
-            std::array::from_fn(|i| [0, 1].map(|a| known.model.mean[i][a] + by * mode[i][a]))
+            core::array::from_fn(|i| [0, 1].map(|a| known.model.mean[i][a] + by * mode[i][a]))
         };
         let (ahead, behind) = (moved(EPS), moved(-EPS));
         let (mut wrong, mut size) = (0.0, 0.0);

@@ -1,0 +1,123 @@
+//! The serial line as an output: an encoder, and a thread that feeds the port.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::budget::{self, Plan};
+use super::port::{self, PortState, Shared};
+use super::{Encoder, Settings};
+use crate::output::{Output, OutputError, Report, Tally};
+
+/// How long closing may take: to send the neutral line and no longer.
+const CLOSING: Duration = Duration::from_millis(500);
+
+/// A sender of weights, one face at a time.
+pub struct Serial {
+    encoder: Encoder,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Serial {
+    /// Starts feeding the port. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If a unit is asked for that there is not, the names do not fit a line, or no thread can be started. Not if the port
+    /// is absent.
+    pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
+        let (encoder, plan) = Encoder::planned(settings, units)?;
+        tell(settings, units, &plan);
+        let shared = Arc::new(Shared::new());
+        let thread = port::feed(settings, encoder.header(), Arc::clone(&shared))?;
+        Ok(Self {
+            encoder,
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// Whether the port is there.
+    #[must_use]
+    pub fn state(&self) -> PortState {
+        self.shared.state()
+    }
+
+    /// Frames that were replaced by a newer one before the port could take them.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.shared.dropped()
+    }
+
+    /// Names of the units that are sent, as shown.
+    #[must_use]
+    pub fn units(&self) -> &[String] {
+        self.encoder.units()
+    }
+}
+
+/// Says what the line cannot carry.
+fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
+    let Settings { port, baud, .. } = settings;
+    let wanted = |unit: &str| {
+        settings.units.is_empty() || settings.units.iter().any(|listed| listed == unit)
+    };
+    let left_out: Vec<&str> = (0..units.len())
+        .filter(|unit| wanted(units[*unit]) && !plan.units.contains(unit))
+        .map(|unit| settings.view.name(units[unit]))
+        .collect();
+    if !left_out.is_empty() {
+        tracing::warn!(
+            "serial port {port} carries {} of {} units at {baud} bit/s: left out are {}",
+            plan.units.len(),
+            plan.units.len() + left_out.len(),
+            left_out.join(" ")
+        );
+    }
+    if plan.rate_hz < budget::FRAMES_HZ {
+        tracing::warn!(
+            "serial port {port} takes {:.1} frames a second of up to {} bytes at {baud} bit/s, the newest each time; {} come from the sensor",
+            plan.rate_hz,
+            plan.frame_bytes,
+            budget::FRAMES_HZ
+        );
+    }
+}
+
+impl Output for Serial {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        if let Some(line) = self.encoder.encode(report) {
+            self.shared.put(line);
+        }
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.shared.sent(),
+            dropped: self.dropped(),
+            connected: self.state() == PortState::Open,
+            not_numbers: self.encoder.face.weights.not_numbers(),
+            ..Tally::of("serial")
+        }
+    }
+}
+
+impl Drop for Serial {
+    /// Neutral and absent, as far as the port takes it in half a second.
+    fn drop(&mut self) {
+        self.shared.put(self.encoder.neutral());
+        self.shared.stop();
+        let Some(thread) = self.thread.take() else {
+            return;
+        };
+        let start = Instant::now();
+        while !thread.is_finished() && start.elapsed() < CLOSING {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        if thread.is_finished() {
+            // A panic of the thread has been reported by itself.
+            thread.join().ok();
+        }
+    }
+}
