@@ -1,4 +1,5 @@
-//! `mien bench`: what each step of a frame costs, without the source's own cost.
+//! `mien bench`: what each step of a frame costs, without the source's own cost: with one person and with four before the
+//! simulated sensor, or from a source that is named.
 //!
 //! Each frame of the source is cut into the packets a Kinect would have sent (not timed) and then goes the whole way: packets
 //! to pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets come
@@ -11,6 +12,7 @@ use std::time::Instant;
 
 use crate::cli::Bench;
 use crate::memory;
+use crate::output::Report;
 use crate::pipeline::{Pipeline, Stage};
 use crate::sensor::device::Stream;
 use crate::sensor::kinect::{develop_colour, develop_depth};
@@ -20,6 +22,7 @@ use crate::sensor::stream::{Assembler, Cutter};
 use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
 use crate::sensor::{Frame, SourceError};
 use crate::service::{self, Failure, NoKinect};
+use crate::settings::Settings;
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
@@ -99,6 +102,8 @@ struct Times {
     of: [Vec<f32>; STEPS.len()],
     /// Of the present frame; `None` if the step was not reached.
     now: [Option<f32>; STEPS.len()],
+    /// People reported, over all frames.
+    seen: usize,
 }
 
 impl Times {
@@ -107,7 +112,13 @@ impl Times {
         Self {
             of: std::array::from_fn(|_| Vec::with_capacity(room)),
             now: [None; STEPS.len()],
+            seen: 0,
         }
+    }
+
+    /// Mean number of people there.
+    fn people(&self) -> f64 {
+        self.seen as f64 / self.of[FRAME].len().max(1) as f64
     }
 
     fn end_frame(&mut self, counts: bool) {
@@ -144,17 +155,47 @@ impl Times {
     }
 }
 
-/// `mien bench`: the table on `out`. `allocations` counts those of the process so far.
+/// Sources if none is named: one person, four people.
+const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
+
+/// `mien bench`: a table for each source on `out`. `allocations` counts those of the process so far.
 ///
 /// # Errors
-/// If the source cannot be opened or the table not written; as [`Failure`] lists.
+/// If a source cannot be opened or a table not written; as [`Failure`] lists.
 pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
     let settings = service::settings(None)?;
     crate::log::start(settings.log.level);
-    let name = bench.source.as_deref().unwrap_or("simulated");
-    let mut source = service::open(name, NoKinect::Refuse, settings.sensor.kinect)?;
-    let mut pipeline = Pipeline::new(&settings, source.registration(), &service::model(None)?)?;
     let frames = bench.frames.unwrap_or(FRAMES);
+    let sources = match &bench.source {
+        Some(named) => &[named.as_str()][..],
+        None => &SOURCES,
+    };
+    let mut allocated = 0;
+    for name in sources {
+        let (mut times, more) = time(name, frames, &settings, allocations)?;
+        allocated += more;
+        writeln!(out, "{name}: {:.2} people a frame", times.people())
+            .and_then(|()| times.write(out))
+            .map_err(Failure::Print)?;
+    }
+    let written = match memory::peak_resident_bytes() {
+        Some(bytes) => writeln!(out, "peak_rss_bytes {bytes}"),
+        None => Ok(()),
+    };
+    written
+        .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
+        .map_err(Failure::Print)
+}
+
+/// Times of the frames of one source, and what was asked for meanwhile.
+fn time(
+    name: &str,
+    frames: u64,
+    settings: &Settings,
+    allocations: fn() -> u64,
+) -> Result<(Times, u64), Failure> {
+    let mut source = service::open(name, NoKinect::Refuse, settings.sensor.kinect)?;
+    let mut pipeline = Pipeline::new(settings, source.registration(), &service::model(None)?)?;
     let mut times = Times::new(frames);
     let mut packets = Packets::new();
     let mut assemblers = Stream::BOTH.map(Assembler::new);
@@ -194,16 +235,16 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
         let counts = number >= WARM_UP;
         if counts {
             allocated += allocations() - before;
+            let present = |report: &Report| report.user.is_some() && report.state.is_present();
+            times.seen += pipeline
+                .reports()
+                .iter()
+                .filter(|report| present(report))
+                .count();
         }
         times.end_frame(counts);
     }
-    let written = times.write(out).and_then(|()| {
-        if let Some(bytes) = memory::peak_resident_bytes() {
-            writeln!(out, "peak_rss_bytes {bytes}")?;
-        }
-        writeln!(out, "allocations_after_start {allocated}")
-    });
-    written.map_err(Failure::Print)
+    Ok((times, allocated))
 }
 
 #[cfg(test)]
@@ -228,6 +269,28 @@ mod tests {
         assert!(medians.iter().all(|&ms| ms >= 0.0), "{text}");
         assert!(medians[FRAME] >= medians[SENSOR], "{text}");
         assert!(text.ends_with("allocations_after_start 0\n"), "{text}");
+    }
+
+    #[test]
+    fn without_a_source_one_person_and_four_are_timed() {
+        let mut out = Vec::new();
+        let bench = Bench {
+            source: None,
+            frames: Some(8),
+        };
+        run(&bench, || 7, &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let rows = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
+        assert_eq!([rows("frame "), rows("allocations_after_start ")], [2, 1]);
+        assert!(
+            text.starts_with("simulated: 1.00 people a frame\n"),
+            "{text}"
+        );
+        let four = text
+            .lines()
+            .find_map(|line| line.strip_prefix("simulated:four: "));
+        let people = four.unwrap().split(' ').next().unwrap();
+        assert!(people.parse::<f64>().unwrap() > 2.0, "{text}");
     }
 
     #[test]
