@@ -113,3 +113,27 @@ pub fn peak_resident_bytes() -> Option<u64> {
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes * 1024)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_asked_for_and_given_back_is_counted() {
+        let counting = Counting::new();
+        let layout = |size| Layout::from_size_align(size, 16).unwrap();
+        // SAFETY: sizes are not zero, and every block is given back with the layout it has then.
+        unsafe {
+            let one = counting.alloc(layout(100));
+            let other = counting.alloc_zeroed(layout(40));
+            assert_eq!(core::slice::from_raw_parts(other, 40), [0; 40]);
+            one.write_bytes(7, 100);
+            let one = counting.realloc(one, layout(100), 300);
+            assert_eq!(core::slice::from_raw_parts(one, 100), [7; 100]);
+            assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 340));
+            counting.dealloc(one, layout(300));
+            counting.dealloc(other, layout(40));
+        }
+        assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 0));
+    }
+}
