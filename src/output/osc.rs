@@ -19,7 +19,6 @@
 
 pub mod commands;
 pub mod faceosc;
-mod names;
 mod packet;
 mod parameters;
 #[cfg(feature = "std")]

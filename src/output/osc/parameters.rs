@@ -1,21 +1,104 @@
-//! Other programmes' parameters as sums of our units: tables of names, resolved against the units there are at the start.
+//! Other programmes' parameters as sums of our units: `config/rigs.toml`, resolved against the units there are at the start.
+//!
+//! The table is built in; the file says how it is written. One that cannot be read is refused with one sentence.
 
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use alloc::borrow::Cow;
+use alloc::collections::BTreeMap;
+
+/// The built-in table.
+const SHIPPED: &str = include_str!("../../../config/rigs.toml");
+
+/// A section of the table: whose names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rig {
+    /// ARKit's blend shapes.
+    Arkit,
+    /// Unified Expressions v2.
+    Unified,
+    /// Expressions of VRM 0.
+    Vrm0,
+    /// Expressions of VRM 1.
+    Vrm1,
+}
+
+impl Rig {
+    fn section(self) -> &'static str {
+        match self {
+            Self::Arkit => "arkit",
+            Self::Unified => "unified",
+            Self::Vrm0 => "vrm0",
+            Self::Vrm1 => "vrm1",
+        }
+    }
+}
+
+/// Why a table of rigs is refused.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum RigError {
+    /// Not TOML, or not names with texts.
+    #[error("expected sections of names with sums in quotes: {0}")]
+    Toml(#[from] toml::de::Error),
+    /// A section is missing.
+    #[error("expected a section [{0}], found none")]
+    Section(&'static str),
+    /// A sum that is none.
+    #[error("expected a sum such as \"0.5 AU20 + AU12L|AU12R\" for {name}, found {found:?}")]
+    Sum {
+        /// The parameter.
+        name: String,
+        /// What stands there.
+        found: String,
+    },
+}
 
 /// A gain, and the units it applies to.
-pub(super) type Term = (f32, &'static [&'static str]);
+type Term<'a> = (f32, Vec<&'a str>);
 
 /// A parameter in terms of units. Of several units in one term the largest counts: left and right, where the parameter has
 /// no sides, or a unit without sides, where the parameter has them.
-pub(super) struct Definition {
-    pub(super) name: &'static str,
+#[derive(Debug, PartialEq)]
+struct Sum<'a> {
     /// Value at rest.
-    pub(super) rest: f32,
+    rest: f32,
     /// Summed. The units of the first must be there, else the parameter is left out: what is not measured is
     /// not sent.
-    pub(super) terms: &'static [Term],
+    terms: Vec<Term<'a>>,
+}
+
+impl<'a> Sum<'a> {
+    /// Reads `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` if it is no such sum.
+    fn read(text: &'a str) -> Option<Self> {
+        let mut sum = Self {
+            rest: 0.0,
+            terms: Vec::new(),
+        };
+        // Sign of the term that is being read, and its gain, if one stands there.
+        let (mut sign, mut gain) = (Some(1.0), None);
+        for word in text.split_whitespace() {
+            match (word, sign) {
+                ("+" | "-", None) => sign = Some(if word == "+" { 1.0 } else { -1.0 }),
+                ("+" | "-", Some(_)) if sum.terms.is_empty() => {
+                    sum.rest = gain.take()?;
+                    sign = Some(if word == "+" { 1.0 } else { -1.0 });
+                }
+                (_, Some(_))
+                    if gain.is_none() && word.starts_with(|c: char| c.is_ascii_digit()) =>
+                {
+                    gain = Some(word.parse().ok()?);
+                }
+                (_, Some(plus)) if word.starts_with("AU") => {
+                    let units = word.split('|').collect();
+                    sum.terms.push((plus * gain.take().unwrap_or(1.0), units));
+                    sign = None;
+                }
+                _ => return None,
+            }
+        }
+        let ended = gain.is_none() && (sign.is_none() || text.is_empty());
+        ended.then_some(sum)
+    }
 }
 
 /// A parameter that can be computed.
@@ -26,31 +109,44 @@ pub(super) struct Parameter {
 }
 
 impl Parameter {
-    /// Those of the table for which there are units.
-    pub(super) fn resolve(table: &[Definition], units: &[&str]) -> Box<[Self]> {
-        let indices = |names: &[&str]| -> Box<[usize]> {
+    /// The parameters of a rig for which there are units, by name.
+    pub(super) fn of_rig(rig: Rig, units: &[&str]) -> Box<[Self]> {
+        Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
+    }
+
+    fn read(text: &str, rig: Rig, units: &[&str]) -> Result<Box<[Self]>, RigError> {
+        let table: BTreeMap<String, BTreeMap<String, String>> = toml::from_str(text)?;
+        let section = rig.section();
+        let rows = table.get(section).ok_or(RigError::Section(section))?;
+        let mut parameters = Vec::new();
+        for (name, text) in rows {
+            let sum = Sum::read(text).ok_or_else(|| RigError::Sum {
+                name: name.clone(),
+                found: text.clone(),
+            })?;
+            parameters.extend(Self::resolve(name, &sum, units));
+        }
+        Ok(parameters.into())
+    }
+
+    fn resolve(name: &str, sum: &Sum, units: &[&str]) -> Option<Self> {
+        let there = |names: &[&str]| -> Box<[usize]> {
             names
                 .iter()
                 .filter_map(|name| units.iter().position(|unit| unit == name))
                 .collect()
         };
-        let resolved = table.iter().map(|definition| Self {
-            name: definition.name.into(),
-            rest: definition.rest,
-            terms: definition
-                .terms
-                .iter()
-                .map(|&(gain, names)| (gain, indices(names)))
-                .collect(),
-        });
-        resolved
-            .filter(|parameter| {
-                parameter
-                    .terms
-                    .first()
-                    .is_some_and(|(_, units)| !units.is_empty())
-            })
-            .collect()
+        let terms: Box<[(f32, Box<[usize]>)]> = sum
+            .terms
+            .iter()
+            .map(|(gain, names)| (*gain, there(names)))
+            .collect();
+        let measured = terms.first().is_some_and(|(_, units)| !units.is_empty());
+        measured.then(|| Self {
+            name: name.to_owned().into(),
+            rest: sum.rest,
+            terms,
+        })
     }
 
     /// Each unit by itself, under the given names.
@@ -83,33 +179,24 @@ impl Parameter {
     }
 }
 
-/// A definition that is 0 at rest.
-pub(super) const fn plain(name: &'static str, terms: &'static [Term]) -> Definition {
-    Definition {
-        name,
-        rest: 0.0,
-        terms,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const TABLE: &str = r#"
+        [arkit]
+        Jaw = "AU26"
+        Sided = "AU12L|AU12 - AU15L"
+        Both = "0.5 AU4L|AU4R"
+        Unknown = "AU99 + AU26"
+        Lid = "0.75 - 0.75 AU43L"
+        None = ""
+    "#;
+
     #[test]
     fn parameters_are_sums_of_the_units_there_are() {
-        let table = [
-            plain("Jaw", &[(1.0, &["AU26"])]),
-            plain("Sided", &[(1.0, &["AU12L", "AU12"]), (-1.0, &["AU15L"])]),
-            plain("Both", &[(0.5, &["AU4L", "AU4R"])]),
-            plain("Unknown", &[(1.0, &["AU99"]), (1.0, &["AU26"])]),
-            Definition {
-                name: "Lid",
-                rest: 0.75,
-                terms: &[(-0.75, &["AU43L"])],
-            },
-        ];
-        let parameters = Parameter::resolve(&table, &["AU26", "AU12L", "AU4L", "AU4R", "AU43L"]);
+        let units = ["AU26", "AU12L", "AU4L", "AU4R", "AU43L"];
+        let parameters = Parameter::read(TABLE, Rig::Arkit, &units).expect("a table");
         let weights = [0.5, 0.25, 0.4, 0.8, 1.0];
         let values: Vec<_> = parameters
             .iter()
@@ -117,7 +204,61 @@ mod tests {
             .collect();
         assert_eq!(
             values,
-            [("Jaw", 0.5), ("Sided", 0.25), ("Both", 0.4), ("Lid", 0.0)]
+            [("Both", 0.4), ("Jaw", 0.5), ("Lid", 0.0), ("Sided", 0.25)]
+        );
+    }
+
+    #[test]
+    fn the_shipped_table_has_arkits_names_and_only_units_of_facs() {
+        let table: BTreeMap<String, BTreeMap<String, String>> =
+            toml::from_str(SHIPPED).expect("TOML");
+        let sections: Vec<&str> = table.keys().map(String::as_str).collect();
+        assert_eq!(sections, ["arkit", "unified", "vrm0", "vrm1"]);
+        assert_eq!(table["arkit"].len(), 52);
+        for (name, text) in table.values().flatten() {
+            let sum = Sum::read(text).unwrap_or_else(|| panic!("{name}: {text}"));
+            for unit in sum.terms.iter().flat_map(|(_, units)| units) {
+                let digits = unit.trim_start_matches("AU").trim_end_matches(['L', 'R']);
+                assert!(digits.parse().is_ok_and(|n: u8| n <= 64), "{name}: {unit}");
+            }
+        }
+        // Every unit that we emit reaches ARKit's names.
+        let shipped = crate::expression::units::Units::shipped();
+        for unit in shipped.columns(false) {
+            let reached = Parameter::of_rig(Rig::Arkit, &[unit.as_str()]);
+            assert!(!reached.is_empty() || unit == "AU25", "{unit}");
+        }
+    }
+
+    #[test]
+    fn refuses_what_is_no_sum_with_one_sentence() {
+        for bad in [
+            "AU1 AU2",
+            "+",
+            "AU1 +",
+            "0.5",
+            "0.5 0.5 AU1",
+            "1 - + AU1",
+            "jaw",
+            "AU1 - 2",
+        ] {
+            let table = TABLE.replace("\"AU26\"", &format!("{bad:?}"));
+            let told = Parameter::read(&table, Rig::Arkit, &["AU26"])
+                .err()
+                .map(|e| e.to_string());
+            assert_eq!(
+                told,
+                Some(format!(
+                    "expected a sum such as \"0.5 AU20 + AU12L|AU12R\" for Jaw, found {bad:?}"
+                ))
+            );
+        }
+        let told = Parameter::read("[vrm0]", Rig::Vrm1, &[])
+            .err()
+            .map(|e| e.to_string());
+        assert_eq!(
+            told.as_deref(),
+            Some("expected a section [vrm1], found none")
         );
     }
 }

@@ -2,16 +2,15 @@
 //!
 //! As performer (default, to a marionette at port 39539): availability, time, root, the bone `Head`, blend shapes. As assistant
 //! (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have the names of ARKit, of VRM 0 or
-//! VRM 1 ([`super::names`]), or the units' own; only those that are measured are sent. `Apply` closes the frame, in the last
+//! VRM 1 (`config/rigs.toml`), or the units' own; only those that are measured are sent. `Apply` closes the frame, in the last
 //! datagram. `OK` tells whether a face is tracked (version 2.7 of the protocol).
 //!
 //! Coordinates are Unity's: left-handed, y up, z forward of the avatar. Ours, mirrored in all three axes (x to the
 //! subject's left, y down, z into the head), are exactly that: positions change their sign and rotations keep their numbers.
 //! One face: the first seen, until lost.
 
-use super::names;
 use super::packet::Argument;
-use super::parameters::Parameter;
+use super::parameters::{Parameter, Rig};
 use super::wire::{Targets, Wire};
 use crate::geometry::Rigid;
 use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
@@ -101,9 +100,9 @@ impl Vmc {
     #[must_use]
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
-            Names::Arkit => Parameter::resolve(&names::ARKIT, units),
-            Names::Vrm0 => Parameter::resolve(&names::VRM0, units),
-            Names::Vrm1 => Parameter::resolve(&names::VRM1, units),
+            Names::Arkit => Parameter::of_rig(Rig::Arkit, units),
+            Names::Vrm0 => Parameter::of_rig(Rig::Vrm0, units),
+            Names::Vrm1 => Parameter::of_rig(Rig::Vrm1, units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
         Self {

@@ -9,7 +9,7 @@
 //! |v| × (2ⁿ − 1), cut, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
-use super::parameters::{Definition, Parameter, Term, plain};
+use super::parameters::{Parameter, Rig};
 use super::wire::{self, Targets, Wire};
 use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 #[cfg(not(feature = "std"))]
@@ -75,63 +75,6 @@ impl Default for Settings {
     }
 }
 
-/// An eye is open to 0.75 at rest, and to 1 when wide.
-const fn lid(name: &'static str, terms: &'static [Term]) -> Definition {
-    Definition {
-        name,
-        rest: 0.75,
-        terms,
-    }
-}
-
-/// Parameters in terms of action units.
-const PARAMETERS: [Definition; 26] = [
-    lid(
-        "EyeLidLeft",
-        &[(-0.75, &["AU43L", "AU43"]), (0.25, &["AU5L", "AU5"])],
-    ),
-    lid(
-        "EyeLidRight",
-        &[(-0.75, &["AU43R", "AU43"]), (0.25, &["AU5R", "AU5"])],
-    ),
-    plain("EyeSquintLeft", &[(1.0, &["AU7L", "AU7"])]),
-    plain("EyeSquintRight", &[(1.0, &["AU7R", "AU7"])]),
-    plain(
-        "BrowExpressionLeft",
-        &[(1.0, &["AU2L", "AU1L"]), (-1.0, &["AU4L"])],
-    ),
-    plain(
-        "BrowExpressionRight",
-        &[(1.0, &["AU2R", "AU1R"]), (-1.0, &["AU4R"])],
-    ),
-    plain("JawOpen", &[(1.0, &["AU26", "AU27"])]),
-    plain("JawX", &[(1.0, &["AU30R"]), (-1.0, &["AU30L"])]),
-    plain("JawZ", &[(1.0, &["AU29"])]),
-    plain("SmileFrownLeft", &[(1.0, &["AU12L"]), (-1.0, &["AU15L"])]),
-    plain("SmileFrownRight", &[(1.0, &["AU12R"]), (-1.0, &["AU15R"])]),
-    plain(
-        "SmileSadLeft",
-        &[(1.0, &["AU12L"]), (-1.0, &["AU15L", "AU20"])],
-    ),
-    plain(
-        "SmileSadRight",
-        &[(1.0, &["AU12R"]), (-1.0, &["AU15R", "AU20"])],
-    ),
-    plain("MouthStretchLeft", &[(1.0, &["AU20L", "AU20"])]),
-    plain("MouthStretchRight", &[(1.0, &["AU20R", "AU20"])]),
-    plain("MouthUpperUp", &[(1.0, &["AU10L", "AU10R", "AU10"])]),
-    plain("MouthLowerDown", &[(1.0, &["AU16L", "AU16R", "AU16"])]),
-    plain("MouthOpen", &[(1.0, &["AU25"])]),
-    plain("MouthRaiserLower", &[(1.0, &["AU17"])]),
-    plain("LipPucker", &[(1.0, &["AU18"])]),
-    plain("LipFunnel", &[(1.0, &["AU22"])]),
-    plain("LipSuckUpper", &[(1.0, &["AU28"])]),
-    plain("LipSuckLower", &[(1.0, &["AU28"])]),
-    plain("CheekPuffSuckLeft", &[(1.0, &["AU33", "AU34", "AU34L"])]),
-    plain("CheekPuffSuckRight", &[(1.0, &["AU33", "AU34", "AU34R"])]),
-    plain("NoseSneer", &[(1.0, &["AU9L", "AU9R", "AU9"])]),
-];
-
 /// A sender of avatar parameters.
 pub struct VrChat {
     wire: Wire,
@@ -169,7 +112,7 @@ impl VrChat {
     /// If the prefix is unusable.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
-        let parameters = Parameter::resolve(&PARAMETERS, units).into_iter();
+        let parameters = Parameter::of_rig(Rig::Unified, units).into_iter();
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),
             face: OneFace::new(units, &settings.view, settings.loss),
