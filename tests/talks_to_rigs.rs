@@ -147,7 +147,7 @@ fn names_gains_and_the_mirror_are_the_output_s() {
     for (names, expected) in [
         (vmc::Names::Units, vec!["jaw", "AU2L", "AU2R", "AU43L"]),
         (vmc::Names::Vrm0, vec!["A", "Blink_L"]),
-        (vmc::Names::Vrm1, vec!["aa", "surprised", "blinkLeft"]),
+        (vmc::Names::Vrm1, vec!["aa", "blinkLeft", "surprised"]),
     ] {
         let settings = vmc::Settings {
             targets: targets.clone(),

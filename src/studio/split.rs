@@ -5,7 +5,7 @@
 pub enum Split {
     /// Training.
     Train,
-    /// Choosing settings; trained on in the end, unless `train --hold-out-dev` keeps them out as for the shipped model.
+    /// Choosing settings (`train --hold-out-dev` keeps them out); trained on in the end, as for the shipped model.
     Dev,
     /// Figures that are reported. Never trained on, never tuned on.
     Test,

@@ -490,8 +490,8 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let closed = ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32));
     let lean = uniform(seed ^ 0x66, blink);
     if closed > 0.0 {
-        set("eyeBlink_L", if lean < -0.7 { 0.0 } else { closed });
-        set("eyeBlink_R", if lean > 0.7 { 0.0 } else { closed });
+        set("eyeBlink_L", if lean < -0.5 { 0.0 } else { closed });
+        set("eyeBlink_R", if lean > 0.5 { 0.0 } else { closed });
     }
 }
 

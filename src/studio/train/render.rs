@@ -359,7 +359,8 @@ impl Renderer {
         let mut both = |stem: &str, weight: f32, rng: &mut Rng| {
             let uneven = 0.12 * normal(rng);
             let (mut left, mut right) = (weight * (1.0 + uneven), weight * (1.0 - uneven));
-            match rng.u8(..20) {
+            // A lid closes alone more often than anything else does: who winks shuts one eye and hardly moves the other.
+            match rng.u8(..if stem == "eyeBlink" { 5 } else { 20 }) {
                 0 => left = 0.0,
                 1 => right = 0.0,
                 _ => {}
@@ -388,8 +389,8 @@ impl Renderer {
             _ => {}
         }
         match rng.u8(..20) {
-            0..=2 => both("eyeBlink", 0.95 + 0.05 * rng.f32(), rng),
-            3..=5 => both("eyeBlink", rng.f32(), rng),
+            0..=3 => both("eyeBlink", 0.95 + 0.05 * rng.f32(), rng),
+            4..=5 => both("eyeBlink", rng.f32(), rng),
             6..=9 => both("eyeWide", rng.f32() * 1.1, rng),
             10..=12 => both("eyeSquint", rng.f32(), rng),
             13 => both("eyeLookDown", rng.f32(), rng),

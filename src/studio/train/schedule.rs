@@ -66,7 +66,7 @@ impl Default for TrainArgs {
             offsets: None,
             modes: 44,
             starts: 4,
-            drawn: 9000,
+            drawn: 12000,
             penalty: 0.5,
             paper_pictures: 400,
             tracks: None,
