@@ -13,10 +13,13 @@ use crate::segment::HeadCloud;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
+use crate::users::likeness::{FaceLengths, Likeness};
 use crate::users::matching::Place;
 use crate::users::memory::Gone;
 use crate::users::{Presence, TrackingState};
 
+/// A pose at which no face is seen for so many frames is not one.
+const DOUBTED_FRAMES: u32 = 3;
 /// A face seen in so many frames is known, and may turn away.
 const KNOWN_FRAMES: u64 = 30;
 /// Cosines of the angle to the line of sight between which a head is turned away, but its face is still there for depth:
@@ -44,6 +47,10 @@ pub(crate) struct Follower {
     pub(crate) last_seen: Timestamp,
     /// Frames in which the face was seen.
     pub(crate) frames: u64,
+    /// What they are known by beside their head.
+    face: FaceLengths,
+    /// Frames in a row with a pose and without a face.
+    doubted: u32,
     /// Learned ranges, one for each unit.
     ranges: heapless::Vec<UnitRange, UNITS>,
 }
@@ -66,6 +73,8 @@ impl Follower {
             since: Timestamp::default(),
             last_seen: Timestamp::default(),
             frames: 0,
+            face: FaceLengths::default(),
+            doubted: 0,
             ranges: heapless::Vec::new(),
         }
     }
@@ -100,24 +109,30 @@ impl Follower {
                 self.expression
                     .observe(&landmarks, &sensor_from_head, frame.at);
                 self.ranges = self.expression.unit_ranges();
+                self.pose.learn(cloud);
+                self.face.see(&landmarks.head);
                 landmarks
             }
             None => match self.turned_away(&sensor_from_head, camera, frame.at) {
                 Some(landmarks) => landmarks,
-                None => return false,
+                None => {
+                    self.doubt();
+                    return false;
+                }
             },
         };
         after(Stage::Expression);
         let origin = sensor_from_head.translation.vector;
         match &mut self.place {
             Some(place) => place.see(cloud.centre, origin, frame.at),
-            None => {
-                self.place = Some(Place::new(cloud.centre, origin, frame.at));
-                self.since = frame.at;
-            }
+            None => self.place = Some(Place::new(cloud.centre, origin, frame.at)),
+        }
+        if self.frames == 0 {
+            self.since = frame.at;
         }
         self.seen = Some((sensor_from_head, landmarks));
         self.last_seen = frame.at;
+        self.doubted = 0;
         self.frames += 1;
         let ready = !self.expression.weights().warming;
         self.state = self.presence.seen(frame.at, ready);
@@ -142,6 +157,15 @@ impl Follower {
         Some(landmarks)
     }
 
+    /// A pose without a face: after a few of them it is taken for a wrong one, which depth alone may follow for long.
+    fn doubt(&mut self) {
+        self.doubted += 1;
+        if self.doubted >= DOUBTED_FRAMES {
+            self.doubted = 0;
+            self.pose.doubt();
+        }
+    }
+
     /// The face was not found in this frame.
     pub(crate) fn miss(&mut self, at: Timestamp) {
         self.state = self.presence.unseen(at);
@@ -158,6 +182,8 @@ impl Follower {
         self.seen = None;
         self.place = None;
         self.frames = 0;
+        self.face = FaceLengths::default();
+        self.doubted = 0;
     }
 
     /// Goes on with what another one knows of its person.
@@ -169,14 +195,23 @@ impl Follower {
         self.seen.clone_from(&before.seen);
         (self.place, self.since) = (before.place, before.since);
         (self.last_seen, self.frames) = (before.last_seen, before.frames);
+        self.face = before.face;
         self.ranges = self.expression.unit_ranges();
+    }
+
+    /// What the person is known by.
+    pub(crate) fn likeness(&self) -> Likeness {
+        Likeness {
+            head: self.pose.signature(),
+            face: self.face,
+        }
     }
 
     /// What to remember of the person by, seen last when they were.
     pub(crate) fn gone(&self, slot: usize) -> Gone {
         Gone {
             slot,
-            signature: self.pose.signature(),
+            likeness: self.likeness(),
             learned: self.expression.learned(),
             last_seen: self.last_seen,
             before_s: 0.0,

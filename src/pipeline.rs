@@ -3,8 +3,8 @@
 //! Heads are cut from the depth picture and given to the users they belong to ([`crate::users::matching`]); each user has
 //! stages of their own ([`crate::follower`]). A head that is nobody's goes to a follower at the door, one at a time: it
 //! becomes a user once a face is found on it and, if there are people who left, after a few more frames that tell whether
-//! it is one of them ([`crate::users::memory`]). What has no face is left alone for a few frames. At most one pose a frame is
-//! searched for from nothing, so that no frame costs much more than following.
+//! it is one of them ([`crate::users::memory`]). What has no face is left alone for a few frames. At most half of a search for
+//! a pose from nothing is done in a frame, so that no frame costs much more than following.
 //!
 //! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
 //! One file: who gets which head, from door to memory, is one decision.
@@ -26,23 +26,26 @@ use crate::settings::{Settings, UserSettings};
 use crate::shared::Shared;
 use crate::time::Timestamp;
 use crate::users::choice::{Candidate, Choice};
+use crate::users::likeness::Likeness;
+use crate::users::matching::Place;
 use crate::users::memory::{Gone, Memory};
 use crate::users::{Presence, TrackingState, matching};
 
 /// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
 pub(crate) const FIRST_LOOK: u64 = 8;
-/// and the distance of two heads' signatures up to which they are one; strangers are 0.6 to 1.8 apart.
-pub(crate) const FIRST_LOOK_APART: f32 = 0.55;
+/// and the distance of two people ([`crate::users::likeness`]) up to which they are one: seven of ten who are back are
+/// nearer then, and three strangers of a thousand.
+pub(crate) const FIRST_LOOK_APART: f32 = 1.0;
 /// A head that is cut off by the picture's edge tells nothing; for so many frames it is waited for.
 const LONGEST_LOOK: u64 = 40;
 /// Frames after which a new user is compared once more.
 const LAST_LOOK: u64 = 45;
 /// Beyond this distance from all of them a newcomer is a stranger at once; who is between is looked at for longer,
-const STRANGER_APART: f32 = 0.9;
-/// for so many frames,
-pub(crate) const SECOND_LOOK: u64 = 28;
-/// with this distance: the same head is 0.15 to 0.65 apart then, others are 0.7 and more.
-pub(crate) const SECOND_LOOK_APART: f32 = 0.68;
+const STRANGER_APART: f32 = 1.6;
+/// for so many frames: with what it takes to be there at all, a newcomer has a slot within ten,
+pub(crate) const SECOND_LOOK: u64 = 10;
+/// with this distance: nine of ten who are back are nearer, and two strangers of a hundred.
+pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
 /// A head without a face is tried again after so many frames.
 const REFUSED_FRAMES: u64 = 4;
 /// A refused head that has moved less than this is the same one, metres.
@@ -269,6 +272,11 @@ impl Pipeline {
             return;
         }
         if !guest.follow(frame, &self.camera, &heads[head], searches, after) {
+            if guest.pose.is_searching() {
+                let centre = heads[head].centre;
+                guest.place = Some(Place::new(centre, centre.coords, frame.at));
+                return;
+            }
             guest.forget();
             if self.refused.is_full() {
                 self.refused.pop_front();
@@ -357,21 +365,33 @@ impl Pipeline {
         (slot == of || self.free_slots()[slot]).then_some(slot)
     }
 
-    /// Of those who are lost or left the one whose head is most like a follower's: their slot, and whether they are lost.
+    /// Of those who are lost or left the one who is most like a follower's person: their slot, and whether they are lost.
     fn most_like(&self, of: usize, most_apart: f32) -> Option<(usize, bool)> {
         let one = &self.followers[of];
-        let signature = one.pose.signature();
+        let likeness = one.likeness();
         let lost = (0..USERS)
             .filter(|&slot| slot != of && self.followers[slot].state == TrackingState::Lost);
-        let lost = lost.map(|slot| (slot, true, self.followers[slot].pose.signature()));
+        let lost = lost.map(|slot| (slot, true, self.followers[slot].likeness()));
         let gone = self.memory.gone().iter();
-        let gone = gone.map(|gone| (gone.slot, false, gone.signature.clone()));
+        let gone = gone.map(|gone| (gone.slot, false, gone.likeness.clone()));
         let apart = lost.chain(gone).filter_map(|(slot, is_lost, other)| {
-            let apart = one.pose.apart(&signature, &other)?;
+            let apart = self.apart(&likeness, &other)?;
             (apart < most_apart).then_some((apart, slot, is_lost))
         });
         let (_, slot, is_lost) = apart.min_by(|a, b| a.0.total_cmp(&b.0))?;
         Some((slot, is_lost))
+    }
+
+    /// How far apart two people are; `None` when too little was seen to tell.
+    pub(crate) fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
+        let pose = &self.followers[DOOR].pose;
+        Some(one.apart(other, pose.differ(&one.head, &other.head)?))
+    }
+
+    /// What the user of a slot is known by so far.
+    #[cfg(feature = "studio")]
+    pub(crate) fn likeness(&self, slot: usize) -> Likeness {
+        self.followers[slot].likeness()
     }
 
     /// Whom single-user outputs show.

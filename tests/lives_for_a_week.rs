@@ -31,6 +31,7 @@ use mien::sensor::virtual_kinect::VirtualKinect;
 use mien::sensor::{Frame, Source};
 use mien::settings::Settings;
 use mien::time::Timestamp;
+use mien::users::likeness::{FaceLengths, Likeness};
 use mien::users::memory::{Gone, Memory};
 use mien::users::{Presence, saved};
 
@@ -267,7 +268,10 @@ fn a_week_of_visitors() {
     let noise = Noise::new();
     let anchor = FaceModel::shipped().standard_head.oriented();
     let pose = PoseTracker::new(mien::pose::Settings::default(), &anchor).unwrap();
-    let signature = pose.signature();
+    let likeness = Likeness {
+        head: pose.signature(),
+        face: FaceLengths::default(),
+    };
     let mut seats: [Seat; SEATS] = std::array::from_fn(|_| Seat {
         expression: Expression::new(Learning::default(), units.clone()),
         presence: Presence::new(0.5, 5.0),
@@ -371,7 +375,7 @@ fn a_week_of_visitors() {
             if gone {
                 memory.keep(Gone {
                     slot: number,
-                    signature: signature.clone(),
+                    likeness: likeness.clone(),
                     learned: seat.expression.learned(),
                     last_seen: at,
                     before_s: 0.0,

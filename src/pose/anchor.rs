@@ -122,7 +122,7 @@ impl Anchor {
 
     /// Number of the point nearest to `q` (head frame), to within the grid's coarseness; `None` when none is near.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub(crate) fn nearest(&self, q: &Point) -> Option<usize> {
         let mut cell = [0usize; 3];
         for k in 0..3 {

@@ -4,7 +4,7 @@
 //! frame afterwards, then a few more rounds against the standard head from there, because frame-to-frame motion alone
 //! drifts. [`Method::Plane`], the default: point-to-plane against the standard head ([`plane`]), whose size and shape are
 //! learned for the user ([`shape`]), from a constant-velocity prediction. Both find the first pose among several starts
-//! ([`start`]) and give what they find to the same filter ([`smoothing`]).
+//! ([`start`]), which may be spread over two frames, and give what they find to the same filter ([`smoothing`]).
 //!
 //! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all made at construction;
 //! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
@@ -31,7 +31,7 @@ use crate::time::Timestamp;
 use anchor::Anchor;
 use plane::{Effort, PlaneFit};
 use shape::HeadShape;
-use signature::Signature;
+use signature::{Difference, Signature};
 use smoothing::{PoseFilter, Smoothing};
 
 /// Where a head is, and how sure that is.
@@ -109,6 +109,8 @@ const APPROACH_STRIDE: usize = 4;
 /// Starts that go on after the first rounds, and that are aligned with more points after the next.
 const GO_ON: usize = 12;
 const FINALISTS: usize = 6;
+/// Steps of a search, each of which may be done in a frame of its own.
+const SEARCH_HALVES: u32 = 2;
 /// Without a pose for this long the prediction means nothing, seconds.
 const COAST_S: f64 = 0.2;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
@@ -172,6 +174,11 @@ pub struct PoseTracker {
     scratch: icp::Scratch,
     /// Anchor points that a cloud reaches.
     hit: Vec<bool>,
+    /// Where a search that is half done has come to, and when.
+    finalists: heapless::Vec<Rigid, FINALISTS>,
+    searched: Timestamp,
+    /// The last frame's fit, until it has taught the shape.
+    lesson: Option<PlaneFit>,
     /// Frames that might have taught the shape.
     taught: u64,
 }
@@ -199,6 +206,9 @@ impl PoseTracker {
             earlier: None,
             previous: None,
             scratch: icp::Scratch::default(),
+            finalists: heapless::Vec::new(),
+            searched: Timestamp::default(),
+            lesson: None,
             taught: 0,
         }
     }
@@ -221,18 +231,26 @@ impl PoseTracker {
         Signature::of(&self.anchor, &self.shape)
     }
 
-    /// How far apart two heads are: about 1 if they are one and the same. `None` when too little was seen to tell.
+    /// How two heads differ. `None` when too little was seen to tell.
     #[must_use]
-    pub fn apart(&self, one: &Signature, other: &Signature) -> Option<f32> {
-        one.distance(other, &self.anchor)
+    pub fn differ(&self, one: &Signature, other: &Signature) -> Option<Difference> {
+        one.differ(other, &self.anchor)
     }
 
     /// Forgets pose and user: the next cloud is somebody new.
     pub fn reset(&mut self) {
         self.lose();
         self.last = None;
+        self.finalists.clear();
+        self.lesson = None;
         self.taught = 0;
         self.shape.forget();
+    }
+
+    /// Whether a search goes on in the next frame.
+    #[must_use]
+    pub fn is_searching(&self) -> bool {
+        !self.finalists.is_empty()
     }
 
     fn lose(&mut self) {
@@ -247,19 +265,41 @@ impl PoseTracker {
         self.shape.log_scale.exp() as f32
     }
 
-    /// Finds the head in the cloud. `None` when it is not there or does not agree; the next call searches anew.
+    /// Finds the head in the cloud and learns from it. `None` when it is not there or does not agree; the next call searches
+    /// anew.
     pub fn track(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
-        self.track_with(cloud, at, &mut 1)
+        let mut searches = SEARCH_HALVES;
+        let pose = self.track_with(cloud, at, &mut searches);
+        self.learn(cloud);
+        pose
     }
 
-    /// As [`Self::track`], but a search, which costs as much as following a head for many frames, only if `searches` are
-    /// left; it takes one.
+    /// Learns size and shape of the head from the cloud that was tracked last, once: it is believed to be one.
+    pub fn learn(&mut self, cloud: &HeadCloud) {
+        let Some(fit) = self.lesson.take() else {
+            return;
+        };
+        self.taught += 1;
+        if self.taught <= TAUGHT_ALL || self.taught.is_multiple_of(TAUGHT_STEP) {
+            self.shape.learn(&self.anchor, &cloud.points, &fit);
+        }
+    }
+
+    /// The pose that was found is not believed: the next cloud is searched from nothing. What was learned of the head stays.
+    pub fn doubt(&mut self) {
+        self.lose();
+        self.last = None;
+    }
+
+    /// As [`Self::track`], but without learning ([`Self::learn`]), and a search, which costs as much as following a head for many frames, only if `searches` are
+    /// left. Each does half of it: with one a frame, [`Self::is_searching`] after the first, the pose in the second.
     pub fn track_with(
         &mut self,
         cloud: &HeadCloud,
         at: Timestamp,
         searches: &mut u32,
     ) -> Option<HeadPose> {
+        self.lesson = None;
         if let Some((_, before)) = self.last {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
@@ -348,27 +388,33 @@ impl PoseTracker {
             .and_then(|near| aligned(near.head_from_sensor, &exact))
             .filter(|fit| self.accepted(fit));
         let fit = match followed {
-            Some(fit) => fit,
+            Some(fit) => {
+                self.finalists.clear();
+                fit
+            }
             None => {
+                if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
+                    self.finalists.clear();
+                }
+                if self.finalists.is_empty() {
+                    *searches = searches.checked_sub(1)?;
+                    self.searched = at;
+                    self.search(cloud, scale_sigma);
+                }
                 *searches = searches.checked_sub(1)?;
-                self.search(cloud, scale_sigma)
+                self.decide(cloud, scale_sigma)
                     .filter(|fit| self.accepted(fit))?
             }
         };
         // What the picture's edge cuts off would bend the shape.
         let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
-        if self.settings.learn_shape && teaches {
-            self.taught += 1;
-            if self.taught <= TAUGHT_ALL || self.taught.is_multiple_of(TAUGHT_STEP) {
-                self.shape.learn(&self.anchor, cloud, &fit);
-            }
-        }
+        self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
         let confidence = (fit.agreement * (fit.on_face / 0.8).min(1.0)).clamp(0.0, 1.0);
         Some((fit.head_from_sensor.inverse(), confidence, fit.residual))
     }
 
-    /// The best end over all starts: rounds on few points for all, more for the better ones, all points for the best.
-    fn search(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
+    /// First half of a search, the ends that are worth more than few points: rounds for all starts, more for the better ones.
+    fn search(&mut self, cloud: &[Point], scale_sigma: f64) {
         let effort = |cutoffs_m, stride| Effort {
             cutoffs_m,
             stride,
@@ -388,9 +434,22 @@ impl PoseTracker {
                 &effort(&NARROW_M, SEARCH_STRIDE),
             ));
         }
+        self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
+    }
+
+    /// Second half: the best of the finalists on all points. Between two frames a head moves less than they are off.
+    fn decide(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
+        let effort = |cutoffs_m, stride| Effort {
+            cutoffs_m,
+            stride,
+            scale_sigma,
+        };
+        let aligned = |start: Rigid, effort: &Effort| {
+            plane::align(&self.anchor, &self.shape, cloud, start, effort)
+        };
         let mut winner: Option<(f32, PlaneFit)> = None;
-        for fit in &second.0 {
-            if let Some(fit) = aligned(fit.head_from_sensor, &effort(&SETTLE_M, FINAL_STRIDE)) {
+        for start in core::mem::take(&mut self.finalists) {
+            if let Some(fit) = aligned(start, &effort(&SETTLE_M, FINAL_STRIDE)) {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
                 let merit = merit(&fit) * covered;
@@ -510,6 +569,33 @@ mod tests {
                 assert!(error < 0.7, "at yaw {yaw} pitch {pitch}: {error} deg");
             }
         }
+    }
+
+    #[test]
+    fn a_search_may_take_two_frames() {
+        let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+        let at = |k: u64| Timestamp::from_us(k * 33_333);
+        let first = tracker.track_with(&cloud(&placed(28.0, -10.0, 0.0), 0.002, 1), at(0), &mut 1);
+        assert!(first.is_none() && tracker.is_searching());
+        let truth = placed(32.0, -8.0, 0.0);
+        let found = tracker.track_with(&cloud(&truth, 0.002, 2), at(1), &mut 1);
+        let found = found.expect("the second half").sensor_from_head.rotation;
+        assert!(!tracker.is_searching());
+        let error = found.angle_to(&truth.rotation).to_degrees();
+        assert!(error < 1.5, "{error}");
+        // What was begun long ago is begun again.
+        tracker.reset();
+        assert!(
+            tracker
+                .track_with(&cloud(&truth, 0.002, 3), at(2), &mut 1)
+                .is_none()
+        );
+        assert!(
+            tracker
+                .track_with(&cloud(&truth, 0.002, 4), at(20), &mut 1)
+                .is_none()
+        );
+        assert!(tracker.is_searching());
     }
 
     #[test]

@@ -19,6 +19,7 @@ use super::shape::HeadShape;
 use crate::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
+use crate::vectors::wide;
 
 /// Fewer weighted pairs than this do not fix a pose.
 const MIN_USED: f64 = 40.0;
@@ -52,7 +53,7 @@ pub(crate) struct PlaneFit {
 }
 
 /// Distance along the normal of one live point in the head frame, with the anchor point it belongs to.
-#[inline]
+#[inline(always)]
 pub(crate) fn pair(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -111,6 +112,76 @@ const EVIDENCE_M: f64 = 0.004;
 /// Live points whose errors hang together count as one; of some 1500 so many are independent.
 const INDEPENDENT: f64 = 60.0;
 
+/// What one round adds up over the live points.
+struct Sums {
+    /// Normal matrix, of which the upper triangle is used: whole rows of eight fill a vector.
+    rows: [[f64; 8]; 7],
+    g: [f64; 7],
+    asked: u32,
+    on_face: u32,
+    agreeing: u32,
+    squares: f64,
+    agreement: f64,
+    total: f64,
+}
+
+impl Sums {
+    #[inline(always)]
+    fn of<'a>(
+        anchor: &Anchor,
+        shape: &HeadShape,
+        cloud: impl Iterator<Item = &'a Point>,
+        (pose, inverse_scale): (&Rigid, f32),
+        cutoff: f32,
+        middle2: f32,
+    ) -> Self {
+        let mut sums = Self {
+            rows: [[0.0; 8]; 7],
+            g: [0.0; 7],
+            asked: 0,
+            on_face: 0,
+            agreeing: 0,
+            squares: 0.0,
+            agreement: 0.0,
+            total: 0.0,
+        };
+        let camera = Point::from(pose.translation.vector);
+        for p in cloud {
+            sums.asked += 1;
+            let q = pose * p;
+            let Some((i, r)) = pair(anchor, shape, &q, inverse_scale, &camera) else {
+                continue;
+            };
+            sums.on_face += 1;
+            let u = r / cutoff;
+            if u.abs() >= 1.0 {
+                continue;
+            }
+            let biweight = (1.0 - u * u) * (1.0 - u * u);
+            sums.agreement += f64::from(biweight);
+            sums.agreeing += 1;
+            sums.squares += f64::from(biweight * r * r);
+            // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
+            let nearer = middle2 / (p.z * p.z);
+            let w = f64::from(biweight * anchor.trust[i] * nearer * nearer);
+            sums.total += w;
+            let n = anchor.normals[i] * inverse_scale;
+            let turn = q.coords.cross(&n);
+            let growth = -n.dot(&q.coords);
+            let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, 0.0].map(f64::from);
+            let r = f64::from(r);
+            for ((row, g), j_a) in sums.rows.iter_mut().zip(&mut sums.g).zip(j) {
+                let wa = w * j_a;
+                *g += wa * r;
+                for (sum, j_b) in row.iter_mut().zip(&j) {
+                    *sum += wa * j_b;
+                }
+            }
+        }
+        sums
+    }
+}
+
 /// Aligns `cloud` (sensor frame) from `start` (`head_from_sensor`) on.
 pub(crate) fn align(
     anchor: &Anchor,
@@ -126,43 +197,23 @@ pub(crate) fn align(
     let middle2 = cloud.get(cloud.len() / 2).map_or(1.0, |p| p.z * p.z);
     let last = effort.cutoffs_m.len().saturating_sub(1);
     for (round, &cutoff) in effort.cutoffs_m.iter().enumerate() {
-        let mut h = SMatrix::<f64, 7, 7>::zeros();
-        let mut g = SVector::<f64, 7>::zeros();
         let inverse_scale = (-log_scale).exp() as f32;
-        let camera = Point::from(pose.translation.vector);
-        let (mut asked, mut on_face, mut agreeing) = (0u32, 0u32, 0u32);
-        let (mut squares, mut agreement, mut total) = (0.0f64, 0.0f64, 0.0f64);
-        for p in cloud.iter().step_by(effort.stride.max(1)) {
-            asked += 1;
-            let q = pose * p;
-            let Some((i, r)) = pair(anchor, shape, &q, inverse_scale, &camera) else {
-                continue;
-            };
-            on_face += 1;
-            let u = r / cutoff;
-            if u.abs() >= 1.0 {
-                continue;
-            }
-            let biweight = (1.0 - u * u) * (1.0 - u * u);
-            agreement += f64::from(biweight);
-            agreeing += 1;
-            squares += f64::from(biweight * r * r);
-            // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
-            let nearer = middle2 / (p.z * p.z);
-            let w = f64::from(biweight * anchor.trust[i] * nearer * nearer);
-            total += w;
-            let n = anchor.normals[i] * inverse_scale;
-            let turn = q.coords.cross(&n);
-            let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, -n.dot(&q.coords)].map(f64::from);
-            let r = f64::from(r);
-            for a in 0..7 {
-                let wa = w * j[a];
-                g[a] += wa * r;
-                for b in a..7 {
-                    h[(a, b)] += wa * j[b];
-                }
-            }
-        }
+        let thinned = cloud.iter().step_by(effort.stride.max(1));
+        let Sums {
+            rows,
+            g,
+            asked,
+            on_face,
+            agreeing,
+            squares,
+            agreement,
+            total,
+        } = wide(|| {
+            let place = (&pose, inverse_scale);
+            Sums::of(anchor, shape, thinned, place, cutoff, middle2)
+        });
+        let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a][b]);
+        let mut g = SVector::<f64, 7>::from(g);
         if total < MIN_USED / effort.stride.max(1) as f64 {
             return None;
         }

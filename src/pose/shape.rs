@@ -146,6 +146,30 @@ impl HeadShape {
 mod tests {
     use super::*;
     use crate::pose::anchor::tests::half_egg;
+    use crate::pose::signature::Signature;
+
+    #[test]
+    fn size_that_is_still_in_the_offsets_counts_as_size() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let head = |log_scale: f64, growth: f32| {
+            let mut shape = HeadShape::standard(anchor.points.len());
+            shape.log_scale = log_scale;
+            shape.seen.fill(MEMORY_FRAMES);
+            let grown = |(a, n): (&Point, &crate::geometry::Vector)| n.dot(&a.coords) * growth;
+            let grown = anchor.points.iter().zip(&anchor.normals).map(grown);
+            let share = MEMORY_FRAMES / (MEMORY_FRAMES + PRIOR_FRAMES);
+            shape.offset = grown.map(|offset| offset * share).collect();
+            Signature::of(&anchor, &shape)
+        };
+        let differ = |one: &Signature, other| one.differ(other, &anchor).expect("all is seen");
+        let same = differ(&head(0.04, -0.03), &head(0.01, 0.0));
+        assert!(
+            same.log_size.abs() < 0.002 && same.surface < 0.1,
+            "{same:?}"
+        );
+        let other = differ(&head(0.04, 0.01), &head(0.01, 0.0));
+        assert!((other.log_size - 0.04).abs() < 0.002, "{other:?}");
+    }
 
     #[test]
     fn settling_leaves_no_rigid_motion_and_no_scale() {

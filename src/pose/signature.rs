@@ -2,8 +2,9 @@
 //!
 //! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and cheeks,
 //! and the head's size. Before two are compared, what a rigid motion or a change of size would explain is taken out of
-//! their difference, because both belong to the pose's convention. What is left is divided by its usual spread within one
-//! person: the distance is about 1 for the same person. A face cannot be drawn from these numbers: they hold neither
+//! their difference: the motion belongs to the pose's convention, and growth is size. A head that was seen for a few frames
+//! has part of its size still in the offsets (3 % of it, as much as people differ), so only the sum of both tells. What is
+//! left is divided by its usual spread within one person. A face cannot be drawn from these numbers: they hold neither
 //! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth.
 //!
 //! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
@@ -23,12 +24,12 @@ const GRID: [usize; 2] = [6, 6];
 pub const PLACES: usize = GRID[0] * GRID[1];
 /// The patches' area: left, top, right, bottom, metres: forehead to the upper lip, temple to temple.
 const AREA_M: [f32; 4] = [-0.066, -0.060, 0.066, 0.052];
+/// Place of growth among the motions.
+const GROWTH: usize = 6;
 /// Fewer patches than this in common tell nothing.
 const MIN_COMMON: usize = 14;
 /// Spread of a patch within one person from one session to the next, metres.
-const PATCH_SIGMA_M: f32 = 0.0008;
-/// Spread of the logarithm of the size within one person.
-const SIZE_SIGMA: f64 = 0.012;
+const PATCH_SIGMA_M: f32 = 0.0003;
 
 /// No head is farther from the anchor, metres, nor larger or smaller by this logarithm.
 const MOST_OFFSET_M: f32 = 0.1;
@@ -40,6 +41,15 @@ pub struct Signature {
     log_size: f64,
     /// Mean offset of each patch, metres; `None` where too little was seen.
     patches: [Option<f32>; PLACES],
+}
+
+/// How two heads differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Mean square over the patches, in units of their spread within one person.
+    pub surface: f32,
+    /// Logarithm of the ratio of their sizes.
+    pub log_size: f32,
 }
 
 /// The patch of a place on the anchor.
@@ -123,9 +133,9 @@ impl Signature {
         Ok(())
     }
 
-    /// Reads the words that [`Self::write`] wrote; `None` if they are too few, too many or absurd.
+    /// Reads the words that [`Self::write`] wrote and no more; `None` if they are too few or absurd.
     #[must_use]
-    pub fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+    pub fn read<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<Self> {
         let log_size: f64 = words.next()?.parse().ok()?;
         let mut patches = [None; PLACES];
         for patch in &mut patches {
@@ -135,13 +145,11 @@ impl Signature {
                 *patch = Some((offset.abs() < MOST_OFFSET_M).then_some(offset)?);
             }
         }
-        (log_size.abs() < MOST_LOG_SIZE && words.next().is_none())
-            .then_some(Self { log_size, patches })
+        (log_size.abs() < MOST_LOG_SIZE).then_some(Self { log_size, patches })
     }
 
-    /// Root mean square difference in units of its spread within one person: about 1 for the same head. `None` when too
-    /// little of both was seen.
-    pub(crate) fn distance(&self, other: &Self, anchor: &Anchor) -> Option<f32> {
+    /// How this head differs from another one. `None` when too little of both was seen.
+    pub(crate) fn differ(&self, other: &Self, anchor: &Anchor) -> Option<Difference> {
         let rows = &anchor.patches.rows;
         let common = || {
             (0..PLACES).filter_map(|k| Some((k, f64::from(self.patches[k]? - other.patches[k]?))))
@@ -165,15 +173,15 @@ impl Signature {
         }
         let motion = h.cholesky()?.solve(&g);
         let sigma = f64::from(PATCH_SIGMA_M);
-        let mut squares: f64 = common()
+        let squares: f64 = common()
             .map(|(k, d)| {
                 let moved: f64 = (0..7).map(|a| rows[k][a] * motion[a]).sum();
                 ((d - moved) / sigma).powi(2)
             })
             .sum();
-        let size = (self.log_size - other.log_size) / SIZE_SIGMA;
-        // Size is one measurement, but as good as several patches whose errors hang together.
-        squares += 4.0 * size * size;
-        Some((squares / (count as f64 + 4.0)).sqrt() as f32)
+        Some(Difference {
+            surface: (squares / count as f64) as f32,
+            log_size: (self.log_size - other.log_size + motion[GROWTH]) as f32,
+        })
     }
 }

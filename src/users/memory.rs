@@ -1,20 +1,20 @@
-//! People who left, to be known when they come back: a head's signature and the ranges learned, for a while, in memory.
+//! People who left, to be known when they come back: what their head and face are known by and the ranges learned, for a while, in memory.
 //!
 //! At most [`capacity::REMEMBERED`](crate::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
 //! pictures nor clouds are kept; [`super::saved`] takes them over a restart.
 
 use crate::capacity::{REMEMBERED, USERS};
 use crate::expression::saved::Learned;
-use crate::pose::signature::Signature;
 use crate::time::Timestamp;
+use crate::users::likeness::Likeness;
 
 /// One who left.
 #[derive(Clone, Debug)]
 pub struct Gone {
     /// The slot they had.
     pub slot: usize,
-    /// Their head.
-    pub signature: Signature,
+    /// Their head and face.
+    pub likeness: Likeness,
     /// Their ranges.
     pub learned: Learned,
     /// When they were seen last, or the start of this run.

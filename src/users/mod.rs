@@ -1,5 +1,5 @@
-//! Who is who: states of a user, whose head is whose from frame to frame ([`matching`]), who is back again ([`memory`]), and
-//! which user a wire shows that has room for one ([`choice`]).
+//! Who is who: states of a user, whose head is whose from frame to frame ([`matching`]), who is back again ([`memory`]) and
+//! what they are known by ([`likeness`]), and which user a wire shows that has room for one ([`choice`]).
 //!
 //! A user has a slot, 0 to 3, and keeps it until forgotten. State of a user, from whether the face was seen in this frame:
 //!
@@ -9,6 +9,7 @@
 //! ```
 
 pub mod choice;
+pub mod likeness;
 pub mod matching;
 pub mod memory;
 #[cfg(feature = "std")]

@@ -1,9 +1,9 @@
 //! People who are remembered, to disk and back, so that a restart forgets nobody who is not to be forgotten.
 //!
 //! One text file; its last line has the CRC-32 of all before it. Per person the slot, when they were seen last (seconds
-//! since 1970), the head's signature and what was learned ([`Learned`]); no picture, nothing a face could be drawn from:
+//! since 1970), what they are known by ([`Likeness`]) and what was learned ([`Learned`]); no picture, nothing a face could be drawn from:
 //! ```text
-//! mien-people 1
+//! mien-people 2
 //! person 0 1763720000 0.012 0.00041 - -0.00112 …
 //! mien-ranges 1 0.0372
 //! lip_gap 0.0213 0.0213 0.7961
@@ -20,30 +20,30 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
+use super::likeness::Likeness;
 use super::memory::Gone;
 use crate::capacity::{REMEMBERED, USERS};
 use crate::checksum::crc32;
 use crate::expression::saved::{Learned, SavedError};
-use crate::pose::signature::Signature;
 use crate::time::Timestamp;
 
-const HEADER: &str = "mien-people 1";
+const HEADER: &str = "mien-people 2";
 /// Time between two writings.
 const PERIOD: Duration = Duration::from_secs(60);
-/// Bytes of the longest file: signature and ranges of everybody.
+/// Bytes of the longest file: likeness and ranges of everybody.
 const TEXT: usize = (REMEMBERED + USERS) * 2048;
 
 /// Why a file of people is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PeopleError {
     /// Not this format.
-    #[error("expected a first line \"mien-people 1\"")]
+    #[error("expected a first line \"mien-people 2\"")]
     Header,
     /// Not what was written.
     #[error("the checksum in the last line is not that of the text")]
     Checksum,
     /// A person's line.
-    #[error("person {0}: expected \"person slot seconds\" and the signature of a head")]
+    #[error("person {0}: expected \"person slot seconds\" and what they are known by")]
     Person(usize),
     /// A person's ranges.
     #[error("person {0}: {1}")]
@@ -69,7 +69,7 @@ pub fn write<'a>(
     for one in people {
         let last_seen = seconds(now.1).saturating_sub(one.away_s(now.0) as u64);
         write!(text, "person {} {last_seen}", one.slot)?;
-        one.signature.write(text)?;
+        one.likeness.write(text)?;
         writeln!(text)?;
         one.learned.write(text)?;
     }
@@ -98,10 +98,10 @@ pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERE
         let mut words = line.split_ascii_whitespace();
         let slot = words.next().and_then(|word| word.parse().ok());
         let last_seen: Option<u64> = words.next().and_then(|word| word.parse().ok());
-        let signature = Signature::read(words).ok_or_else(person)?;
+        let likeness = Likeness::read(words).ok_or_else(person)?;
         let gone = Gone {
             slot: slot.filter(|&slot| slot < USERS).ok_or_else(person)?,
-            signature,
+            likeness,
             learned: Learned::read(ranges)
                 .map_err(|problem| PeopleError::Ranges(number + 1, problem))?,
             last_seen: Timestamp::default(),

@@ -33,6 +33,7 @@ use crate::sensor::{Frame, colour, timestamp_from_ticks};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 use crate::users::TrackingState;
+use crate::users::likeness::Likeness;
 use measure::{Film, Sight, pose_errors};
 
 /// People without `--people`.
@@ -173,39 +174,35 @@ impl Cast<'_> {
 
     /// Whether a head is known again in another session, and how many others are taken for it.
     fn known_again(&self) -> Result<String, PipelineError> {
-        let anchor = self.model.standard_head.oriented();
-        let tracker = PoseTracker::new(self.settings.pose, &anchor)?;
+        let judge = self.pipeline(&self.simulator(Scene::Acted, 0))?;
         let session = |k: usize, seed: u64, frames: &[usize]| {
             let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
-            let (mut segmenter, mut tracker) =
-                (Segmenter::new(self.settings.segment), tracker.another());
-            let (mut frame, mut signatures) = (Frame::default(), Vec::new());
+            let mut pipeline = self.pipeline(&simulator)?;
+            let (mut frame, mut seen) = (Frame::default(), Vec::new());
             // From the midst of a movement.
             for n in 0..*frames.last().unwrap_or(&0) {
                 simulator.draw(at(100 + n), &mut frame);
-                if let Some(cloud) = segmenter.segment(&frame, simulator.camera()) {
-                    tracker.track(cloud, at(100 + n));
-                }
+                pipeline.follow(&frame);
                 if frames.contains(&(n + 1)) {
-                    signatures.push(tracker.signature());
+                    seen.push(pipeline.likeness(0));
                 }
             }
-            signatures
+            Ok(seen)
         };
         let people = self.heads.len();
-        let learned: Vec<_> = (0..people)
+        let learned: Vec<Likeness> = (0..people)
             .into_par_iter()
-            .map(|k| session(k, self.seed, &[90]).remove(0))
-            .collect();
-        let looks: Vec<_> = (0..people)
+            .map(|k| Ok(session(k, self.seed, &[90])?.remove(0)))
+            .collect::<Result<_, PipelineError>>()?;
+        let looks: Vec<Vec<Likeness>> = (0..people)
             .into_par_iter()
             .map(|k| session(k, self.seed + 99, &LOOKS.map(|(frames, _)| frames)))
-            .collect();
+            .collect::<Result<_, PipelineError>>()?;
         let text = LOOKS.iter().enumerate().map(|(look, &(frames, most))| {
             let (mut same, mut other) = ([0; 2], [0; 2]);
             for (k, seen) in looks.iter().enumerate() {
                 for (n, known) in learned.iter().enumerate() {
-                    let apart = tracker.apart(&seen[look], known);
+                    let apart = judge.apart(&seen[look], known);
                     let count = if n == k { &mut same } else { &mut other };
                     count[0] += usize::from(apart.is_some_and(|apart| apart < most));
                     count[1] += 1;

@@ -219,8 +219,8 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
 mod tests {
     use super::*;
     use crate::expression::Learned;
-    use crate::pose::signature::Signature;
     use crate::time::Timestamp;
+    use crate::users::likeness::Likeness;
     use crate::users::memory::Gone;
 
     #[test]
@@ -231,10 +231,10 @@ mod tests {
             Range { low, rest, high }
         });
         // A head of which no place was seen, whatever the number of places.
-        let unseen = |n| Signature::read(std::iter::once("0").chain(std::iter::repeat_n("-", n)));
+        let unseen = |n| Likeness::read(std::iter::once("0").chain(std::iter::repeat_n("-", n)));
         let gone = Gone {
             slot: 2,
-            signature: (0..10_000).find_map(unseen).unwrap(),
+            likeness: (0..10_000).find_map(unseen).unwrap(),
             learned: Learned {
                 eye_distance_m: 0.034,
                 ranges,
