@@ -1,4 +1,5 @@
-//! How the programs are linked: small. Relocations packed (glibc 2.36 and later, Debian 12), equal functions kept once.
+//! How the programs are linked: small. Relocations packed (glibc 2.36 and later, Debian 12), equal functions kept once, no
+//! index for an unwinder: a panic aborts.
 
 fn main() {
     println!("cargo::rerun-if-changed=src/build.rs");
@@ -8,6 +9,7 @@ fn main() {
         && is("PROFILE", "release")
     {
         println!("cargo::rustc-link-arg-bins=-Wl,-z,pack-relative-relocs");
+        println!("cargo::rustc-link-arg-bins=-Wl,--no-eh-frame-hdr");
         // What rustc brings for x86-64 is LLD; other linkers may not know it.
         if is("CARGO_CFG_TARGET_ARCH", "x86_64") {
             println!("cargo::rustc-link-arg-bins=-Wl,--icf=all");

@@ -291,8 +291,9 @@ impl PoseTracker {
         self.last = None;
     }
 
-    /// As [`Self::track`], but without learning ([`Self::learn`]), and a search, which costs as much as following a head for many frames, only if `searches` are
-    /// left. Each does half of it: with one a frame, [`Self::is_searching`] after the first, the pose in the second.
+    /// As [`Self::track`], but without learning ([`Self::learn`]), and a search, which costs as much as following a head for
+    /// many frames, only if `searches` are left. Each does half of it: with one a frame, [`Self::is_searching`] after the
+    /// first, the pose in the second.
     pub fn track_with(
         &mut self,
         cloud: &HeadCloud,

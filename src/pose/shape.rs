@@ -161,7 +161,8 @@ mod tests {
             shape.offset = grown.map(|offset| offset * share).collect();
             Signature::of(&anchor, &shape)
         };
-        let differ = |one: &Signature, other: &Signature| one.differ(other, &anchor).expect("all is seen");
+        let differ =
+            |one: &Signature, other: &Signature| one.differ(other, &anchor).expect("all is seen");
         let same = differ(&head(0.04, -0.03), &head(0.01, 0.0));
         assert!(
             same.log_size.abs() < 0.002 && same.surface < 0.1,

@@ -1,4 +1,5 @@
-//! People who left, to be known when they come back: what their head and face are known by and the ranges learned, for a while, in memory.
+//! People who left, to be known when they come back: what their head and face are known by and the ranges learned, for a
+//! while, in memory.
 //!
 //! At most [`capacity::REMEMBERED`](crate::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
 //! pictures nor clouds are kept; [`super::saved`] takes them over a restart.

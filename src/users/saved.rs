@@ -1,7 +1,8 @@
 //! People who are remembered, to disk and back, so that a restart forgets nobody who is not to be forgotten.
 //!
 //! One text file; its last line has the CRC-32 of all before it. Per person the slot, when they were seen last (seconds
-//! since 1970), what they are known by ([`Likeness`]) and what was learned ([`Learned`]); no picture, nothing a face could be drawn from:
+//! since 1970), what they are known by ([`Likeness`]) and what was learned ([`Learned`]); no picture, nothing a face could
+//! be drawn from:
 //! ```text
 //! mien-people 2
 //! person 0 1763720000 0.012 0.00041 - -0.00112 …
