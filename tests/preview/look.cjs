@@ -107,12 +107,13 @@ async function live(browser) {
   const csv = path.join(work, "run.csv");
   start("mien", ["run", "--source", "simulated", "--config", config, "--csv", csv]);
   const page = await open(browser, url);
-  // Until the act has had its open jaw, after some six seconds; the last 30 s can be gone back to.
+  // Until the act has had its open jaw, after some six seconds, or again later on a busy machine; the last 30 s can be gone
+  // back to.
   await page.waitForFunction(() => {
     const { stream } = window.mien;
     const k = stream.units.indexOf("AU26");
     return stream.users[0].samples.some(({ w }) => w[k] > 0.6) && stream.last > 8;
-  }, null, { timeout: 40000 });
+  }, null, { timeout: 180000 });
   await page.click("#pose");
   await page.click("#play");
   const look = async (wanted) => {
