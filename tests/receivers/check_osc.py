@@ -374,7 +374,8 @@ def check_commands(mien):
     frames, schemas, asked_at = [], [], []
 
     def between(process):
-        while not frames or frames[-1][2] != 0:
+        # Until nobody is there any more; nobody is before the first pose is found, either.
+        while not asked_at or frames[-1][2] != 0:
             datagram = ears.recv(2048)
             if b"/face/schema" in datagram:
                 schemas.append(len(frames))
