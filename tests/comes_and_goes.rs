@@ -6,50 +6,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use mien::sensor::Frame;
-use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::device::{DeviceError, Model};
 use mien::sensor::kinect::{KinectError, Settings};
 use mien::sensor::live::LiveKinect;
 use mien::sensor::virtual_kinect::VirtualKinect;
 
-/// The virtual Kinect at the speed of the world.
-struct Paced<S>(S, Instant);
+#[path = "common/paced.rs"]
+mod paced;
 
-impl<S: PacketSource> PacketSource for Paced<S> {
-    fn model(&self) -> Model {
-        self.0.model()
-    }
-    fn serial(&self) -> &str {
-        self.0.serial()
-    }
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.0.send(command)
-    }
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.0.receive(reply)
-    }
-    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
-        self.0.start(stream)
-    }
-    fn stop(&mut self, stream: Stream) {
-        self.0.stop(stream);
-    }
-    fn poll(
-        &mut self,
-        wait: Duration,
-        sink: &mut dyn FnMut(Received<'_>),
-    ) -> Result<(), DeviceError> {
-        if self.0.clock() > self.1.elapsed() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        self.0.poll(wait, sink)
-    }
-    fn clock(&self) -> Duration {
-        self.0.clock()
-    }
-    fn sleep(&mut self, time: Duration) {
-        self.0.sleep(time);
-    }
-}
+use paced::Paced;
 
 /// A device that is absent, then delivers `frames` and is unplugged, and so on.
 fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {
@@ -69,7 +34,7 @@ fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {
             number <= frames
         };
         let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
-        Ok(Paced(source, Instant::now()))
+        Ok(Paced::new(source, 1))
     };
     (LiveKinect::over(open, Settings::default()), attempts)
 }

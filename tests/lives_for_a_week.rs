@@ -7,6 +7,7 @@
 //! unplugged every few seconds. Both take long:
 //! `cargo test --release --test lives_for_a_week -- --ignored --nocapture --test-threads 1`.
 //! `MIEN_HOURS` (168) and `MIEN_FRAMES` (20,000) shorten them.
+//! One file: both runs feed the same wires and count the same memory.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,7 +25,7 @@ use mien::output::serial::{self, Encoder};
 use mien::output::{Output, Report, TrackingState};
 use mien::pipeline::Pipeline;
 use mien::pose::PoseTracker;
-use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::device::{DeviceError, Model};
 use mien::sensor::faults::{Faulty, Rates};
 use mien::sensor::live::LiveKinect;
 use mien::sensor::virtual_kinect::VirtualKinect;
@@ -37,8 +38,11 @@ use mien::users::{Presence, saved};
 
 #[path = "common/actors.rs"]
 mod actors;
+#[path = "common/paced.rs"]
+mod paced;
 
 use actors::{ACTED, Acting, FRAME_S, Jitter, Person};
+use paced::Paced;
 
 #[global_allocator]
 static MEMORY: Counting = Counting::new();
@@ -467,45 +471,6 @@ fn a_week_of_visitors() {
 /// How much faster than the world the sensor runs.
 const SPEED: u32 = 2;
 
-/// A source at a multiple of the world's speed.
-struct Paced<S>(S, Instant);
-
-impl<S: PacketSource> PacketSource for Paced<S> {
-    fn model(&self) -> Model {
-        self.0.model()
-    }
-    fn serial(&self) -> &str {
-        self.0.serial()
-    }
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.0.send(command)
-    }
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.0.receive(reply)
-    }
-    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
-        self.0.start(stream)
-    }
-    fn stop(&mut self, stream: Stream) {
-        self.0.stop(stream);
-    }
-    fn poll(
-        &mut self,
-        wait: Duration,
-        sink: &mut dyn FnMut(Received<'_>),
-    ) -> Result<(), DeviceError> {
-        let ahead = self.0.clock().saturating_sub(self.1.elapsed() * SPEED);
-        std::thread::sleep(ahead / SPEED);
-        self.0.poll(wait, sink)
-    }
-    fn clock(&self) -> Duration {
-        self.0.clock()
-    }
-    fn sleep(&mut self, time: Duration) {
-        self.0.sleep(time);
-    }
-}
-
 #[test]
 #[ignore = "minutes"]
 fn a_sensor_that_fails() {
@@ -554,8 +519,7 @@ fn a_sensor_that_fails() {
             stall: 0.0,
         };
         let device = VirtualKinect::new(Model::Xbox1414, "A", view);
-        let started = Instant::now();
-        Ok(Paced(Faulty::new(device, rates, attempt), started))
+        Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
     let mut live = LiveKinect::over(open, mien::sensor::kinect::Settings::default());
     let units = Expression::new(Learning::default(), Units::shipped());

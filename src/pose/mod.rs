@@ -358,6 +358,23 @@ impl PoseTracker {
             && fit.agreeing >= MIN_AGREEING
     }
 
+    /// The cloud from `start` (`head_from_sensor`) on against the head as it is known so far.
+    fn aligned(
+        &self,
+        cloud: &[Point],
+        start: Rigid,
+        cutoffs_m: &[f32],
+        stride: usize,
+        scale_sigma: f64,
+    ) -> Option<PlaneFit> {
+        let effort = Effort {
+            cutoffs_m,
+            stride,
+            scale_sigma,
+        };
+        plane::align(&self.anchor, &self.shape, cloud, start, &effort)
+    }
+
     fn track_planes(
         &mut self,
         head: &HeadCloud,
@@ -370,23 +387,10 @@ impl PoseTracker {
         } else {
             0.0
         };
-        let rough = Effort {
-            cutoffs_m: &APPROACH_M,
-            stride: APPROACH_STRIDE,
-            scale_sigma: 0.0,
-        };
-        let exact = Effort {
-            cutoffs_m: &FOLLOW_M,
-            stride: 1,
-            scale_sigma,
-        };
-        let aligned = |start: Rigid, effort: &Effort| {
-            plane::align(&self.anchor, &self.shape, cloud, start, effort)
-        };
         let followed = self
             .predicted(at)
-            .and_then(|start| aligned(start, &rough))
-            .and_then(|near| aligned(near.head_from_sensor, &exact))
+            .and_then(|start| self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0))
+            .and_then(|near| self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma))
             .filter(|fit| self.accepted(fit));
         let fit = match followed {
             Some(fit) => {
@@ -416,23 +420,18 @@ impl PoseTracker {
 
     /// First half of a search, the ends that are worth more than few points: rounds for all starts, more for the better ones.
     fn search(&mut self, cloud: &[Point], scale_sigma: f64) {
-        let effort = |cutoffs_m, stride| Effort {
-            cutoffs_m,
-            stride,
-            scale_sigma,
-        };
-        let aligned = |start: Rigid, effort: &Effort| {
-            plane::align(&self.anchor, &self.shape, cloud, start, effort)
-        };
         let mut first: Best<GO_ON> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
-            first.offer(aligned(start, &effort(&SEARCH_M, SEARCH_STRIDE)));
+            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma));
         }
         let mut second: Best<FINALISTS> = Best::new();
         for fit in &first.0 {
-            second.offer(aligned(
+            second.offer(self.aligned(
+                cloud,
                 fit.head_from_sensor,
-                &effort(&NARROW_M, SEARCH_STRIDE),
+                &NARROW_M,
+                SEARCH_STRIDE,
+                scale_sigma,
             ));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
@@ -440,17 +439,9 @@ impl PoseTracker {
 
     /// Second half: the best of the finalists on all points. Between two frames a head moves less than they are off.
     fn decide(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
-        let effort = |cutoffs_m, stride| Effort {
-            cutoffs_m,
-            stride,
-            scale_sigma,
-        };
-        let aligned = |start: Rigid, effort: &Effort| {
-            plane::align(&self.anchor, &self.shape, cloud, start, effort)
-        };
         let mut winner: Option<(f32, PlaneFit)> = None;
         for start in core::mem::take(&mut self.finalists) {
-            if let Some(fit) = aligned(start, &effort(&SETTLE_M, FINAL_STRIDE)) {
+            if let Some(fit) = self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma) {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
                 let merit = merit(&fit) * covered;
@@ -460,7 +451,7 @@ impl PoseTracker {
             }
         }
         let (_, fit) = winner?;
-        aligned(fit.head_from_sensor, &effort(&FOLLOW_M, 1))
+        self.aligned(cloud, fit.head_from_sensor, &FOLLOW_M, 1, scale_sigma)
     }
 
     fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<(Rigid, f32, f32)> {

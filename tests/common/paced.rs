@@ -1,0 +1,60 @@
+//! A source at the speed of the world, or a multiple of it.
+
+use std::time::{Duration, Instant};
+
+use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+
+/// A source that delivers no sooner than its own clock, so many times as fast as the world's, says.
+pub(crate) struct Paced<S> {
+    source: S,
+    speed: u32,
+    started: Instant,
+}
+
+impl<S> Paced<S> {
+    /// Begins now.
+    pub(crate) fn new(source: S, speed: u32) -> Self {
+        Self {
+            source,
+            speed,
+            started: Instant::now(),
+        }
+    }
+}
+
+impl<S: PacketSource> PacketSource for Paced<S> {
+    fn model(&self) -> Model {
+        self.source.model()
+    }
+    fn serial(&self) -> &str {
+        self.source.serial()
+    }
+    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
+        self.source.send(command)
+    }
+    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
+        self.source.receive(reply)
+    }
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
+        self.source.start(stream)
+    }
+    fn stop(&mut self, stream: Stream) {
+        self.source.stop(stream);
+    }
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError> {
+        let world = self.started.elapsed() * self.speed;
+        let ahead = self.source.clock().saturating_sub(world);
+        std::thread::sleep(ahead / self.speed);
+        self.source.poll(wait, sink)
+    }
+    fn clock(&self) -> Duration {
+        self.source.clock()
+    }
+    fn sleep(&mut self, time: Duration) {
+        self.source.sleep(time);
+    }
+}
