@@ -221,8 +221,10 @@ fn time(
         };
         for (stream, length, bytes) in &packets.cut {
             let assembler = &mut assemblers[stream.index()];
-            if let Some(ticks) = assembler.push(true, &bytes[..*length]) {
-                pairing.offer(*stream, number, ticks, assembler.picture(), &mut pair);
+            if let Some(ticks) = assembler.push(true, &bytes[..*length])
+                && let Some(paired) = pairing.offer(*stream, number, ticks, assembler.picture())
+            {
+                paired.swap_into(&mut pair);
             }
         }
         lap(PACKETS, &mut times);

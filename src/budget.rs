@@ -13,18 +13,16 @@
 //! | landmarks | 1,000,192 | window, orientation maps, features: shared by all |
 //! | model | 510,000 | shape modes, scales, biases; the update matrices stay in the binary |
 //! | anchor | 700,000 | the standard head, prepared |
-//! | people | 5 × 170,000 | four users and the one at the door |
-//! | **stages** | **4,632,496** | of 8 MiB |
-//! | waiting frames | 3 × 729,600 | two in the ring or being unpacked, one with the sensor's thread |
+//! | people | 5 × 140,000 | four users and the one at the door |
+//! | **stages** | **4,482,496** | of 8 MiB |
+//! | waiting frames | 2 × 729,600 | in the ring or being unpacked |
 //! | pairing | 729,600 | one picture per stream |
 //! | assembling | 729,600 | one picture per stream |
-//! | transfers in flight | 983,040 | 16 per stream |
-//! | landed transfers | 1,110,528 | 36 |
-//! | **live sensor** | **5,741,568** | of 8 MiB |
+//! | transfers | 983,040 | 16 per stream, in flight or landed |
+//! | **live sensor** | **3,901,440** | of 8 MiB |
 
 use crate::capacity::{
-    LANDED_TRANSFERS, PACKETS, PIXELS, RAW_DEPTH_VALUES, TRANSFERS, UNPAIRED_PICTURES, USERS,
-    WAITING_FRAMES,
+    PACKETS, PIXELS, RAW_DEPTH_VALUES, TRANSFERS, UNPAIRED_PICTURES, USERS, WAITING_FRAMES,
 };
 use crate::landmarks::Scratch;
 use crate::segment::Segmenter;
@@ -44,21 +42,19 @@ pub const MODEL: usize = 510_000;
 /// The built-in standard head prepared for the pose stage, at most.
 pub const ANCHOR: usize = 700_000;
 /// One person's stages, at most.
-pub const PERSON: usize = 170_000;
+pub const PERSON: usize = 140_000;
 /// All stages.
 pub const STAGES: usize =
     FRAME + SEGMENT + CAMERA + LANDMARKS + MODEL + ANCHOR + (USERS + 1) * PERSON;
 
-/// Frames between the sensor's thread and the stages, and the thread's own.
-pub const WAITING: usize = (WAITING_FRAMES + 1) * RawPair::BYTES;
+/// Frames between the sensor's thread and the stages.
+pub const WAITING: usize = WAITING_FRAMES * RawPair::BYTES;
 /// Pictures that wait for their other half, and those that are being assembled.
 pub const PICTURES: usize = (UNPAIRED_PICTURES + 1) * RawPair::BYTES;
-/// Transfers in flight, both streams.
+/// Transfers of both streams.
 pub const IN_FLIGHT: usize = 2 * TRANSFERS * PACKETS * LONGEST;
-/// Landed transfers.
-pub const LANDED: usize = LANDED_TRANSFERS * (PACKETS * LONGEST + 128);
 /// The live sensor.
-pub const SENSOR: usize = WAITING + PICTURES + IN_FLIGHT + LANDED;
+pub const SENSOR: usize = WAITING + PICTURES + IN_FLIGHT;
 
 /// What the stages may take, and the same again for the live sensor.
 pub const BUDGET: usize = 8 << 20;

@@ -10,7 +10,7 @@
 //! | samples and nodes of a measure | the two that are most alike are merged |
 //! | pictures that wait for their other half | the oldest is dropped and counted |
 //! | frames that wait for the stages | the oldest is dropped and counted |
-//! | landed USB transfers | the oldest is overwritten and counted |
+//! | landed USB transfers | the stream pauses until they are taken; what it misses is counted as lost |
 //! | a line of the log, of status, of a serial port | cut, or not sent and counted |
 
 /// Columns of both pictures of a Kinect v1, in pixels.
@@ -46,9 +46,7 @@ pub const RANGE_NODES: usize = 64;
 pub const UNPAIRED_PICTURES: usize = 1;
 /// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.
 pub const WAITING_FRAMES: usize = 2;
-/// USB transfers in flight per stream: 32 ms.
+/// USB transfers per stream, in flight or landed and not yet taken: 32 ms.
 pub const TRANSFERS: usize = 16;
 /// Packets per transfer, a multiple of the eight microframes of a frame.
 pub const PACKETS: usize = 16;
-/// Landed transfers of both streams that may wait to be taken: all in flight and some more, 36 ms.
-pub const LANDED_TRANSFERS: usize = 2 * TRANSFERS + 4;

@@ -8,7 +8,6 @@ use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
 use mien::sensor::faults::{Faulty, Rates};
 use mien::sensor::kinect::{Kinect, KinectError, Settings};
 use mien::sensor::motor::Light;
-use mien::sensor::pairing::RawPair;
 use mien::sensor::simulated::Simulated;
 use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::sensor::virtual_kinect::VirtualKinect;
@@ -34,10 +33,9 @@ fn pairs_in<S: PacketSource>(
     kinect: &mut Kinect<S>,
     milliseconds: u64,
 ) -> Result<u64, KinectError> {
-    let mut pair = RawPair::default();
     let mut pairs = 0;
     for _ in 0..milliseconds {
-        kinect.poll(Duration::from_millis(1), &mut pair, |_| pairs += 1)?;
+        kinect.poll(Duration::from_millis(1), |_| pairs += 1)?;
     }
     Ok(pairs)
 }

@@ -76,8 +76,9 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
             kinect.source_mut().set_rates(Rates::default());
         }
         kinect
-            .poll(Duration::from_millis(1), &mut pair, |pair| {
-                develop(pair, &mut clock, &mut frame);
+            .poll(Duration::from_millis(1), |paired| {
+                paired.swap_into(&mut pair);
+                develop(&mut pair, &mut clock, &mut frame);
                 // The first frame may be lost: the stamp says which one this is, the number in the pixels must agree.
                 let expected = stamped(frame.ticks);
                 let drawn = &variants[expected as usize];

@@ -45,6 +45,8 @@ pub use units::{UnitName, Units};
 use crate::capacity::{LEARNT_MEASURES, MEASURES, UNITS};
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::time::Timestamp;
 use measures::EyeDistance;
 use newcomer::Newcomer;
@@ -167,12 +169,11 @@ const WARM: f64 = 0.5;
 /// Seconds of evidence after which a rest says who this is.
 const KNOWN_REST_S: f64 = 2.0;
 
-// The robust learner is the larger one and the default, so a box would only cost.
-#[expect(clippy::large_enum_variant, reason = "one per person, built once")]
+/// [`LEARNT_MEASURES`] of one kind, 2 KiB each: by value they would pass over the stack, which keeps what it once grew to.
 #[derive(Clone, Debug)]
 enum Learners {
-    Robust([RobustLearner; LEARNT_MEASURES]),
-    Paper([PaperLearner; LEARNT_MEASURES]),
+    Robust(Box<[RobustLearner]>),
+    Paper(Box<[PaperLearner]>),
 }
 
 /// The stage, one for each person.
@@ -204,19 +205,19 @@ impl Expression {
                     half_life_s: settings.half_life_s,
                     range_prior: settings.range_prior,
                 };
-                Learners::Robust(core::array::from_fn(|m| {
-                    RobustLearner::new(robust, units.rows[m].prior, phase(m))
-                }))
+                let learner = |m: usize| RobustLearner::new(robust, units.rows[m].prior, phase(m));
+                Learners::Robust((0..LEARNT_MEASURES).map(learner).collect())
             }
             Method::Paper => {
                 let literal = PaperSettings {
                     half_life_s: settings.half_life_s,
                     compensation_scale: settings.compensation_scale,
                 };
-                Learners::Paper(core::array::from_fn(|m| {
+                let learner = |m: usize| {
                     let row = &units.rows[m];
                     PaperLearner::new(literal, row.prior, row.paper_kind, phase(m))
-                }))
+                };
+                Learners::Paper((0..LEARNT_MEASURES).map(learner).collect())
             }
         };
         let names = units.columns(paper);

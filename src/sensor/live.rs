@@ -3,7 +3,7 @@
 //!
 //! The thread reaps packets, copies payloads into pictures, and hands pairs of pictures over through a bounded ring in which
 //! the newest wins: a slow consumer loses frames (counted), never memory and never time. Unpacking and luma are done by the
-//! consumer. Memory: three pairs, 2.2 MB, allocated at the start; a pair is handed over by swapping buffers.
+//! consumer. Memory: two pairs, 1.5 MB, allocated at the start; a pair is handed over by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -16,7 +16,7 @@ use super::camera::Registration;
 use super::device::{DeviceError, Model, PacketSource, Stream};
 use super::kinect::{Health, Kinect, KinectError, Settings, develop};
 use super::motor::Light;
-use super::pairing::RawPair;
+use super::pairing::{Paired, RawPair};
 use super::picture_clock::PictureClock;
 use super::usb::UsbKinect;
 use crate::capacity::WAITING_FRAMES as RING;
@@ -93,7 +93,6 @@ impl LiveKinect {
         let shared = Arc::new(Shared {
             inner: Mutex::new(Inner {
                 ring: VecDeque::with_capacity(RING),
-                // The sensor's thread has one more.
                 free: (0..RING).map(|_| RawPair::default()).collect(),
                 status: Status::default(),
                 registration: Registration::default(),
@@ -221,7 +220,6 @@ fn feed<S: PacketSource>(
     mut open: impl FnMut() -> Result<S, DeviceError>,
     settings: Settings,
 ) {
-    let mut pair = RawPair::default();
     let mut attempted = false;
     // Whole depth pictures of former openings: numbering goes on.
     let mut pictures = 0;
@@ -232,7 +230,7 @@ fn feed<S: PacketSource>(
         {
             Ok(kinect) => {
                 attempted = true;
-                match stream(shared, kinect, &mut pair, &mut pictures) {
+                match stream(shared, kinect, &mut pictures) {
                     Ok(()) => return,
                     Err(problem) => problem,
                 }
@@ -271,7 +269,6 @@ fn feed<S: PacketSource>(
 fn stream<S: PacketSource>(
     shared: &Shared,
     mut kinect: Kinect<S>,
-    pair: &mut RawPair,
     pictures: &mut u64,
 ) -> Result<(), KinectError> {
     let opening = {
@@ -290,10 +287,9 @@ fn stream<S: PacketSource>(
         let mut shown = None;
         loop {
             let mut delivered = false;
-            kinect.poll(POLL, pair, |pair| {
+            kinect.poll(POLL, |pair| {
                 delivered = true;
-                pair.number += *pictures;
-                hand_over(shared, opening, pair);
+                hand_over(shared, opening, *pictures, pair);
             })?;
             let mut inner = shared.lock();
             if inner.end {
@@ -349,8 +345,8 @@ fn stream<S: PacketSource>(
     result
 }
 
-/// Swaps a completed pair into the ring; the oldest in it gives way.
-fn hand_over(shared: &Shared, opening: u64, pair: &mut RawPair) {
+/// Swaps a completed pair into the ring, numbered on from `former` pictures; the oldest in it gives way.
+fn hand_over(shared: &Shared, opening: u64, former: u64, pair: Paired<'_>) {
     let mut inner = shared.lock();
     if inner.free.is_empty()
         && let Some((_, _, oldest)) = inner.ring.pop_front()
@@ -358,9 +354,10 @@ fn hand_over(shared: &Shared, opening: u64, pair: &mut RawPair) {
         inner.status.overwritten += 1;
         inner.free.push(oldest);
     }
-    if let Some(mut free) = inner.free.pop() {
-        core::mem::swap(&mut free, pair);
-        inner.ring.push_back((opening, Instant::now(), free));
+    if let Some(mut filled) = inner.free.pop() {
+        pair.swap_into(&mut filled);
+        filled.number += former;
+        inner.ring.push_back((opening, Instant::now(), filled));
         shared.news.notify_all();
     }
 }

@@ -6,7 +6,8 @@
 //! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
 //! the choice flip.
 //!
-//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted.
+//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays where its halves
+//! waited until it is swapped for what is free elsewhere.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
@@ -42,6 +43,23 @@ impl Default for RawPair {
             ticks: [0; 2],
             pictures: Stream::BOTH
                 .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
+        }
+    }
+}
+
+/// A pair just made, where its halves waited.
+pub struct Paired<'a> {
+    number: u64,
+    ticks: [u32; 2],
+    pictures: [&'a mut Box<[u8]>; 2],
+}
+
+impl Paired<'_> {
+    /// Puts the pair into `pair`, whose buffers take its place.
+    pub fn swap_into(self, pair: &mut RawPair) {
+        (pair.number, pair.ticks) = (self.number, self.ticks);
+        for (mine, theirs) in self.pictures.into_iter().zip(&mut pair.pictures) {
+            core::mem::swap(mine, theirs);
         }
     }
 }
@@ -102,16 +120,15 @@ impl Pairing {
         self.offset
     }
 
-    /// Takes picture `number` of a stream (its buffer is swapped for a free one). True if that made a pair, which is then
-    /// in `pair`.
+    /// Takes picture `number` of a stream (its buffer is swapped for a free one). A pair if that made one; it is gone with
+    /// the next picture.
     pub fn offer(
         &mut self,
         stream: Stream,
         number: u64,
         ticks: u32,
         picture: &mut Box<[u8]>,
-        pair: &mut RawPair,
-    ) -> bool {
+    ) -> Option<Paired<'_>> {
         let own = stream.index();
         let other = 1 - own;
         self.arrivals += 1;
@@ -136,23 +153,15 @@ impl Pairing {
             .filter(|(_, slot)| slot.arrival.is_some())
             .map(|(i, slot)| (miss(slot.ticks, self.offset), i))
             .min_by_key(|(miss, _)| miss.unsigned_abs());
-        let Some((miss, partner)) = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss))
-        else {
-            return false;
-        };
+        let (miss, partner) = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss))?;
         self.learn(miss);
         let chosen = if own == 0 {
             [slot, partner]
         } else {
             [partner, slot]
         };
-        let depth = Stream::Depth.index();
-        pair.number = self.slots[depth][chosen[depth]].number;
         for side in 0..2 {
-            let slot = &mut self.slots[side][chosen[side]];
-            pair.ticks[side] = slot.ticks;
-            core::mem::swap(&mut pair.pictures[side], &mut slot.picture);
-            let arrival = slot.arrival.take();
+            let arrival = self.slots[side][chosen[side]].arrival.take();
             for older in &mut self.slots[side] {
                 if older.arrival.is_some() && older.arrival < arrival {
                     older.arrival = None;
@@ -160,7 +169,13 @@ impl Pairing {
                 }
             }
         }
-        true
+        let [colour, depth] = &mut self.slots;
+        let (colour, depth) = (&mut colour[chosen[0]], &mut depth[chosen[1]]);
+        Some(Paired {
+            number: depth.number,
+            ticks: [colour.ticks, depth.ticks],
+            pictures: [&mut colour.picture, &mut depth.picture],
+        })
     }
 
     fn learn(&mut self, miss: i32) {
@@ -206,14 +221,11 @@ mod tests {
         fn offer(&mut self, stream: Stream, number: u8, ticks: u32) -> Option<[u8; 2]> {
             let buffer = &mut self.buffers[stream.index()];
             buffer[0] = number;
-            let made = self
-                .pairing
-                .offer(stream, number.into(), ticks, buffer, &mut self.pair);
-            made.then(|| {
-                let pictures = [0, 1].map(|side| self.pair.pictures[side][0]);
-                assert_eq!(self.pair.number, u64::from(pictures[1]));
-                pictures
-            })
+            let made = self.pairing.offer(stream, number.into(), ticks, buffer)?;
+            made.swap_into(&mut self.pair);
+            let pictures = [0, 1].map(|side| self.pair.pictures[side][0]);
+            assert_eq!(self.pair.number, u64::from(pictures[1]));
+            Some(pictures)
         }
     }
 

@@ -76,7 +76,8 @@ impl Simulated {
         } = self;
         let mut filled = false;
         while !filled {
-            let polled = kinect.poll(STEP, pair, |pair| {
+            let polled = kinect.poll(STEP, |paired| {
+                paired.swap_into(pair);
                 develop(pair, clock, frame);
                 filled = true;
             });

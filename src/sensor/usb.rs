@@ -1,14 +1,14 @@
-//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. The only file with unsafe code.
+//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of three files with unsafe code.
 //!
-//! Per stream 16 transfers of 16 packets are in flight (32 ms of the bus). When one lands, its packets are copied into the
-//! inbox, a bounded ring, and it is submitted again at once: nothing else happens there. When the inbox is full the oldest
-//! transfer in it is overwritten and counted; its packets then show as lost in their stream.
+//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). One that has landed is queued as it is; when polled, its
+//! packets are read where they lie and it is submitted again. Whoever does not poll for 32 ms, a long request to the device
+//! among it, misses what the bus brings then; it shows as lost in its stream.
 //!
 //! Everything runs in the thread that owns [`UsbKinect`]: libusb calls back only from within `handle_events` and synchronous
 //! requests, both made here. The type is neither `Send` nor `Sync`, so the compiler holds us to it.
 //!
-//! Memory: 0.5 MB in flight per stream, 4 MB inbox, allocated at opening. Limitation: a device that does not return its
-//! cancelled transfers within two seconds costs their memory (it is left to libusb on purpose).
+//! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
+//! transfers within two seconds costs their memory (it is left to libusb on purpose).
 #![expect(
     unsafe_code,
     reason = "isochronous transfers exist only in libusb's C interface"
@@ -17,6 +17,7 @@
 use core::cell::RefCell;
 use core::ffi::c_int;
 use core::time::Duration;
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use rusb::ffi;
@@ -29,14 +30,31 @@ use rusb::{Context, DeviceHandle, UsbContext};
 use super::device::{DeviceError, Model, PacketSource, Received, Stream};
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, plain};
-use crate::capacity::{LANDED_TRANSFERS, PACKETS, TRANSFERS};
-
-mod inbox;
-
-use inbox::Inbox;
+use crate::capacity::{PACKETS, TRANSFERS};
 
 /// Cancelled transfers come back within this.
 const DRAIN: Duration = Duration::from_secs(2);
+
+/// What the callback writes and [`UsbKinect`] reads.
+struct Inbox {
+    /// Landed transfers that hold packets, oldest first: room for all there are.
+    landed: VecDeque<(Stream, *mut ffi::libusb_transfer)>,
+    /// Transfers that libusb holds, by stream.
+    flying: [usize; 2],
+    stopping: [bool; 2],
+    gone: bool,
+}
+
+impl Inbox {
+    fn new() -> Self {
+        Self {
+            landed: VecDeque::with_capacity(2 * TRANSFERS),
+            flying: [0; 2],
+            stopping: [false; 2],
+            gone: false,
+        }
+    }
+}
 
 /// Transfers of one stream and the memory they land in.
 struct Flight {
@@ -84,12 +102,6 @@ impl UsbKinect {
             audio,
             context,
         })
-    }
-
-    /// Transfers overwritten because nobody polled in time.
-    #[must_use]
-    pub fn overruns(&self) -> u64 {
-        self.inbox.borrow().overruns
     }
 
     /// Lets libusb work for at most `time`.
@@ -149,9 +161,23 @@ impl UsbKinect {
         Ok(flight)
     }
 
+    /// Hands a transfer that libusb does not hold over to it; its answer.
+    fn submit(&self, stream: Stream, transfer: *mut ffi::libusb_transfer) -> c_int {
+        // SAFETY: filled in `allocate` and not freed, since it is of a flight; not in flight.
+        let result = unsafe { ffi::libusb_submit_transfer(transfer) };
+        if result == 0 {
+            self.inbox.borrow_mut().flying[stream.index()] += 1;
+        }
+        result
+    }
+
     fn cancel(&self, stream: Stream) -> bool {
         let i = stream.index();
-        self.inbox.borrow_mut().stopping[i] = true;
+        {
+            let mut inbox = self.inbox.borrow_mut();
+            inbox.stopping[i] = true;
+            inbox.landed.retain(|(landed, _)| *landed != stream);
+        }
         if let Some(flight) = &self.flights[i] {
             for &transfer in &flight.transfers {
                 // SAFETY: the transfer is allocated; cancelling one that is not in flight is an error code, no more.
@@ -176,18 +202,31 @@ fn free(flight: &mut Flight) {
     flight.buffers.clear();
 }
 
-/// A transfer has landed: copy and submit again.
+/// The descriptors of a landed transfer's packets, and its bytes.
+///
+/// # Safety
+/// The transfer was filled in [`UsbKinect::allocate`], is not in flight, and stays so as long as the slices are used.
+unsafe fn packets<'a>(
+    transfer: *const ffi::libusb_transfer,
+) -> (&'a [ffi::libusb_iso_packet_descriptor], &'a [u8]) {
+    // SAFETY: the caller's promise: so many packet descriptors were allocated behind the fixed part, and buffer and length
+    // are those of the boxed buffer.
+    unsafe {
+        let landed = &*transfer;
+        let descriptors = (&raw const (*transfer).iso_packet_desc).cast();
+        (
+            core::slice::from_raw_parts(descriptors, PACKETS),
+            core::slice::from_raw_parts(landed.buffer, landed.length as usize),
+        )
+    }
+}
+
+/// A transfer has landed: with packets it is queued, without it is submitted again.
 extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
     // SAFETY: libusb hands back a transfer filled in `allocate`, which nobody else touches while the callback runs.
-    let (user_data, endpoint, status, buffer, length) = unsafe {
+    let (user_data, endpoint, status) = unsafe {
         let landed = &*transfer;
-        (
-            landed.user_data,
-            landed.endpoint,
-            landed.status,
-            landed.buffer,
-            landed.length,
-        )
+        (landed.user_data, landed.endpoint, landed.status)
     };
     // SAFETY: `user_data` is the boxed inbox, alive while any transfer is in flight, and reached only from this thread.
     let inbox = unsafe { &*user_data.cast::<RefCell<Inbox>>() };
@@ -201,45 +240,25 @@ extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
         Stream::Depth
     };
     let i = stream.index();
+    let mut news = false;
     match status {
         LIBUSB_TRANSFER_COMPLETED => {
-            // SAFETY: the transfer was allocated with so many packet descriptors behind its fixed part.
-            let packets: &[ffi::libusb_iso_packet_descriptor] = unsafe {
-                core::slice::from_raw_parts(
-                    (&raw const (*transfer).iso_packet_desc).cast(),
-                    PACKETS,
-                )
-            };
-            // SAFETY: `buffer` and `length` are those of the boxed buffer given in `allocate`.
-            let bytes = unsafe { core::slice::from_raw_parts(buffer, length as usize) };
-            if packets
+            // SAFETY: it is not in flight while the callback runs.
+            let (packets, _) = unsafe { packets(transfer) };
+            news = packets
                 .iter()
-                .any(|packet| packet.status != 0 || packet.actual_length > 0)
-            {
-                let slot = inbox.next();
-                slot.stream = stream;
-                let mut start = 0;
-                for (k, packet) in packets.iter().enumerate() {
-                    let length = (packet.actual_length as usize).min(LONGEST);
-                    let from = bytes.get(start..start + length);
-                    start += packet.length as usize;
-                    slot.lengths[k] = match from {
-                        Some(from) if packet.status == 0 => {
-                            slot.bytes[k * LONGEST..][..length].copy_from_slice(from);
-                            Some(length as u16)
-                        }
-                        _ => None,
-                    };
-                }
-            }
+                .any(|packet| packet.status != 0 || packet.actual_length > 0);
         }
         LIBUSB_TRANSFER_NO_DEVICE => inbox.gone = true,
         LIBUSB_TRANSFER_CANCELLED => inbox.gone |= !inbox.stopping[i],
         // Anything else is a passing fault of the bus: the gap in the sequence tells.
         _ => {}
     }
-    if inbox.stopping[i] || inbox.gone {
+    if news || inbox.stopping[i] || inbox.gone {
         inbox.flying[i] -= 1;
+        if !inbox.stopping[i] && news {
+            inbox.landed.push_back((stream, transfer));
+        }
         return;
     }
     // SAFETY: the transfer has just come back, so it is not in flight; all its memory is as `allocate` left it.
@@ -281,13 +300,11 @@ impl PacketSource for UsbKinect {
         self.inbox.borrow_mut().stopping[i] = false;
         let mut failure = None;
         for &transfer in &flight.transfers {
-            // SAFETY: filled in `allocate`, not in flight.
-            let result = unsafe { ffi::libusb_submit_transfer(transfer) };
+            let result = self.submit(stream, transfer);
             if result != 0 {
                 failure = Some(result);
                 break;
             }
-            self.inbox.borrow_mut().flying[i] += 1;
         }
         self.flights[i] = Some(flight);
         match failure {
@@ -318,26 +335,36 @@ impl PacketSource for UsbKinect {
         wait: Duration,
         sink: &mut dyn FnMut(Received<'_>),
     ) -> Result<(), DeviceError> {
-        let wait = if self.inbox.borrow().filled > 0 {
-            Duration::ZERO
-        } else {
+        let wait = if self.inbox.borrow().landed.is_empty() {
             wait
+        } else {
+            Duration::ZERO
         };
-        let alive = self.events(wait);
-        let mut inbox = self.inbox.borrow_mut();
-        while inbox.filled > 0 {
-            let landed = &inbox.ring[inbox.oldest];
-            for (length, bytes) in landed.lengths.iter().zip(landed.bytes.chunks(LONGEST)) {
+        let mut alive = self.events(wait);
+        loop {
+            let next = self.inbox.borrow_mut().landed.pop_front();
+            let Some((stream, transfer)) = next else {
+                return alive;
+            };
+            // SAFETY: queued transfers are of a flight that has not been stopped, so they are not freed; none is in flight
+            // before it is submitted below.
+            let (packets, bytes) = unsafe { packets(transfer) };
+            let mut start = 0;
+            for packet in packets {
+                let length = (packet.actual_length as usize).min(LONGEST);
+                let received = bytes.get(start..start + length);
+                start += packet.length as usize;
+                let received = received.filter(|_| packet.status == 0);
                 sink(Received {
-                    stream: landed.stream,
-                    intact: length.is_some(),
-                    bytes: &bytes[..usize::from(length.unwrap_or(0))],
+                    stream,
+                    intact: received.is_some(),
+                    bytes: received.unwrap_or(&[]),
                 });
             }
-            inbox.oldest = (inbox.oldest + 1) % LANDED_TRANSFERS;
-            inbox.filled -= 1;
+            if alive.is_ok() && self.submit(stream, transfer) == LIBUSB_ERROR_NO_DEVICE {
+                alive = Err(DeviceError::Gone);
+            }
         }
-        alive
     }
 
     fn clock(&self) -> Duration {
@@ -345,7 +372,6 @@ impl PacketSource for UsbKinect {
     }
 
     fn sleep(&mut self, time: Duration) {
-        // Transfers that land meanwhile are submitted again at once.
         let until = Instant::now() + time;
         loop {
             let left = until.saturating_duration_since(Instant::now());
