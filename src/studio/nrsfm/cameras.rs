@@ -28,12 +28,17 @@ pub(crate) fn filled(tracks: &Tracks, rank: usize) -> DMatrix<f64> {
     let mut w = DMatrix::zeros(2 * frames, points);
     let mut shift = means;
     let whole = tracks.sightings() == frames * points;
+    let mut axes: Option<DMatrix<f64>> = None;
     for pass in 0..if whole { 1 } else { FILL_PASSES } {
-        let guess = if pass == 0 {
-            None
-        } else {
-            Some(projected(&w, rank))
-        };
+        if pass > 0 {
+            // The leading axes turn little from pass to pass: one step of orthogonal iteration follows them.
+            let leading = axes.take().map_or_else(
+                || spectrum(&w).1.columns(0, rank.min(points)).into_owned(),
+                |axes| w.tr_mul(&(&w * axes)).qr().q(),
+            );
+            axes = Some(leading);
+        }
+        let guess = axes.as_ref().map(|v| (&w * v) * v.transpose());
         for t in 0..frames {
             let mut correction = Vector2::zeros();
             for j in 0..points {
@@ -70,12 +75,6 @@ pub(crate) fn spectrum(w: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
         eigen.eigenvectors[(r, order[c])]
     });
     (values, vectors)
-}
-
-fn projected(w: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
-    let (_, vectors) = spectrum(w);
-    let v = vectors.columns(0, rank.min(w.ncols()));
-    (w * v) * v.transpose()
 }
 
 /// Π: the leading `columns` of W's left factor, scaled to order one.

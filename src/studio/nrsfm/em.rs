@@ -13,8 +13,8 @@
 //! prior on the modes' entries, worth a few per cent on real faces; and a floor under σ² which the caller lowers step by
 //! step (annealing).
 //!
-//! Units: the tracks', divided by their spread (the caller does that). Cost of a sweep: F (P K + K³) + P (3K + 3)³ / 6
-//! operations, the last term only with missing points. Memory: F K² + 9 P K numbers.
+//! Units: the tracks', divided by their spread (the caller does that). Cost of a sweep: F (P K² + K³) + P (3K + 3)³ / 6
+//! operations, the last term only with missing points. Memory: 10 F K² + 3 P K numbers.
 //! Degenerate: a camera that never turns leaves depth undetermined; the tiny ridge of the basis then keeps it small.
 //! One file: the two steps of one iteration share all their terms.
 
@@ -25,8 +25,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) rank: usize,
-    /// `P` blocks of `3 (K + 1)`: `b[j][3 k + axis]`, k = 0 the mean shape.
-    pub(crate) basis: Vec<DVector<f64>>,
+    /// A column of `3 (K + 1)` for each of `P` points: `basis[(3 k + axis, j)]`, k = 0 the mean shape.
+    pub(crate) basis: DMatrix<f64>,
     pub(crate) rotation: Vec<Matrix3<f64>>,
     pub(crate) scale: Vec<f64>,
     pub(crate) shift: Vec<Vector2<f64>>,
@@ -35,18 +35,13 @@ pub(crate) struct Model {
     pub(crate) covariance: Vec<DMatrix<f64>>,
     pub(crate) noise_variance: f64,
     pub(crate) alpha: f64,
+    /// Per frame: what the coefficients' covariance adds to the second moments of the seen points about their mean.
+    vague: Vec<Matrix3<f64>>,
     scale_variance: f64,
     /// Prior variance of a mode's entries: depth is taken to deform as much as the image plane shows.
     mode_variance: f64,
     /// Log-likelihood of the tracks at the parameters the last E-step saw.
     pub(crate) log_likelihood: f64,
-}
-
-/// Sums over all points of products of basis rows, per pair of axes: `M_ab[k, l] = Σ_j b_jka b_jlb`, and the plain sums.
-struct Products {
-    pairs: [[DMatrix<f64>; 3]; 3],
-    sums: [DVector<f64>; 3],
-    count: f64,
 }
 
 /// Added to the normal matrix of every basis block, relative to its size: directions the cameras never saw stay at zero.
@@ -68,7 +63,7 @@ impl Model {
         let (frames, points) = (tracks.frames(), tracks.points());
         let mut model = Self {
             rank: 0,
-            basis: vec![DVector::zeros(3); points],
+            basis: DMatrix::zeros(3, points),
             rotation,
             scale: vec![1.0; frames],
             shift: mean_positions(tracks),
@@ -76,6 +71,7 @@ impl Model {
             covariance: vec![DMatrix::zeros(0, 0); frames],
             noise_variance: 1e-2,
             alpha: 0.0,
+            vague: vec![Matrix3::zeros(); frames],
             scale_variance: 1e-2,
             mode_variance: 1.0,
             log_likelihood: f64::NEG_INFINITY,
@@ -115,16 +111,17 @@ impl Model {
         self.mode_variance =
             (lifted.norm_squared() / (2.0 * (points * frames * rank) as f64)).max(1e-12);
         self.rank += more;
-        for b in &mut self.basis {
-            *b = b.clone().resize_vertically(3 * (old + more + 1), 0.0);
-        }
+        self.basis = self
+            .basis
+            .clone()
+            .resize_vertically(3 * (self.rank + 1), 0.0);
         for (m, column) in order.into_iter().take(more).enumerate() {
             let direction = &lifted * eigen.eigenvectors.column(column);
             let size = 1.0 / (frames as f64).sqrt();
             let jitter = 0.05 * direction.norm() / (3.0 * points as f64).sqrt();
             for j in 0..points {
                 for a in 0..3 {
-                    self.basis[j][3 * (old + m + 1) + a] =
+                    self.basis[(3 * (old + m + 1) + a, j)] =
                         size * (direction[3 * j + a] + jitter * (rng.f64() - 0.5));
                 }
             }
@@ -140,12 +137,11 @@ impl Model {
 
     /// Point j of frame t in the object frame, posterior mean.
     pub(crate) fn point(&self, t: usize, j: usize) -> Vector3<f64> {
-        let b = &self.basis[j];
-        let mut p = Vector3::new(b[0], b[1], b[2]);
-        for k in 0..self.rank {
-            p += self.mean[t][k] * Vector3::new(b[3 * k + 3], b[3 * k + 4], b[3 * k + 5]);
-        }
-        p
+        let (mean, modes) = self.block(j);
+        modes
+            .iter()
+            .zip(&self.mean[t])
+            .fold(Vector3::from(*mean), |p, (b, z)| p + Vector3::from(*b) * *z)
     }
 
     /// One EM sweep; `floor` is the least noise variance allowed in it.
@@ -158,123 +154,93 @@ impl Model {
         self.fit_noise(tracks, floor);
     }
 
-    fn products(&self) -> Products {
-        let n = self.rank + 1;
-        let points = self.basis.len();
-        let axis: [DMatrix<f64>; 3] =
-            std::array::from_fn(|a| DMatrix::from_fn(points, n, |j, k| self.basis[j][3 * k + a]));
-        Products {
-            pairs: std::array::from_fn(|a| std::array::from_fn(|b| axis[a].tr_mul(&axis[b]))),
-            sums: std::array::from_fn(|a| axis[a].row_sum_tr()),
-            count: points as f64,
-        }
+    /// Mean and modes of one point.
+    fn block(&self, j: usize) -> (&[f64; 3], &[[f64; 3]]) {
+        let size = self.basis.nrows();
+        let (vectors, _) = self.basis.as_slice()[j * size..(j + 1) * size].as_chunks::<3>();
+        (&vectors[0], &vectors[1..])
     }
 
-    /// The products over the points seen in one frame, about their mean there (which removes the unknown shift).
-    fn products_seen(&self, all: &Products, tracks: &Tracks, t: usize) -> Products {
+    /// How many points frame t shows, and the Gram matrix, about the mean over them, of what it shows of them: the
+    /// residual against the mean shape (row and column 0), then the modes.
+    fn image_gram(&self, tracks: &Tracks, t: usize) -> (f64, DMatrix<f64>) {
         let n = self.rank + 1;
-        let mut seen = Products {
-            pairs: all.pairs.clone(),
-            sums: all.sums.clone(),
-            count: all.count,
-        };
-        for j in (0..tracks.points()).filter(|j| !tracks.is_seen(t, *j)) {
-            let b = &self.basis[j];
-            seen.count -= 1.0;
-            for a in 0..3 {
-                for k in 0..n {
-                    seen.sums[a][k] -= b[3 * k + a];
-                    for c in 0..3 {
-                        for l in 0..n {
-                            seen.pairs[a][c][(k, l)] -= b[3 * k + a] * b[3 * l + c];
-                        }
-                    }
+        let camera = self.camera(t);
+        let [across, down] = [0, 1].map(|row| [0, 1, 2].map(|a| camera[(row, a)]));
+        let along =
+            |axis: &[f64; 3], b: &[f64; 3]| axis[0] * b[0] + axis[1] * b[1] + axis[2] * b[2];
+        let mut gram = DMatrix::zeros(n, n);
+        let mut sums = vec![[0.0; 2]; n];
+        let mut shown = vec![[0.0; 2]; n];
+        let mut count = 0.0;
+        for j in 0..tracks.points() {
+            let Some(w) = tracks.position(t, j) else {
+                continue;
+            };
+            let (mean, modes) = self.block(j);
+            shown[0] = [w[0] - along(&across, mean), w[1] - along(&down, mean)];
+            for (shown, b) in shown[1..].iter_mut().zip(modes) {
+                *shown = [along(&across, b), along(&down, b)];
+            }
+            for (k, (sum, column)) in sums
+                .iter_mut()
+                .zip(gram.as_mut_slice().chunks_exact_mut(n))
+                .enumerate()
+            {
+                let here = shown[k];
+                sum[0] += here[0];
+                sum[1] += here[1];
+                for (g, other) in column[k..].iter_mut().zip(&shown[k..]) {
+                    *g += here[0] * other[0] + here[1] * other[1];
                 }
             }
+            count += 1.0;
         }
-        if seen.count > 0.0 {
-            for a in 0..3 {
-                for c in 0..3 {
-                    seen.pairs[a][c].ger(-1.0 / seen.count, &seen.sums[a], &seen.sums[c], 1.0);
-                }
+        for k in 0..n {
+            for l in k..n {
+                gram[(l, k)] -=
+                    (sums[k][0] * sums[l][0] + sums[k][1] * sums[l][1]) / f64::max(count, 1.0);
+                gram[(k, l)] = gram[(l, k)];
             }
         }
-        seen
+        (count, gram)
     }
 
     /// E-step: filter forwards, smooth backwards, learn α.
     fn estimate_coefficients(&mut self, tracks: &Tracks) {
         let (frames, k) = (tracks.frames(), self.rank);
         let precision = 1.0 / self.noise_variance;
-        let all = self.products();
-        let identity = DMatrix::<f64>::identity(k, k);
-        let mut predicted: Vec<(DVector<f64>, DMatrix<f64>)> = Vec::with_capacity(frames);
+        let mut predicted: Vec<DVector<f64>> = Vec::with_capacity(frames);
         let mut filtered: Vec<(DVector<f64>, DMatrix<f64>)> = Vec::with_capacity(frames);
         let mut inverses: Vec<DMatrix<f64>> = Vec::with_capacity(frames);
         self.log_likelihood = 0.0;
         for t in 0..frames {
-            let camera = self.camera(t);
-            let gram = camera.transpose() * camera;
-            let seen = self.products_seen(&all, tracks, t);
-            let mut information = DMatrix::zeros(k, k);
-            for a in 0..3 {
-                for c in 0..3 {
-                    information +=
-                        seen.pairs[a][c].view((1, 1), (k, k)) * (gram[(a, c)] * precision);
-                }
-            }
-            // Residual against the mean shape, about its mean over the seen points.
-            let (mut mean_w, mut mean_b) = (Vector2::zeros(), Vector3::zeros());
-            for (j, b) in self.basis.iter().enumerate() {
-                if let Some(w) = tracks.position(t, j) {
-                    mean_w += Vector2::from(w);
-                    mean_b += Vector3::new(b[0], b[1], b[2]);
-                }
-            }
-            let offset = if seen.count > 0.0 {
-                (mean_w - camera * mean_b) / seen.count
-            } else {
-                Vector2::zeros()
-            };
-            let mut vector = DVector::zeros(k);
-            let mut squares = 0.0;
-            for (j, b) in self.basis.iter().enumerate() {
-                let Some(w) = tracks.position(t, j) else {
-                    continue;
-                };
-                let residual = Vector2::from(w) - camera * Vector3::new(b[0], b[1], b[2]) - offset;
-                squares += residual.norm_squared();
-                let lifted = camera.transpose() * residual * precision;
-                for m in 0..k {
-                    let m3 = 3 * m + 3;
-                    vector[m] += b[m3] * lifted.x + b[m3 + 1] * lifted.y + b[m3 + 2] * lifted.z;
-                }
-            }
-            // The residuals are about the seen points' mean already, so the sum of b over the seen points cancels in it.
+            let (count, gram) = self.image_gram(tracks, t);
             let (mean_in, p_in) = match filtered.last() {
-                None => (DVector::zeros(k), identity.clone()),
+                None => (DVector::zeros(k), DMatrix::identity(k, k)),
                 Some((m, p)) => {
                     let a2 = self.alpha * self.alpha;
-                    (m * self.alpha, p * a2 + &identity * (1.0 - a2))
+                    let mut carried = p * a2;
+                    (0..k).for_each(|i| carried[(i, i)] += 1.0 - a2);
+                    (m * self.alpha, carried)
                 }
             };
-            let inverse = inverse_of(&p_in);
-            let p_out = inverse_of(&(&inverse + information));
+            let (inverse, log_in) = inverse_of(p_in);
+            let information = &inverse + gram.view((1, 1), (k, k)) * precision;
+            let (p_out, log_information) = inverse_of(information);
             let carried = &inverse * &mean_in;
-            let mean_out = &p_out * (&carried + vector);
+            let told = &carried + gram.view((1, 0), (k, 1)).column(0) * precision;
+            let mean_out = &p_out * &told;
             // Two coordinates a frame are spent on the shift.
-            let count = 2.0 * (seen.count - 1.0).max(0.0);
+            let count = 2.0 * (count - 1.0).max(0.0);
             self.log_likelihood -= 0.5
                 * (count * (std::f64::consts::TAU * self.noise_variance).ln()
-                    + squares * precision);
-            if k > 0 {
-                let out = inverse_of(&p_out);
-                self.log_likelihood += 0.5
-                    * (log_determinant(&p_out) - log_determinant(&p_in)
-                        + mean_out.dot(&(&out * &mean_out))
-                        - mean_in.dot(&carried));
-            }
-            predicted.push((mean_in, p_in));
+                    + gram[(0, 0)] * precision
+                    + log_information
+                    + log_in
+                    - mean_out.dot(&told)
+                    + mean_in.dot(&carried));
+            predicted.push(mean_in);
             inverses.push(inverse);
             filtered.push((mean_out, p_out));
         }
@@ -287,11 +253,11 @@ impl Model {
         for t in (0..frames - 1).rev() {
             let (m, p) = &filtered[t];
             let gain = p * &inverses[t + 1] * self.alpha;
-            self.mean[t] = m + &gain * (&self.mean[t + 1] - &predicted[t + 1].0);
+            self.mean[t] = m + &gain * (&self.mean[t + 1] - &predicted[t + 1]);
+            // The predicted covariance that the smoother takes off again is gain⁻¹ α p: α p gainᵀ remains of its product.
             self.covariance[t] =
-                p + &gain * (&self.covariance[t + 1] - &predicted[t + 1].1) * gain.transpose();
-            lagged += self.mean[t].dot(&self.mean[t + 1])
-                + (&self.covariance[t + 1] * gain.transpose()).trace();
+                p + (&gain * &self.covariance[t + 1] - p * self.alpha) * gain.transpose();
+            lagged += self.mean[t].dot(&self.mean[t + 1]) + gain.dot(&self.covariance[t + 1]);
             squared += 0.5 * (self.mean[t].norm_squared() + self.covariance[t].trace());
             squared += 0.5 * (self.mean[t + 1].norm_squared() + self.covariance[t + 1].trace());
         }
@@ -324,15 +290,20 @@ impl Model {
         let Some(l_inverse) = l.clone().try_inverse() else {
             return;
         };
-        for b in &mut self.basis {
-            let modes = DMatrix::from_fn(3, k, |a, m| b[3 * (m + 1) + a]);
-            let shifted = &modes * &mean;
-            let scaled = modes * &l;
-            for a in 0..3 {
-                b[a] += shifted[a];
-                for m in 0..k {
-                    b[3 * (m + 1) + a] = scaled[(a, m)];
+        let mut taken = vec![Vector3::zeros(); k + 1];
+        for mut column in self.basis.column_iter_mut() {
+            let (block, _) = column.as_mut_slice().as_chunks_mut::<3>();
+            taken.fill(Vector3::zeros());
+            taken[0] += Vector3::from(block[0]);
+            for (m, b) in block[1..].iter().enumerate() {
+                let b = Vector3::from(*b);
+                taken[0] += b * mean[m];
+                for (c, taken) in taken[1..=m + 1].iter_mut().enumerate() {
+                    *taken += b * l[(m, c)];
                 }
+            }
+            for (b, taken) in block.iter_mut().zip(&taken) {
+                *b = (*taken).into();
             }
         }
         for (m, c) in self.mean.iter_mut().zip(&mut self.covariance) {
@@ -347,32 +318,32 @@ impl Model {
         let size = 3 * n;
         let mut total = DMatrix::zeros(size, size);
         let mut blocks = Vec::with_capacity(frames);
-        let mut right = vec![DVector::zeros(size); points];
+        let mut right = DMatrix::zeros(size, points);
         for t in 0..frames {
             let camera = self.camera(t);
             let gram = camera.transpose() * camera;
-            let zeta = |k: usize| if k == 0 { 1.0 } else { self.mean[t][k - 1] };
+            let zeta = self.zeta(t);
             let mut block = DMatrix::zeros(size, size);
             for k in 0..n {
                 for l in 0..n {
-                    let mut second = zeta(k) * zeta(l);
+                    let mut second = zeta[k] * zeta[l];
                     if k > 0 && l > 0 {
                         second += self.covariance[t][(k - 1, l - 1)];
                     }
-                    block
-                        .fixed_view_mut::<3, 3>(3 * k, 3 * l)
-                        .copy_from(&(gram * second));
+                    let mut part = block.fixed_view_mut::<3, 3>(3 * k, 3 * l);
+                    part.copy_from(&(gram * second));
                 }
             }
             total += &block;
-            for (j, r) in right.iter_mut().enumerate() {
+            let columns = right.as_mut_slice().chunks_exact_mut(size);
+            for (j, column) in columns.enumerate() {
                 let Some(w) = tracks.position(t, j) else {
                     continue;
                 };
-                let lifted = camera.transpose() * (Vector2::from(w) - self.shift[t]);
-                for k in 0..n {
+                let lifted = camera.tr_mul(&(Vector2::from(w) - self.shift[t]));
+                for (r, z) in column.as_chunks_mut::<3>().0.iter_mut().zip(&zeta) {
                     for a in 0..3 {
-                        r[3 * k + a] += zeta(k) * lifted[a];
+                        r[a] += z * lifted[a];
                     }
                 }
             }
@@ -387,49 +358,77 @@ impl Model {
             Cholesky::new(normal)
         };
         let shared = solve(total.clone());
-        for (j, r) in right.iter().enumerate() {
-            let gaps: Vec<usize> = (0..frames).filter(|t| !tracks.is_seen(*t, j)).collect();
-            let solution = if gaps.is_empty() {
-                shared.as_ref().map(|c| c.solve(r))
-            } else {
+        for j in 0..points {
+            let mut gaps = (0..frames).filter(|t| !tracks.is_seen(*t, j)).peekable();
+            let own = gaps.peek().is_some().then(|| {
                 let mut normal = total.clone();
-                gaps.iter().for_each(|t| normal -= &blocks[*t]);
-                solve(normal).map(|c| c.solve(r))
-            };
-            if let Some(solution) = solution {
-                self.basis[j] = solution;
+                gaps.for_each(|t| normal -= &blocks[t]);
+                solve(normal)
+            });
+            if let Some(factor) = own.as_ref().unwrap_or(&shared) {
+                factor.solve_mut(&mut right.column_mut(j));
+                self.basis.set_column(j, &right.column(j));
             }
         }
         // Where the object's origin lies is not observable: its centroid.
-        let mean = self.basis.iter().fold(DVector::zeros(size), |s, b| s + b) / points as f64;
-        self.basis.iter_mut().for_each(|b| *b -= &mean);
+        let mean = self.basis.column_mean();
+        for mut column in self.basis.column_iter_mut() {
+            column -= &mean;
+        }
+    }
+
+    /// 1 and the coefficients' posterior mean.
+    fn zeta(&self, t: usize) -> Vec<f64> {
+        std::iter::once(1.0)
+            .chain(self.mean[t].iter().copied())
+            .collect()
     }
 
     /// M-step of rotations (Gauss-Newton on SO(3)) and scales (closed form with their prior).
     fn fit_cameras(&mut self, tracks: &Tracks) {
-        let all = self.products();
         let mut spread = 0.0;
+        let mut sums = vec![Vector3::zeros(); self.rank];
         for t in 0..tracks.frames() {
-            let seen = self.products_seen(&all, tracks, t);
-            if seen.count < 2.0 {
+            // The shape's covariance is that of independent modes: those of the basis times a factor of the coefficients'.
+            let factor = root_of(&self.covariance[t]);
+            let (mut shape, mut vague) = (Matrix3::zeros(), Matrix3::zeros());
+            let (mut mean_x, mut mean_w) = (Vector3::zeros(), Vector2::zeros());
+            let mut mixed = Matrix2x3::zeros();
+            let mut count = 0.0;
+            sums.fill(Vector3::zeros());
+            for j in 0..tracks.points() {
+                let Some(w) = tracks.position(t, j) else {
+                    continue;
+                };
+                let (w, x) = (Vector2::from(w), self.point(t, j));
+                mean_w += w;
+                mean_x += x;
+                mixed += w * x.transpose();
+                shape += x * x.transpose();
+                let (_, modes) = self.block(j);
+                for (m, sum) in sums.iter_mut().enumerate() {
+                    let mode = modes
+                        .iter()
+                        .enumerate()
+                        .skip(m)
+                        .fold(Vector3::zeros(), |y, (k, b)| {
+                            y + Vector3::from(*b) * factor[(k, m)]
+                        });
+                    *sum += mode;
+                    vague += mode * mode.transpose();
+                }
+                count += 1.0;
+            }
+            if count < 2.0 {
                 continue;
             }
-            let zeta = DVector::from_fn(self.rank + 1, |k, _| {
-                if k == 0 { 1.0 } else { self.mean[t][k - 1] }
-            });
-            let mut second = &zeta * zeta.transpose();
-            let mut modes = second.view_mut((1, 1), (self.rank, self.rank));
-            modes += &self.covariance[t];
-            let spread_of = |a: usize, c: usize| seen.pairs[a][c].dot(&second);
-            let a = Matrix3::from_fn(spread_of);
-            // Mixed moments of image and shape about the seen points' means; those of the shape suffice.
-            let mean_x = Vector3::from_fn(|axis, _| seen.sums[axis].dot(&zeta)) / seen.count;
-            let mut b = Matrix2x3::zeros();
-            for j in 0..tracks.points() {
-                if let Some(w) = tracks.position(t, j) {
-                    b += Vector2::from(w) * (self.point(t, j) - mean_x).transpose();
-                }
+            for sum in &sums {
+                vague -= sum * sum.transpose() / count;
             }
+            // Mixed moments of image and shape about the seen points' means; those of the shape suffice.
+            let b = mixed - mean_w * mean_x.transpose() / count;
+            let a = shape - mean_x * mean_x.transpose() / count + vague;
+            self.vague[t] = vague;
             self.rotation[t] = turned(self.rotation[t], self.scale[t], &a, &b);
             let rows = self.rotation[t].fixed_rows::<2>(0).into_owned();
             let quadratic = (rows * a * rows.transpose()).trace();
@@ -446,7 +445,8 @@ impl Model {
         // The scales' mean is 1; the basis takes the factor.
         let mean = self.scale.iter().sum::<f64>() / frames;
         self.scale.iter_mut().for_each(|c| *c /= mean);
-        self.basis.iter_mut().for_each(|b| *b *= mean);
+        self.vague.iter_mut().for_each(|v| *v *= mean * mean);
+        self.basis *= mean;
     }
 
     fn fit_shifts(&mut self, tracks: &Tracks) {
@@ -466,7 +466,6 @@ impl Model {
     }
 
     fn fit_noise(&mut self, tracks: &Tracks, floor: f64) {
-        let all = self.products();
         let (mut squares, mut count) = (0.0, 0.0);
         for t in 0..tracks.frames() {
             let camera = self.camera(t);
@@ -477,14 +476,7 @@ impl Model {
                     count += 2.0;
                 }
             }
-            let gram = camera.transpose() * camera;
-            let seen = self.products_seen(&all, tracks, t);
-            for a in 0..3 {
-                for c in 0..3 {
-                    let modes = seen.pairs[a][c].view((1, 1), (self.rank, self.rank));
-                    squares += gram[(a, c)] * modes.dot(&self.covariance[t]);
-                }
-            }
+            squares += camera.tr_mul(&camera).dot(&self.vague[t]);
         }
         if count > 0.0 {
             self.noise_variance = (squares / count).max(floor);
@@ -548,12 +540,20 @@ pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// Inverse of a symmetric positive definite matrix; the identity if rounding made it indefinite.
-fn inverse_of(m: &DMatrix<f64>) -> DMatrix<f64> {
-    Cholesky::new(m.clone())
-        .map_or_else(|| DMatrix::identity(m.nrows(), m.ncols()), |c| c.inverse())
+/// Inverse of a symmetric positive definite matrix and the logarithm of its determinant; the identity's if rounding made it
+/// indefinite.
+fn inverse_of(m: DMatrix<f64>) -> (DMatrix<f64>, f64) {
+    let size = m.nrows();
+    Cholesky::new(m).map_or_else(
+        || (DMatrix::identity(size, size), 0.0),
+        |c| {
+            let log = 2.0 * c.l_dirty().diagonal().map(f64::ln).sum();
+            (c.inverse(), log)
+        },
+    )
 }
 
-fn log_determinant(m: &DMatrix<f64>) -> f64 {
-    Cholesky::new(m.clone()).map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().map(f64::ln).sum())
+/// Lower triangle L with L Lᵀ = m; zero if rounding made it indefinite.
+fn root_of(m: &DMatrix<f64>) -> DMatrix<f64> {
+    Cholesky::new(m.clone()).map_or_else(|| DMatrix::zeros(m.nrows(), m.ncols()), |c| c.l())
 }

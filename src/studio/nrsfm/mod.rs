@@ -26,6 +26,7 @@ pub use tracks::{Shapes, Tracks};
 use em::Model;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Why shapes cannot be recovered.
@@ -214,10 +215,15 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
         return reconstruction(&rigid, size);
     }
     let trial_rank = TRIAL_RANK.min(largest);
-    let trials: Vec<Model> = starts(&unit, rigid_cameras, settings.seed)
+    let mut trials: Vec<Model> = starts(&unit, rigid_cameras, settings.seed)
         .into_par_iter()
-        .map(|start| fitted(&unit, start, trial_rank, TRIAL_SWEEPS, settings.seed))
+        .map(|start| fitted(&unit, start, trial_rank, FIRST_SWEEPS, settings.seed))
         .collect();
+    trials.sort_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
+    trials.truncate(SECOND_STARTS);
+    trials
+        .par_iter_mut()
+        .for_each(|trial| sweep_on(&unit, trial, FIRST_SWEEPS..TRIAL_SWEEPS));
     let best = trials.iter().fold(&rigid, |a, b| {
         if b.log_likelihood > a.log_likelihood {
             b
@@ -244,6 +250,9 @@ const RIGID_SWEEPS: usize = 15;
 /// Modes and sweeps of the short runs that compare the starts.
 const TRIAL_RANK: usize = 3;
 const TRIAL_SWEEPS: usize = 40;
+/// Sweeps after which the worse starts are given up, and how many go on.
+const FIRST_SWEEPS: usize = 16;
+const SECOND_STARTS: usize = 3;
 /// Least noise variance, relative to the tracks' spread squared: keeps exact data finite.
 const NOISE_FLOOR: f64 = 1e-10;
 /// First floor of the noise variance, and its factor per sweep.
@@ -305,25 +314,29 @@ fn fitted(
     seed: u64,
 ) -> Model {
     let mut rng = fastrand::Rng::with_seed(seed);
-    let (mut floor, factor) = ANNEAL;
     // Given cameras stand until there are modes: rigid sweeps would bend them towards a rigid explanation.
     let mut model = Model::rigid(unit, cameras);
     model.grow(unit, rank, &mut rng);
-    let mut before = f64::NEG_INFINITY;
-    for _ in 0..sweeps {
-        floor = f64::max(floor * factor, NOISE_FLOOR);
+    sweep_on(unit, &mut model, 0..sweeps);
+    model
+}
+
+/// The sweeps of these numbers, until nothing changes any more.
+fn sweep_on(unit: &Tracks, model: &mut Model, sweeps: Range<usize>) {
+    let (first, factor) = ANNEAL;
+    for sweep in sweeps {
+        let floor = f64::max(first * factor.powi(sweep as i32 + 1), NOISE_FLOOR);
+        let before = model.log_likelihood;
         model.sweep(unit, floor);
         let settled = (model.log_likelihood - before).abs() < CONVERGED * before.abs();
         if settled && (model.noise_variance > floor || floor <= NOISE_FLOOR) {
             break;
         }
-        before = model.log_likelihood;
     }
-    model
 }
 
 fn reconstruction(model: &Model, size: f64) -> Reconstruction {
-    let points = model.basis.len();
+    let points = model.basis.ncols();
     let mut positions = Vec::with_capacity(points * model.rotation.len());
     for t in 0..model.rotation.len() {
         positions.extend((0..points).map(|j| <[f64; 3]>::from(model.point(t, j) * size)));
