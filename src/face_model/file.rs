@@ -295,9 +295,8 @@ fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
             found: at as u64,
         });
     }
-    let modes = (0..modes)
-        .map(|_| reader.points(LANDMARKS))
-        .collect::<Result<_, _>>()?;
+    let modes = reader.floats(modes * 3 * LANDMARKS)?;
+    let modes = modes.as_chunks::<{ 3 * LANDMARKS }>().0.to_vec();
     reader.end()?;
     Ok(ShapeModel {
         mean,
@@ -401,7 +400,7 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
     );
     put_floats(&mut shape, model.shape.deviations.iter().copied());
     for mode in &model.shape.modes {
-        put_floats(&mut shape, mode.iter().flat_map(|v| [v.x, v.y, v.z]));
+        put_floats(&mut shape, mode.iter().copied());
     }
     let mut head = Vec::new();
     put_count(&mut head, model.standard_head.points.len());
@@ -476,7 +475,7 @@ mod tests {
                 .into_iter()
                 .map(Point::from)
                 .collect(),
-            modes: (0..2).map(|_| vectors(floats(3 * LANDMARKS))).collect(),
+            modes: floats(2 * 3 * LANDMARKS).as_chunks().0.to_vec(),
             deviations: vec![0.2, 0.1],
         };
         let rows = VIEW_PARAMETERS + 2;

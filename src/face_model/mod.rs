@@ -24,6 +24,7 @@ use crate::geometry::{Point, Vector};
 use crate::landmarks::refine::Refinement;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
+use crate::vectors::wide;
 
 /// Most shape modes a model may have.
 pub const MAX_MODES: usize = 48;
@@ -51,8 +52,8 @@ pub const MAX_STAGES: usize = 8;
 pub struct ShapeModel {
     /// Mean shape, 68 points.
     pub mean: Vec<Point>,
-    /// Orthonormal modes, 68 directions each.
-    pub modes: Vec<Vec<Vector>>,
+    /// Orthonormal modes: x, y, z of 68 directions each, in one row that a processor can add at once.
+    pub modes: Vec<[f32; 3 * LANDMARKS]>,
     /// Standard deviation along each mode, metres, falling.
     pub deviations: Vec<f32>,
 }
@@ -60,22 +61,34 @@ pub struct ShapeModel {
 impl ShapeModel {
     /// Shape for coefficients in standard deviations; coefficients beyond the modes are ignored.
     pub fn shape(&self, coefficients: &[f32], out: &mut [Point; LANDMARKS]) {
-        out.copy_from_slice(&self.mean);
-        for ((mode, deviation), b) in self.modes.iter().zip(&self.deviations).zip(coefficients) {
-            let b = b * deviation;
-            for (point, direction) in out.iter_mut().zip(mode) {
-                *point += direction * b;
-            }
+        let mut sum = [0.0; 3 * LANDMARKS];
+        for (sum, point) in sum.as_chunks_mut::<3>().0.iter_mut().zip(&self.mean) {
+            *sum = point.coords.into();
+        }
+        wide(
+            #[inline(always)]
+            || {
+                let modes = self.modes.iter().zip(&self.deviations);
+                for ((mode, deviation), b) in modes.zip(coefficients) {
+                    let b = b * deviation;
+                    for (sum, along) in sum.iter_mut().zip(mode) {
+                        *sum += along * b;
+                    }
+                }
+            },
+        );
+        for (point, sum) in out.iter_mut().zip(sum.as_chunks::<3>().0) {
+            *point = Point::from(*sum);
         }
     }
 
     /// Coefficients (standard deviations) of the nearest shape of the model.
     pub fn coefficients(&self, shape: &[Point; LANDMARKS], out: &mut [f32]) {
         for ((mode, deviation), b) in self.modes.iter().zip(&self.deviations).zip(out) {
-            let along: f32 = mode
-                .iter()
+            let directions = mode.as_chunks::<3>().0.iter();
+            let along: f32 = directions
                 .zip(shape.iter().zip(&self.mean))
-                .map(|(direction, (point, mean))| direction.dot(&(point - mean)))
+                .map(|(direction, (point, mean))| Vector::from(*direction).dot(&(point - mean)))
                 .sum();
             *b = along / deviation.max(1e-9);
         }

@@ -121,15 +121,19 @@ impl OrientationMaps {
         cell_px: f32,
         patch: &mut [f32; PATCH],
     ) {
-        let first = -0.5 * (PATCH_CELLS as f32 - 1.0);
+        let columns = places(landmark[0], cell_px, &self.region.columns);
+        let rows = places(landmark[1], cell_px, &self.region.rows);
         let mut squares = [0.0f32; ORIENTATIONS];
         let cells = patch.as_chunks_mut::<ORIENTATIONS>().0;
-        for (cell, values) in cells.iter_mut().enumerate() {
-            let x = landmark[0] + (first + (cell % PATCH_CELLS) as f32) * cell_px;
-            let y = landmark[1] + (first + (cell / PATCH_CELLS) as f32) * cell_px;
-            *values = at(maps, &self.region, x, y);
-            for k in 0..ORIENTATIONS {
-                squares[k] += values[k] * values[k];
+        let lines = cells.as_chunks_mut::<PATCH_CELLS>().0;
+        for (line, (row, down)) in lines.iter_mut().zip(rows) {
+            // One slice of both rows: its bounds are looked at once.
+            let (upper, lower) = maps[row * MAP..][..2 * MAP].split_at(MAP);
+            for (values, (column, across)) in line.iter_mut().zip(columns) {
+                *values = between(upper, lower, column, across, down);
+                for k in 0..ORIENTATIONS {
+                    squares[k] += values[k] * values[k];
+                }
             }
         }
         let squared = self.floor * self.floor + squares.iter().sum::<f32>();
@@ -258,21 +262,32 @@ fn add_pair(
     }
 }
 
-/// Bilinear value of maps at a window pixel, or at the nearest of the region.
+/// Along one axis of a patch: the cell before each of its places, and the part of the way to the next; within the region.
 #[inline(always)]
-fn at(maps: &[[f32; ORIENTATIONS]], region: &Region, x: f32, y: f32) -> [f32; ORIENTATIONS] {
-    let cell = |pixel: f32, along: &Range<usize>| {
-        let (first, last) = ((along.start / 2) as f32, (along.end / 2 - 1) as f32 - 1e-3);
-        ((pixel - 0.5) * 0.5).max(first).min(last)
-    };
-    let (x, y) = (cell(x, &region.columns), cell(y, &region.rows));
-    let (column, row) = (x as i32, y as i32);
-    let (fx, fy) = (x - column as f32, y - row as f32);
-    let here = row as usize * MAP + column as usize;
-    let (a, b) = (&maps[here], &maps[here + 1]);
-    let (c, d) = (&maps[here + MAP], &maps[here + MAP + 1]);
-    let (wa, wb) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
-    let (wc, wd) = ((1.0 - fx) * fy, fx * fy);
+fn places(middle: f32, cell_px: f32, along: &Range<usize>) -> [(usize, f32); PATCH_CELLS] {
+    let (least, most) = ((along.start / 2) as f32, (along.end / 2 - 1) as f32 - 1e-3);
+    let first = -0.5 * (PATCH_CELLS as f32 - 1.0);
+    core::array::from_fn(|k| {
+        let pixel = middle + (first + k as f32) * cell_px;
+        let cell = ((pixel - 0.5) * 0.5).max(least).min(most);
+        let whole = cell as i32;
+        (whole as usize, cell - whole as f32)
+    })
+}
+
+/// Bilinear value of two rows of a map: `across` of the way from a column to the next, `down` from row to row.
+#[inline(always)]
+fn between(
+    upper: &[[f32; ORIENTATIONS]],
+    lower: &[[f32; ORIENTATIONS]],
+    column: usize,
+    across: f32,
+    down: f32,
+) -> [f32; ORIENTATIONS] {
+    let (a, b) = (&upper[column], &upper[column + 1]);
+    let (c, d) = (&lower[column], &lower[column + 1]);
+    let (wa, wb) = ((1.0 - across) * (1.0 - down), across * (1.0 - down));
+    let (wc, wd) = ((1.0 - across) * down, across * down);
     let mut value = [0.0; ORIENTATIONS];
     for k in 0..ORIENTATIONS {
         value[k] = wa * a[k] + wb * b[k] + wc * c[k] + wd * d[k];
@@ -302,7 +317,7 @@ mod tests {
                 &edge(k as f32 * core::f32::consts::FRAC_PI_4, 1.0),
                 &Region::WHOLE,
             );
-            let value = at(&maps.coarse, &Region::WHOLE, 92.0, 92.0);
+            let value = maps.coarse[46 * MAP + 46];
             let strongest = (0..ORIENTATIONS).max_by(|&a, &b| value[a].total_cmp(&value[b]));
             assert_eq!(strongest, Some(k), "{value:?}");
         }

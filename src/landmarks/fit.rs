@@ -292,8 +292,9 @@ impl LandmarkFitter {
         let [fitted, refined] = &mut self.filters;
         self.shape
             .shape(&fitted.follow(&fit.shape, at), &mut self.landmarks.head);
+        let project = fit.view.projection();
         for (pixel, point) in self.landmarks.pixels.iter_mut().zip(&self.landmarks.head) {
-            *pixel = placement.picture_pixel(fit.view.project(point));
+            *pixel = placement.picture_pixel(project(point));
         }
         self.shape
             .shape(&refined.follow(shape, at), &mut self.landmarks.head);

@@ -30,12 +30,18 @@ impl View {
     /// Window pixel of a point of the head, metres.
     #[must_use]
     pub fn project(&self, point: &Point) -> [f32; 2] {
-        let turned = self.rotation * point;
-        let scale = self.log_scale.exp() / (1.0 + self.inverse_distance * turned.z).max(0.2);
-        [
-            self.shift[0] + scale * turned.x,
-            self.shift[1] + scale * turned.y,
-        ]
+        self.projection()(point)
+    }
+
+    /// [`Self::project`] for many points.
+    pub fn projection(&self) -> impl Fn(&Point) -> [f32; 2] {
+        let (turn, scale) = (self.rotation.to_rotation_matrix(), self.log_scale.exp());
+        let (shift, inverse_distance) = (self.shift, self.inverse_distance);
+        move |point| {
+            let turned = turn * point;
+            let scale = scale / (1.0 + inverse_distance * turned.z).max(0.2);
+            [shift[0] + scale * turned.x, shift[1] + scale * turned.y]
+        }
     }
 
     /// The view changed by `step` in [`UNITS`]; the rotation is applied after the present one.

@@ -263,7 +263,7 @@ impl Placement {
         let map = &self.picture_from_window;
         let most = [picture.width, picture.height].map(|size| (size - 1) as f32 - 1e-2);
         // Places, looking up and weighing in turn: only the looking up goes pixel by pixel.
-        let (mut at, mut corners) = ([0u32; WINDOW], [[0u8; WINDOW]; 4]);
+        let (mut at, mut pairs) = ([0u32; WINDOW], [[[0u8; 2]; WINDOW]; 2]);
         let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
         let columns = region.columns.start..region.columns.end.min(WINDOW);
         for row in region.rows.clone() {
@@ -272,7 +272,8 @@ impl Placement {
             // The three sums of the homography at the row's first pixel; they grow evenly along it.
             let first = map.column(0) * -ORIGIN[0] + map.column(1) * down + map.column(2);
             for column in columns.clone() {
-                let along = column as f32;
+                // By way of a number of 32 bits, which unlike one of 64 a vector instruction takes to a float.
+                let along = column as u32 as i32 as f32;
                 let inverse = 1.0 / (first.z + map.m31 * along);
                 let x = ((first.x + map.m11 * along) * inverse)
                     .max(0.0)
@@ -287,14 +288,11 @@ impl Placement {
             for column in columns.clone() {
                 // One slice of both rows: one check of its bounds for all four.
                 let square = &picture.luma[at[column] as usize..][..picture.width + 2];
-                corners[0][column] = square[0];
-                corners[1][column] = square[1];
-                corners[2][column] = square[picture.width];
-                corners[3][column] = square[picture.width + 1];
+                pairs[0][column] = [square[0], square[1]];
+                pairs[1][column] = [square[picture.width], square[picture.width + 1]];
             }
             for column in columns.clone() {
-                let (a, b) = (f32::from(corners[0][column]), f32::from(corners[1][column]));
-                let (c, d) = (f32::from(corners[2][column]), f32::from(corners[3][column]));
+                let [[a, b], [c, d]] = [0, 1].map(|row: usize| pairs[row][column].map(f32::from));
                 let top = a + (b - a) * fx[column];
                 let bottom = c + (d - c) * fx[column];
                 line[column] = top + (bottom - top) * fy[column];
