@@ -19,8 +19,7 @@ use super::preview;
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
-use super::train::refine::{Practice, learn_refinement};
-use super::train::{TrainArgs, TrainError, train};
+use super::train::{TrainArgs, finish, train};
 use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
@@ -430,29 +429,7 @@ fn say(line: &str) {
     println!("{line}");
 }
 
-/// `train --refine`: only what depth adds is learnt anew.
-fn run_refine(words: &Words, model: &Path) -> Result<(), Fault> {
-    let out: PathBuf = words.required("out")?;
-    let mut model = service::model(Some(model)).map_err(|failure| service_fault(&failure))?;
-    let held_out = if words.flag("hold-out-dev") {
-        Split::Dev
-    } else {
-        Split::Test
-    };
-    let keep = |person| Split::of(person) != Split::Test && Split::of(person) != held_out;
-    let mut practice = Practice::default();
-    practice.seed = words.value("seed")?.unwrap_or(practice.seed);
-    let learnt = learn_refinement(&data(words), &model, keep, &practice)?;
-    model.refinement = learnt.map(Into::into);
-    std::fs::write(&out, crate::face_model::file::emit(&model))
-        .map_err(|source| TrainError::Unwritable { path: out, source })?;
-    Ok(())
-}
-
 fn run_train(words: &Words) -> Result<(), Fault> {
-    if let Some(model) = words.path("refine") {
-        return run_refine(words, &model);
-    }
     let defaults = TrainArgs::default();
     let tracks = words
         .path("tracks")
@@ -475,7 +452,12 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         hold_out_dev: words.flag("hold-out-dev"),
         ..defaults
     };
-    train(&args, &mut say)?;
+    if let Some(path) = words.path("refine") {
+        let model = service::model(Some(&path)).map_err(|failure| service_fault(&failure))?;
+        finish(&args, model, &mut say)?;
+    } else {
+        train(&args, &mut say)?;
+    }
     Ok(())
 }
 

@@ -31,6 +31,8 @@ const FRAME_TICKS: i64 = 2_000_000;
 const SPARSE: i64 = 5;
 /// Covered points: a fifth.
 const COVERED: usize = 14;
+/// Every so many frames the whole face is hidden for the last so many of them.
+const HIDE: [i64; 2] = [30, 8];
 
 /// A share counted.
 #[derive(Clone, Copy, Debug, Default)]
@@ -62,6 +64,10 @@ pub(super) struct Seen {
     pub(super) covered: Errors,
     /// Covered points that are flagged, visible ones that are not.
     pub(super) flagged: [Share; 2],
+    /// Frames of a hidden face that are called lost.
+    pub(super) unseen: Share,
+    /// Frames until a face that is clear again is believed and within 5 %.
+    pub(super) recovered: Errors,
     pub(super) dim: Errors,
     pub(super) lamp: Errors,
     pub(super) same_as_lamp: Errors,
@@ -107,6 +113,7 @@ impl Seen {
             (&mut self.cold, other.cold),
             (&mut self.beyond, other.beyond),
             (&mut self.covered, other.covered),
+            (&mut self.recovered, other.recovered),
             (&mut self.dim, other.dim),
             (&mut self.lamp, other.lamp),
             (&mut self.same_as_lamp, other.same_as_lamp),
@@ -121,6 +128,7 @@ impl Seen {
             (visible, other.flagged[1]),
             (&mut self.lost, other.lost),
             (&mut self.kept, other.kept),
+            (&mut self.unseen, other.unseen),
         ] {
             all.of += more.of;
             all.yes += more.yes;
@@ -216,6 +224,15 @@ impl<'a> Player<'a> {
         })
     }
 
+    /// Who believes as the appliance does.
+    fn sceptic(&self) -> LandmarkFitter {
+        let settings = FitSettings {
+            min_confidence: self.seen.least,
+            ..self.fit_settings
+        };
+        LandmarkFitter::new(settings, self.model)
+    }
+
     fn fitter(&self) -> LandmarkFitter {
         LandmarkFitter::new(self.fit_settings, self.model)
     }
@@ -237,6 +254,8 @@ impl<'a> Player<'a> {
         let (mut tracked, mut dim, mut covered) = (self.fitter(), self.fitter(), self.fitter());
         let mut lamp = self.fitter();
         let mut once = self.fitter();
+        let mut sceptic = self.sceptic();
+        let mut waited = None;
         let mut changed: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long");
         let mut found = Vec::new();
         let mut centre = 0;
@@ -285,6 +304,25 @@ impl<'a> Player<'a> {
                 for i in 0..LANDMARKS {
                     let flagged = fit.point_confidence[i] < 0.5;
                     self.seen.flagged[usize::from(!hidden[i])].add(flagged == hidden[i]);
+                }
+            }
+            let [every, last] = HIDE;
+            if index % every >= every - last {
+                hide(&mut changed, &self.frame.luma, &truth, &mut self.random);
+                let fit = sceptic.fit(&changed, &self.frame.depth, &self.camera, &pose, at);
+                self.seen.unseen.add(fit.is_none());
+                waited = Some(0);
+            } else {
+                let fit = sceptic.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
+                let found = fit.is_some_and(|fit| {
+                    mean_percent(&differences(&fit.pixels, &truth.landmarks_px)) <= 5.0
+                });
+                if let Some(frames) = &mut waited {
+                    *frames += 1;
+                    if found || index % every == every - last - 1 {
+                        self.seen.recovered.push(f64::from(*frames));
+                        waited = None;
+                    }
                 }
             }
             if index % SPARSE != 0 {
@@ -444,7 +482,6 @@ fn cover(
     centre: usize,
     random: &mut fastrand::Rng,
 ) -> [bool; LANDMARKS] {
-    out.copy_from_slice(luma);
     let points = &truth.landmarks_px;
     let [x, y] = points[centre];
     let mut far: Vec<(f32, usize)> = (0..LANDMARKS)
@@ -452,7 +489,36 @@ fn cover(
         .collect();
     far.sort_by(|a, b| a.0.total_cmp(&b.0));
     let radius = 0.5 * (far[COVERED - 1].0 + far[COVERED].0);
-    let nose = points[30];
+    disc(out, luma, truth, [x, y], radius, random);
+    let mut hidden = [false; LANDMARKS];
+    for (_, i) in &far[..COVERED] {
+        hidden[*i] = true;
+    }
+    hidden
+}
+
+/// Copies a picture and covers all of a face.
+fn hide(out: &mut [u8; PIXELS], luma: &[u8; PIXELS], truth: &Truth, random: &mut fastrand::Rng) {
+    let points = &truth.landmarks_px;
+    let [x, y] = points[30];
+    let reach = points
+        .iter()
+        .map(|p| (p[0] - x).hypot(p[1] - y))
+        .fold(0.0, f32::max);
+    disc(out, luma, truth, [x, y], 1.1 * reach, random);
+}
+
+/// Copies a picture and lays a rough disc of the skin's grey on it.
+fn disc(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    [x, y]: [f32; 2],
+    radius: f32,
+    random: &mut fastrand::Rng,
+) {
+    out.copy_from_slice(luma);
+    let nose = truth.landmarks_px[30];
     let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);
     let reach = radius.ceil() as i64;
     for row in -reach..=reach {
@@ -468,9 +534,4 @@ fn cover(
             }
         }
     }
-    let mut hidden = [false; LANDMARKS];
-    for (_, i) in &far[..COVERED] {
-        hidden[*i] = true;
-    }
-    hidden
 }

@@ -117,6 +117,19 @@ pub fn measure(
         ),
         "",
     );
+    let most = seen
+        .recovered
+        .iter()
+        .fold(0.0, |most: f64, frames| most.max(*frames));
+    row(
+        "whole face hidden: frames called lost; clear again: frames until it is followed, mean, most",
+        format!(
+            "{:.0} %; {:.1}, {most:.0}",
+            seen.unseen.percent(),
+            mean(&seen.recovered)
+        ),
+        "5",
+    );
     let grown = |errors: &Errors, than: &Errors| 100.0 * (mean(errors) / mean(than) - 1.0);
     row(
         "a quarter of the light: error grows by",

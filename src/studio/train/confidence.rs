@@ -2,9 +2,10 @@
 //!
 //! Per landmark a linear discriminant (Fisher 1936) of its patch between visible points within 5 % of the eye distance and
 //! points that are covered, beyond 8 % or on no face at all. Confidences are logistic regressions of "within 5 %" (of a
-//! landmark: and visible) on these discriminants ([`landmark_signs`], [`face_signs`]), over all ends and unweighted, so
-//! that of the faces with confidence c the share c is good as long as failures are as frequent as they were here. Ends
-//! must be of pictures that the cascade has not learnt from. Limits: it knows only the failures it was shown.
+//! landmark: and visible) on these discriminants ([`landmark_signs`], [`face_signs`]), of the face with every end weighed by
+//! how often its like is met, so that of the faces with confidence c the share c is good as long as failures are about as
+//! frequent as here. Ends must be of pictures that the cascade has not learnt from. Limits: it knows only the failures it
+//! was shown.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -24,17 +25,17 @@ const BAD_PERCENT: f32 = 8.0;
 /// Added to the diagonal of a patch's scatter, relative to its mean.
 const RIDGE: f64 = 0.3;
 
-/// Logistic regression by Newton's method; the last column of `x` should be 1.
-fn logistic_regression(x: &DMatrix<f64>, y: &[f64]) -> DVector<f64> {
+/// Weighted logistic regression by Newton's method; the last column of `x` should be 1.
+fn logistic_regression(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> DVector<f64> {
     let mut w = DVector::zeros(x.ncols());
     for _ in 0..30 {
         // A slight pull to 0: where nothing ever failed, the slopes must not grow without end.
         let mut slope = -&w * 0.1;
         let mut curvature = DMatrix::identity(x.ncols(), x.ncols()) * 0.1;
-        for (row, &y) in x.row_iter().zip(y) {
+        for ((row, &y), weight) in x.row_iter().zip(y).zip(weights) {
             let p = 1.0 / (1.0 + (-row.dot(&w.transpose())).exp());
-            slope += row.transpose() * (y - p);
-            curvature += row.transpose() * row * (p * (1.0 - p));
+            slope += row.transpose() * (weight * (y - p));
+            curvature += row.transpose() * row * (weight * p * (1.0 - p));
         }
         match curvature.cholesky() {
             Some(c) => w += c.solve(&slope),
@@ -45,19 +46,21 @@ fn logistic_regression(x: &DMatrix<f64>, y: &[f64]) -> DVector<f64> {
 }
 
 /// The regression over rows of signs.
-fn regressed<const N: usize>(signs: &[[f32; N]], good: &[bool]) -> [f32; N] {
+fn regressed<const N: usize>(signs: &[[f32; N]], good: &[bool], weights: &[f64]) -> [f32; N] {
     let x = DMatrix::from_fn(signs.len(), N, |row, column| f64::from(signs[row][column]));
     let y: Vec<f64> = good.iter().map(|&g| f64::from(u8::from(g))).collect();
-    let w = logistic_regression(&x, &y);
+    let w = logistic_regression(&x, &y, weights);
     std::array::from_fn(|k| w[k] as f32)
 }
 
-/// Learns from the ends of fits: errors decide what is good; `faceless` tells samples that show no face.
+/// Learns from the ends of fits: errors decide what is good; `faceless` tells samples that show no face, `weight` how much
+/// the end of a sample counts for the confidence of the face.
 #[must_use]
 pub fn learn(
     samples: &[Sample],
     ends: &[Progress],
     faceless: &(dyn Fn(usize) -> bool + Sync),
+    weight: &dyn Fn(usize) -> f64,
     shape: &ShapeModel,
     cell_px: f32,
 ) -> ConfidenceModel {
@@ -112,10 +115,11 @@ pub fn learn(
         .map(|features| discriminants(&model, features))
         .collect();
     let signs: Vec<_> = values.iter().map(landmark_signs).collect();
+    let alike = vec![1.0; ends.len()];
     for i in 0..LANDMARKS {
         let own: Vec<_> = signs.iter().map(|s| s[i]).collect();
         let good: Vec<bool> = errors.iter().map(|e| e[i] <= GOOD_PERCENT).collect();
-        model.landmark.extend(regressed(&own, &good));
+        model.landmark.extend(regressed(&own, &good, &alike));
     }
     let signs: Vec<_> = values
         .iter()
@@ -123,7 +127,8 @@ pub fn learn(
         .map(|(own, end)| face_signs(own, &end.fit))
         .collect();
     let good: Vec<bool> = faces.iter().map(|e| *e <= GOOD_PERCENT).collect();
-    model.face = regressed(&signs, &good);
+    let weights: Vec<f64> = ends.iter().map(|end| weight(end.sample)).collect();
+    model.face = regressed(&signs, &good, &weights);
     model
 }
 

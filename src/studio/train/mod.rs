@@ -21,4 +21,4 @@ pub mod shape;
 pub mod standard_head;
 mod wear;
 
-pub use schedule::{TrainArgs, TrainError, train};
+pub use schedule::{TrainArgs, TrainError, finish, train};

@@ -6,6 +6,7 @@
 //! One file: the order of a training from pictures to figures; each step has its own file.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -18,9 +19,12 @@ use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
 use super::{confidence, paper_aam, report, shape, standard_head};
 use crate::capacity::LANDMARKS;
-use crate::face_model::{CascadeStage, FaceModel, MAX_MODES, ShapeModel, StandardHead, file};
+use crate::face_model::{
+    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
+};
 use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
+use crate::landmarks::refine::Refinement;
 use crate::landmarks::window::WINDOW;
 use crate::sensor::camera::Camera;
 use crate::studio::heads::HeadsError;
@@ -73,6 +77,30 @@ impl Default for TrainArgs {
             hold_out_dev: false,
             seed: 1,
         }
+    }
+}
+
+impl TrainArgs {
+    /// Whether people of this part are trained on.
+    fn learns_from(&self, split: Split) -> bool {
+        split == Split::Train || (split == Split::Dev && !self.hold_out_dev)
+    }
+
+    /// So many faces drawn of the people that `keep` accepts.
+    fn drawn_faces(
+        &self,
+        count: usize,
+        seed: u64,
+        shape: &ShapeModel,
+        keep: impl Fn(Split) -> bool,
+    ) -> Result<Vec<TruePicture>, TrainError> {
+        let renderer = Renderer::new(&self.data, |person| keep(Split::of(person)))?;
+        let camera = Camera::nominal();
+        let samples = renderer.samples(0..count as u64, seed);
+        let faces = samples
+            .par_iter()
+            .filter_map(|sample| TruePicture::drawn(sample, &camera, shape));
+        Ok(faces.collect())
     }
 }
 
@@ -237,6 +265,9 @@ const FAR: Disturbance = Disturbance {
     angle: 0.5,
     scale: 0.3,
 };
+/// How much a wrong start, far or beside, counts against one as it is meant: there is one of each for two of those, so
+/// that one fit in twenty starts wrong.
+const WRONG_WEIGHT: f64 = 0.053;
 /// Starts beside the face.
 const BESIDE: Disturbance = Disturbance {
     position: 1.6,
@@ -349,22 +380,11 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         "  what the shape model leaves of the test portraits: {}",
         floor.line()
     ));
-    let camera = Camera::nominal();
-    let draw = |keep: &dyn Fn(Split) -> bool, count: usize, seed: u64| {
-        let renderer = Renderer::new(&args.data, |person| keep(Split::of(person)))?;
-        Ok::<_, TrainError>(renderer.samples(0..count as u64, seed))
-    };
-    let as_pictures = |drawn: &[TrainingSample]| -> Vec<TruePicture> {
-        drawn
-            .par_iter()
-            .filter_map(|sample| TruePicture::drawn(sample, &camera, &shape))
-            .collect()
-    };
-    let used = |split| split == Split::Train || (split == Split::Dev && !args.hold_out_dev);
-    let drawn = as_pictures(&draw(&used, args.drawn, args.seed)?);
+    let drawn = args.drawn_faces(args.drawn, args.seed, &shape, |s| args.learns_from(s))?;
     say(&format!("{} {} drawn faces", since(&began), drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
+    let portraits_read = pictures.train.len();
     pictures.train.extend(drawn);
     say(&format!("{} {} starts", since(&began), samples.len()));
 
@@ -374,11 +394,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     } else {
         Split::Test
     };
-    let watched = as_pictures(&draw(
-        &|split| split == strangers,
-        args.drawn / 15,
-        args.seed + 5,
-    )?);
+    let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, &shape, |s| s == strangers)?;
     let watched = disturbed(&watched, 1, &[NEAR], false, args.seed + 5);
     let mut watched_progress = cold_starts(&watched);
     let mut progress = cold_starts(&samples);
@@ -411,23 +427,13 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         measured(&watched, &watched_progress, &shape).0.line()
     ));
 
-    // Ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
-    let mut fresh = as_pictures(&draw(&used, args.drawn / 6, args.seed + 17)?);
-    fresh.extend(pictures.train.iter().take(150).cloned());
-    let mut samples = disturbed(&fresh, 2, &STARTS, true, args.seed + 1);
-    samples.extend(disturbed(&fresh, 1, &[FAR], true, args.seed + 1));
-    let first_beside = samples.len();
-    samples.extend(disturbed(&fresh, 1, &[BESIDE], true, args.seed + 2));
-    let ends = fit_cold(&samples, &shape, &cold, &warm);
-    let faceless = |k: usize| {
-        // A window beside the face whose face lies outside it.
-        k >= first_beside && {
-            let s = &samples[k].truth.view.shift;
-            let off = (s[0] - 92.0).abs().max((s[1] - 66.0).abs());
-            off > 60.0
-        }
-    };
-    let confidence = confidence::learn(&samples, &ends, &faceless, &shape, CONFIDENCE_CELL_PX);
+    let confidence = learn_confidence(
+        args,
+        &pictures.train[..portraits_read],
+        &shape,
+        &cold,
+        &warm,
+    )?;
     say(&format!("{} confidence", since(&began)));
 
     let (points, normals) = standard_head::standard_head(&ict).into_iter().unzip();
@@ -464,7 +470,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     }
     let renderer = Renderer::new(&args.data, |person| Split::of(person) == strangers)?;
     let drawn = renderer.samples(0..400, args.seed + 11);
-    report_drawn(&model, &drawn, &camera, args.seed, say);
+    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, say);
     let names: Vec<String> = renderer
         .expression_names()
         .into_iter()
@@ -497,12 +503,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         ));
     }
     if args.drawn > 0 {
-        let keep = |person| used(Split::of(person));
-        let practice = Practice {
-            seed: args.seed + 17,
-            ..Practice::default()
-        };
-        model.refinement = learn_refinement(&args.data, &model, keep, &practice)?.map(Into::into);
+        model.refinement = learn_depth(args, &model)?;
         say(&format!("{} what depth adds", since(&began)));
     }
     let bytes = file::emit(&model);
@@ -530,6 +531,66 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         model.id
     ));
     Ok(model)
+}
+
+/// What comes after the stages learnt anew for a model, and written: what its fits look like, and what depth adds.
+///
+/// # Errors
+/// If the data cannot be read or are too little, or the result cannot be written.
+pub fn finish(
+    args: &TrainArgs,
+    mut model: FaceModel,
+    say: &mut dyn FnMut(&str),
+) -> Result<(), TrainError> {
+    let portraits = portraits(args, &model.shape)?.train;
+    let confidence = learn_confidence(args, &portraits, &model.shape, &model.cold, &model.warm)?;
+    model.confidence = confidence.into();
+    model.refinement = learn_depth(args, &model)?;
+    write(&args.out, &file::emit(&model))?;
+    say(&format!("wrote {}", args.out.display()));
+    Ok(())
+}
+
+/// What depth adds to a model's fits.
+fn learn_depth(args: &TrainArgs, model: &FaceModel) -> Result<Option<Arc<Refinement>>, TrainError> {
+    let practice = Practice {
+        seed: args.seed + 17,
+        ..Practice::default()
+    };
+    let keep = |person| args.learns_from(Split::of(person));
+    Ok(learn_refinement(&args.data, model, keep, &practice)?.map(Into::into))
+}
+
+/// From ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
+fn learn_confidence(
+    args: &TrainArgs,
+    portraits: &[TruePicture],
+    shape: &ShapeModel,
+    cold: &[CascadeStage],
+    warm: &[CascadeStage],
+) -> Result<ConfidenceModel, TrainError> {
+    let seed = args.seed;
+    let mut fresh = args.drawn_faces(args.drawn / 6, seed + 17, shape, |s| args.learns_from(s))?;
+    fresh.extend(portraits.iter().take(150).cloned());
+    let mut samples = disturbed(&fresh, 2, &STARTS, true, seed + 1);
+    let first_wrong = samples.len();
+    samples.extend(disturbed(&fresh, 1, &[FAR], true, seed + 1));
+    let first_beside = samples.len();
+    samples.extend(disturbed(&fresh, 1, &[BESIDE], true, seed + 2));
+    let ends = fit_cold(&samples, shape, cold, warm);
+    let faceless = |k: usize| {
+        // A window beside the face whose face lies outside it.
+        k >= first_beside && {
+            let s = &samples[k].truth.view.shift;
+            let off = (s[0] - 92.0).abs().max((s[1] - 66.0).abs());
+            off > 60.0
+        }
+    };
+    let weight = |k: usize| if k < first_wrong { 1.0 } else { WRONG_WEIGHT };
+    let cell_px = CONFIDENCE_CELL_PX;
+    Ok(confidence::learn(
+        &samples, &ends, &faceless, &weight, shape, cell_px,
+    ))
 }
 
 /// Heights and widths that expressions change, in metres of the head frame: brow and lid per side, mouth width, lip gap.
