@@ -77,6 +77,23 @@ pub(crate) fn spectrum(w: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
     (values, vectors)
 }
 
+/// Extra columns and steps of [`leading`].
+const LEADING: (usize, usize) = (4, 8);
+
+/// W v for the leading right singular vectors v, by orthogonal iteration from a random start (Halko, Martinsson, Tropp
+/// 2011): a hundredth of the time of all of them.
+pub(crate) fn leading(w: &DMatrix<f64>, count: usize, rng: &mut fastrand::Rng) -> DMatrix<f64> {
+    let (extra, steps) = LEADING;
+    let width = (count + extra).min(w.ncols()).min(w.nrows());
+    let mut axes = DMatrix::from_fn(w.ncols(), width, |_, _| rng.f64() - 0.5);
+    for _ in 0..steps {
+        axes = w.tr_mul(&(w * axes)).qr().q();
+    }
+    let seen = w * axes;
+    let (_, turn) = spectrum(&seen);
+    seen * turn.columns(0, count.min(width))
+}
+
 /// Π: the leading `columns` of W's left factor, scaled to order one.
 fn left_factor(w: &DMatrix<f64>, columns: usize) -> DMatrix<f64> {
     let (values, vectors) = spectrum(w);

@@ -18,6 +18,7 @@
 //! Degenerate: a camera that never turns leaves depth undetermined; the tiny ridge of the basis then keeps it small.
 //! One file: the two steps of one iteration share all their terms.
 
+use super::cameras::leading;
 use super::tracks::Tracks;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
 
@@ -103,10 +104,7 @@ impl Model {
                 lifted.fixed_view_mut::<3, 1>(3 * j, t).copy_from(&lift);
             }
         }
-        let gram = lifted.transpose() * &lifted;
-        let eigen = gram.symmetric_eigen();
-        let mut order: Vec<usize> = (0..frames).collect();
-        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let directions = leading(&lifted, more, rng);
         let old = self.rank;
         self.mode_variance =
             (lifted.norm_squared() / (2.0 * (points * frames * rank) as f64)).max(1e-12);
@@ -115,8 +113,7 @@ impl Model {
             .basis
             .clone()
             .resize_vertically(3 * (self.rank + 1), 0.0);
-        for (m, column) in order.into_iter().take(more).enumerate() {
-            let direction = &lifted * eigen.eigenvectors.column(column);
+        for (m, direction) in directions.column_iter().enumerate() {
             let size = 1.0 / (frames as f64).sqrt();
             let jitter = 0.05 * direction.norm() / (3.0 * points as f64).sqrt();
             for j in 0..points {
