@@ -59,7 +59,7 @@ impl Inbox {
 /// Transfers of one stream and the memory they land in.
 struct Flight {
     transfers: Vec<*mut ffi::libusb_transfer>,
-    /// Kept because libusb writes into it; never read here.
+    /// Kept because libusb writes into it; read through the transfer.
     buffers: Vec<Box<[u8]>>,
 }
 
