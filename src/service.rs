@@ -1,4 +1,5 @@
 //! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
+//! One file: the order of a run from its start to its end.
 
 use std::fs::File;
 use std::io::{self, BufWriter, IsTerminal, Write};

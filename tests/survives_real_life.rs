@@ -6,6 +6,7 @@
 //! the ranges are this person's; the largest step from one frame to the next by which a face that does not move would
 //! have changed its weight (but in the first three seconds of a person, when rest is being placed). The day and the year take minutes:
 //! `cargo test --release --test survives_real_life -- --include-ignored --nocapture`.
+//! One file: every case is a row of one table.
 
 #[path = "common/actors.rs"]
 mod actors;

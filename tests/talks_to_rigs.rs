@@ -1,4 +1,5 @@
 //! What a rig is wired with: several targets of every kind, names and gains, mirrors, commands, the sweep without a face.
+//! One file: all wires share one recording and its run.
 
 use std::net::{Ipv4Addr, UdpSocket};
 use std::process::{Command, Stdio};

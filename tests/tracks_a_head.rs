@@ -1,5 +1,6 @@
 //! Promise: a head is found, cut from its body and followed, with the pose error of the tables printed here, for strangers'
 //! heads and through every expression.
+//! One file: all tables share the heads and their player.
 #![cfg(feature = "studio")]
 #![expect(clippy::print_stdout, reason = "the tables are the point")]
 

@@ -13,6 +13,7 @@
 //! metres. Cost: some hundred additions a frame, no memory. Degenerate: coinciding eye corners (w ≈ 0) give no measures.
 //! Limitation: the brow is measured against the middle of the eye-corner line, so a head frame that rolls by 1° moves it
 //! by nothing but a one-sided error of the corners by half of that error.
+//! One file: every measure beside its formula and its place in the order.
 
 use crate::capacity::{LANDMARKS, MEASURES};
 use crate::geometry::Point;

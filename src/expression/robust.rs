@@ -13,6 +13,7 @@
 //! Units: those of the measure; seconds of presence. Memory: [`RANGE_NODES`] nodes of 32 bytes. Cost: about a microsecond
 //! a frame. Degenerate: nothing valid seen gives the prior.
 //! Limitation: an expression worn from the first frame is taken for rest until it ends.
+//! One file: all of it is one measure's state and how a sample changes it.
 
 use super::compensate::LEAST_WEIGHT;
 use super::ends;

@@ -4,6 +4,7 @@
 //! et al., sections 2.5 and 2.6; the names are FACS (Ekman & Friesen 1978). Values are in units of the inner-eye-corner
 //! distance w. Memory: about 2 KiB. Degenerate: a table that misses a measure, repeats one, names a direction without its
 //! unit or range, or holds a range that is not above 0, is refused with one sentence.
+//! One file: the table, how it is read and what is wrong with it.
 
 use serde::Deserialize;
 

@@ -9,6 +9,7 @@
 //!
 //! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
 //! transfers within two seconds costs their memory (it is left to libusb on purpose).
+//! One file: the unsafe code of the driver stays in one place.
 #![expect(
     unsafe_code,
     reason = "isochronous transfers exist only in libusb's C interface"

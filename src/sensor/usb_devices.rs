@@ -4,6 +4,7 @@
 //! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of the later models
 //! all say the serial `0000000000000000`: the unit's is then that of its audio device, and if even that cannot be read, the
 //! bus and ports stand for it, which name a socket rather than a unit.
+//! One file: listing, matching and claiming ask the same questions of a device.
 
 use std::path::Path;
 use std::time::Duration;

@@ -11,6 +11,7 @@
 //! [`POSE_SPREAD`]. A step in (p, λ) is simultaneous inverse compositional: the derivative is the template's,
 //! `Δ = H⁻¹ Σ SDᵀ [I(W) − A]` with steepest-descent images `SD = [∇(A0 + Σ λ A) ∂W/∂p, A_i]` and `W ← W ∘ W(Δp)⁻¹`; a step in
 //! (view, q) is Gauss-Newton. q has fewer numbers than p but is not derived from it: a 2D mode is no 3D mode.
+//! One file: both steps share the warp and its derivatives.
 
 use super::model::{MOST_HEAD_MODES, PaperAam};
 use super::warp::{STEP, Shape2, compose};

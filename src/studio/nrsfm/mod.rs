@@ -160,7 +160,7 @@ pub struct Settings {
     pub rank: Option<usize>,
     /// Largest rank tried when it is chosen.
     pub largest_rank: usize,
-    /// Most sweeps of the final EM.
+    /// Most sweeps of the final EM; at least those of a trial are made.
     pub sweeps: usize,
     /// Seed of the disturbed starts.
     pub seed: u64,
@@ -231,17 +231,13 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
             a
         }
     });
-    let rank = settings.rank.map_or_else(
-        || chosen_rank(&unit, &rigid, best, largest, settings.seed),
-        |_| largest,
-    );
-    let model = fitted(
-        &unit,
-        best.rotation.clone(),
-        rank,
-        settings.sweeps,
-        settings.seed,
-    );
+    // What a rank is tried with is the beginning of the whole fit.
+    let start = best.rotation.clone();
+    let mut model = match settings.rank {
+        Some(_) => fitted(&unit, start, largest, TRIAL_SWEEPS, settings.seed),
+        None => chosen(&unit, &rigid, &start, largest, settings.seed),
+    };
+    sweep_on(&unit, &mut model, TRIAL_SWEEPS..settings.sweeps);
     reconstruction(&model, size)
 }
 
@@ -287,22 +283,29 @@ fn starts(unit: &Tracks, rigid: Vec<Matrix3<f64>>, seed: u64) -> Vec<Vec<Matrix3
     starts
 }
 
-/// Smallest rank that leaves little over ([`LEFT_OVER`]), or after which one more mode is not worth its parameters
-/// (Bayesian information criterion, Schwarz 1978).
-fn chosen_rank(unit: &Tracks, rigid: &Model, best: &Model, largest: usize, seed: u64) -> usize {
+/// The first sweeps of the smallest rank that leaves little over ([`LEFT_OVER`]), or after which one more mode is not worth
+/// its parameters (Bayesian information criterion, Schwarz 1978).
+fn chosen(
+    unit: &Tracks,
+    rigid: &Model,
+    start: &[Matrix3<f64>],
+    largest: usize,
+    seed: u64,
+) -> Model {
     let cost = 1.5 * unit.points() as f64 * (2.0 * unit.sightings() as f64).ln();
-    let mut before = f64::NEG_INFINITY;
-    for rank in 1..=largest {
-        let model = fitted(unit, best.rotation.clone(), rank, TRIAL_SWEEPS, seed);
-        if model.log_likelihood - before < cost {
-            return rank - 1;
-        }
+    let tried = |rank| fitted(unit, start.to_vec(), rank, TRIAL_SWEEPS, seed);
+    let mut model = tried(1);
+    for rank in 2..=largest {
         if model.noise_variance < LEFT_OVER * LEFT_OVER * rigid.noise_variance {
-            return rank;
+            break;
         }
-        before = model.log_likelihood;
+        let richer = tried(rank);
+        if richer.log_likelihood - model.log_likelihood < cost {
+            break;
+        }
+        model = richer;
     }
-    largest
+    model
 }
 
 /// Annealed EM from given cameras.

@@ -3,6 +3,7 @@
 //! Any prefix is understood: `…/<user>/frame` is what counts. Nothing that comes in is trusted: a message that is malformed,
 //! unknown, has other arguments, names a slot or a unit that cannot be, or holds a number that is none is counted and
 //! otherwise ignored. Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
+//! One file: a message and what it changes are read side by side.
 
 use std::net::UdpSocket;
 
