@@ -347,9 +347,7 @@ impl Model {
             blocks.push(block);
         }
         let ridge = BASIS_RIDGE * (total.trace() / size as f64).max(f64::MIN_POSITIVE);
-        let prior = std::env::var("MP").map_or(MODE_PRIOR, |v| v.parse().unwrap())
-            * self.noise_variance
-            / self.mode_variance;
+        let prior = MODE_PRIOR * self.noise_variance / self.mode_variance;
         let solve = |mut normal: DMatrix<f64>| {
             for i in 0..size {
                 normal[(i, i)] += if i < 3 { ridge } else { ridge + prior };
