@@ -12,6 +12,10 @@
     )
 )]
 
+/// Added to a float of at most 2²¹ it leaves no bit for a fraction: the sum is rounded, its last bits are the whole number.
+/// Unlike a conversion this becomes a vector instruction.
+pub const NO_FRACTION: f32 = 12_582_912.0;
+
 /// Does `work`, with eight-wide vectors if there are any. What it calls takes part only where it is inlined.
 #[inline(always)]
 pub fn wide<R>(work: impl FnOnce() -> R) -> R {

@@ -19,7 +19,7 @@ use crate::face_model::{
 use crate::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
-use crate::vectors::wide;
+use crate::vectors::{NO_FRACTION, wide};
 
 /// Farthest a shape coefficient may go, in standard deviations.
 pub const MOST_DEVIATIONS: f32 = 4.0;
@@ -233,11 +233,9 @@ pub fn logistic(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// The nearest whole number, for numbers of at most 2¹⁵: of a float this large the last bits are just it, which unlike a
-/// conversion becomes a vector instruction.
+/// The nearest whole number, for numbers of at most 2¹⁴.
 #[inline(always)]
 fn rounded(x: f32) -> i16 {
-    const NO_FRACTION: f32 = 12_582_912.0;
     (x + NO_FRACTION).to_bits() as i16
 }
 

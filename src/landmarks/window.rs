@@ -17,7 +17,7 @@ use crate::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use crate::sensor::camera::Camera;
-use crate::vectors::wide;
+use crate::vectors::{NO_FRACTION, wide};
 
 /// Side of the window, pixels.
 pub const WINDOW: usize = 184;
@@ -141,11 +141,9 @@ fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
     [p.x / p.z, p.y / p.z]
 }
 
-/// A whole number and what remains of `x`, 0…1; `x` from 0 to a few thousand. A float of this size has no room for a
-/// fraction, so the addition rounds: without a conversion, which would not become a vector instruction.
+/// A whole number and what remains of `x`, 0…1; `x` from 0 to a few thousand.
 #[inline(always)]
 fn split(x: f32) -> (u32, f32) {
-    const NO_FRACTION: f32 = 12_582_912.0;
     let rounded = (x - 0.5) + NO_FRACTION;
     (
         rounded.to_bits() - NO_FRACTION.to_bits(),
