@@ -140,7 +140,7 @@ function frame(now) {
   }
   bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.colours);
   curves.draw(stream.units, window, stream.empty ? 0 : stream.now());
-  picture.draw(stream.source?.pictures, samples, (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
+  picture.draw(stream.source?.pictures, samples, stream.unpeopled(), (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
   figures(byId, stream, slot, sample);
   if (!stream.empty) {
     const length = stream.last - stream.first;

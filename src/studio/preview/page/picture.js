@@ -32,13 +32,14 @@ export class Picture {
     this.asking = false;
   }
 
-  // `shown` are the samples of now; `find` gives a user's sample of a frame.
-  draw(pictures, shown, find) {
+  // `shown` are the samples of now; `unpeopled` is the number of the frame if there are none, if known; `find` gives a user's
+  // sample of a frame.
+  draw(pictures, shown, unpeopled, find) {
     const points = shown.some((sample) => sample.m);
     this.canvas.hidden = !(pictures ? this.bitmap || shown.length : points);
     if (this.canvas.hidden && !pictures) return;
-    if (pictures && shown.length) this.ask(shown[0].n);
-    else if (pictures) this.ask(-1);
+    const number = shown[0]?.n ?? unpeopled;
+    if (pictures && number !== undefined) this.ask(number);
     const ink = this.canvas.getContext("2d");
     if (this.bitmap) ink.drawImage(this.bitmap, 0, 0, WIDTH, HEIGHT);
     else ink.clearRect(0, 0, WIDTH, HEIGHT);

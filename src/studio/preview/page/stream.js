@@ -12,6 +12,8 @@ export class Stream {
     this.units = [];
     this.source = null;
     this.users = Array.from({ length: USERS }, () => ({ samples: [], ranges: null }));
+    // Of a session: its frames with nobody in them.
+    this.empties = [];
     this.counts = { received: 0, refused: 0, note: "" };
     this.first = Infinity;
     this.last = -Infinity;
@@ -41,6 +43,7 @@ export class Stream {
 
   forget() {
     for (const user of this.users) user.samples = [];
+    this.empties = [];
     [this.first, this.last] = [Infinity, -Infinity];
   }
 
@@ -54,6 +57,7 @@ export class Stream {
     this.first = Math.min(this.first, sample.t);
     this.last = Math.max(this.last, sample.t);
     if (sample.u < 0) {
+      if (this.source?.session) this.empties.push(sample);
       // Nobody: whoever was there is gone.
       for (const user of this.users) {
         const before = user.samples.at(-1);
@@ -130,6 +134,13 @@ export class Stream {
 
   present() {
     return this.users.map((_, slot) => slot).filter((slot) => this.at(slot));
+  }
+
+  // Number of the frame that is seen while nobody is present: -1, the newest, if live; undefined if a session has none yet.
+  unpeopled() {
+    if (!this.source?.session) return -1;
+    const now = this.now();
+    return this.empties.findLast(({ t }) => t <= now + 1e-6)?.n;
   }
 
   // Samples of the last 30 s up to now.
