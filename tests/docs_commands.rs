@@ -19,7 +19,7 @@ const NOT_OURS: [&str; 9] = [
     "cargo", "sudo", "git", "node", "python", "cd", "npm", "apt", "export",
 ];
 /// Enough for the slowest to speak.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

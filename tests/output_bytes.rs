@@ -592,10 +592,13 @@ fn terminal() -> (TTYPort, TTYPort, String) {
     (reader, port, path)
 }
 
-/// Reads until `enough` or two seconds have gone by.
+/// What is never late in earnest: as long as this only what stands still takes, however busy the machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Reads until `enough`, or until it does not come.
 fn read_until(port: &mut TTYPort, enough: impl Fn(&str) -> bool) -> String {
     let (start, mut text, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
-    while !enough(&text) && start.elapsed() < Duration::from_secs(2) {
+    while !enough(&text) && start.elapsed() < PATIENCE {
         if let Ok(length) = port.read(&mut bytes) {
             text.push_str(std::str::from_utf8(&bytes[..length]).unwrap());
         } else {
@@ -628,7 +631,7 @@ fn sentences(text: &str) -> Vec<&str> {
 fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
     let start = Instant::now();
     while !condition() {
-        assert!(start.elapsed() < Duration::from_secs(20), "{what}");
+        assert!(start.elapsed() < PATIENCE, "{what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -767,8 +770,9 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
                 .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
                 .unwrap();
         }
+        // If each waited for the next look, half a second after the last, they would take five times as long.
         assert!(
-            start.elapsed() < Duration::from_millis(100),
+            start.elapsed() < Duration::from_secs(10),
             "an absent port holds nothing up"
         );
         let (mut reader, _, port) = terminal();
@@ -806,27 +810,25 @@ fn serial_port_that_takes_nothing_holds_nothing_up() {
     let mut serial = Serial::new(&settings, &["AU25"; 60]).unwrap();
     wait_for("open", || serial.state() == PortState::Open);
     // Nobody reads; a pseudo-terminal takes some tens of kB, then no more.
-    let mut longest = Duration::ZERO;
+    let mut in_calls = Duration::ZERO;
     for ms in 0..600 {
         let start = Instant::now();
         serial
             .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
             .unwrap();
-        longest = longest.max(start.elapsed());
+        in_calls += start.elapsed();
         std::thread::sleep(Duration::from_millis(3));
     }
     println!(
-        "longest call {longest:?}, {} frames replaced",
+        "600 calls took {in_calls:?}, {} frames replaced",
         serial.dropped()
     );
-    assert!(longest < Duration::from_secs(1));
+    // If each waited for the port, if only until writing to it is given up after 20 ms, they would take twice as long.
+    assert!(in_calls < Duration::from_secs(6));
     assert!(serial.dropped() > 100);
     let start = Instant::now();
     drop(serial);
-    assert!(
-        start.elapsed() < Duration::from_secs(1),
-        "closing does not wait for ever"
-    );
+    assert!(start.elapsed() < PATIENCE, "closing does not wait for ever");
     drop(reader);
 }
 
@@ -841,7 +843,7 @@ fn serial_keeps_to_the_baud_rate() {
     wait_for("open", || serial.state() == PortState::Open);
     let start = Instant::now();
     let mut bytes = 0;
-    while start.elapsed() < Duration::from_secs(1) {
+    while bytes < 900 && start.elapsed() < PATIENCE {
         let ms = start.elapsed().as_millis() as u64;
         serial
             .send(&report(ms, 0, TrackingState::Tracking, &[0.1; 3]))
@@ -853,5 +855,5 @@ fn serial_keeps_to_the_baud_rate() {
     println!("{bytes} bytes, budget {budget:.0}");
     // The header and a line may be on their way.
     assert!((bytes as f64) < budget + 70.0);
-    assert!((bytes as f64) > 0.5 * budget);
+    assert!(bytes >= 900, "it stands still");
 }

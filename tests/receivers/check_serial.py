@@ -21,7 +21,7 @@ import session
 
 FULL = 1000
 # How long a programme may take to start, or to find a port again, on a machine that is busy.
-PATIENCE_S = 60
+PATIENCE_S = 300
 
 
 def crc16(data):
@@ -219,11 +219,11 @@ def check_port(mien, style, port):
         heard, patience = b"", time.time() + PATIENCE_S
         while not heard and time.time() < patience:
             heard = port.read(0.05)
+        end = b"\0" if style == "cobs" else b"\n"
         until = time.time() + seconds
-        while time.time() < until:
+        while time.time() < until or heard.count(end) < 4 and time.time() < patience:
             heard += port.read(0.05)
-        frames = heard.split(b"\0" if style == "cobs" else b"\n")
-        frames = [frame + (b"\0" if style == "cobs" else b"\n") for frame in frames[:-1]]
+        frames = [frame + end for frame in heard.split(end)[:-1]]
         whole = [cobs_payload(frame[:-1]) if style == "cobs" else sentence(frame) for frame in frames]
         # A delimiter by itself ends what was cut off before.
         broken = [i for i, frame in enumerate(whole) if frame is None and frames[i] not in (b"\0", b"\r\n")]
