@@ -595,10 +595,18 @@ fn terminal() -> (TTYPort, TTYPort, String) {
 /// What is never late in earnest: as long as this only what stands still takes, however busy the machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Reads until `enough`, or until it does not come.
+/// Long enough to hear what should not be said.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// Reads until `enough`, which comes unless something stands still.
 fn read_until(port: &mut TTYPort, enough: impl Fn(&str) -> bool) -> String {
+    read_for(PATIENCE, port, enough)
+}
+
+/// Reads until `enough`, or as long as is said.
+fn read_for(patience: Duration, port: &mut TTYPort, enough: impl Fn(&str) -> bool) -> String {
     let (start, mut text, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
-    while !enough(&text) && start.elapsed() < PATIENCE {
+    while !enough(&text) && start.elapsed() < patience {
         if let Ok(length) = port.read(&mut bytes) {
             text.push_str(std::str::from_utf8(&bytes[..length]).unwrap());
         } else {
@@ -726,35 +734,28 @@ fn serial_follows_one_face_until_it_is_lost() {
     let (mut reader, _port, path) = terminal();
     let mut serial = Serial::new(&serial_settings(&path), &UNITS).unwrap();
     wait_for("open", || serial.state() == PortState::Open);
-    let mut shown = |report: &Report| {
+    let mut said = |patience, report: &Report| {
         serial.send(report).unwrap();
-        let text = read_until(&mut reader, |text| {
+        let text = read_for(patience, &mut reader, |text| {
             text.ends_with('\n') && text.contains("$AU,")
         });
-        sentences(&text)
-            .last()
-            .map(|line| line.split(',').skip(3).collect::<Vec<_>>().join(" "))
+        let lines = sentences(&text);
+        // The header comes again every few seconds.
+        let line = lines.iter().rfind(|line| line.starts_with("AU,"))?;
+        Some(line.split(',').skip(3).collect::<Vec<_>>().join(" "))
     };
     let tracking = TrackingState::Tracking;
-    assert_eq!(
-        shown(&report(0, 0, tracking, &[0.1; 3])).unwrap(),
-        "2 79 10 10 10"
-    );
-    assert_eq!(
-        shown(&report(0, 1, tracking, &[0.2; 3])),
-        None,
-        "another face is not on the line"
-    );
-    assert_eq!(
-        shown(&report(33, 0, TrackingState::Lost, &[])).unwrap(),
-        "4 0 10 10 10"
-    );
-    assert_eq!(
-        shown(&report(33, 1, tracking, &[0.2; 3])).unwrap(),
-        "2 79 20 20 20"
-    );
-    assert_eq!(shown(&report(66, 0, TrackingState::Lost, &[])), None);
-    assert_eq!(shown(&nobody(99)).unwrap(), "0 0 20 20 20");
+    let first = said(PATIENCE, &report(0, 0, tracking, &[0.1; 3]));
+    assert_eq!(first.unwrap(), "2 79 10 10 10");
+    let another = said(SILENCE, &report(0, 1, tracking, &[0.2; 3]));
+    assert_eq!(another, None, "another face is not on the line");
+    let lost = said(PATIENCE, &report(33, 0, TrackingState::Lost, &[]));
+    assert_eq!(lost.unwrap(), "4 0 10 10 10");
+    let next = said(PATIENCE, &report(33, 1, tracking, &[0.2; 3]));
+    assert_eq!(next.unwrap(), "2 79 20 20 20");
+    let former = said(SILENCE, &report(66, 0, TrackingState::Lost, &[]));
+    assert_eq!(former, None);
+    assert_eq!(said(PATIENCE, &nobody(99)).unwrap(), "0 0 20 20 20");
 }
 
 #[test]
