@@ -291,6 +291,7 @@ async function recording(browser) {
     }
     return { lit, drawn, hidden: canvas.hidden };
   };
+  // Drawn by a busy processor the picture comes late.
   let seen;
   for (let k = 0; k < 100; k++) {
     seen = await page.evaluate(count);
@@ -298,6 +299,17 @@ async function recording(browser) {
     await page.waitForTimeout(300);
   }
   check("the recording's picture is shown with landmarks", !seen.hidden && seen.lit > 50000 && seen.drawn > 300, JSON.stringify(seen));
+  // Before anybody is found the picture is that very frame's.
+  const answer = page.waitForResponse((one) => /picture\?n=\d+$/.test(one.url()), { timeout: 120000 }).catch(() => null);
+  const empty = await page.evaluate(() => {
+    const { stream } = window.mien;
+    stream.seek(stream.first);
+    return { people: stream.present().length, number: String(stream.unpeopled()) };
+  });
+  const shown = (await answer)?.headers()["x-frame"];
+  check("the picture of a frame with nobody is shown", empty.people === 0 && shown === empty.number, `${shown} of ${empty.number}`);
+  await page.evaluate(() => { window.mien.stream.seek(window.mien.stream.last - 0.2); });
+  await until(page, () => window.mien.stream.present().length === 2);
   const ready = await page.$$eval("#bars .ready", (all) => all.filter((one) => one.style.visibility === "visible").length);
   check("ranges and readiness are shown", ready > 20, ready);
   await page.screenshot({ path: path.join(shots, "recording.png") });
