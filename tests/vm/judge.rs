@@ -267,11 +267,7 @@ fn compare(csv: &str, datagrams: &str, serial: &str) -> Result<u8> {
     println!(
         "rows: {}, with a face {faces}, different from the direct run {different}, the first of them frame {first} of the scene{}",
         rows.len(),
-        if told.is_none() {
-            ", as nothing tells"
-        } else {
-            ""
-        }
+        told.map_or(" by its number: no frame gives these rows", |_| "")
     );
     if let Some((row, line)) = unlike().next() {
         println!("guest  {}\ndirect {line}", row.text);
