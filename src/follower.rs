@@ -8,8 +8,8 @@ use crate::geometry::{Rigid, Vector};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
 use crate::pipeline::Stage;
-use crate::pose::PoseTracker;
-use crate::segment::HeadCloud;
+use crate::pose::{HeadPose, PoseTracker};
+use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
@@ -29,6 +29,8 @@ const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence of a face that depth alone tells of.
 const AWAY_CONFIDENCE: f32 = 0.25;
+/// Without colour a head is a user's once it was followed in so many frames in a row.
+const POSED_FRAMES: u64 = 10;
 
 /// Follows one person.
 pub(crate) struct Follower {
@@ -37,16 +39,24 @@ pub(crate) struct Follower {
     pub(crate) expression: Expression,
     pub(crate) presence: Presence,
     pub(crate) state: TrackingState,
-    /// What was seen last; kept while the face is held.
-    pub(crate) seen: Option<(Rigid, Landmarks)>,
+    /// Where the head was last; kept while it is held.
+    head: Option<Rigid>,
+    /// The points seen last; kept while the face is held.
+    points: Option<Landmarks>,
+    /// 0…1: of the points, or of the pose where there are none.
+    confidence: f32,
+    /// The head's box in this frame's depth picture, if there is one.
+    pub(crate) rect: Option<PixelRect>,
     /// Where they are expected.
     pub(crate) place: Option<Place>,
     /// When they came.
     pub(crate) since: Timestamp,
-    /// When the face was seen last.
+    /// When the head was followed last, with its face or by depth alone.
     pub(crate) last_seen: Timestamp,
     /// Frames in which the face was seen.
     pub(crate) frames: u64,
+    /// Frames in a row in which the head was followed without colour.
+    posed: u64,
     /// What they are known by beside their head.
     face: FaceLengths,
     /// Frames in a row with a pose and without a face.
@@ -68,11 +78,15 @@ impl Follower {
             expression,
             presence,
             state: TrackingState::Absent,
-            seen: None,
+            head: None,
+            points: None,
+            confidence: 0.0,
+            rect: None,
             place: None,
             since: Timestamp::default(),
             last_seen: Timestamp::default(),
             frames: 0,
+            posed: 0,
             face: FaceLengths::default(),
             doubted: 0,
             ranges: heapless::Vec::new(),
@@ -84,7 +98,17 @@ impl Follower {
         self.state != TrackingState::Absent
     }
 
-    /// Runs the stages on a head; whether the face was found. The state then says so.
+    /// Whether enough was seen to make this a user: a face, or without colour a head that stays one.
+    pub(crate) fn is_somebody(&self) -> bool {
+        self.frames > 0 || self.posed >= POSED_FRAMES
+    }
+
+    /// Frames in which the one at the door was followed.
+    pub(crate) fn followed(&self) -> u64 {
+        self.frames + self.posed
+    }
+
+    /// Runs the stages on a head; whether the face was found, or without colour the head. The state then says so.
     pub(crate) fn follow(
         &mut self,
         frame: &Frame,
@@ -93,11 +117,18 @@ impl Follower {
         searches: &mut u32,
         after: &mut impl FnMut(Stage),
     ) -> bool {
+        self.rect = Some(cloud.rect);
         let pose = self.pose.track_with(cloud, frame.at, searches);
         after(Stage::Pose);
         let Some(pose) = pose else {
+            self.posed = 0;
             return false;
         };
+        if !frame.has_colour {
+            self.follow_by_depth(&pose, camera, cloud, frame.at);
+            return true;
+        }
+        self.posed = 0;
         let fitted = self
             .landmarks
             .fit(&frame.luma, &frame.depth, camera, &pose, frame.at);
@@ -122,16 +153,9 @@ impl Follower {
             },
         };
         after(Stage::Expression);
-        let origin = sensor_from_head.translation.vector;
-        match &mut self.place {
-            Some(place) => place.see(cloud.centre, origin, frame.at),
-            None => self.place = Some(Place::new(cloud.centre, origin, frame.at)),
-        }
-        if self.frames == 0 {
-            self.since = frame.at;
-        }
-        self.seen = Some((sensor_from_head, landmarks));
-        self.last_seen = frame.at;
+        self.find(sensor_from_head, cloud, frame.at);
+        self.confidence = landmarks.confidence;
+        self.points = Some(landmarks);
         self.doubted = 0;
         self.frames += 1;
         let ready = !self.expression.weights().warming;
@@ -139,17 +163,54 @@ impl Follower {
         true
     }
 
+    /// The head is there, with its face or without.
+    fn find(&mut self, sensor_from_head: Rigid, cloud: &HeadCloud, at: Timestamp) {
+        let origin = sensor_from_head.translation.vector;
+        match &mut self.place {
+            Some(place) => place.see(cloud.centre, origin, at),
+            None => self.place = Some(Place::new(cloud.centre, origin, at)),
+        }
+        if self.head.is_none() {
+            self.since = at;
+        }
+        self.head = Some(sensor_from_head);
+        self.last_seen = at;
+    }
+
+    /// A frame without colour: the pose is believed, and a face that was just seen moves with it.
+    fn follow_by_depth(
+        &mut self,
+        pose: &HeadPose,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        at: Timestamp,
+    ) {
+        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
+        self.pose.learn(cloud);
+        self.find(sensor_from_head, cloud, at);
+        self.doubted = 0;
+        self.posed += 1;
+        self.state = self.presence.posed(at);
+        if self.state == TrackingState::Posed {
+            self.points = None;
+        }
+        match &mut self.points {
+            Some(points) => points.move_to(&sensor_from_head, camera),
+            None => self.confidence = pose.confidence,
+        }
+    }
+
     /// A known head that turns away is followed by depth alone: its points stay where they were on the head, the weights as
     /// they were. `None` for a head that faces the sensor and yet shows no face, or was not followed up to now.
     fn turned_away(&self, pose: &Rigid, camera: &Camera, at: Timestamp) -> Option<Landmarks> {
-        let (_, last) = self.seen.as_ref()?;
+        let last = self.points.as_ref()?;
         let known = self.frames >= KNOWN_FRAMES && at.seconds_since(self.last_seen) < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
         if !known || !AWAY_FACING.contains(&facing) {
             return None;
         }
         let mut landmarks = last.clone();
-        landmarks.pixels = landmarks.head.map(|p| camera.colour_pixel(&(pose * p)));
+        landmarks.move_to(pose, camera);
         landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
         for confidence in &mut landmarks.point_confidence {
             *confidence = confidence.min(AWAY_CONFIDENCE);
@@ -179,9 +240,9 @@ impl Follower {
         self.expression.freeze(false);
         self.presence.reset();
         self.state = TrackingState::Absent;
-        self.seen = None;
+        (self.head, self.points, self.rect) = (None, None, None);
         self.place = None;
-        self.frames = 0;
+        (self.frames, self.posed) = (0, 0);
         self.face = FaceLengths::default();
         self.doubted = 0;
     }
@@ -192,9 +253,12 @@ impl Follower {
         self.expression.freeze(before.expression.weights().frozen);
         self.presence.adopt(&before.presence);
         self.state = before.state;
-        self.seen.clone_from(&before.seen);
+        self.head = before.head;
+        self.points.clone_from(&before.points);
+        (self.confidence, self.rect) = (before.confidence, before.rect);
         (self.place, self.since) = (before.place, before.since);
         (self.last_seen, self.frames) = (before.last_seen, before.frames);
+        self.posed = before.posed;
         self.face = before.face;
         self.ranges = self.expression.unit_ranges();
     }
@@ -224,18 +288,25 @@ impl Follower {
             state: self.state,
             ..known
         };
-        match &self.seen {
-            Some((pose, landmarks)) if self.state.is_present() => Report {
-                confidence: landmarks.confidence,
-                sensor_from_head: Some(pose),
-                landmarks: Some(landmarks),
-                frozen: self.expression.weights().frozen,
+        if !self.state.is_present() {
+            return known;
+        }
+        let known = Report {
+            confidence: self.confidence,
+            sensor_from_head: self.head.as_ref(),
+            head_box: self.rect,
+            frozen: self.expression.weights().frozen,
+            ..known
+        };
+        match &self.points {
+            Some(points) => Report {
+                landmarks: Some(points),
                 measures: &self.expression.weights().measures,
                 weights: self.expression.weights().units(),
                 ranges: &self.ranges,
                 ..known
             },
-            _ => known,
+            None => known,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Heads are cut from the depth picture and given to the users they belong to ([`crate::users::matching`]); each user has
 //! stages of their own ([`crate::follower`]). A head that is nobody's goes to a follower at the door, one at a time: it
-//! becomes a user once a face is found on it and, if there are people who left, after a few more frames that tell whether
+//! becomes a user once a face is found on it (or, without colour, once depth has followed it for a while) and, if there are people who left, after a few more frames that tell whether
 //! it is one of them ([`crate::users::memory`]). What has no face is left alone for a few frames. At most half of a search for
 //! a pose from nothing is done in a frame, so that no frame costs much more than following.
 //!
@@ -177,6 +177,7 @@ impl Pipeline {
             if !user.is_taken() {
                 continue;
             }
+            user.rect = None;
             let found = theirs[slot].is_some_and(|head| {
                 user.follow(frame, &self.camera, &heads[head], searches, after)
             });
@@ -287,7 +288,9 @@ impl Pipeline {
                 .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
             return;
         }
-        self.admit();
+        if guest.is_somebody() {
+            self.admit();
+        }
     }
 
     /// Gives the one at the door a slot, once it is known whose.
@@ -295,7 +298,7 @@ impl Pipeline {
         let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
         let guest = &self.followers[DOOR];
-        let (taught, waited) = (guest.pose.taught(), guest.frames >= LONGEST_LOOK);
+        let (taught, waited) = (guest.pose.taught(), guest.followed() >= LONGEST_LOOK);
         if anybody && taught < FIRST_LOOK && !waited {
             return;
         }

@@ -293,7 +293,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             shown.state
         };
         if let Source::Kinect(live) = &mut source {
-            live.show_tracking(state.is_present());
+            live.show_tracking(state.has_face());
         }
         hear(&mut outputs, &mut pipeline);
         status.write(outputs.iter().map(|output| output.tally()));

@@ -178,8 +178,8 @@ impl Status {
         text: &mut String,
     ) -> std::fmt::Result {
         let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
-        let present = self.users.iter().flatten();
-        let present = present.filter(|user| user.state.is_present()).count();
+        let users = || self.users.iter().flatten();
+        let faces = users().filter(|user| user.state.has_face()).count();
         write!(
             text,
             "# TYPE mien_build_info gauge\nmien_build_info{{version=\"{}\"}} 1\n\
@@ -187,7 +187,7 @@ impl Status {
              # TYPE mien_capture_to_send_seconds summary\n\
              mien_capture_to_send_seconds{{quantile=\"0.5\"}} {median:.6}\n\
              mien_capture_to_send_seconds{{quantile=\"0.99\"}} {p99:.6}\n\
-             # TYPE mien_face_present gauge\nmien_face_present {present}\n\
+             # TYPE mien_face_present gauge\nmien_face_present {faces}\n\
              # TYPE mien_tracking_lost_total counter\nmien_tracking_lost_total {}\n\
              # TYPE mien_output_sent_total counter\n\
              # TYPE mien_output_errors_total counter\n",
@@ -195,6 +195,11 @@ impl Status {
             self.frames,
             self.lost
         )?;
+        writeln!(text, "# TYPE mien_users gauge")?;
+        for state in &TrackingState::ALL[1..] {
+            let count = users().filter(|user| user.state == *state).count();
+            writeln!(text, "mien_users{{state=\"{}\"}} {count}", state.name())?;
+        }
         for tally in outputs {
             let name = tally.name;
             writeln!(
@@ -385,8 +390,29 @@ mod tests {
             "{text}"
         );
         let prom = std::fs::read_to_string(folder.path().join("mien.prom")).unwrap();
-        assert!(prom.contains("mien_capture_to_send_seconds{quantile=\"0.99\"} 0.004000\n"));
+        for line in [
+            "mien_capture_to_send_seconds{quantile=\"0.99\"} 0.004000",
+            "mien_face_present 1",
+            "mien_users{state=\"tracking\"} 1",
+            "mien_users{state=\"posed\"} 0",
+        ] {
+            assert!(prom.lines().any(|told| told == line), "{line} in {prom}");
+        }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        // A head without a face is told as one, and is no face.
+        let posed = Report {
+            state: TrackingState::Posed,
+            weights: &[],
+            ranges: &[],
+            ..report
+        };
+        status.observe(&posed, None);
+        let (mut json, mut prom) = (String::new(), String::new());
+        status.json([tally].into_iter(), &mut json).unwrap();
+        status.prometheus([tally].into_iter(), &mut prom).unwrap();
+        assert!(json.contains("\"state\": \"posed\", \"confidence\": 0.000, \"frozen\": false, \"units\": {}"));
+        assert!(prom.contains("mien_face_present 0\n"), "{prom}");
+        assert!(prom.contains("mien_users{state=\"posed\"} 1\n"), "{prom}");
         // Not again within the second.
         std::fs::remove_file(&path).unwrap();
         status.write([tally; 2].into_iter());

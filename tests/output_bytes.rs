@@ -15,6 +15,7 @@ use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
 use mien::output::serial::{self, PortState, Serial};
 use mien::output::{Output, OutputError, Report, TrackingState};
+use mien::segment::PixelRect;
 use mien::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
 use serialport::{SerialPort, TTYPort};
@@ -69,11 +70,23 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
         let weights = [1.25, f32::NAN, -0.1];
         let full = Report {
             sensor_from_head: Some(&pose),
+            head_box: Some(PixelRect {
+                x0: 7,
+                y0: 120,
+                x1: 140,
+                y1: 300,
+            }),
             landmarks: Some(&landmarks),
             measures: &[0.1, 0.032_5],
             ..report(33, 2, TrackingState::Warming, &weights)
         };
         csv.send(&full).unwrap();
+        // Whatever is handed in, a head without a face has a place and nothing else.
+        csv.send(&Report {
+            state: TrackingState::Posed,
+            ..full
+        })
+        .unwrap();
         csv.send(&Report {
             state: TrackingState::Lost,
             confidence: 0.0,
@@ -90,7 +103,7 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
         lines[0],
         format!(
             "frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw{points}{confidences},\
-             m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R"
+             m_lip_gap,m_eye_distance,w_AU25,w_AU12L,w_AU12R,head_x0,head_y0,head_x1,head_y1"
         )
     );
     let points: String = (0..68)
@@ -108,19 +121,21 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
         lines[1],
         format!(
             "1,33000,2,warming,0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912{points}{},\
-             0.100000,0.032500,1.250000,,0.000000",
+             0.100000,0.032500,1.250000,,0.000000,7,120,140,300",
             ",0.7500".repeat(68)
         )
     );
     assert_eq!(
         lines[2],
-        format!("1,33000,2,lost,0.0000{}", ",".repeat(7 + 3 * 68 + 5))
+        format!(
+            "1,33000,2,posed,0.8000,0.100000,-0.250000,0.750000,0.000000,0.247404,0.000000,0.968912{},7,120,140,300",
+            ",".repeat(3 * 68 + 5)
+        )
     );
-    assert_eq!(
-        lines[3],
-        format!("3,99000,,absent,0.0000{}", ",".repeat(7 + 3 * 68 + 5))
-    );
-    assert_eq!((lines.len(), text.ends_with('\n')), (4, true));
+    let nothing = ",".repeat(7 + 3 * 68 + 5 + 4);
+    assert_eq!(lines[3], format!("1,33000,2,lost,0.0000{nothing}"));
+    assert_eq!(lines[4], format!("3,99000,,absent,0.0000{nothing}"));
+    assert_eq!((lines.len(), text.ends_with('\n')), (5, true));
 }
 
 #[test]

@@ -15,7 +15,8 @@ pub use fit::{LandmarkFitter, Scratch, Settings};
 pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};
 
 use crate::capacity::LANDMARKS;
-use crate::geometry::Point;
+use crate::geometry::{Point, Rigid};
+use crate::sensor::camera::Camera;
 
 /// The 68 points of one face in one frame.
 #[derive(Clone, Debug)]
@@ -30,6 +31,15 @@ pub struct Landmarks {
     pub confidence: f32,
     /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
     pub cheeks: [f32; refine::PUFFS],
+}
+
+impl Landmarks {
+    /// The same face at another pose of its head.
+    pub(crate) fn move_to(&mut self, sensor_from_head: &Rigid, camera: &Camera) {
+        self.pixels = self
+            .head
+            .map(|point| camera.colour_pixel(&(sensor_from_head * point)));
+    }
 }
 
 /// Landmarks before the first fit: all at the origin, confidence 0.

@@ -19,6 +19,8 @@ use crate::prelude::*;
 const FINE: usize = 6;
 /// Decimals of pixels and confidences.
 const COARSE: usize = 4;
+/// The head's box in depth pixels: first column and row, one past the last.
+const BOX: [&str; 4] = ["x0", "y0", "x1", "y1"];
 /// Longest field: the largest f32 in full, with its comma.
 const FIELD_BYTES: usize = 52;
 
@@ -48,8 +50,11 @@ impl Rows {
         for unit in units {
             name(format_args!(",w_{unit}"));
         }
+        for side in BOX {
+            name(format_args!(",head_{side}"));
+        }
         row.push('\n');
-        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len();
+        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len();
         row.reserve(fields * FIELD_BYTES);
         Self {
             row,
@@ -96,7 +101,7 @@ impl Rows {
         write!(row, ",{}", report.state.name()).expect("a String takes everything");
         self.number(Some(report.confidence), COARSE);
 
-        // Lost and absent users have no values, whatever is handed in.
+        // Lost and absent users have no values, posed ones no face, whatever is handed in.
         let present = report.state.is_present();
         let pose = report.sensor_from_head.filter(|_| present);
         let place = pose.map(|pose| pose.translation.vector);
@@ -105,8 +110,9 @@ impl Rows {
         let turn = pose.map(|pose| pose.rotation.coords);
         (0..4).for_each(|i| self.number(turn.map(|turn| turn[i]), FINE));
 
+        let face = report.state.has_face();
         let points =
-            |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| present).map(value);
+            |value: &dyn Fn(&Landmarks) -> f32| report.landmarks.filter(|_| face).map(value);
         for i in 0..LANDMARKS {
             self.number(points(&|face| face.pixels[i][0]), COARSE);
             self.number(points(&|face| face.pixels[i][1]), COARSE);
@@ -114,7 +120,7 @@ impl Rows {
         for i in 0..LANDMARKS {
             self.number(points(&|face| face.point_confidence[i]), COARSE);
         }
-        let value = |values: &[f32], i: usize| values.get(i).copied().filter(|_| present);
+        let value = |values: &[f32], i: usize| values.get(i).copied().filter(|_| face);
         (0..self.measures).for_each(|i| self.number(value(report.measures, i), FINE));
         for i in 0..self.units {
             // Never below 0; `max` would turn what is not a number into 0.
@@ -122,6 +128,9 @@ impl Rows {
                 value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
             self.number(weight, FINE);
         }
+        let sides = report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]);
+        let sides = sides.filter(|_| present);
+        (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i].into()), 0));
         self.row.push('\n');
         true
     }

@@ -50,7 +50,7 @@ impl WireWeights {
 
     /// Takes what a report says: weights, or their absence.
     pub(super) fn observe(&mut self, report: &Report) {
-        if report.state.is_present() && !report.weights.is_empty() {
+        if report.state.has_face() && !report.weights.is_empty() {
             for (shown, channel) in self.weights.iter_mut().zip(&self.channels) {
                 let weight = report.weights.get(channel.source).copied().unwrap_or(0.0);
                 self.not_numbers += u64::from(!weight.is_finite());

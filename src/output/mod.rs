@@ -1,6 +1,6 @@
 //! Weights on a wire: CSV, OSC, serial. Each takes a [`Report`] per frame and user and knows nothing of the others.
 //!
-//! On wires (not in CSV) weights are 0…1 and never NaN, and a face that is lost does not freeze: its last weights are held
+//! On wires (not in CSV) weights are 0…1 and never NaN, and a face that is lost, or whose head is only posed, does not freeze: its last weights are held
 //! for a moment, then fade to neutral ([`LossPolicy`]). Closing an output (dropping it) sends neutral and absent. Nothing
 //! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
 
@@ -15,6 +15,7 @@ use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
+use crate::segment::PixelRect;
 use crate::time::Timestamp;
 pub use crate::users::TrackingState;
 pub use face::LossPolicy;
@@ -39,20 +40,22 @@ pub struct Report<'a> {
     pub alone: bool,
     /// Whether another user is the one whom wires show that have room for one.
     pub aside: bool,
-    /// 0…1, the whole face.
+    /// 0…1, the whole face; of the pose where there is no face.
     pub confidence: f32,
     /// Whether the user's ranges are kept from learning.
     pub frozen: bool,
     /// Pose of the head; `None` when lost or absent.
     pub sensor_from_head: Option<&'a Rigid>,
-    /// The 68 points; `None` when lost or absent.
+    /// Where the head is in the depth picture; `None` when lost or absent, and where a held head is not seen.
+    pub head_box: Option<PixelRect>,
+    /// The 68 points; `None` when posed, lost or absent.
     pub landmarks: Option<&'a Landmarks>,
-    /// In the order of the measures' names; empty when lost or absent.
+    /// In the order of the measures' names; empty when posed, lost or absent.
     pub measures: &'a [f32],
-    /// In the order of the units' names; empty when lost or absent.
+    /// In the order of the units' names; empty when posed, lost or absent.
     pub weights: &'a [f32],
-    /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when lost or
-    /// absent.
+    /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when posed, lost
+    /// or absent.
     pub ranges: &'a [UnitRange],
     /// From the frame's arrival to its being sent, µs; 0 if not known.
     pub latency_us: u32,

@@ -357,6 +357,7 @@ pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, frame: &mut Frame) 
     let [colour_ticks, ticks] = pair.ticks;
     (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
     (frame.ticks, frame.colour_ticks) = (ticks, colour_ticks);
+    frame.has_colour = true;
     develop_depth(pair, frame);
     develop_colour(pair, frame);
 }

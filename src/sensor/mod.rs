@@ -41,7 +41,7 @@ pub use source::{Pacer, Source, SourceError, SourceName};
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
 
-/// One depth picture and the colour picture that goes with it, as the cameras deliver them: registered to nothing.
+/// One depth picture and the colour picture that goes with it, if any, as the cameras deliver them: registered to nothing.
 /// Big (1.2 MB): owned once, handed by reference.
 #[derive(Clone)]
 pub struct Frame {
@@ -51,6 +51,8 @@ pub struct Frame {
     pub at: Timestamp,
     /// The depth picture's stamp: the camera's 60 MHz counter, which wraps every 71.6 s.
     pub ticks: u32,
+    /// Whether a colour picture goes with it; without, `bayer` and `luma` are black and `colour_ticks` is 0.
+    pub has_colour: bool,
     /// The colour picture's stamp, same counter.
     pub colour_ticks: u32,
     /// Raw 11-bit disparity of the depth camera, row by row; [`NO_DEPTH`] = none.
@@ -74,6 +76,7 @@ impl Default for Frame {
             index: 0,
             at: Timestamp::default(),
             ticks: 0,
+            has_colour: true,
             colour_ticks: 0,
             depth: vec![NO_DEPTH; PIXELS]
                 .into_boxed_slice()
@@ -81,6 +84,17 @@ impl Default for Frame {
                 .expect("PIXELS long"),
             bayer: bytes(),
             luma: bytes(),
+        }
+    }
+}
+
+impl Frame {
+    /// Takes the colour picture away.
+    pub fn drop_colour(&mut self) {
+        if core::mem::take(&mut self.has_colour) {
+            self.colour_ticks = 0;
+            self.bayer.fill(0);
+            self.luma.fill(0);
         }
     }
 }

@@ -35,7 +35,7 @@ impl View for Drawn {
             .draw(timestamp_from_ticks(ticks.cast_signed()), frame);
         // The counter wraps, as the real one does.
         frame.ticks = ticks as u32;
-        frame.colour_ticks = frame.ticks;
+        (frame.has_colour, frame.colour_ticks) = (true, frame.ticks);
         self.frames += 1;
         true
     }

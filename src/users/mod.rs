@@ -7,6 +7,9 @@
 //! absent ─seen─► warming ─ready─► tracking ─unseen─► held ─hold_s─► lost ─forget_s─► absent (forgotten)
 //!                   ▲______________________seen again______________|
 //! ```
+//!
+//! A frame without colour shows no face: a head that depth follows is held for as long as its face would be, then posed,
+//! and is lost from there as from any other state.
 
 pub mod choice;
 pub mod likeness;
@@ -33,9 +36,21 @@ pub enum TrackingState {
     Held,
     /// Lost, not yet forgotten.
     Lost,
+    /// The head is followed by depth alone: pose, but no face.
+    Posed,
 }
 
 impl TrackingState {
+    /// All of them, in the order of their codes.
+    pub const ALL: [Self; 6] = [
+        Self::Absent,
+        Self::Warming,
+        Self::Tracking,
+        Self::Held,
+        Self::Lost,
+        Self::Posed,
+    ];
+
     /// As in CSV.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -45,6 +60,7 @@ impl TrackingState {
             Self::Tracking => "tracking",
             Self::Held => "held",
             Self::Lost => "lost",
+            Self::Posed => "posed",
         }
     }
 
@@ -54,9 +70,15 @@ impl TrackingState {
         self as u8
     }
 
-    /// Whether there are values for this user.
+    /// Whether it is known where this user's head is.
     #[must_use]
     pub const fn is_present(self) -> bool {
+        self.has_face() || matches!(self, Self::Posed)
+    }
+
+    /// Whether there are points, measures and weights for this user.
+    #[must_use]
+    pub const fn has_face(self) -> bool {
         matches!(self, Self::Warming | Self::Tracking | Self::Held)
     }
 }
@@ -66,7 +88,10 @@ impl TrackingState {
 pub struct Presence {
     hold_s: f64,
     forget_s: f64,
+    /// When the head was followed last, with its face or by depth alone,
     last_seen: Option<Timestamp>,
+    /// and when its face was seen last.
+    face_seen: Option<Timestamp>,
 }
 
 impl Presence {
@@ -77,26 +102,38 @@ impl Presence {
             hold_s: hold_s.into(),
             forget_s: forget_s.into(),
             last_seen: None,
+            face_seen: None,
         }
     }
 
     /// As another one, but with the times of this one.
     pub fn adopt(&mut self, other: &Self) {
-        self.last_seen = other.last_seen;
+        (self.last_seen, self.face_seen) = (other.last_seen, other.face_seen);
     }
 
     /// Nobody was seen yet.
     pub fn reset(&mut self) {
-        self.last_seen = None;
+        (self.last_seen, self.face_seen) = (None, None);
     }
 
     /// The face was seen, and its ranges are learned or not yet.
     pub fn seen(&mut self, at: Timestamp, ready: bool) -> TrackingState {
-        self.last_seen = Some(at);
+        (self.last_seen, self.face_seen) = (Some(at), Some(at));
         if ready {
             TrackingState::Tracking
         } else {
             TrackingState::Warming
+        }
+    }
+
+    /// The head was followed in a frame that cannot show a face: what was seen of it stands for a while.
+    pub fn posed(&mut self, at: Timestamp) -> TrackingState {
+        self.last_seen = Some(at);
+        let face = self.face_seen.map(|seen| at.seconds_since(seen));
+        if face.is_some_and(|gone| gone <= self.hold_s) {
+            TrackingState::Held
+        } else {
+            TrackingState::Posed
         }
     }
 
@@ -111,7 +148,7 @@ impl Presence {
         } else if gone <= self.hold_s + self.forget_s {
             TrackingState::Lost
         } else {
-            self.last_seen = None;
+            self.reset();
             TrackingState::Absent
         }
     }
@@ -133,5 +170,28 @@ mod tests {
         assert_eq!(presence.seen(at(900), true), TrackingState::Tracking);
         assert_eq!(presence.unseen(at(3500)), TrackingState::Absent);
         assert_eq!(presence.unseen(at(3600)), TrackingState::Absent);
+    }
+
+    #[test]
+    fn a_head_without_colour_is_held_then_posed_and_lost_like_any_other() {
+        let mut presence = Presence::new(0.5, 2.0);
+        let at = |ms: u64| Timestamp::from_us(ms * 1000);
+        assert_eq!(presence.posed(at(0)), TrackingState::Posed);
+        assert_eq!(presence.seen(at(100), true), TrackingState::Tracking);
+        assert_eq!(presence.posed(at(133)), TrackingState::Held);
+        assert_eq!(presence.seen(at(166), true), TrackingState::Tracking);
+        assert_eq!(presence.posed(at(600)), TrackingState::Held);
+        assert_eq!(presence.posed(at(700)), TrackingState::Posed);
+        assert_eq!(presence.unseen(at(733)), TrackingState::Held);
+        assert_eq!(presence.unseen(at(1300)), TrackingState::Lost);
+        assert_eq!(presence.posed(at(1400)), TrackingState::Posed);
+        assert_eq!(presence.unseen(at(4000)), TrackingState::Absent);
+    }
+
+    #[test]
+    fn codes_and_names_are_those_of_the_wires() {
+        let told = TrackingState::ALL.map(|state| (state.code(), state.name()));
+        let names = ["absent", "warming", "tracking", "held", "lost", "posed"];
+        assert_eq!(told, core::array::from_fn(|code| (code as u8, names[code])));
     }
 }

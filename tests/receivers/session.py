@@ -9,8 +9,9 @@ import tempfile
 
 UNIT_FACEOSC_M = 0.0036
 HOLD_S, DECAY_S = 0.2, 0.4
-STATES = {"absent": 0, "warming": 1, "tracking": 2, "held": 3, "lost": 4}
-PRESENT = ("warming", "tracking", "held")
+STATES = {"absent": 0, "warming": 1, "tracking": 2, "held": 3, "lost": 4, "posed": 5}
+FACE = ("warming", "tracking", "held")
+PRESENT = (*FACE, "posed")
 
 
 class Row:
@@ -21,6 +22,7 @@ class Row:
         self.seconds = int(cells["time_us"]) * 1e-6
         self.state = cells["state"]
         self.present = self.state in PRESENT
+        self.face = self.state in FACE
         self.confidence = float(cells["confidence"])
         number = lambda name: float(cells[name]) if cells.get(name) else 0.0
         self.raw = {unit: number("w_" + unit) for unit in units}
@@ -44,7 +46,7 @@ def read(path, mirror=False, gains=None):
         rows = [Row(cells, units) for cells in table]
     last, seen = dict.fromkeys(units, 0.0), None
     for row in rows:
-        if row.present:
+        if row.face:
             for unit in units:
                 source = other_side(unit, units) if mirror else unit
                 last[unit] = min(max(row.raw[source] * gains.get(unit, 1.0), 0.0), 1.0)

@@ -177,7 +177,7 @@ impl Output for FaceOsc {
             return Ok(());
         };
         match (report.sensor_from_head, report.landmarks) {
-            (Some(pose), Some(landmarks)) if state.is_present() => {
+            (Some(pose), Some(landmarks)) if state.has_face() => {
                 self.last = Some((self.measure(pose, landmarks), report.at));
             }
             _ => {

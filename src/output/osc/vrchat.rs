@@ -202,7 +202,7 @@ impl Sent {
 impl Output for VrChat {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if let Some(state) = self.face.follow(report) {
-            self.send_frame(report.at, state.is_present());
+            self.send_frame(report.at, state.has_face());
         }
         Ok(())
     }

@@ -8,7 +8,7 @@
 //! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
 //! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
-//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot. No frame is longer than what
+//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is longer than what
 //! an AVR keeps of what it has not read yet: weights of up to 52 units, and as many names as fit.
 
 use super::budget::AVR_RING;
@@ -91,8 +91,12 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
     u8::from(state == TrackingState::Tracking)
         | u8::from(report.frozen) << 1
         | u8::from(state == TrackingState::Warming) << 2
-        | u8::from(matches!(state, TrackingState::Held | TrackingState::Lost)) << 3
+        | u8::from(matches!(
+            state,
+            TrackingState::Held | TrackingState::Lost | TrackingState::Posed
+        )) << 3
         | (report.user.unwrap_or(0) as u8 & 3) << 4
+        | u8::from(state == TrackingState::Posed) << 6
 }
 
 /// Number, state and weights (0…1).
@@ -211,6 +215,7 @@ mod tests {
         assert_eq!(flags(TrackingState::Tracking, 3, true), 0b0011_0011);
         assert_eq!(flags(TrackingState::Held, 1, false), 0b0001_1000);
         assert_eq!(flags(TrackingState::Absent, 0, false), 0);
+        assert_eq!(flags(TrackingState::Posed, 2, false), 0b0110_1000);
     }
 
     #[test]

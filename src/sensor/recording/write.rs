@@ -71,7 +71,7 @@ impl Recorder {
     /// If a file cannot be written; what was recorded before stays usable.
     pub fn write(&mut self, frame: &Frame) -> Result<(), RecordingError> {
         let wall = self.started_unix_s + frame.at.as_us() as f64 * 1e-6;
-        if self.last_colour != Some(frame.colour_ticks) {
+        if frame.has_colour && self.last_colour != Some(frame.colour_ticks) {
             colour::rgb_from_bayer(&frame.bayer, &mut self.rgb);
             let name = format!("r-{wall:.6}-{}.ppm", frame.colour_ticks);
             write_picture(

@@ -17,7 +17,7 @@ pub struct Sample {
     pub number: u64,
     /// Capture time.
     pub seconds: f64,
-    /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost.
+    /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed.
     pub state: u8,
     /// 0…1.
     pub confidence: f32,

@@ -155,9 +155,8 @@ impl Table {
 }
 
 fn state(word: &str) -> Option<u8> {
-    use TrackingState::{Absent, Held, Lost, Tracking, Warming};
-    let all = [Absent, Warming, Tracking, Held, Lost];
-    all.iter()
+    TrackingState::ALL
+        .iter()
         .find(|state| state.name() == word)
         .map(|state| state.code())
 }

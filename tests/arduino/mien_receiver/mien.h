@@ -9,7 +9,7 @@
 
 namespace mien {
 
-enum State : uint8_t { ABSENT, WARMING, TRACKING, HELD, LOST };
+enum State : uint8_t { ABSENT, WARMING, TRACKING, HELD, LOST, POSED };
 
 /** Most units a frame can have: what fits the 64 bytes that an AVR's serial port keeps. */
 const uint8_t MOST_UNITS = 52;
@@ -73,7 +73,7 @@ class CobsReader : public Frame {
       uint8_t flags = payload_[4];
       number = payload_[1];
       time_ms = payload_[2] | (uint16_t)payload_[3] << 8;
-      state = flags & 1 ? TRACKING : flags & 4 ? WARMING : flags & 8 ? HELD : ABSENT;
+      state = flags & 1 ? TRACKING : flags & 4 ? WARMING : flags & 64 ? POSED : flags & 8 ? HELD : ABSENT;
       confidence = payload_[5];
       count = payload_[6];
       memcpy(Frame::weights, payload_ + 7, count);

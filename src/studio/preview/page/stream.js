@@ -5,7 +5,7 @@ export const WINDOW_S = 30;
 // A little more than is drawn, so that the left edge of the curves is whole.
 const KEPT_S = WINDOW_S + 2;
 const USERS = 4;
-export const STATES = ["absent", "warming", "tracking", "held", "lost"];
+export const STATES = ["absent", "warming", "tracking", "held", "lost", "posed"];
 
 export class Stream {
   constructor() {
