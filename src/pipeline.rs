@@ -50,6 +50,8 @@ pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
 const REFUSED_FRAMES: u64 = 4;
 /// A refused head that has moved less than this is the same one, metres.
 const REFUSED_M: f32 = 0.06;
+/// What is cut out so near to a user's head is part of it, metres.
+const SAME_M: f32 = 0.12;
 
 /// Frame to reports: segmentation, then pose, landmarks and expression of each user.
 pub struct Pipeline {
@@ -162,8 +164,8 @@ impl Pipeline {
         searches: &mut u32,
         after: &mut impl FnMut(Stage),
     ) -> heapless::Vec<usize, HEADS> {
-        let heads = self.segmenter.heads();
-        let centres: heapless::Vec<Point, HEADS> = heads.iter().map(|head| head.centre).collect();
+        let heads = self.segmenter.heads().iter();
+        let centres: heapless::Vec<Point, HEADS> = heads.map(|head| head.centre).collect();
         let expected = core::array::from_fn(|slot| {
             let user = &self.followers[slot];
             let place = user.place.filter(|_| user.is_taken());
@@ -178,9 +180,17 @@ impl Pipeline {
                 continue;
             }
             user.rect = None;
-            let found = theirs[slot].is_some_and(|head| {
-                user.follow(frame, &self.camera, &heads[head], searches, after)
-            });
+            let expected = user.pose.expected(frame.at);
+            let cloud = expected
+                .and_then(|place| self.segmenter.around(frame, &self.camera, place));
+            let found = cloud
+                .and_then(|cloud| user.follow_expected(frame, &self.camera, cloud, after))
+                .unwrap_or_else(|| {
+                    theirs[slot].is_some_and(|head| {
+                        let head = &self.segmenter.heads()[head];
+                        user.follow(frame, &self.camera, head, searches, after)
+                    })
+                });
             if !found {
                 let before = user.state;
                 user.miss(frame.at);
@@ -189,10 +199,16 @@ impl Pipeline {
                 }
             }
         }
-        let heads = 0..heads.len();
-        let free: heapless::Vec<usize, HEADS> = heads
-            .filter(|head| !theirs.contains(&Some(*head)))
-            .collect();
+        let users = &self.followers[..USERS];
+        let taken = |head: &usize| {
+            theirs.contains(&Some(*head))
+                || users.iter().any(|user| {
+                    let place = user.place.filter(|_| user.rect.is_some());
+                    place.is_some_and(|place| (centres[*head] - place.centre()).norm() < SAME_M)
+                })
+        };
+        let heads = 0..centres.len();
+        let free: heapless::Vec<usize, HEADS> = heads.filter(|head| !taken(head)).collect();
         for slot in 0..USERS {
             if self.left[slot] {
                 self.remember(slot);

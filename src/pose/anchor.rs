@@ -37,12 +37,20 @@ fn trust(p: &Point) -> f32 {
     lower_face * hair * side
 }
 
+/// Whether a place belongs to the bare face: below any hairline, before any hair beside it, above the beard's edge. Only
+/// there is a person's own shape to be learned; elsewhere what is seen may be hair, a cap or a collar.
+fn bare(p: &Point) -> bool {
+    p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
+}
+
 /// The prepared standard head.
 pub struct Anchor {
     pub(crate) points: Vec<Point>,
     pub(crate) normals: Vec<Vector>,
     pub(crate) trust: Vec<f32>,
     pub(crate) rim: Vec<bool>,
+    /// Points whose offsets are learned.
+    pub(crate) bare: Vec<bool>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
     /// What a rigid motion (turn about x, y, z, shift along them) and growth do to each point along its normal.
     pub(crate) motions: Vec<[f32; 7]>,
@@ -109,6 +117,7 @@ impl Anchor {
             patches: Patches::new(&points, &motions),
             motions,
             trust: points.iter().map(trust).collect(),
+            bare: points.iter().map(bare).collect(),
             points,
             normals,
             rim,
@@ -140,7 +149,7 @@ impl Anchor {
 
 fn normal_matrix_inverse(points: &[Point], motions: &[[f32; 7]]) -> Option<SMatrix<f64, 7, 7>> {
     let mut h = SMatrix::<f64, 7, 7>::zeros();
-    for (p, j) in points.iter().zip(motions) {
+    for (p, j) in points.iter().zip(motions).filter(|(p, _)| bare(p)) {
         let w = f64::from(trust(p));
         for a in 0..7 {
             for b in 0..7 {

@@ -43,6 +43,9 @@ pub struct HeadPose {
     pub confidence: f32,
     /// Root mean square distance of the accepted pairs, metres.
     pub residual: f32,
+    /// Of the middle of the face that looks at the camera, the share that the cloud lies on, 0…1; 1 with the paper's method,
+    /// which does not look.
+    pub coverage: f32,
 }
 
 /// How the pose is found.
@@ -115,8 +118,12 @@ const SEARCH_HALVES: u32 = 2;
 const COAST_S: f64 = 0.2;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
-/// Least share of the cloud that must lie on the anchor's area.
-const MIN_ON_FACE: f32 = 0.35;
+/// Least share of the pairs that the paper's method must keep.
+const MIN_PAIRED: f32 = 0.35;
+/// Least share of the middle of the face that the cloud must lie on: of a head that is followed, which a hand may cover half,
+const COVERED_FOLLOWED: f32 = 0.45;
+/// and of one that is found.
+const COVERED_FOUND: f32 = 0.60;
 /// Least number of agreeing live points.
 const MIN_AGREEING: u32 = 120;
 /// A frame teaches the shape from this agreement on.
@@ -311,20 +318,41 @@ impl PoseTracker {
         }
         let found = match self.settings.method {
             Method::Paper => self.track_points(&cloud.points, searches),
-            Method::Plane => self.track_planes(cloud, at, searches),
+            Method::Plane => self
+                .follow_planes(cloud, at)
+                .or_else(|| self.find_planes(cloud, at, searches)),
         };
-        let Some((sensor_from_head, confidence, residual)) = found else {
+        let Some(found) = found else {
             self.earlier = None;
             self.previous = None;
             return None;
         };
+        Some(self.keep(found, at))
+    }
+
+    /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
+    /// there its points are to be gathered for [`Self::follow`]. Nothing with the paper's method.
+    #[must_use]
+    pub fn expected(&self, at: Timestamp) -> Option<(Rigid, f32)> {
+        let pose = self.predicted(at)?.inverse();
+        (self.settings.method == Method::Plane).then(|| (pose, self.head_scale()))
+    }
+
+    /// As [`Self::track_with`], but only from where the head is expected. Without it there all is left as it was, so that
+    /// the head can be tracked in another cloud of the same frame.
+    pub fn follow(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
+        let found = self.follow_planes(cloud, at)?;
+        Some(self.keep(found, at))
+    }
+
+    /// Remembers and smooths what was found.
+    fn keep(&mut self, found: HeadPose, at: Timestamp) -> HeadPose {
         self.earlier = self.last;
-        self.last = Some((sensor_from_head, at));
-        Some(HeadPose {
-            sensor_from_head: self.filter.smooth(sensor_from_head, at),
-            confidence,
-            residual,
-        })
+        self.last = Some((found.sensor_from_head, at));
+        HeadPose {
+            sensor_from_head: self.filter.smooth(found.sensor_from_head, at),
+            ..found
+        }
     }
 
     /// Pose at `at` if the head keeps its speed, as `head_from_sensor`; only if it was seen lately.
@@ -352,10 +380,13 @@ impl PoseTracker {
         Some(sensor_from_head.inverse())
     }
 
-    fn accepted(&self, fit: &PlaneFit) -> bool {
-        fit.agreement >= self.settings.min_agreement
-            && fit.on_face >= MIN_ON_FACE
-            && fit.agreeing >= MIN_AGREEING
+    /// How much of the middle of the face the cloud lies on, if the fit is believed: `least` of it at least.
+    fn accepted(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<f32> {
+        if fit.agreement < self.settings.min_agreement || fit.agreeing < MIN_AGREEING {
+            return None;
+        }
+        let covered = plane::coverage(&self.anchor, &self.shape, cloud, fit, &mut self.hit);
+        (covered >= least).then_some(covered)
     }
 
     /// The cloud from `start` (`head_from_sensor`) on against the head as it is known so far.
@@ -375,47 +406,58 @@ impl PoseTracker {
         plane::align(&self.anchor, &self.shape, cloud, start, &effort)
     }
 
-    fn track_planes(
+    /// Freedom of the scale in an alignment, as a logarithm.
+    fn scale_sigma(&self) -> f64 {
+        if self.settings.learn_shape {
+            self.shape.scale_sigma()
+        } else {
+            0.0
+        }
+    }
+
+    fn follow_planes(&mut self, head: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
+        let cloud = &head.points;
+        let start = self.predicted(at)?;
+        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0)?;
+        let scale_sigma = self.scale_sigma();
+        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma)?;
+        let coverage = self.accepted(cloud, &fit, COVERED_FOLLOWED)?;
+        self.finalists.clear();
+        Some(self.believed(head, fit, coverage))
+    }
+
+    fn find_planes(
         &mut self,
         head: &HeadCloud,
         at: Timestamp,
         searches: &mut u32,
-    ) -> Option<(Rigid, f32, f32)> {
-        let cloud = &head.points;
-        let scale_sigma = if self.settings.learn_shape {
-            self.shape.scale_sigma()
-        } else {
-            0.0
-        };
-        let followed = self
-            .predicted(at)
-            .and_then(|start| self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0))
-            .and_then(|near| self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma))
-            .filter(|fit| self.accepted(fit));
-        let fit = match followed {
-            Some(fit) => {
-                self.finalists.clear();
-                fit
-            }
-            None => {
-                if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
-                    self.finalists.clear();
-                }
-                if self.finalists.is_empty() {
-                    *searches = searches.checked_sub(1)?;
-                    self.searched = at;
-                    self.search(cloud, scale_sigma);
-                }
-                *searches = searches.checked_sub(1)?;
-                self.decide(cloud, scale_sigma)
-                    .filter(|fit| self.accepted(fit))?
-            }
-        };
+    ) -> Option<HeadPose> {
+        let scale_sigma = self.scale_sigma();
+        if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
+            self.finalists.clear();
+        }
+        if self.finalists.is_empty() {
+            *searches = searches.checked_sub(1)?;
+            self.searched = at;
+            self.search(&head.points, scale_sigma);
+        }
+        *searches = searches.checked_sub(1)?;
+        let fit = self.decide(&head.points, scale_sigma)?;
+        let coverage = self.accepted(&head.points, &fit, COVERED_FOUND)?;
+        Some(self.believed(head, fit, coverage))
+    }
+
+    /// The pose of an accepted fit, which may teach the shape of the head.
+    fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, coverage: f32) -> HeadPose {
         // What the picture's edge cuts off would bend the shape.
         let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
         self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
-        let confidence = (fit.agreement * (fit.on_face / 0.8).min(1.0)).clamp(0.0, 1.0);
-        Some((fit.head_from_sensor.inverse(), confidence, fit.residual))
+        HeadPose {
+            sensor_from_head: fit.head_from_sensor.inverse(),
+            confidence: (fit.agreement * (coverage / 0.8).min(1.0)).clamp(0.0, 1.0),
+            residual: fit.residual,
+            coverage,
+        }
     }
 
     /// First half of a search, the ends that are worth more than few points: rounds for all starts, more for the better ones.
@@ -454,7 +496,7 @@ impl PoseTracker {
         self.aligned(cloud, fit.head_from_sensor, &FOLLOW_M, 1, scale_sigma)
     }
 
-    fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<(Rigid, f32, f32)> {
+    fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<HeadPose> {
         let to_frame = icp::Settings::default();
         let start = match (&self.previous, self.last) {
             (Some(previous), Some((last, _))) => {
@@ -483,13 +525,14 @@ impl PoseTracker {
             &to_anchor,
             &mut self.scratch,
         )
-        .filter(|found| found.paired >= MIN_ON_FACE && found.residual < 0.008)?;
+        .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
-        Some((
-            found.target_from_moving.inverse(),
-            found.paired,
-            found.residual,
-        ))
+        Some(HeadPose {
+            sensor_from_head: found.target_from_moving.inverse(),
+            confidence: found.paired,
+            residual: found.residual,
+            coverage: 1.0,
+        })
     }
 
     /// The first frame of the paper's method: each start a little way, then the best.

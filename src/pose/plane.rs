@@ -42,13 +42,13 @@ pub(crate) struct Effort<'a> {
 pub(crate) struct PlaneFit {
     pub(crate) head_from_sensor: Rigid,
     pub(crate) scale: f32,
-    /// Of the live points on the anchor's area, the share that agrees, 0…1.
+    /// Of the live points on the bare face, the share that agrees, 0…1: hair beside it agrees with nothing.
     pub(crate) agreement: f32,
-    /// Live points on the anchor's area, as a share of those asked.
+    /// Live points on the bare face, as a share of those asked.
     pub(crate) on_face: f32,
     /// Root mean square distance of the agreeing pairs along the normal, metres.
     pub(crate) residual: f32,
-    /// Live points that agree.
+    /// Live points on the bare face that agree.
     pub(crate) agreeing: u32,
 }
 
@@ -74,8 +74,9 @@ pub(crate) fn pair(
 /// Distance from the anchor up to which a live point covers a place, metres.
 const COVERED_M: f32 = 0.008;
 
-/// Of the anchor's area that faces the camera, the share that live points lie on, 0…1: a wrong pose may lay all points on a
-/// cheek, and leaves the rest of the face empty. `hit` is work space, one per anchor point.
+/// Of the middle of the face, as far as it faces the camera, the share that live points lie on, 0…1: a wrong pose may lay all
+/// points on a cheek and leaves the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is work
+/// space, one per anchor point.
 pub(crate) fn coverage(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -96,7 +97,8 @@ pub(crate) fn coverage(
     let (mut facing, mut covered) = (0.0, 0.0);
     for i in 0..anchor.points.len() {
         let towards = anchor.points[i] * fit.scale - camera;
-        if anchor.rim[i] || anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm() {
+        let away = anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm();
+        if away || anchor.rim[i] || !is_middle(&anchor.points[i]) {
             continue;
         }
         facing += 1.0;
@@ -105,6 +107,11 @@ pub(crate) fn coverage(
         }
     }
     covered / f32::max(facing, 1.0)
+}
+
+/// Whether a place is between the brows' and the mouth's ends: there every face has its relief.
+fn is_middle(p: &Point) -> bool {
+    p.x.abs() < 0.040 && (-0.030..0.070).contains(&p.y)
 }
 
 /// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
@@ -152,15 +159,18 @@ impl Sums {
             let Some((i, r)) = pair(anchor, shape, &q, inverse_scale, &camera) else {
                 continue;
             };
-            sums.on_face += 1;
+            let bare = anchor.bare[i];
+            sums.on_face += u32::from(bare);
             let u = r / cutoff;
             if u.abs() >= 1.0 {
                 continue;
             }
             let biweight = (1.0 - u * u) * (1.0 - u * u);
-            sums.agreement += f64::from(biweight);
-            sums.agreeing += 1;
-            sums.squares += f64::from(biweight * r * r);
+            if bare {
+                sums.agreement += f64::from(biweight);
+                sums.agreeing += 1;
+                sums.squares += f64::from(biweight * r * r);
+            }
             // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
             let nearer = middle2 / (p.z * p.z);
             let w = f64::from(biweight * anchor.trust[i] * nearer * nearer);
@@ -221,7 +231,7 @@ pub(crate) fn align(
             fit = Some(PlaneFit {
                 head_from_sensor: pose,
                 scale: log_scale.exp() as f32,
-                agreement: (agreement / f64::from(on_face)) as f32,
+                agreement: (agreement / f64::from(on_face.max(1))) as f32,
                 on_face: on_face as f32 / asked as f32,
                 residual: (squares / agreement.max(1e-9)).sqrt() as f32,
                 agreeing: agreeing * effort.stride.max(1) as u32,

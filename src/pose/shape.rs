@@ -7,8 +7,10 @@
 //! al., KinectFusion, 2011, on the anchor's own points instead of a volume).
 //!
 //! What of the offsets amounts to a rigid motion or a change of scale is taken out again ([`HeadShape::settle`]), because
-//! it belongs to the pose: without that the learned head could creep away from the standard one. Offsets are
-//! smoothed along the surface, which also carries them a little way into parts not yet seen.
+//! it belongs to the pose: without that the learned head could creep away from the standard one. Only the bare face
+//! ([`Anchor`]) counts there: measured over the whole head, hair that stands off the cranium pulls the face along, by a
+//! centimetre in half a minute. Offsets are smoothed along the surface, which also carries them a little way into parts
+//! not yet seen.
 //!
 //! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
 //! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
@@ -126,10 +128,12 @@ impl HeadShape {
         }
     }
 
-    /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the whole anchor.
+    /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the bare face: what is hair
+    /// elsewhere may be learned, but moves nothing.
     fn settle(&mut self, anchor: &Anchor) {
         let mut g = SVector::<f64, 7>::zeros();
-        for ((&offset, j), &trust) in self.offset.iter().zip(&anchor.motions).zip(&anchor.trust) {
+        let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
+        for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
             for a in 0..7 {
                 g[a] += f64::from(trust * offset * j[a]);
             }

@@ -1,4 +1,5 @@
-//! The pixels of a head as points.
+//! The pixels of a head as points: of one that was cut from the picture ([`gather`]), or of one whose place is known from the
+//! frames before ([`around`]), where hair, hands and collars that hang together with it do not matter.
 //!
 //! Pixels are averaged in square blocks, just big enough that the cloud holds them: the mean of b² readings has a b-th of
 //! a reading's noise and of its quantisation, so thinning loses little. Only pixels near their cell's depth count, so
@@ -6,11 +7,11 @@
 //!
 //! Sensor frame, metres. Memory: 12 kB of the stack. Cost: one pass over the head's pixels, two if the first overflows.
 
-use super::HeadCloud;
+use super::{HeadCloud, PixelRect};
 use super::cut::Head;
 use super::regions::{CELL_PX, COLUMNS, Regions};
-use crate::capacity::{HEAD_POINTS, PIXELS, WIDTH};
-use crate::geometry::Point;
+use crate::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
+use crate::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use crate::sensor::NO_DEPTH;
@@ -20,6 +21,8 @@ use crate::sensor::camera::Camera;
 const SAME_SURFACE: f32 = 0.03;
 /// A cloud of fewer pixels than this is no head: a head at 2 m has 2,500.
 const MIN_PIXELS: u32 = 400;
+/// Nothing is measured nearer than this, metres.
+const NEAREST_M: f32 = 0.3;
 
 /// Distance of a fractional raw value.
 fn metres(camera: &Camera, raw: f32) -> f32 {
@@ -55,14 +58,137 @@ pub(crate) fn gather(
         block += 1;
     }
     cloud.rect = head.rect();
-    let sum = cloud
-        .points
+    cloud.centre = centre(&cloud.points);
+    cloud.pixels >= MIN_PIXELS
+}
+
+/// The part of a head that a depth camera before it sees, hair included: least and largest x, y, z of the head frame, metres
+/// at the standard size.
+const HEAD_FROM: [f32; 3] = [-0.100, -0.140, -0.050];
+const HEAD_TO: [f32; 3] = [0.100, 0.120, 0.110];
+/// Fall of the neck's front behind the chin: what is lower than that is neck and collar, metres and slope.
+const CHIN_Y: f32 = 0.115;
+const NECK_SLOPE: f32 = 0.75;
+/// Share of the rectangle around a head that its pixels fill, about.
+const FILLED: f32 = 0.75;
+
+fn in_head(p: &Point) -> bool {
+    (0..3).all(|k| (HEAD_FROM[k]..HEAD_TO[k]).contains(&p[k]))
+        && p.y < CHIN_Y - NECK_SLOPE * (p.z + 0.012).max(0.0)
+}
+
+/// Fills `cloud` with what lies within a head of a size (1: the standard one) at `sensor_from_head`, whatever else hangs
+/// together with it; `false` if that is too little for a head.
+pub(crate) fn around(
+    depth: &[u16; PIXELS],
+    camera: &Camera,
+    sensor_from_head: &Rigid,
+    scale: f32,
+    cloud: &mut HeadCloud,
+) -> bool {
+    cloud.points.clear();
+    cloud.pixels = 0;
+    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
+    for corner in 0..8 {
+        let at = |k: usize| if corner >> k & 1 == 0 { HEAD_FROM[k] } else { HEAD_TO[k] };
+        let seen = sensor_from_head * Point::new(at(0) * scale, at(1) * scale, at(2) * scale);
+        if seen.z < NEAREST_M {
+            return false;
+        }
+        let [col, row] = camera.depth_pixel(&seen);
+        for (k, value) in [col, row, seen.z].into_iter().enumerate() {
+            low[k] = low[k].min(value);
+            high[k] = high[k].max(value);
+        }
+    }
+    let span = |k: usize, most: usize| {
+        let from = low[k].clamp(0.0, most as f32) as usize;
+        let to = (high[k] + 1.0).clamp(0.0, most as f32) as usize;
+        from..to.max(from)
+    };
+    let (columns, rows) = (span(0, WIDTH), span(1, HEIGHT));
+    // Raw values grow with the distance.
+    let near = camera.raw_from_m(low[2]).max(0.0) as u16;
+    let far = (camera.raw_from_m(high[2]) as u16).min(NO_DEPTH - 1);
+    let middle = (sensor_from_head.translation.vector.z).max(NEAREST_M);
+    let same = camera.raw_from_m(middle * (1.0 + SAME_SURFACE)) - camera.raw_from_m(middle);
+    let area = (columns.len() * rows.len()) as f32 * FILLED;
+    let block = (area / HEAD_POINTS as f32).sqrt().ceil().max(1.0) as usize;
+    let head_from_sensor = sensor_from_head.inverse();
+    let mut rect: Option<PixelRect> = None;
+    for top in rows.step_by(block) {
+        for left in columns.clone().step_by(block) {
+            let sum = block_at(depth, (left, top), block, near..=far, same as u16);
+            if sum.count as usize * 2 < block * block {
+                continue;
+            }
+            let mean = |of: u32| of as f32 / sum.count as f32;
+            let (col, row) = (mean(sum.cols), mean(sum.rows));
+            let point = camera.point(col, row, metres(camera, mean(sum.raws)));
+            if !in_head(&Point::from((head_from_sensor * point).coords / scale)) {
+                continue;
+            }
+            cloud.pixels += sum.count;
+            let (x0, y0) = (left as u16, top as u16);
+            let (x1, y1) = (x0 + block as u16, y0 + block as u16);
+            rect = Some(rect.map_or(PixelRect { x0, y0, x1, y1 }, |r| PixelRect {
+                x0: r.x0.min(x0),
+                y0: r.y0.min(y0),
+                x1: r.x1.max(x1).min(WIDTH as u16),
+                y1: r.y1.max(y1).min(HEIGHT as u16),
+            }));
+            if cloud.points.push(point).is_err() {
+                break;
+            }
+        }
+    }
+    cloud.rect = rect.unwrap_or_default();
+    cloud.centre = centre(&cloud.points);
+    cloud.pixels >= MIN_PIXELS
+}
+
+/// Sums over the readings of a square block within a range, of those that are of one surface with its middle.
+fn block_at(
+    depth: &[u16; PIXELS],
+    (left, top): (usize, usize),
+    block: usize,
+    range: core::ops::RangeInclusive<u16>,
+    same: u16,
+) -> Block {
+    let mut sum = Block::default();
+    let (right, bottom) = ((left + block).min(WIDTH), (top + block).min(HEIGHT));
+    let rows = || (top..bottom).map(|row| (row, &depth[row * WIDTH + left..row * WIDTH + right]));
+    let middle = depth[(top + bottom) / 2 * WIDTH + (left + right) / 2];
+    let seed = if range.contains(&middle) {
+        middle
+    } else {
+        let all = rows().flat_map(|(_, readings)| readings.iter().copied());
+        match all.filter(|raw| range.contains(raw)).min() {
+            Some(nearest) => nearest,
+            None => return sum,
+        }
+    };
+    for (row, readings) in rows() {
+        for (col, &raw) in (left..).zip(readings) {
+            if range.contains(&raw) && raw.abs_diff(seed) <= same {
+                sum.raws += u32::from(raw);
+                sum.cols += col as u32;
+                sum.rows += row as u32;
+                sum.count += 1;
+            }
+        }
+    }
+    sum
+}
+
+/// Mean of the points.
+fn centre(points: &[Point]) -> Point {
+    let sum = points
         .iter()
         .fold(nalgebra::Vector3::<f64>::zeros(), |s, p| {
             s + p.coords.cast::<f64>()
         });
-    cloud.centre = Point::from((sum / cloud.points.len().max(1) as f64).cast::<f32>());
-    cloud.pixels >= MIN_PIXELS
+    Point::from((sum / points.len().max(1) as f64).cast::<f32>())
 }
 
 /// Sums over the readings of a block.

@@ -8,6 +8,8 @@
 //!    or at shoulders.
 //! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`HEAD_POINTS`] remain.
 //!
+//! A head that is followed needs no cut: its points are what depth shows where it is expected ([`Segmenter::around`]).
+//!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching
 //! a wall or the upper edge of the picture is found badly; a ball of a head's size is a head here.
@@ -18,7 +20,7 @@ pub mod kmeans;
 mod regions;
 
 use crate::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
-use crate::geometry::Point;
+use crate::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use crate::sensor::Frame;
@@ -88,6 +90,8 @@ pub struct Segmenter {
     /// Clouds made at construction; the first `count` are this frame's.
     heads: Vec<HeadCloud>,
     count: usize,
+    /// Of one that is expected somewhere.
+    expected: Box<HeadCloud>,
     /// Where the last frame's heads were, in their order.
     last: heapless::Vec<(PixelRect, Point), HEADS>,
 }
@@ -95,7 +99,7 @@ pub struct Segmenter {
 impl Segmenter {
     /// Bytes on the heap.
     pub const BYTES: usize =
-        DepthKMeans::BYTES + RAW_DEPTH_VALUES * 4 + Regions::BYTES + HEADS * size_of::<HeadCloud>();
+        DepthKMeans::BYTES + RAW_DEPTH_VALUES * 4 + Regions::BYTES + (HEADS + 1) * size_of::<HeadCloud>();
 
     /// Makes all buffers.
     #[must_use]
@@ -107,6 +111,7 @@ impl Segmenter {
             regions: Regions::default(),
             heads: vec![HeadCloud::default(); HEADS],
             count: 0,
+            expected: Box::default(),
             last: heapless::Vec::new(),
         }
     }
@@ -149,6 +154,19 @@ impl Segmenter {
         let heads = &self.heads[..self.count];
         self.last = heads.iter().map(|head| (head.rect, head.centre)).collect();
         heads.first()
+    }
+
+    /// The points of a head that is expected at `sensor_from_head`, of a size against the standard head, whatever hangs
+    /// together with it; `None` if they are too few. Valid until the next call.
+    pub fn around(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        (sensor_from_head, scale): (Rigid, f32),
+    ) -> Option<&HeadCloud> {
+        let into = &mut self.expected;
+        let enough = cloud::around(&frame.depth, camera, &sensor_from_head, scale, into);
+        enough.then_some(into)
     }
 
     /// All heads of the last frame, those seen before first, in the same order.

@@ -41,6 +41,9 @@ pub use source::{Pacer, Source, SourceError, SourceName};
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
 
+/// Grey levels that a picture of nothing may differ by.
+const BLANK_LEVELS: u8 = 4;
+
 /// One depth picture and the colour picture that goes with it, if any, as the cameras deliver them: registered to nothing.
 /// Big (1.2 MB): owned once, handed by reference.
 #[derive(Clone)]
@@ -61,6 +64,19 @@ pub struct Frame {
     pub bayer: Box<[u8; PIXELS]>,
     /// Luma of the demosaiced colour picture ([`colour`]).
     pub luma: Box<[u8; PIXELS]>,
+}
+
+impl Frame {
+    /// Whether there is a picture that could show a face: colour, and not one grey all over as of a covered lens.
+    #[must_use]
+    pub fn has_picture(&self) -> bool {
+        // A few hundred pixels all over it.
+        let (mut least, mut most) = (u8::MAX, 0);
+        for &luma in self.luma.iter().step_by(PIXELS / 331) {
+            (least, most) = (least.min(luma), most.max(luma));
+        }
+        self.has_colour && most.saturating_sub(least) > BLANK_LEVELS
+    }
 }
 
 impl Default for Frame {
