@@ -166,7 +166,7 @@ def film(data, run):
                     if (a, p.user) in moved:
                         earlier, was_calm = moved[a, p.user]
                         bends.append((100 * float(np.linalg.norm(step - earlier)), b, gap, calm and was_calm))
-    worst = lambda js: f"{max(js)[0]:.1f} cm (frame {max(js)[1]}, {1000 * max(js)[2]:.0f} ms)" if js else "no pose in two neighbouring frames"
+    worst = lambda js: f"{max(js)[0]:.1f} cm (frame {max(js)[1]}, {1000 * max(js)[2]:.0f} ms)" if js else "none"
     calm = [j for j in jumps if j[3]]
     out.append(("largest step between neighbouring frames, facing or covered", worst(calm)))
     out.append(("… over 4 cm", share(sum(j[0] > 4 for j in calm), len(calm))))
@@ -265,20 +265,26 @@ def faces(cache, folder):
 
 def table(title, columns, rows):
     """Markdown; `rows` are lists of as many cells."""
-    print(f"\n{title}\n")
+    print(f"\n**{title}**\n")
     print("| " + " | ".join(columns) + " |")
     print("|" + " --- |" * len(columns))
     for row in rows:
         print("| " + " | ".join(row) + " |")
 
 
-def side_by_side(title, sides, what):
-    """`what(run folder)` gives rows of (what, figure) for each folder."""
-    found = [what(side) for side in sides]
-    if any(f is None for f in found):
-        return print(f"\n{title}: not played")
-    names = ["what", "figure"] if len(sides) == 1 else ["what", "learn_shape on", "off"]
-    table(title, names, [[rows[0][0]] + [r[1] for r in rows] for rows in zip(*found)])
+def side_by_side(title, sides, names):
+    """A column for each session of `names` ((session, label, how it is judged), …) and side; rows are what is judged."""
+    found, columns = [], ["what"]
+    for name, label, how in names:
+        for side, word in zip(sides, ("on", "off")):
+            run = load(side, name)
+            if run is None:
+                print(f"\n{title}: {name} is not played")
+                continue
+            found.append(how(run))
+            columns.append(label if len(sides) == 1 else f"{label}, {word}")
+    if found:
+        table(title, columns, [[rows[0][0]] + [r[1] for r in rows] for rows in zip(*found)])
 
 
 def percent(segments, attribute="followed"):
@@ -288,41 +294,50 @@ def percent(segments, attribute="followed"):
 def face_tables(cache, sides):
     found = [faces(cache, side) for side in sides]
     if not all(people for people, _ in found):
-        return print("\nkinect_v2_faces: not played")
-    on = len(sides) == 1
-    for (people, flips), name in zip(found, [""] if on else [" — learn_shape on", " — learn_shape off"]):
-        every = [s for poses in people.values() for ss in poses.values() for s in ss]
-        frontal = [s for poses in people.values() for k, ss in poses.items() if k in FRONTAL for s in ss]
-        rows, all_of = [], {}
-        for p, poses in people.items():
-            mine = all_of[p] = [s for ss in poses.values() for s in ss]
-            rows.append([p, f"{percent(mine):.1f} %", f"{percent(mine, 'right'):.1f} %"] + [f"{percent(poses[k]):.0f}" if k in poses else "-" for k in range(9)] + errors(poses))
-        joint = {k: [s for poses in people.values() for s in poses.get(k, [])] for k in range(9)}
-        rows.append(["all", f"{percent(every):.1f} %", f"{percent(every, 'right'):.1f} %"] + [f"{percent(joint[k]):.0f}" if joint[k] else "-" for k in range(9)] + errors(joint))
-        table(f"kinect_v2_faces{name}: segments followed (the face is reported in the segment's last frame), in % per pose 0 to 8; right: "
-              f"points within {RIGHT_PERCENT:.0f} %; landmark error on 15 points in % of the outer-eye distance, median frontal / all",
-              ["person", "followed", "and right"] + [str(k) for k in range(9)] + ["frontal", "all poses"], rows)
-        worst = min(all_of, key=lambda p: percent(all_of[p]))
-        off = {p: median(s.error for s in ss) for p, ss in all_of.items()}
-        wrong = max(off, key=lambda p: -1 if math.isnan(off[p]) else off[p])
-        print(f"\nworst followed {worst} {percent(all_of[worst]):.1f} %, worst landmarks {wrong} {off[wrong]:.2f} %; "
-              f"followed in 15 of a segment's last 20 frames: {percent(every, 'mostly'):.1f} %; "
-              f"into or out of held {flips:.1f} times per 10 s; {len(every)} segments, {len(frontal)} of them frontal")
-        rows = []
-        for e in (2, 1, 0, 3, 4, 5):
-            these = [s for s in every if s.expression == e and s.weights]
-            rows.append([EXPRESSIONS[e], str(len(these))] + [f"{mean(s.weights[u] for s in these):.2f}" for u in UNITS])
-        table(f"kinect_v2_faces{name}: mean weights while an expression is held", ["expression", "segments"] + list(UNITS), rows)
-    if not on:
-        rows = []
-        (people, _), (without, _) = found
-        for p in people:
-            a, b = ([s for ss in x[p].values() for s in ss] for x in (people, without))
-            # Errors of the segments that both follow: what one of them loses is often the hardest.
-            both = [(s.error, t.error) for s, t in zip(a, b) if not math.isnan(s.error + t.error)]
-            rows.append([p, f"{percent(a):.1f} %", f"{percent(b):.1f} %", f"{percent(a, 'right'):.1f} %", f"{percent(b, 'right'):.1f} %", f"{median(x for x, _ in both):.2f}", f"{median(y for _, y in both):.2f}", verdict(percent(b, "right") - percent(a, "right"))])
-        table("kinect_v2_faces: learn_shape on against off, in brief; landmark errors of the segments that both follow",
-              ["person", "followed, on", "off", "and right, on", "off", "landmarks, on", "off", "on is"], rows)
+        print("\nkinect_v2_faces: not played")
+    elif len(sides) == 1:
+        face_table(*found[0])
+    else:
+        faces_against(*(people for people, _ in found))
+
+
+def face_table(people, flips):
+    everybody = {p: [s for ss in poses.values() for s in ss] for p, poses in people.items()}
+    joint = {k: [s for poses in people.values() for s in poses.get(k, [])] for k in range(9)}
+    every = [s for ss in everybody.values() for s in ss]
+
+    def row(name, poses, segments):
+        by_pose = [f"{percent(poses[k]):.0f}" if poses.get(k) else "-" for k in range(9)]
+        return [name, f"{percent(segments):.1f} %", f"{percent(segments, 'right'):.1f} %"] + by_pose + errors(poses)
+
+    table("kinect_v2_faces: segments followed, and right; followed in % in poses 0 to 8; landmark error on 15 points in % of the "
+          "outer-eye distance, median over segments", ["person", "followed", "and right"] + [str(k) for k in range(9)] + ["frontal", "all poses"],
+          [row(p, people[p], everybody[p]) for p in people] + [row("all", joint, every)])
+    least = lambda attribute: min(everybody, key=lambda p: percent(everybody[p], attribute))
+    follow, right = least("followed"), least("right")
+    off = {p: median(s.error for s in ss) for p, ss in everybody.items()}
+    wrong = max(off, key=lambda p: -1 if math.isnan(off[p]) else off[p])
+    print(f"\n{len(every)} segments, mean (worst): followed {percent(every):.1f} % ({follow} {percent(everybody[follow]):.1f} %), right "
+          f"{percent(every, 'right'):.1f} % ({right} {percent(everybody[right], 'right'):.1f} %), landmarks {median(s.error for s in every):.2f} % "
+          f"({wrong} {off[wrong]:.2f} %); reported in 15 of a segment's last 20 frames {percent(every, 'mostly'):.1f} %; into or out of held "
+          f"{flips:.1f} times in 10 s")
+    rows = []
+    for e in (2, 1, 0, 3, 4, 5):
+        these = [s for s in every if s.expression == e and s.weights]
+        rows.append([EXPRESSIONS[e], str(len(these))] + [f"{mean(s.weights[u] for s in these):.2f}" for u in UNITS])
+    table("kinect_v2_faces: mean weights while an expression is held", ["expression", "segments"] + list(UNITS), rows)
+
+
+def faces_against(on, off):
+    rows = []
+    for p in on:
+        a, b = ([s for ss in side.get(p, {}).values() for s in ss] for side in (on, off))
+        # Errors of the segments that both follow: what one of them loses is often the hardest.
+        both = [(s.error, t.error) for s, t in zip(a, b) if not math.isnan(s.error + t.error)]
+        rows.append([p, f"{percent(a):.1f} %", f"{percent(b):.1f} %", f"{percent(a, 'right'):.1f} %", f"{percent(b, 'right'):.1f} %",
+                     f"{median(x for x, _ in both):.2f} %", f"{median(y for _, y in both):.2f} %", verdict(percent(b, "right") - percent(a, "right"))])
+    table("kinect_v2_faces: learn_shape on and off; landmark error of the segments that both follow",
+          ["person", "followed, on", "off", "and right, on", "off", "landmarks, on", "off", "on is"], rows)
 
 
 def verdict(worse):
@@ -335,24 +350,18 @@ def errors(poses):
 
 def main():
     data, cache, *sides = sys.argv[1:]
-    there = lambda *names: any(os.path.exists(f"{side}/{n}.csv") or os.path.exists(f"{side}/{n}.log") for side in sides for n in names)
-
-    def judged(name, how):
-        def one(side):
-            run = load(side, name)
-            return None if run is None else how(run)
-        return one
-
-    if there("film"):
-        side_by_side("kinect_v1_film, with a grey colour picture", sides, judged("film", lambda run: film(data, run)))
-        side_by_side("kinect_v1_film, depth only", sides, judged("film-depth", lambda run: film(data, run)))
-    if there("desk"):
-        side_by_side("kinect_v1_desk", sides, judged("desk", lambda run: desk(data, run)))
-    for name in PCL_HEADS:
-        if there(name):
-            side_by_side(f"kinect_v1_pcl, {name[4:]}", sides, judged(name, lambda run, name=name: pcl(name, run)))
+    there = lambda name: any(os.path.exists(f"{side}/{name}.{kind}") for side in sides for kind in ("csv", "log"))
+    against = "" if len(sides) == 1 else ": learn_shape on and off"
     if there("p00-4"):
         face_tables(cache, sides)
+    if there("film"):
+        judge = lambda run: film(data, run)
+        side_by_side(f"kinect_v1_film{against}", sides, [("film-depth", "depth only", judge), ("film", "with a grey colour picture", judge)])
+    quiet = [("desk", "desk", lambda run: desk(data, run)), ("pcl-people", "five from behind", lambda run: pcl("pcl-people", run)),
+             ("pcl-desk", "a box on a floor", lambda run: pcl("pcl-desk", run))]
+    quiet = [session for session in quiet if there(session[0])]
+    if quiet:
+        side_by_side(f"kinect_v1_desk, kinect_v1_pcl{against}", sides, quiet)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 world.py KEPT [KEPT_OFF]
 
-KEPT holds NAME.json and NAME.csv of `../shared/world/run`; with a second folder (`pose.learn_shape` off) both stand side by
+KEPT holds NAME.json and NAME.csv of `../shared/world/run`, and in `said` what it printed; with a second folder (`pose.learn_shape` off) both stand side by
 side. Rotation and position with one fixed offset per person taken out.
 """
 import json
@@ -69,6 +69,22 @@ def one(folder):
                                                  ("position", "pose_mm_mean", ".1f", 1, " mm"), ("landmarks", "nme68_mean", ".2f", 100, " %"))))
 
 
+def units(path):
+    """What the scorer said of weights against the acted expressions, over the sitting people."""
+    rows = []
+    if os.path.exists(path):
+        with open(path) as f:
+            for words in map(str.split, f):
+                if len(words) == 7 and words[0].startswith("AU"):
+                    unit, r, worst, gain, quiet, reach, foreign = words
+                    rows.append([f"`{unit}`", f"{r} ({worst})", gain, quiet, reach, foreign])
+    if rows:
+        score.table("second world, weights of the sitting people against the acted expressions",
+                    ["unit", "correlation (worst person)", "gain", "95th percentile while nothing is acted", "median while fully acted",
+                     "mean while others are acted"], rows)
+        print(f"\nmean correlation of {len(rows)} units {sum(float(r[1].split()[0]) for r in rows) / len(rows):.2f}")
+
+
 def both(on, off):
     pairs = [(name, a, b) for name in ORDER if (a := read(on, name)) and (b := read(off, name))]
     rows, turns, moves = [], [], []
@@ -81,11 +97,15 @@ def both(on, off):
         worse = turn > ALIKE_DEG or move > ALIKE_MM or a["lost_fraction_after_start"] > b["lost_fraction_after_start"] + 0.0005
         rows.append([name, lost(a), lost(b), said(a, "pose_deg_mean", "°"), said(b, "pose_deg_mean", "°"),
                      said(a, "pose_mm_mean", " mm", ".1f"), said(b, "pose_mm_mean", " mm", ".1f"), "worse" if worse else "no worse"])
-    score.table(f"second world, learn_shape on against off (worse: more than {ALIKE_DEG}°, {ALIKE_MM} mm, or lost more often)",
+    score.table(f"second world: learn_shape on and off (worse: more than {ALIKE_DEG}°, {ALIKE_MM} mm, or lost more often)",
                 ["scene", "lost, on", "off", "rotation, on", "off", "position, on", "off", "on is"], rows)
     if turns:
         print(f"\nin the mean on is off's rotation {sum(turns) / len(turns):+.2f}°, position {sum(moves) / len(moves):+.1f} mm")
 
 
 if __name__ == "__main__":
-    one(sys.argv[1]) if len(sys.argv) == 2 else both(*sys.argv[1:3])
+    if len(sys.argv) == 2:
+        one(sys.argv[1])
+        units(f"{sys.argv[1]}/said")
+    else:
+        both(*sys.argv[1:3])
