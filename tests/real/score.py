@@ -159,14 +159,14 @@ def film(data, run):
                 if p.user == q.user or len(before) == len(after) == 1:
                     step = q.position_m - p.position_m
                     calm = all(facing[f] in FACING for f in (a, b))
-                    jumps.append((100 * float(np.linalg.norm(step)), b, gap, calm))
+                    jumps.append((100 * float(np.linalg.norm(step)), b, gap, calm, q.user))
                     moved[b, q.user] = (step, calm)
                     # What he really moves by is in both steps, a jump in one of them. (Not scaled by time: the film's times are
                     # those of a screen's recorder, and less even than the motion.)
                     if (a, p.user) in moved:
                         earlier, was_calm = moved[a, p.user]
-                        bends.append((100 * float(np.linalg.norm(step - earlier)), b, gap, calm and was_calm))
-    worst = lambda js: f"{max(js)[0]:.1f} cm (frame {max(js)[1]}, {1000 * max(js)[2]:.0f} ms)" if js else "none"
+                        bends.append((100 * float(np.linalg.norm(step - earlier)), b, gap, calm and was_calm, q.user))
+    worst = lambda js: f"{max(js)[0]:.1f} cm (frame {max(js)[1]}, {1000 * max(js)[2]:.0f} ms, slot {max(js)[4]})" if js else "none"
     calm = [j for j in jumps if j[3]]
     out.append(("largest step between neighbouring frames, facing or covered", worst(calm)))
     out.append(("… over 4 cm", share(sum(j[0] > 4 for j in calm), len(calm))))
@@ -174,6 +174,8 @@ def film(data, run):
     out.append(("largest step at all", worst(jumps)))
     out.append(("… of it what is not in the step before", worst(bends)))
     out.append(("slots used (one man)", str(len(run.slots))))
+    ghosts = sum(sum(r.position_m is not None for r in rows) > 1 for rows in run.by_frame.values())
+    out.append(("frames with a second pose", share(ghosts, run.frames)))
     out.append(("changes into or out of held", str(run.flips())))
 
     if not run.has_boxes:
