@@ -1,5 +1,5 @@
-//! Promise: what the README and the documents tell a reader to type works as it stands, and what they quote from the log is in
-//! the log.
+//! Promise: what the README and the documents tell a reader to type works as it stands, what they quote from the log is in
+//! the log, what they point to is there, and the README is short.
 //!
 //! Every line of every `sh` block is run in order in one folder, as one reader would. What runs until it is stopped is stopped
 //! after it has spoken. What builds, installs, trains or evaluates for long is not run; its words are checked against
@@ -10,8 +10,19 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Documents with commands.
-const DOCUMENTS: [&str; 2] = ["README.md", "docs/troubleshooting.md"];
+/// Documents with commands, in the order of a reader who reads all.
+const DOCUMENTS: [&str; 8] = [
+    "README.md",
+    "docs/receivers.md",
+    "docs/box.md",
+    "docs/baking.md",
+    "docs/workstation.md",
+    "docs/results.md",
+    "docs/limits.md",
+    "docs/troubleshooting.md",
+];
+/// Lines of the README, at most: what does not fit belongs into a document.
+const README_LINES: usize = 200;
 /// What needs minutes: only its words are looked at.
 const LONG: [&str; 4] = ["train", "evaluate", "fit", "nrsfm"];
 /// Commands of others, or of this very run.
@@ -211,6 +222,58 @@ fn other_port(line: &str) -> &'static str {
     } else {
         " --osc 0"
     }
+}
+
+/// The heading's anchor as Markdown on the web makes it.
+fn anchor(heading: &str) -> String {
+    let words = heading.trim_start_matches('#').trim().to_lowercase();
+    let kept = words
+        .chars()
+        .filter(|&c| c.is_alphanumeric() || " -_".contains(c));
+    kept.collect::<String>().replace(' ', "-")
+}
+
+#[test]
+fn what_the_documents_point_to_is_there() {
+    let mut links = 0;
+    for document in DOCUMENTS {
+        let whole = text(document);
+        let folder = Path::new(document).parent().unwrap();
+        for link in whole.split("](").skip(1) {
+            let link = link.split(')').next().unwrap();
+            if link.contains("://") {
+                continue;
+            }
+            let (file, part) = link.split_once('#').unwrap_or((link, ""));
+            let to = root().join(folder).join(file);
+            assert!(to.exists(), "{document} points to {link}, which is nowhere");
+            let is_there = part.is_empty()
+                || std::fs::read_to_string(&to)
+                    .unwrap()
+                    .lines()
+                    .any(|line| line.starts_with('#') && anchor(line) == part);
+            assert!(is_there, "{document} points to {link}: no such heading");
+            links += 1;
+        }
+        // Files that are named in passing: scripts, sketches, tables.
+        for name in whole.split('`').skip(1).step_by(2) {
+            let name = name.split_whitespace().next().unwrap_or_default();
+            let ours = ["tests/", "config/", "docs/", "systemd/", "src/"];
+            if ours.iter().any(|folder| name.starts_with(folder)) {
+                assert!(root().join(name).exists(), "{document}: no {name}");
+            }
+        }
+    }
+    assert!(links > 15, "only {links} links were found");
+}
+
+#[test]
+fn the_readme_is_short() {
+    let lines = text("README.md").lines().count();
+    assert!(
+        lines <= README_LINES,
+        "README.md has {lines} lines, {README_LINES} are allowed"
+    );
 }
 
 #[test]

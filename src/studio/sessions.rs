@@ -90,6 +90,7 @@ struct Seen {
 /// One person's session.
 #[derive(Default)]
 struct Played {
+    person: usize,
     frames: usize,
     seen: Vec<Seen>,
 }
@@ -129,6 +130,31 @@ impl Display for Spread {
     }
 }
 
+/// The person a figure is worst for.
+#[derive(Clone, Copy, Debug)]
+pub struct Worst {
+    /// Number of the portrait's person.
+    pub person: usize,
+    /// Their mean.
+    pub mean: f64,
+}
+
+impl Worst {
+    /// Of all people with a figure, `None` without any.
+    fn of(figures: impl Iterator<Item = (usize, f64)>) -> Option<Self> {
+        let figures = figures.filter(|(_, mean)| !mean.is_nan());
+        let worst = figures.max_by(|a, b| a.1.total_cmp(&b.1));
+        worst.map(|(person, mean)| Self { person, mean })
+    }
+}
+
+/// ` (person 7 2.10°)` behind a figure; nothing if there is nobody.
+fn worst(worst: Option<Worst>, precision: usize, unit: &str) -> String {
+    worst.map_or_else(String::new, |Worst { person, mean }| {
+        format!(" (person {person} {mean:.precision$}{unit})")
+    })
+}
+
 /// How a unit's weight follows the truth.
 #[derive(Clone, Debug)]
 pub struct Following {
@@ -165,6 +191,8 @@ pub struct Table {
     pub landmarks: Spread,
     /// Points 17–67.
     pub inner: Spread,
+    /// Whom the rows are worst for: frames lost (share), rotation and translation as above, all points, points 17–67.
+    pub worst: [Option<Worst>; 7],
     /// Size of the weights while nothing is acted.
     pub rest: Spread,
     /// One eye shut, the other open: weight of the shut one, and of the open one.
@@ -245,7 +273,10 @@ fn play_one(
         })
         .collect();
     let mut frame = Frame::default();
-    let mut played = Played::default();
+    let mut played = Played {
+        person: head.person,
+        ..Played::default()
+    };
     for index in 0..(sessions.seconds * 30.0) as i64 {
         let at = timestamp_from_ticks(index * FRAME_TICKS);
         let Some(shown) = simulator.draw(at, &mut frame) else {
@@ -416,8 +447,11 @@ fn table(played: &[Played]) -> Table {
                 .collect(),
         )
     };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    let mut people = Vec::new();
     for one in played {
+        let before = rotations[0].len();
         let pairs: Vec<_> = one
             .seen
             .iter()
@@ -431,8 +465,24 @@ fn table(played: &[Played]) -> Table {
                 translations[k].push(f64::from(error.translation.vector.norm()) * 1e3);
             }
         }
+        let lost = 1.0 - one.seen.len() as f64 / one.frames.max(1) as f64;
+        let [turned, moved] =
+            [&rotations, &translations].map(|all| all.each_ref().map(|k| mean(&k[before..])));
+        let [points, inner] = [0, 1].map(|k| {
+            mean(
+                &one.seen
+                    .iter()
+                    .map(|seen| seen.error[k])
+                    .collect::<Vec<_>>(),
+            )
+        });
+        people.push((
+            one.person,
+            [
+                lost, turned[0], turned[1], moved[0], moved[1], points, inner,
+            ],
+        ));
     }
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
         let told = played.iter().filter(|one| one.seen.len() > 2);
         told.map(|one| correlation(&one.seen, pair)).collect()
@@ -487,6 +537,9 @@ fn table(played: &[Played]) -> Table {
         translation_mm: translations.map(Spread::of),
         landmarks: all(&|seen: &Seen| seen.error[0]),
         inner: all(&|seen: &Seen| seen.error[1]),
+        worst: core::array::from_fn(|k| {
+            Worst::of(people.iter().map(|(person, means)| (*person, means[k])))
+        }),
         rest,
         winks: winks.map(Spread::of),
         following,
@@ -531,29 +584,49 @@ impl Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} people never trained on, {} frames; errors are mean / 95th percentile",
+            "{} people never trained on, {} frames; errors are mean / 95th percentile, in brackets the mean of the person it is worst for",
             self.people, self.frames
         )?;
-        writeln!(f, "| what | figure |\n| --- | --- |")?;
-        writeln!(f, "| tracked | {:.2} % of frames |", self.tracked * 100.0)?;
-        writeln!(f, "| head rotation | {:.2}° |", self.rotation_deg[0])?;
+        let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
+        let lost = lost.map(|lost| Worst {
+            mean: 100.0 * (1.0 - lost.mean),
+            ..lost
+        });
+        let [turn, turn_rest] = self.rotation_deg;
+        let [shift, shift_rest] = self.translation_mm;
+        let out = "… one offset per person taken out";
+        writeln!(f, "| what | figure (worst person) |\n| --- | --- |")?;
+        let tracked = self.tracked * 100.0;
+        let least = worst(lost, 2, " %");
+        writeln!(f, "| tracked | {tracked:.2} % of frames{least} |")?;
+        writeln!(f, "| head rotation | {turn:.2}°{} |", worst(turned, 2, "°"))?;
         writeln!(
             f,
-            "| … one offset per person taken out | {:.2}° |",
-            self.rotation_deg[1]
+            "| {out} | {turn_rest:.2}°{} |",
+            worst(turned_rest, 2, "°")
         )?;
-        writeln!(f, "| head position | {:.1} mm |", self.translation_mm[0])?;
         writeln!(
             f,
-            "| … one offset per person taken out | {:.1} mm |",
-            self.translation_mm[1]
+            "| head position | {shift:.1} mm{} |",
+            worst(moved, 1, " mm")
         )?;
         writeln!(
             f,
-            "| landmarks, all 68 | {:.2} % of the outer-eye distance |",
+            "| {out} | {shift_rest:.1} mm{} |",
+            worst(moved_rest, 1, " mm")
+        )?;
+        let of_all = worst(points, 2, " %");
+        writeln!(
+            f,
+            "| landmarks, all 68 | {:.2} % of the outer-eye distance{of_all} |",
             self.landmarks
         )?;
-        writeln!(f, "| landmarks without the jaw | {:.2} % |", self.inner)?;
+        let of_inner = worst(inner, 2, " %");
+        writeln!(
+            f,
+            "| landmarks without the jaw | {:.2} %{of_inner} |",
+            self.inner
+        )?;
         writeln!(f, "| weights while nothing is acted | {:.3} |", self.rest)?;
         let [shut, open] = &self.winks;
         writeln!(
