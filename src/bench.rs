@@ -77,6 +77,12 @@ impl Packets {
     fn cut(&mut self, frame: &Frame) {
         pack_depth(&frame.depth, &mut self.packed);
         self.cut.clear();
+        // Where there is no colour a black picture makes the same way.
+        let colour_ticks = if frame.has_colour {
+            frame.colour_ticks
+        } else {
+            frame.ticks
+        };
         let total = self
             .cutters
             .each_ref()
@@ -86,7 +92,7 @@ impl Packets {
             // The stream that is behind in its picture.
             let i = usize::from(sent[1] * total[0] < sent[0] * total[1] || sent[0] == total[0]);
             let (picture, ticks): (&[u8], u32) = match Stream::BOTH[i] {
-                Stream::Colour => (frame.bayer.as_slice(), frame.colour_ticks),
+                Stream::Colour => (frame.bayer.as_slice(), colour_ticks),
                 Stream::Depth => (self.packed.as_slice(), frame.ticks),
             };
             let mut packet = [0; LONGEST];
@@ -233,6 +239,7 @@ fn time(
         develop_colour(&mut pair, &mut frame);
         lap(LUMA, &mut times);
         (frame.index, frame.at) = (drawn.index, drawn.at);
+        frame.has_colour = drawn.has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));
         let counts = number >= WARM_UP;
         if counts {

@@ -410,7 +410,9 @@ mod tests {
         let (mut json, mut prom) = (String::new(), String::new());
         status.json([tally].into_iter(), &mut json).unwrap();
         status.prometheus([tally].into_iter(), &mut prom).unwrap();
-        assert!(json.contains("\"state\": \"posed\", \"confidence\": 0.000, \"frozen\": false, \"units\": {}"));
+        assert!(json.contains(
+            "\"state\": \"posed\", \"confidence\": 0.000, \"frozen\": false, \"units\": {}"
+        ));
         assert!(prom.contains("mien_face_present 0\n"), "{prom}");
         assert!(prom.contains("mien_users{state=\"posed\"} 1\n"), "{prom}");
         // Not again within the second.

@@ -6,8 +6,10 @@ use mien::sensor::camera::{Registration, RegistrationTable};
 use mien::sensor::command::{Command, image_sensor, register};
 use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
 use mien::sensor::faults::{Faulty, Rates};
-use mien::sensor::kinect::{Kinect, KinectError, Settings};
+use mien::sensor::kinect::{Kinect, KinectError, Settings, develop};
 use mien::sensor::motor::Light;
+use mien::sensor::pairing::{Paired, RawPair};
+use mien::sensor::picture_clock::PictureClock;
 use mien::sensor::simulated::Simulated;
 use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::sensor::virtual_kinect::VirtualKinect;
@@ -168,6 +170,8 @@ struct Sick<S> {
     inner: S,
     mute: bool,
     silent: bool,
+    /// The colour stream alone.
+    colourless: bool,
     spoil_every: u32,
     replies: u32,
 }
@@ -206,9 +210,9 @@ impl<S: PacketSource> PacketSource for Sick<S> {
         wait: Duration,
         sink: &mut dyn FnMut(Received<'_>),
     ) -> Result<(), DeviceError> {
-        let silent = self.silent;
+        let (silent, colourless) = (self.silent, self.colourless);
         self.inner.poll(wait, &mut |received| {
-            if !silent {
+            if !silent && !(colourless && received.stream == Stream::Colour) {
                 sink(received);
             }
         })
@@ -226,6 +230,7 @@ fn sick(model: Model) -> Sick<VirtualKinect<impl FnMut(&mut Frame) -> bool>> {
         inner: virtual_kinect(model),
         mute: false,
         silent: false,
+        colourless: false,
         spoil_every: 0,
         replies: 0,
     }
@@ -273,6 +278,93 @@ fn silence_in_spite_of_restarts_asks_to_be_opened_anew() {
         Err(KinectError::Silent { .. })
     ));
     assert_eq!(kinect.health().restarts, 2);
+}
+
+/// Polls for so many milliseconds; of what was delivered when, and whether it had colour, and that numbers and stamps go on.
+fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<(u64, bool)> {
+    let (mut pair, mut clock) = (RawPair::default(), PictureClock::default());
+    let (mut frame, mut last) = (Frame::default(), None);
+    let mut delivered = Vec::new();
+    for millisecond in 0..milliseconds {
+        let each = |paired: Paired<'_>| {
+            paired.swap_into(&mut pair);
+            develop(&mut pair, &mut clock, &mut frame);
+            assert!(last.replace(frame.index) < Some(frame.index));
+            if !frame.has_colour {
+                assert!(frame.colour_ticks == 0 && frame.luma.iter().all(|&luma| luma == 0));
+            }
+            delivered.push((millisecond, frame.has_colour));
+        };
+        kinect
+            .poll(Duration::from_millis(1), each)
+            .expect("the device is there");
+    }
+    delivered
+}
+
+#[test]
+fn a_dead_colour_stream_leaves_depth() {
+    let mut source = sick(Model::Xbox1414);
+    source.colourless = true;
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    let dead = delivered(&mut kinect, 40_000);
+    // From the second second on, 30 a second but for the pictures that the restarts cut: after 1, 2, 5, 15 and 35 s.
+    assert!(
+        dead[0].0 < 1200 && dead.iter().all(|(_, has_colour)| !has_colour),
+        "{:?}",
+        dead[0]
+    );
+    assert!(dead.len() > 39 * 30 - 40, "{}", dead.len());
+    assert_eq!(kinect.health().restarts, 5);
+    assert_eq!(kinect.health().alone, dead.len() as u64);
+    // It comes back.
+    kinect.source_mut().colourless = false;
+    let back = delivered(&mut kinect, 3000);
+    let alone = back.iter().filter(|(_, has_colour)| !has_colour).count();
+    assert!(alone <= 2 && back.len() > 85, "{alone} of {}", back.len());
+    assert_eq!(kinect.health().restarts, 5);
+}
+
+#[test]
+fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
+    // Colour is stamped ten seconds early until the 200th picture.
+    let mut number = 0u32;
+    let scene = move |frame: &mut Frame| {
+        frame.ticks = number.wrapping_mul(2_000_000);
+        let early = if number < 200 { 600_000_000 } else { 0 };
+        frame.colour_ticks = frame.ticks.wrapping_sub(early);
+        number += 1;
+        true
+    };
+    let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
+    let mut kinect = Kinect::open(source, Settings::default()).unwrap();
+    kinect.start().unwrap();
+    let first = delivered(&mut kinect, 4900);
+    assert!(
+        first[0].0 < 2000 && first.len() > 110,
+        "{:?}, {}",
+        first[0],
+        first.len()
+    );
+    assert!(first.iter().all(|(_, has_colour)| !has_colour));
+    let before = kinect.health();
+    assert_eq!((before.restarts, before.pairs), (0, 0));
+    assert!(
+        before.unpaired.iter().all(|&unpaired| unpaired > 140),
+        "{:?}",
+        before.unpaired
+    );
+    let after = delivered(&mut kinect, 400);
+    assert_eq!(kinect.health().restarts, 1, "after five seconds");
+    assert!(after.len() > 5);
+    let healed = delivered(&mut kinect, 3700);
+    assert!(
+        healed[healed.len() - 30..]
+            .iter()
+            .all(|(_, has_colour)| *has_colour)
+    );
+    assert_eq!(kinect.health().restarts, 1);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! | address | arguments | when |
 //! | --- | --- | --- |
-//! | `/face/<u>/frame` | number, time ms, state, confidence, latency ms | every report, first of its datagram |
+//! | `/face/<u>/frame` | number, time ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency ms | every report, first of its datagram |
 //! | `/face/<u>/au` | all weights in the order of the schema | every report (styles vector, both) |
 //! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |

@@ -4,6 +4,10 @@
 //! again twice under a new tag. A stream from which no packet comes for a second is stopped and started; if that does not
 //! help twice running, [`KinectError::Silent`] asks the caller to open the device anew.
 //!
+//! Depth is worth something without colour: after a second without a pair depth pictures are handed on by themselves, and it is
+//! said; after five, and then at twice the distance each time, the streams are restarted. A colour stream that stays silent
+//! does not end depth.
+//!
 //! What is not essential never stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
 
@@ -56,6 +60,12 @@ impl Default for Settings {
 const SILENCE: Duration = Duration::from_secs(1);
 /// Restarts in a row that may fail before the device is opened anew.
 const RESTARTS: u32 = 2;
+/// Without a pair for this long depth pictures are given alone.
+const ALONE: Duration = Duration::from_secs(1);
+/// Without a pair for this long the streams are restarted; each time waits twice as long as the one before,
+const UNPAIRED: Duration = Duration::from_secs(5);
+/// up to this.
+const UNPAIRED_MOST: Duration = Duration::from_secs(80);
 /// The camera needs this between the two steps of near mode.
 const NEAR_MODE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -117,6 +127,8 @@ pub struct Health {
     pub unpaired: [u64; 2],
     /// Pairs made.
     pub pairs: u64,
+    /// Depth pictures given without colour.
+    pub alone: u64,
     /// Times the watchdog restarted the streams.
     pub restarts: u64,
 }
@@ -135,6 +147,12 @@ pub struct Kinect<S> {
     /// When the last packet came, by stream.
     heard: [Duration; 2],
     failed_restarts: u32,
+    /// When the last pair was made, or the sensor started,
+    paired: Duration,
+    /// when the streams are restarted if there is none until then,
+    restart_at: Duration,
+    /// and how long it was waited for that.
+    patience: Duration,
     health: Health,
     frozen: bool,
 }
@@ -157,6 +175,9 @@ impl<S: PacketSource> Kinect<S> {
             streaming: false,
             heard: [Duration::ZERO; 2],
             failed_restarts: 0,
+            paired: Duration::ZERO,
+            restart_at: Duration::MAX,
+            patience: UNPAIRED,
             health: Health::default(),
             frozen: false,
         };
@@ -213,6 +234,12 @@ impl<S: PacketSource> Kinect<S> {
     /// # Errors
     /// USB or the camera refuses.
     pub fn start(&mut self) -> Result<(), KinectError> {
+        self.switch_on()?;
+        self.is_paired(self.source.clock());
+        Ok(())
+    }
+
+    fn switch_on(&mut self) -> Result<(), KinectError> {
         self.set(register::COLOUR_STREAM, 0)?;
         self.set(register::DEPTH_STREAM, 0)?;
         if self.model() == Model::Windows1517 {
@@ -272,8 +299,8 @@ impl<S: PacketSource> Kinect<S> {
         }
     }
 
-    /// Takes what arrived, waiting at most `wait` for something, and calls `each` for every pair completed. Restarts streams
-    /// that fell silent.
+    /// Takes what arrived, waiting at most `wait` for something, and calls `each` for every pair completed, or, when there have
+    /// been none for a second, for every depth picture. Restarts streams that fell silent or make no pairs.
     ///
     /// # Errors
     /// The device is gone, or silent in spite of restarts.
@@ -289,7 +316,7 @@ impl<S: PacketSource> Kinect<S> {
             health,
             ..
         } = self;
-        let mut heard = [false; 2];
+        let (mut heard, mut paired) = ([false; 2], false);
         source.poll(wait, &mut |received| {
             let i = received.stream.index();
             heard[i] |= !received.bytes.is_empty();
@@ -299,7 +326,10 @@ impl<S: PacketSource> Kinect<S> {
             };
             let number = assembler.tally().pictures - 1;
             if let Some(pair) = pairing.offer(received.stream, number, ticks, assembler.picture()) {
-                health.pairs += 1;
+                let made = u64::from(pair.has_colour());
+                paired |= made > 0;
+                health.pairs += made;
+                health.alone += 1 - made;
                 each(pair);
             }
         })?;
@@ -313,24 +343,50 @@ impl<S: PacketSource> Kinect<S> {
         if heard == [true; 2] {
             self.failed_restarts = 0;
         }
+        if paired {
+            self.is_paired(now);
+        }
         self.watch(now)
     }
 
+    /// A pair was made, or is to be waited for from now on.
+    fn is_paired(&mut self, now: Duration) {
+        self.pairing.set_alone(false);
+        self.paired = now;
+        (self.restart_at, self.patience) = (now + UNPAIRED, UNPAIRED);
+    }
+
     fn watch(&mut self, now: Duration) -> Result<(), KinectError> {
-        let silent = Stream::BOTH
-            .into_iter()
-            .find(|stream| now.saturating_sub(self.heard[stream.index()]) >= SILENCE);
-        let Some(stream) = silent.filter(|_| self.streaming) else {
+        if !self.streaming {
             return Ok(());
-        };
-        if self.failed_restarts >= RESTARTS {
-            return Err(KinectError::Silent { stream });
         }
-        tracing::warn!("no {stream:?} packets for 1 s; restarting the Kinect's streams");
-        self.failed_restarts += 1;
+        if now.saturating_sub(self.paired) >= ALONE && !self.pairing.is_alone() {
+            let [colour, depth] = self.pairing.unpaired();
+            tracing::warn!(
+                "for 1 s no colour picture has belonged to a depth picture ({colour} colour and {depth} depth pictures without a partner so far); what is seen is followed without colour"
+            );
+            self.pairing.set_alone(true);
+        }
+        let silent = |stream: &Stream| now.saturating_sub(self.heard[stream.index()]) >= SILENCE;
+        let silent = [Stream::Depth, Stream::Colour].into_iter().find(silent);
+        match silent {
+            Some(stream) if self.failed_restarts < RESTARTS => {
+                tracing::warn!("no {stream:?} packets for 1 s; restarting the Kinect's streams");
+                self.failed_restarts += 1;
+            }
+            Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
+            _ if now >= self.restart_at => {
+                tracing::warn!(
+                    "depth and colour pictures make no pairs; restarting the Kinect's streams"
+                );
+                self.patience = (2 * self.patience).min(UNPAIRED_MOST);
+                self.restart_at = now + self.patience;
+            }
+            _ => return Ok(()),
+        }
         self.health.restarts += 1;
         self.stop();
-        self.start()
+        self.switch_on()
     }
 
     /// Tells the camera whether a face is tracked: LED, and exposure held or freed if the settings say so.
@@ -352,14 +408,18 @@ impl<S: PacketSource> Kinect<S> {
     }
 }
 
-/// Unpacks a pair into `frame`: depth, Bayer, luma, number and time. The Bayer picture is swapped, not copied.
+/// Unpacks a pair, or a depth picture alone, into `frame`: depth, Bayer, luma, number and time. The Bayer picture is swapped, not copied.
 pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, frame: &mut Frame) {
     let [colour_ticks, ticks] = pair.ticks;
     (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
-    (frame.ticks, frame.colour_ticks) = (ticks, colour_ticks);
-    frame.has_colour = true;
+    frame.ticks = ticks;
     develop_depth(pair, frame);
-    develop_colour(pair, frame);
+    if pair.has_colour {
+        (frame.has_colour, frame.colour_ticks) = (true, colour_ticks);
+        develop_colour(pair, frame);
+    } else {
+        frame.drop_colour();
+    }
 }
 
 /// The depth half of [`develop`].

@@ -328,7 +328,7 @@ fn stream<S: PacketSource>(
         let health = &inner.status.health;
         let tally = health.streams[stream.index()];
         tracing::info!(
-            "{stream:?}: {} pictures whole, {} broken; packets {}, lost {}, repeated {}, damaged {}, bus errors {}, wrong length {}, misplaced {}; unpaired pictures {}, restarts {}",
+            "{stream:?}: {} pictures whole, {} broken; packets {}, lost {}, repeated {}, damaged {}, bus errors {}, wrong length {}, misplaced {}; unpaired pictures {}, depth alone {}, restarts {}",
             tally.pictures,
             tally.broken,
             tally.packets,
@@ -339,6 +339,7 @@ fn stream<S: PacketSource>(
             tally.wrong_length,
             tally.misplaced,
             health.unpaired[stream.index()],
+            health.alone,
             health.restarts,
         );
     }

@@ -6,6 +6,9 @@
 //! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
 //! the choice flip.
 //!
+//! While no colour comes ([`Pairing::set_alone`]) each depth picture that gives way to the next is handed on by itself, one
+//! period late, so that colour that comes back finds its partner.
+//!
 //! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays where its halves
 //! waited until it is swapped for what is free elsewhere.
 
@@ -20,13 +23,15 @@ const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
 /// The offset follows a difference by one part in this many: a second or so.
 const SLOWNESS: i32 = 16;
 
-/// A depth and a colour picture of the same moment, as they came.
+/// A depth picture and the colour picture of the same moment, if there is one, as they came.
 #[derive(Clone, Debug)]
 pub struct RawPair {
     /// Number of the depth picture among all whole ones since the start, from 0.
     pub number: u64,
     /// Stamps by stream, 60 MHz.
     pub ticks: [u32; 2],
+    /// Whether there is a colour picture; what its bytes and its stamp say is of no meaning if not.
+    pub has_colour: bool,
     /// Picture bytes by stream: Bayer, packed depth.
     pub pictures: [Box<[u8]>; 2],
 }
@@ -41,26 +46,37 @@ impl Default for RawPair {
         Self {
             number: 0,
             ticks: [0; 2],
+            has_colour: true,
             pictures: Stream::BOTH
                 .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
         }
     }
 }
 
-/// A pair just made, where its halves waited.
+/// A pair just made, where its halves waited, or a depth picture alone.
 pub struct Paired<'a> {
     number: u64,
     ticks: [u32; 2],
-    pictures: [&'a mut Box<[u8]>; 2],
+    colour: Option<&'a mut Box<[u8]>>,
+    depth: &'a mut Box<[u8]>,
 }
 
 impl Paired<'_> {
     /// Puts the pair into `pair`, whose buffers take its place.
     pub fn swap_into(self, pair: &mut RawPair) {
         (pair.number, pair.ticks) = (self.number, self.ticks);
-        for (mine, theirs) in self.pictures.into_iter().zip(&mut pair.pictures) {
-            core::mem::swap(mine, theirs);
+        pair.has_colour = self.has_colour();
+        let [colour, depth] = &mut pair.pictures;
+        core::mem::swap(self.depth, depth);
+        if let Some(mine) = self.colour {
+            core::mem::swap(mine, colour);
         }
+    }
+
+    /// Whether it is a pair.
+    #[must_use]
+    pub const fn has_colour(&self) -> bool {
+        self.colour.is_some()
     }
 }
 
@@ -78,6 +94,7 @@ pub struct Pairing {
     arrivals: u64,
     offset: i32,
     unpaired: [u64; 2],
+    alone: bool,
 }
 
 impl Default for Pairing {
@@ -94,6 +111,7 @@ impl Default for Pairing {
             arrivals: 0,
             offset: 0,
             unpaired: [0; 2],
+            alone: false,
         }
     }
 }
@@ -106,6 +124,17 @@ impl Pairing {
             .iter_mut()
             .flatten()
             .for_each(|slot| slot.arrival = None);
+    }
+
+    /// Whether depth pictures that find no partner are handed on by themselves.
+    pub const fn set_alone(&mut self, alone: bool) {
+        self.alone = alone;
+    }
+
+    /// Whether they are.
+    #[must_use]
+    pub const fn is_alone(&self) -> bool {
+        self.alone
     }
 
     /// Pictures by stream that found no partner.
@@ -121,20 +150,21 @@ impl Pairing {
     }
 
     /// Takes picture `number` of a stream (its buffer is swapped for a free one). A pair if that made one; it is gone with
-    /// the next picture.
-    pub fn offer(
-        &mut self,
+    /// the next picture. So is a depth picture alone, which comes when the next one takes its place.
+    pub fn offer<'a>(
+        &'a mut self,
         stream: Stream,
         number: u64,
         ticks: u32,
-        picture: &mut Box<[u8]>,
-    ) -> Option<Paired<'_>> {
+        picture: &'a mut Box<[u8]>,
+    ) -> Option<Paired<'a>> {
         let own = stream.index();
         let other = 1 - own;
         self.arrivals += 1;
         let slot = self.free_slot(own);
         let taken = &mut self.slots[own][slot];
-        taken.arrival = Some(self.arrivals);
+        let waited = taken.arrival.replace(self.arrivals);
+        let before = (taken.number, taken.ticks);
         taken.number = number;
         taken.ticks = ticks;
         core::mem::swap(&mut taken.picture, picture);
@@ -153,7 +183,16 @@ impl Pairing {
             .filter(|(_, slot)| slot.arrival.is_some())
             .map(|(i, slot)| (miss(slot.ticks, self.offset), i))
             .min_by_key(|(miss, _)| miss.unsigned_abs());
-        let (miss, partner) = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss))?;
+        let near = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss));
+        let Some((miss, partner)) = near else {
+            let alone = self.alone && stream == Stream::Depth && waited.is_some();
+            return alone.then_some(Paired {
+                number: before.0,
+                ticks: [0, before.1],
+                colour: None,
+                depth: picture,
+            });
+        };
         self.learn(miss);
         let chosen = if own == 0 {
             [slot, partner]
@@ -174,7 +213,8 @@ impl Pairing {
         Some(Paired {
             number: depth.number,
             ticks: [colour.ticks, depth.ticks],
-            pictures: [&mut colour.picture, &mut depth.picture],
+            colour: Some(&mut colour.picture),
+            depth: &mut depth.picture,
         })
     }
 
@@ -282,6 +322,35 @@ mod tests {
             }
         }
         assert_eq!(relations, [0, 200, 0]);
+    }
+
+    #[test]
+    fn depth_alone_comes_one_picture_late_and_whole_until_colour_is_back() {
+        let mut bench = Bench::new();
+        bench.pairing.set_alone(true);
+        let mut came = Vec::new();
+        for number in 0..20u8 {
+            let ticks = u32::from(number) * TICKS_PER_PICTURE;
+            let mut offer = |stream, number: u8| {
+                let made = bench.offer(stream, number, ticks + 500);
+                came.extend(made.map(|[_, depth]| (depth, bench.pair.has_colour)));
+                assert!(bench.pair.has_colour || bench.pair.ticks[0] == 0);
+            };
+            // Colour is away for ten pictures.
+            if !(5..15).contains(&number) {
+                offer(Stream::Colour, number);
+            }
+            offer(Stream::Depth, number);
+        }
+        // The one before colour came back gave way to a pair.
+        let expected = (0..20).filter(|number| *number != 14);
+        assert_eq!(
+            came,
+            expected
+                .map(|number| (number, !(5..15).contains(&number)))
+                .collect::<Vec<_>>()
+        );
+        assert_eq!(bench.pairing.unpaired(), [0, 10]);
     }
 
     #[test]

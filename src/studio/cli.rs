@@ -63,10 +63,10 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "inspect",
-        usage: "PATH [--out FILE.html|FILE.png] [--model FILE]",
+        usage: "PATH [--out FILE.html|FILE.png] [--config FILE] [--model FILE]",
         about: "a recording, a model, the CSV of a run or a mesh, as pictures and plots",
         example: "mien-studio inspect session --out session.html",
-        options: &["out", "model"],
+        options: &["out", "config", "model"],
         flags: &[],
         words: 1,
         run: run_inspect,
@@ -487,7 +487,9 @@ fn run_inspect(words: &Words) -> Result<(), Fault> {
         .ok_or_else(|| Fault::Usage("a path is missing".into()))?;
     let model = service::model(words.path("model").as_deref())
         .map_err(|failure| service_fault(&failure))?;
-    let out = inspect(&path, words.path("out").as_deref(), &model)?;
+    let settings = service::settings(words.path("config").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    let out = inspect(&path, words.path("out").as_deref(), &model, &settings)?;
     say(&format!("wrote {}", out.display()));
     Ok(())
 }

@@ -37,7 +37,7 @@ pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
         source,
     };
     let mut text = Vec::new();
-    match std::fs::File::open(path) {
+    match super::open_file(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(file_error(error)),
         Ok(file) => file

@@ -31,9 +31,9 @@ pub(super) struct Learning {
 }
 
 impl Learning {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(settings: Settings) -> Self {
         Self {
-            expression: Expression::new(Settings::default(), Units::shipped()),
+            expression: Expression::new(settings, Units::shipped()),
             t: Vec::new(),
             curves: vec![Default::default(); LEARNT_MEASURES],
         }

@@ -13,11 +13,15 @@ mod ranges;
 mod recording;
 mod run;
 
+pub(in crate::studio) use recording::depth_picture;
+
 use std::path::{Path, PathBuf};
 
 use super::bake::glb::GlbError;
 use crate::face_model::{FaceModel, ModelError, file::MAGIC};
+use crate::pipeline::PipelineError;
 use crate::sensor::recording::{Recording, RecordingError};
+use crate::settings::Settings;
 use crate::users::saved::PeopleError;
 
 /// Why nothing could be shown.
@@ -145,9 +149,9 @@ pub enum InspectError {
         /// What is wrong with it.
         source: ModelError,
     },
-    /// The model's standard head is of no use.
+    /// The stages cannot be made of the model and the settings.
     #[error(transparent)]
-    Pose(crate::pose::PoseError),
+    Pipeline(#[from] PipelineError),
 }
 
 /// Last part of a path.
@@ -172,17 +176,21 @@ fn face_lines() -> impl Iterator<Item = [usize; 2]> {
     open.chain(closed)
 }
 
-/// Looks at `path` and shows it. `model` is the face model for recordings.
+/// Looks at `path` and shows it. `model` and `settings` are for recordings.
 ///
 /// # Errors
 /// If it is nothing that can be shown, or broken; the text says where and what to do.
-pub fn album(path: &Path, model: &FaceModel) -> Result<album::Album, InspectError> {
+pub fn album(
+    path: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+) -> Result<album::Album, InspectError> {
     let unreadable = |source| InspectError::Unreadable {
         path: path.into(),
         source,
     };
     if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
-        return recording::inspect(&name_of(path), Recording::open(path)?, model);
+        return recording::inspect(&name_of(path), Recording::open(path)?, model, settings);
     }
     let bytes = std::fs::read(path).map_err(unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -213,6 +221,7 @@ pub fn inspect(
     path: &Path,
     out: Option<&Path>,
     model: &FaceModel,
+    settings: &Settings,
 ) -> Result<PathBuf, InspectError> {
     let out = out.map_or_else(
         || PathBuf::from(format!("{}.html", name_of(path))),
@@ -222,7 +231,7 @@ pub fn inspect(
     if ending != "html" && ending != "png" {
         return Err(InspectError::Ending { path: out });
     }
-    let album = album(path, model)?;
+    let album = album(path, model, settings)?;
     let bytes = if ending == "html" {
         album.html()?.into_bytes()
     } else {
@@ -246,9 +255,14 @@ mod tests {
         let model = FaceModel::default();
         let folder = tempfile::tempdir().unwrap();
         let message = |path: &Path, out: &str| {
-            inspect(path, Some(&folder.path().join(out)), &model)
-                .unwrap_err()
-                .to_string()
+            inspect(
+                path,
+                Some(&folder.path().join(out)),
+                &model,
+                &Settings::default(),
+            )
+            .unwrap_err()
+            .to_string()
         };
         assert!(
             message(Path::new("/nowhere/x.csv"), "a.html")
@@ -274,7 +288,13 @@ mod tests {
         for out in ["run.html", "run.png"] {
             let out = folder.path().join(out);
             assert_eq!(
-                inspect(&run, Some(&out), &FaceModel::default()).unwrap(),
+                inspect(
+                    &run,
+                    Some(&out),
+                    &FaceModel::default(),
+                    &Settings::default()
+                )
+                .unwrap(),
                 out
             );
             assert!(std::fs::metadata(out).unwrap().len() > 200);

@@ -1,20 +1,23 @@
-//! A recording as pictures: depth in false colour with the head found in it, the colour picture with landmarks and the axes of
-//! the head, and the pose, confidence and rates over time. All frames pass the stages; some are drawn.
+//! A recording as pictures: depth in false colour with every head found in it and the state of whose it is, the colour picture,
+//! if there is one, with landmarks and the axes of the heads, and pose, confidence and states over time. All frames pass the
+//! stages, as in a run; some are drawn. Curves of the pose are those of the user whom wires show that have room for one.
 
 use image::RgbImage;
 
 use super::album::{Album, Curve, Plot};
 use super::learning::Learning;
 use super::{InspectError, canvas, face_lines};
-use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::face_model::FaceModel;
 use crate::geometry::{Point, Rigid, yaw_pitch_roll};
-use crate::landmarks::{LandmarkFitter, Landmarks};
-use crate::pose::PoseTracker;
-use crate::segment::{HeadCloud, Segmenter};
+use crate::landmarks::Landmarks;
+use crate::pipeline::Pipeline;
+use crate::segment::HeadCloud;
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
 use crate::sensor::{Frame, NO_DEPTH, colour};
+use crate::settings::Settings;
+use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
 const SHOWN: usize = 6;
@@ -23,9 +26,9 @@ const NEAR_M: f32 = 0.4;
 const FAR_M: f32 = 3.0;
 
 /// Depth in false colour: near is red, far is blue, no measurement is black.
-fn depth_picture(frame: &Frame, camera: &Camera) -> RgbImage {
+pub(in crate::studio) fn depth_picture(depth: &[u16; PIXELS], camera: &Camera) -> RgbImage {
     RgbImage::from_fn(WIDTH as u32, HEIGHT as u32, |x, y| {
-        let raw = frame.depth[y as usize * WIDTH + x as usize];
+        let raw = depth[y as usize * WIDTH + x as usize];
         let z = camera.depth_m(raw);
         if raw == NO_DEPTH || z <= 0.0 {
             return image::Rgb([0; 3]);
@@ -36,14 +39,14 @@ fn depth_picture(frame: &Frame, camera: &Camera) -> RgbImage {
     })
 }
 
-fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera) {
+fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour: [u8; 3]) {
     for point in &cloud.points {
         let [x, y] = camera.depth_pixel(point);
-        canvas::dot(picture, x, y, [255; 3]);
+        canvas::dot(picture, x, y, colour);
     }
     let r = &cloud.rect;
     let [x0, y0, x1, y1] = [r.x0, r.y0, r.x1, r.y1].map(f32::from);
-    canvas::frame(picture, x0, y0, x1 - 1.0, y1 - 1.0, [255; 3]);
+    canvas::frame(picture, x0, y0, x1 - 1.0, y1 - 1.0, colour);
 }
 
 fn colour_picture(frame: &Frame) -> RgbImage {
@@ -68,15 +71,15 @@ fn draw_landmarks(picture: &mut RgbImage, landmarks: &Landmarks) {
 }
 
 /// Red x, green y, blue outwards (−z), 5 cm each.
-fn draw_axes(picture: &mut RgbImage, sensor_from_head: &Rigid, camera: &Camera) {
+fn draw_axes(picture: &mut RgbImage, sensor_from_head: &Rigid, pixel: impl Fn(&Point) -> [f32; 2]) {
     const LENGTH_M: f32 = 0.05;
-    let origin = camera.colour_pixel(&(sensor_from_head * Point::origin()));
+    let origin = pixel(&(sensor_from_head * Point::origin()));
     for (tip, colour) in [
         (Point::new(LENGTH_M, 0.0, 0.0), [255, 40, 40]),
         (Point::new(0.0, LENGTH_M, 0.0), [40, 255, 40]),
         (Point::new(0.0, 0.0, -LENGTH_M), [60, 90, 255]),
     ] {
-        let tip = camera.colour_pixel(&(sensor_from_head * tip));
+        let tip = pixel(&(sensor_from_head * tip));
         canvas::line(picture, origin, tip, colour);
         canvas::line(
             picture,
@@ -91,28 +94,43 @@ fn draw_axes(picture: &mut RgbImage, sensor_from_head: &Rigid, camera: &Camera) 
 #[derive(Default)]
 struct Curves {
     t: Vec<f64>,
-    values: [Vec<Option<f64>>; 9],
+    values: [Vec<Option<f64>>; CURVE_NAMES.len()],
 }
 
-const CURVE_NAMES: [&str; 9] = [
-    "x", "y", "z", "yaw", "pitch", "roll", "pose", "face", "residual",
+const CURVE_NAMES: [&str; 12] = [
+    "x",
+    "y",
+    "z",
+    "yaw",
+    "pitch",
+    "roll",
+    "confidence",
+    "heads",
+    "user 0",
+    "user 1",
+    "user 2",
+    "user 3",
 ];
+/// Where in them the states of the users begin.
+const STATES: usize = CURVE_NAMES.len() - USERS;
 
 impl Curves {
-    fn add(&mut self, t: f64, values: [Option<f64>; 9]) {
+    fn add(&mut self, t: f64, values: [Option<f64>; CURVE_NAMES.len()]) {
         self.t.push(t);
         for (curve, value) in self.values.iter_mut().zip(values) {
             curve.push(value);
         }
     }
 
+    /// A plot of those curves of a range that have any value.
     fn plot(
         &self,
         title: &str,
         range: std::ops::Range<usize>,
         at_least: Option<(f64, f64)>,
     ) -> Plot {
-        let curves = range
+        let known = range.filter(|&k| self.values[k].iter().any(Option::is_some));
+        let curves = known
             .map(|k| Curve {
                 name: CURVE_NAMES[k].into(),
                 values: self.values[k].clone(),
@@ -128,89 +146,130 @@ impl Curves {
     }
 }
 
+/// The colour a head is drawn in.
+fn colour_of(state: TrackingState) -> [u8; 3] {
+    match state {
+        TrackingState::Absent => [255; 3],
+        TrackingState::Warming => [255, 220, 0],
+        TrackingState::Tracking => [60, 255, 60],
+        TrackingState::Held => [255, 150, 40],
+        TrackingState::Lost => [255, 60, 60],
+        TrackingState::Posed => [80, 230, 255],
+    }
+}
+
+/// Depth with every head that was cut out, and what became of it.
+fn draw_depth(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
+    let camera = pipeline.camera();
+    let mut picture = depth_picture(&frame.depth, camera);
+    let reports = pipeline.reports();
+    for cloud in pipeline.segmenter().heads() {
+        let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
+        let colour = colour_of(whose.map_or(TrackingState::Absent, |one| one.state));
+        draw_head(&mut picture, cloud, camera, colour);
+    }
+    for report in reports.iter().filter(|report| report.state.is_present()) {
+        if let Some(pose) = report.sensor_from_head {
+            draw_axes(&mut picture, pose, |point| camera.depth_pixel(point));
+        }
+    }
+    // Words last, so that no other head covers them.
+    for cloud in pipeline.segmenter().heads() {
+        let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
+        let state = whose.map_or(TrackingState::Absent, |one| one.state);
+        let words = match whose.and_then(|one| one.user) {
+            Some(user) => format!("user {user} {}", state.name()),
+            None => "no user".to_owned(),
+        };
+        let (x, y) = (u32::from(cloud.rect.x0), u32::from(cloud.rect.y0));
+        canvas::text(
+            &mut picture,
+            x,
+            y.saturating_sub(14),
+            2,
+            &words,
+            colour_of(state),
+        );
+    }
+    picture
+}
+
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
     mut recording: Recording,
     model: &FaceModel,
+    settings: &Settings,
 ) -> Result<Album, InspectError> {
-    let camera = Camera::new(recording.registration());
-    let mut segmenter = Segmenter::new(crate::segment::Settings::default());
-    let mut tracker = PoseTracker::new(
-        crate::pose::Settings::default(),
-        &model.standard_head.oriented(),
-    )
-    .map_err(InspectError::Pose)?;
-    let mut fitter = LandmarkFitter::new(crate::landmarks::Settings::default(), model);
+    let mut pipeline = Pipeline::new(settings, recording.registration(), model)?;
     let mut album = Album {
         title: format!("Recording {name}"),
         ..Album::default()
     };
     let mut curves = Curves::default();
-    let mut learning = Learning::new();
+    let mut learning = Learning::new(settings.learning.clone());
     let mut frame = Frame::default();
-    let every = recording.len().div_ceil(SHOWN).max(1) as u64;
-    let (mut frames, mut heads, mut faces, mut next) = (0usize, 0usize, 0usize, every / 2);
+    let every = recording.len().div_ceil(SHOWN).max(1);
+    let (mut frames, mut next) = (0usize, every / 2);
+    let (mut coloured, mut heads, mut posed, mut faces) = (0usize, 0usize, 0usize, 0usize);
+    let mut in_state = [0usize; TrackingState::ALL.len()];
     while recording.next_frame(&mut frame) {
-        let shown = frame.index >= next;
-        let mut pictures = shown.then(|| (depth_picture(&frame, &camera), colour_picture(&frame)));
-        let mut values = [None; 9];
-        let mut face = None;
-        let cloud = segmenter.segment(&frame, &camera);
-        if let (Some((depth, _)), Some(cloud)) = (&mut pictures, cloud) {
-            draw_head(depth, cloud, &camera);
+        pipeline.follow(&frame);
+        let found = pipeline.segmenter().heads().len();
+        let report = pipeline.report();
+        let pose = report.sensor_from_head;
+        let face = report.landmarks.zip(pose);
+        let mut values = [None; CURVE_NAMES.len()];
+        if let Some(pose) = pose {
+            let t = pose.translation.vector;
+            let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
+            let turn = [yaw, pitch, roll].map(f32::to_degrees);
+            let told = t.iter().chain(&turn).chain([&report.confidence]);
+            for (value, told) in values.iter_mut().zip(told) {
+                *value = Some(f64::from(*told));
+            }
         }
-        heads += usize::from(cloud.is_some());
-        if let Some(pose) = cloud.and_then(|cloud| tracker.track(cloud, frame.at)) {
-            let t = pose.sensor_from_head.translation.vector;
-            let (yaw, pitch, roll) = yaw_pitch_roll(&pose.sensor_from_head.rotation);
-            let pose_values = [
-                t.x,
-                t.y,
-                t.z,
-                yaw.to_degrees(),
-                pitch.to_degrees(),
-                roll.to_degrees(),
-                pose.confidence,
-            ];
-            for (value, found) in values.iter_mut().zip(pose_values) {
-                *value = Some(f64::from(found));
-            }
-            values[8] = Some(f64::from(pose.residual) * 1e3);
-            if let Some(landmarks) = fitter.fit(&frame.luma, &frame.depth, &camera, &pose, frame.at)
-            {
-                faces += 1;
-                values[7] = Some(f64::from(landmarks.confidence));
-                if let Some((_, picture)) = &mut pictures {
-                    draw_landmarks(picture, landmarks);
-                }
-                face = Some((landmarks, pose.sensor_from_head));
-            }
-            if let Some((_, picture)) = &mut pictures {
-                draw_axes(picture, &pose.sensor_from_head, &camera);
+        values[STATES - 1] = Some(found as f64);
+        for report in pipeline.reports() {
+            in_state[usize::from(report.state.code())] += 1;
+            if let Some(user) = report.user {
+                values[STATES + user] = Some(f64::from(report.state.code()));
             }
         }
         frames += 1;
-        learning.observe(
-            frame.at,
-            face.as_ref().map(|(landmarks, pose)| (*landmarks, pose)),
-        );
-        curves.add(frame.at.as_us() as f64 * 1e-6, values);
-        if let Some((depth, picture)) = pictures {
+        coloured += usize::from(frame.has_colour);
+        heads += usize::from(found > 0);
+        posed += usize::from(pose.is_some());
+        faces += usize::from(face.is_some());
+        learning.observe(frame.at, face);
+        let seconds = frame.at.as_us() as f64 * 1e-6;
+        curves.add(seconds, values);
+        if frames > next {
             next += every;
-            let caption = format!(
-                "frame {}, {:.2} s",
-                frame.index,
-                frame.at.as_us() as f64 * 1e-6
-            );
+            let caption = format!("frame {}, {seconds:.2} s", frame.index);
             album.pictures.push((
-                format!("{caption}: depth, {NEAR_M} m red to {FAR_M} m blue; white: the head"),
-                depth,
+                format!(
+                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue; every head with its box and the state of its user{}",
+                    if frame.has_colour { "" } else { "; without colour" }
+                ),
+                draw_depth(&frame, &pipeline),
             ));
-            album.pictures.push((
-                format!("{caption}: colour, landmarks, axes of the head"),
-                picture,
-            ));
+            if frame.has_colour {
+                let mut picture = colour_picture(&frame);
+                for report in pipeline.reports() {
+                    if let Some(landmarks) = report.landmarks {
+                        draw_landmarks(&mut picture, landmarks);
+                    }
+                    if let Some(pose) = report.sensor_from_head {
+                        let camera = pipeline.camera();
+                        draw_axes(&mut picture, pose, |point| camera.colour_pixel(point));
+                    }
+                }
+                album.pictures.push((
+                    format!("{caption}: colour, landmarks, axes of the head"),
+                    picture,
+                ));
+            }
         }
     }
     let duration = match (curves.t.first(), curves.t.last()) {
@@ -225,23 +284,38 @@ pub(super) fn inspect(
             recording.skipped()
         ),
     );
+    album.fact("frames with colour", share(coloured));
     album.fact("duration", format!("{duration:.2} s"));
     album.fact("frames with a head", share(heads));
+    album.fact("frames with a pose", share(posed));
     album.fact("frames with a face", share(faces));
-    album.plots.push(curves.plot(
-        "Position of the head, metres in the sensor frame",
-        0..3,
-        None,
-    ));
-    album
-        .plots
-        .push(curves.plot("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))));
-    album
-        .plots
-        .push(curves.plot("Confidence of pose and face", 6..8, Some((0.0, 1.0))));
-    album
-        .plots
-        .push(curves.plot("Residual of the pose, mm", 8..9, Some((0.0, 1.0))));
+    let states = TrackingState::ALL.iter().zip(in_state);
+    let states = states.filter(|(_, count)| *count > 0);
+    let states: Vec<String> = states
+        .map(|(state, count)| format!("{} {count}", state.name()))
+        .collect();
+    album.fact("states of users, frames", states.join(", "));
+    for (title, range, at_least) in [
+        (
+            "Position of the head, metres in the sensor frame",
+            0..3,
+            None,
+        ),
+        ("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))),
+        (
+            "Confidence of the face, or of the pose without one",
+            6..7,
+            Some((0.0, 1.0)),
+        ),
+        ("Heads found in depth", 7..8, Some((0.0, 2.0))),
+        (
+            "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
+            STATES..STATES + USERS,
+            Some((0.0, 5.0)),
+        ),
+    ] {
+        album.plots.push(curves.plot(title, range, at_least));
+    }
     if faces > 0 {
         learning.show(&mut album);
     }

@@ -18,8 +18,17 @@ const SESSION_LINES: usize = 330_000;
 /// Events handed to a page at once.
 const BATCH: usize = 256;
 
-/// A picture of the sensor: number of its frame, and its Bayer mosaic.
-pub type Mosaic = (u64, Arc<[u8]>);
+/// What the sensor saw in a frame.
+#[derive(Clone)]
+pub enum Seen {
+    /// Bayer mosaic of the colour picture.
+    Colour(Arc<[u8]>),
+    /// Raw depth, where there is no colour.
+    Depth(Arc<[u16]>),
+}
+
+/// A picture of the sensor and the number of its frame.
+pub type Picture = (u64, Seen);
 
 #[derive(Default)]
 struct State {
@@ -27,7 +36,7 @@ struct State {
     /// Number of the first line that is kept.
     first: u64,
     facts: BTreeMap<String, Arc<str>>,
-    mosaic: Option<Mosaic>,
+    picture: Option<Picture>,
     note: String,
 }
 
@@ -140,14 +149,14 @@ impl Hub {
     }
 
     /// The newest picture of the sensor.
-    pub fn show(&self, mosaic: Mosaic) {
-        self.lock().mosaic = Some(mosaic);
+    pub fn show(&self, picture: Picture) {
+        self.lock().picture = Some(picture);
     }
 
     /// The newest picture of the sensor, if it shows any.
     #[must_use]
-    pub fn mosaic(&self) -> Option<Mosaic> {
-        self.lock().mosaic.clone()
+    pub fn picture(&self) -> Option<Picture> {
+        self.lock().picture.clone()
     }
 
     /// What a page that comes now is told first, and where it then reads on: a session from its start, a live source from now.

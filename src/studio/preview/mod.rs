@@ -178,12 +178,14 @@ impl Preview {
             }),
             None => self
                 .hub
-                .mosaic()
-                .and_then(|(number, bayer)| Some((number, sensor::jpeg(&bayer)?))),
+                .picture()
+                .and_then(|(number, seen)| Some((number, sensor::jpeg(&seen)?))),
         };
         match found {
-            Some((number, jpeg)) => {
-                Answer::Marked("image/jpeg", format!("X-Frame: {number}\r\n"), jpeg.into())
+            Some((number, (of_depth, jpeg))) => {
+                let view = if of_depth { "depth" } else { "colour" };
+                let headers = format!("X-Frame: {number}\r\nX-View: {view}\r\n");
+                Answer::Marked("image/jpeg", headers, jpeg.into())
             }
             None => Answer::Missing("no picture of this frame\n"),
         }

@@ -131,7 +131,7 @@ impl Receiver {
                 &[
                     Value::Int(number),
                     Value::Int(ms),
-                    Value::Int(state @ 0..=4),
+                    Value::Int(state @ 0..=5),
                     Value::Float(confidence),
                     ref more @ ..,
                 ],
@@ -363,6 +363,21 @@ mod tests {
         );
         let ranges = events.iter().rfind(|event| event["r"].is_array()).unwrap();
         assert_eq!(ranges["r"][1], serde_json::json!([1, 2, 3, 0.75]));
+    }
+
+    #[test]
+    fn a_head_without_a_face_keeps_its_pose_on_the_page() {
+        let (_, mut receiver, hub) = sent();
+        let refused = hub.counts().refused;
+        let mut bytes = b"/face/2/frame\0\0\0,iiif\0\0\0".to_vec();
+        bytes.extend([[0, 0, 0, 7], [0, 0, 6, 0], [0, 0, 0, 5], [0; 4]].concat());
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, refused);
+        assert_eq!(receiver.users[2].sample.state, TrackingState::Posed.code());
+        // A state that there is not.
+        *bytes.iter_mut().rfind(|byte| **byte == 5).unwrap() = 6;
+        receiver.take(&bytes, &hub);
+        assert_eq!(hub.counts().refused, refused + 1);
     }
 
     #[test]

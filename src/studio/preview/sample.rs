@@ -27,6 +27,8 @@ pub struct Sample {
     pub frozen: bool,
     /// `sensor_from_head`: place in metres and quaternion x y z w.
     pub pose: Option<[f32; 7]>,
+    /// The head in depth pixels: first column and row, one past the last.
+    pub head_box: Option<[u16; 4]>,
     /// In the order of the schema.
     pub weights: Vec<f32>,
     /// The 68 points, colour pixels; empty if not known.
@@ -90,6 +92,9 @@ impl Sample {
             out.push_str(",\"p\":");
             list(&mut out, pose.into_iter(), 4);
         }
+        if let Some(sides) = self.head_box {
+            let _ = write!(out, ",\"b\":{sides:?}");
+        }
         out.push_str(",\"w\":");
         let weights = self.weights.iter().map(|w| w.clamp(0.0, MOST_WEIGHT));
         list(&mut out, weights, 3);
@@ -139,6 +144,7 @@ mod tests {
             confidence: f32::NAN,
             latency_ms: Some(12.5),
             pose: Some([0.0, -0.0, 0.7, 0.0, 0.0, 0.0, 1.0]),
+            head_box: Some([1, 2, 30, 40]),
             weights: vec![0.5, f32::NAN, -1.0, 90.0, 0.0004],
             points: vec![[1.25, 2.0]],
             frozen: true,
@@ -146,6 +152,7 @@ mod tests {
         let json: serde_json::Value = serde_json::from_str(&sample.json()).unwrap();
         assert_eq!(json["w"], serde_json::json!([0.5, null, 0, 4, 0]));
         assert_eq!(json["p"], serde_json::json!([0, 0, 0.7, 0, 0, 0, 1]));
+        assert_eq!(json["b"], serde_json::json!([1, 2, 30, 40]));
         assert_eq!(
             (&json["u"], &json["f"], &json["l"]),
             (&1.into(), &1.into(), &12.5.into())

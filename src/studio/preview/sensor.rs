@@ -1,6 +1,8 @@
 //! A source that this computer sees itself: a recording, a sensor or the simulated one, followed by the pipeline in this
 //! process, so that pictures, landmarks, ranges and readiness are there to be shown.
 //!
+//! Where there is no colour, depth is shown in its place, and the heads in it.
+//!
 //! A recording is followed as fast as it goes and every frame is kept; its pictures are read again when the page asks. A live
 //! source is followed at its pace.
 
@@ -10,13 +12,15 @@ use std::time::Instant;
 
 use image::codecs::jpeg::JpegEncoder;
 
-use super::hub::Hub;
+use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::output::Report;
 use crate::pipeline::Pipeline;
+use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
 use crate::sensor::{Frame, Pacer, Source, SourceError, colour};
+use crate::studio::inspect::depth_picture;
 
 /// Between two tellings of the ranges, seconds of the stream.
 const RANGES_EVERY_S: f64 = 0.5;
@@ -36,6 +40,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
             let (place, turn) = (pose.translation.vector, pose.rotation.coords);
             [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
         }),
+        head_box: report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]),
         weights: report.weights.to_vec(),
         points: report
             .landmarks
@@ -74,7 +79,7 @@ pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
         }
         pipeline.follow(&frame);
         if live {
-            hub.show((frame.index, frame.bayer.as_slice().into()));
+            hub.show((frame.index, seen(&frame)));
         }
         let latency = live.then(|| arrived.elapsed().as_secs_f32() * 1e3);
         let now = frame.at.as_us() as f64 * 1e-6;
@@ -96,12 +101,28 @@ pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
     }
 }
 
-/// The picture of a Bayer mosaic as JPEG.
+fn seen(frame: &Frame) -> Seen {
+    if frame.has_colour {
+        Seen::Colour(frame.bayer.as_slice().into())
+    } else {
+        Seen::Depth(frame.depth.as_slice().into())
+    }
+}
+
+/// What was seen as JPEG, and whether it is of the depth camera: then in false colour.
 #[must_use]
-pub fn jpeg(bayer: &[u8]) -> Option<Vec<u8>> {
-    let bayer: &[u8; PIXELS] = bayer.try_into().ok()?;
-    let mut rgb = vec![0; 3 * PIXELS];
-    colour::rgb_from_bayer(bayer, &mut rgb);
+pub fn jpeg(seen: &Seen) -> Option<(bool, Vec<u8>)> {
+    let (rgb, of_depth) = match seen {
+        Seen::Colour(bayer) => {
+            let mut rgb = vec![0; 3 * PIXELS];
+            colour::rgb_from_bayer((&**bayer).try_into().ok()?, &mut rgb);
+            (rgb, false)
+        }
+        Seen::Depth(depth) => {
+            let picture = depth_picture((&**depth).try_into().ok()?, &Camera::nominal());
+            (picture.into_raw(), true)
+        }
+    };
     let mut out = Cursor::new(Vec::new());
     let encoded = JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY).encode(
         &rgb,
@@ -110,14 +131,15 @@ pub fn jpeg(bayer: &[u8]) -> Option<Vec<u8>> {
         image::ExtendedColorType::Rgb8,
     );
     encoded.ok()?;
-    Some(out.into_inner())
+    Some((of_depth, out.into_inner()))
 }
 
-/// Picture of frame `number` of a recording as JPEG; `None` if it is damaged or not there.
+/// Picture of frame `number` of a recording, as [`jpeg`]; `None` if it is damaged or not there.
 #[must_use]
-pub fn recorded(directory: &Path, number: u64) -> Option<Vec<u8>> {
+pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
     let mut recording = Recording::open(directory).ok()?;
     let mut frame = Frame::default();
     recording.go_to(usize::try_from(number).ok()?);
-    (recording.next_frame(&mut frame) && frame.index == number).then(|| jpeg(&frame.bayer[..]))?
+    let found = recording.next_frame(&mut frame) && frame.index == number;
+    found.then(|| jpeg(&seen(&frame)))?
 }

@@ -124,7 +124,7 @@ impl Receiver {
                 self.sample.user = Some(0);
                 self.sample.number = *number as u64;
                 self.sample.seconds = ms * 1e-3;
-                self.sample.state = (0.0..=4.0).contains(state).then_some(*state as u8)?;
+                self.sample.state = (0.0..=5.0).contains(state).then_some(*state as u8)?;
                 self.sample.confidence = (confidence / 99.0) as f32;
                 self.sample.weights = weights.iter().map(|w| *w as f32 / self.full).collect();
                 self.tell(hub);
@@ -180,10 +180,11 @@ impl Receiver {
                 let before = (self.sample.seconds * 1e3).round() as u64;
                 let passed = ms.wrapping_sub(before as u16);
                 self.sample.seconds = (before + u64::from(passed)) as f64 * 1e-3;
-                self.sample.state = match flags & 0b1101 {
+                self.sample.state = match flags & 0b100_1101 {
                     1 => 2,
                     4 => 1,
                     8 => 3,
+                    0b100_1000 => 5,
                     _ => 0,
                 };
                 self.sample.frozen = flags & 2 != 0;
@@ -377,6 +378,22 @@ mod tests {
         assert_eq!(frame["w"], serde_json::json!([0, 0.502, 1]));
         assert_eq!((&frame["s"], &frame["t"]), (&2.into(), &0.033.into()));
         assert_eq!(hub.counts().refused, 0);
+    }
+
+    #[test]
+    fn a_head_without_a_face_is_posed_in_both_styles() {
+        let (hub, mut receiver) = (Hub::new(true), Receiver::new(100.0));
+        receiver.take(sentence("AUH,1,1,AU25").as_bytes(), &hub);
+        receiver.take(sentence("AU,1,33,5,50,0").as_bytes(), &hub);
+        assert_eq!(last(&hub)["s"], 5);
+        receiver.take(sentence("AU,2,66,6,50,0").as_bytes(), &hub);
+        assert_eq!(hub.counts().refused, 1, "a state that there is not");
+        // Flags: posed, held or fading, slot 2.
+        let mut payload = vec![1, 3, 99, 0, 0b0110_1000, 128, 1, 0];
+        payload.extend(crc16(&payload).to_le_bytes());
+        receiver.frame(&payload, &hub);
+        let frame = last(&hub);
+        assert_eq!((&frame["s"], &frame["u"]), (&5.into(), &2.into()));
     }
 
     #[test]

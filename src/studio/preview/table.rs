@@ -44,6 +44,7 @@ pub struct Table {
     confidence: Option<usize>,
     pose: Option<[usize; 7]>,
     points: Option<Vec<usize>>,
+    head_box: Option<[usize; 4]>,
     units: Vec<(String, usize)>,
     rows: u64,
 }
@@ -84,6 +85,10 @@ impl Table {
             confidence: find("confidence"),
             pose: all(pose.to_vec()).and_then(|columns| columns.try_into().ok()),
             points: all(points.collect()),
+            head_box: all(["x0", "y0", "x1", "y1"]
+                .map(|side| format!("head_{side}"))
+                .to_vec())
+            .and_then(|columns| columns.try_into().ok()),
             units,
             rows: 0,
         })
@@ -122,6 +127,10 @@ impl Table {
         };
         let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
         let mut weights = several(&columns)?;
+        if state == TrackingState::Posed.code() {
+            // No weights are not weights of 0.
+            weights.clear();
+        }
         for weight in &mut weights {
             *weight = if weight.is_nan() { 0.0 } else { *weight };
         }
@@ -133,6 +142,12 @@ impl Table {
             Some(columns) => several(columns)?,
             None => Vec::new(),
         };
+        let head_box = match &self.head_box {
+            Some(columns) => several(columns)?.try_into().ok(),
+            None => None,
+        };
+        let is_there = |sides: &[f32; 4]| sides.iter().all(|side| (0.0..=65535.0).contains(side));
+        let head_box = head_box.filter(is_there);
         let whole = points.iter().all(|value| value.is_finite());
         self.rows += 1;
         let frame = self.frame.and_then(|at| cells[at].parse().ok());
@@ -143,6 +158,7 @@ impl Table {
             state,
             confidence: self.confidence.map_or(Some(f32::NAN), number)?,
             pose: pose.filter(|pose: &[f32; 7]| pose.iter().all(|value| value.is_finite())),
+            head_box: head_box.map(|sides: [f32; 4]| sides.map(|side| side as u16)),
             weights,
             points: if whole {
                 points.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
@@ -218,6 +234,13 @@ mod tests {
         let row = table.row("0.5,1,33333,tracking,x,0.25\n").unwrap();
         assert_eq!((row.user, row.state, row.number), (Some(1), 2, 0));
         assert_eq!(row.weights, [0.5, 0.25]);
+        let header = "w_AU26,user,time_us,state,head_x0,head_y0,head_x1,head_y1";
+        let mut boxed = Table::new(Path::new("a.csv"), header).unwrap();
+        let posed = boxed.row(",0,33333,posed,10,20,110,140").unwrap();
+        assert_eq!((posed.state, posed.head_box), (5, Some([10, 20, 110, 140])));
+        assert!(posed.weights.is_empty(), "no weights are not weights of 0");
+        let held = boxed.row("0.5,0,66666,held,,,,").unwrap();
+        assert_eq!((held.head_box, held.weights), (None, vec![0.5]));
         let nobody = table.row(",,66666,absent,,\n").unwrap();
         assert_eq!(
             (nobody.user, nobody.state, nobody.weights),

@@ -1,5 +1,5 @@
 // What arrives, and where in time the page is. Samples: u slot, n number, t seconds, s state, c confidence, l latency in ms,
-// f frozen, p pose (x y z qx qy qz qw), w weights in the order of `units`, m landmarks (pixels).
+// f frozen, p pose (x y z qx qy qz qw), b the head's box (depth pixels, one past the last), w weights in the order of `units`, m landmarks (pixels).
 
 export const WINDOW_S = 30;
 // A little more than is drawn, so that the left edge of the curves is whole.
@@ -61,7 +61,7 @@ export class Stream {
       // Nobody: whoever was there is gone.
       for (const user of this.users) {
         const before = user.samples.at(-1);
-        if (before && before.s !== 0) user.samples.push({ ...before, n: sample.n, t: sample.t, s: 0, w: [], p: undefined, m: undefined });
+        if (before && before.s !== 0) user.samples.push({ ...before, n: sample.n, t: sample.t, s: 0, w: [], p: undefined, b: undefined, m: undefined });
       }
       return;
     }
