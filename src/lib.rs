@@ -68,6 +68,8 @@ pub mod log;
 #[cfg(feature = "std")]
 pub mod memory;
 #[cfg(feature = "std")]
+mod pipe;
+#[cfg(feature = "std")]
 pub mod pipeline;
 #[cfg(feature = "std")]
 pub mod send_test;

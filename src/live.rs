@@ -1,11 +1,13 @@
-//! The live line: what a person sees who runs `mien` without asking for a CSV.
+//! The live line: what a person sees who runs `mien` on a terminal without asking for a CSV.
 
 use core::fmt::Write as _;
 
 use crate::users::TrackingState;
 
-/// Longest line in characters: one row of an ordinary terminal.
-const LINE: usize = 100;
+/// Puts the line over the one before.
+const OVER: &str = "\r\x1b[K";
+/// Longest line in characters: one row of an ordinary terminal, and what puts it there.
+const LINE: usize = 100 + OVER.len();
 /// Weights below this are not worth a place on the line.
 const SHOWN: f32 = 0.15;
 
@@ -21,7 +23,7 @@ pub(crate) fn line(
     // A full line is cut: that is its policy.
     let _ = write!(
         line,
-        "{:3}:{:04.1} {:8} {:3.0}%",
+        "{OVER}{:3}:{:04.1} {:8} {:3.0}%",
         (seconds / 60.0) as u64,
         seconds % 60.0,
         state.name(),
@@ -64,7 +66,7 @@ mod tests {
         );
         assert_eq!(
             text.as_str(),
-            "  1:03.2 tracking  93% turn  +6  +0  -6 | AU26 0.80 AU2L 0.50"
+            "\r\x1b[K  1:03.2 tracking  93% turn  +6  +0  -6 | AU26 0.80 AU2L 0.50"
         );
         let many = [("AU43L", 1.0); 40];
         assert!(line(0.0, TrackingState::Absent, 0.0, None, &mut many.into_iter()).len() <= LINE);

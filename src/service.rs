@@ -2,7 +2,7 @@
 //! One file: the order of a run from its start to its end.
 
 use std::fs::File;
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,21 +14,19 @@ use crate::cli::{CsvTarget, Run};
 use crate::face_model::{FaceModel, ModelError};
 use crate::geometry::yaw_pitch_roll;
 use crate::output::csv::Csv;
-use crate::output::{Output, OutputError, Report};
+use crate::output::{Output, OutputError, Report, Tally};
+use crate::pipe::{Pipe, Rows};
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::{Frame, Pacer, Source, SourceError, SourceName, kinect};
 use crate::service_manager::ServiceManager;
 use crate::settings::{Settings, SettingsError};
 use crate::status::Status;
 use crate::time::Timestamp;
-use crate::users::TrackingState;
 use crate::users::saved::People;
 use crate::{live, memory, send_test, wires};
 
 /// Where the configuration is looked for when none is named.
 const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
-/// How often the live line is written where it cannot overwrite itself, in microseconds.
-const LIVE_PERIOD_US: u64 = 1_000_000;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -199,14 +197,21 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     };
     let mut source = open(&name, no_kinect, settings.sensor.kinect)?;
     let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
-    let mut outputs = outputs(&settings, run.csv.as_ref(), &pipeline)?;
+    let signals = Signals::watch()?;
+    let mut csv = run
+        .csv
+        .as_ref()
+        .map(|to| table(to, &signals, &source, &pipeline))
+        .transpose()?;
+    let mut wires = wires::open(&settings, &pipeline.unit_names())?;
     let mut status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
     let mut people = people(&settings, &source);
     if let Some(people) = &people {
         pipeline.recall(people.load());
     }
-    let mut live = (run.csv != Some(CsvTarget::StandardOutput)).then(Live::default);
-    let signals = Signals::watch()?;
+    let mut live = (run.csv != Some(CsvTarget::StandardOutput))
+        .then(Live::on_a_terminal)
+        .flatten();
     let mut manager = ServiceManager::from_environment();
     match memory::lock() {
         Ok(()) => tracing::debug!("memory is locked"),
@@ -224,22 +229,19 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
         if signals.reload.swap(false, Ordering::Relaxed) {
             manager.reloading();
-            let old = settings.clone();
-            settings = reload(run, settings);
-            let mut renewed = Pipeline::new(&settings, source.registration(), &model)?;
-            renewed.adopt(&pipeline);
-            pipeline = renewed;
-            outputs.truncate(usize::from(run.csv.is_some()));
-            let units = pipeline.unit_names();
-            outputs.extend(match wires::open(&settings, &units) {
-                Ok(wires) => wires,
-                Err(problem) => {
-                    tracing::error!("{problem}; the outputs stay as they were");
-                    wires::open(&old, &units)?
+            match reload(run, &mut settings, &source, &model) {
+                Ok(None) => tracing::info!("configuration read again, nothing in it has changed"),
+                Ok(Some((mut renewed, opened))) => {
+                    tracing::info!("configuration read again");
+                    renewed.adopt(&pipeline);
+                    pipeline = renewed;
+                    // Those before say goodbye, and leave their ports.
+                    wires = opened;
+                    status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+                    people = self::people(&settings, &source);
                 }
-            });
-            status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
-            people = self::people(&settings, &source);
+                Err(problem) => tracing::error!("{problem}; the old configuration stays"),
+            }
             manager.ready();
         }
         match source.next_frame(&mut frame) {
@@ -249,12 +251,12 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             Err(SourceError::Waiting(_)) => {
                 let nobody = nobody(&frame, last.elapsed());
                 // The CSV has rows of frames only.
-                for wire in outputs.iter_mut().skip(run.csv.is_some().into()) {
+                for wire in &mut wires {
                     wire.send(&nobody)?;
                 }
                 status.observe(&nobody, None);
-                hear(&mut outputs, &mut pipeline);
-                status.write(outputs.iter().map(|output| output.tally()));
+                hear(&mut wires, &mut pipeline);
+                status.write(tallies(csv.as_ref(), &wires));
                 let now = Instant::now();
                 manager.alive(now);
                 manager.state(format_args!("waiting for the sensor"), now);
@@ -277,8 +279,16 @@ pub fn run(run: &Run) -> Result<(), Failure> {
             let mut reports = pipeline.reports();
             for report in &mut reports {
                 report.latency_us = latency_us;
-                for output in &mut outputs {
-                    output.send(report)?;
+                if let Some(Err(problem)) = csv.as_mut().map(|csv| csv.send(report)) {
+                    // Whoever plays a recording wants its table; people who are there want their wires.
+                    if !matches!(source, Source::Kinect(_)) {
+                        return Err(problem.into());
+                    }
+                    tracing::error!("{problem}; the table ends here, the run goes on");
+                    csv = None;
+                }
+                for wire in &mut wires {
+                    wire.send(report)?;
                 }
             }
             let mut latency = Some(arrived.elapsed());
@@ -295,8 +305,8 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         if let Source::Kinect(live) = &mut source {
             live.show_tracking(state.has_face());
         }
-        hear(&mut outputs, &mut pipeline);
-        status.write(outputs.iter().map(|output| output.tally()));
+        hear(&mut wires, &mut pipeline);
+        status.write(tallies(csv.as_ref(), &wires));
         if let Some(people) = people.as_mut().filter(|people| people.is_due()) {
             people.save(pipeline.people().iter(), pipeline.at());
         }
@@ -333,10 +343,19 @@ fn nobody(last: &Frame, since: Duration) -> Report<'static> {
     }
 }
 
+/// What the table and the wires have done.
+fn tallies<'a>(
+    csv: Option<&'a Csv<Rows>>,
+    wires: &'a [Box<dyn Output>],
+) -> impl Iterator<Item = Tally> + Clone + 'a {
+    let wires = wires.iter().map(|wire| wire.tally());
+    csv.map(Output::tally).into_iter().chain(wires)
+}
+
 /// Obeys what receivers ask for.
-fn hear(outputs: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
-    for output in outputs {
-        while let Some(command) = output.next_command() {
+fn hear(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+    for wire in wires {
+        while let Some(command) = wire.next_command() {
             tracing::info!("asked over OSC: {command:?}");
             pipeline.obey(command);
         }
@@ -356,83 +375,81 @@ pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     Ok(send_test::sweep(&settings, &model(named)?, &signals.stop)?)
 }
 
-/// The configuration read again; the old one if the new one is refused.
-fn reload(run: &Run, old: Settings) -> Settings {
-    match settings(run.config.as_deref()) {
-        Ok(new) => {
-            tracing::info!("configuration read again");
-            new
-        }
-        Err(error) => {
-            tracing::error!("{error}; the old configuration stays");
-            old
-        }
+/// Reads the configuration again; if it has changed, the stages and wires it wants, all of which stand. Only then are the
+/// settings those read.
+fn reload(
+    run: &Run,
+    settings: &mut Settings,
+    source: &Source,
+    model: &FaceModel,
+) -> Result<Option<(Pipeline, Vec<Box<dyn Output>>)>, Failure> {
+    let new = self::settings(run.config.as_deref())?;
+    if new == *settings {
+        return Ok(None);
     }
+    let pipeline = Pipeline::new(&new, source.registration(), model)?;
+    let wires = wires::open(&new, &pipeline.unit_names())?;
+    let later = [
+        ("sensor", new.sensor != settings.sensor),
+        ("log", new.log != settings.log),
+    ];
+    for (section, _) in later.iter().filter(|(_, changed)| *changed) {
+        tracing::warn!("what has changed in [{section}] needs a restart");
+    }
+    *settings = new;
+    Ok(Some((pipeline, wires)))
 }
 
-/// The CSV, if asked for, and then the configured wires.
-fn outputs(
-    settings: &Settings,
-    csv: Option<&CsvTarget>,
+/// The table that is asked for.
+fn table(
+    to: &CsvTarget,
+    signals: &Signals,
+    source: &Source,
     pipeline: &Pipeline,
-) -> Result<Vec<Box<dyn Output>>, Failure> {
-    let mut outputs: Vec<Box<dyn Output>> = Vec::new();
-    let (measures, units) = (Pipeline::measure_names(), pipeline.unit_names());
-    match csv {
-        Some(CsvTarget::StandardOutput) => {
-            outputs.push(Box::new(Csv::new(io::stdout().lock(), &measures, &units)?))
-        }
-        Some(CsvTarget::File(path)) => {
-            let file = File::create(path).map_err(|source| OutputError::Csv { source })?;
-            outputs.push(Box::new(Csv::new(BufWriter::new(file), &measures, &units)?));
-        }
-        None => {}
-    }
-    outputs.extend(wires::open(settings, &units)?);
-    Ok(outputs)
+) -> Result<Csv<Rows>, OutputError> {
+    let live = matches!(source, Source::Kinect(_));
+    let rows = match to {
+        CsvTarget::StandardOutput => Pipe::of(io::stdout()),
+        CsvTarget::File(path) => File::create(path).and_then(Pipe::of),
+    };
+    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, live));
+    let rows = rows.map_err(|source| OutputError::Csv { source })?;
+    Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
 }
 
-/// The line on standard output: overwritten in place on a terminal, one a second elsewhere.
-#[derive(Default)]
+/// The line of weights that a terminal shows.
 struct Live {
-    last_us: Option<u64>,
-    state: TrackingState,
+    out: Pipe,
+    shown: bool,
 }
 
 impl Live {
+    /// Only there: a log is no place for weights.
+    fn on_a_terminal() -> Option<Self> {
+        let terminal = Some(io::stdout()).filter(IsTerminal::is_terminal);
+        let out = Pipe::of(terminal?).ok()?;
+        Some(Self { out, shown: false })
+    }
+
     fn show<'a>(&mut self, report: &Report, names: impl Iterator<Item = &'a str>) {
-        let mut out = io::stdout().lock();
-        let terminal = out.is_terminal();
-        let now = report.at.as_us();
-        let due = self.last_us.is_none_or(|last| now >= last + LIVE_PERIOD_US)
-            || report.state != self.state;
-        if !terminal && !due {
-            return;
-        }
-        (self.last_us, self.state) = (Some(now), report.state);
         let turn = report
             .sensor_from_head
             .map(|pose| yaw_pitch_roll(&pose.rotation));
         let mut units = names.zip(report.weights.iter().copied());
         let line = live::line(
-            now as f64 * 1e-6,
+            report.at.as_us() as f64 * 1e-6,
             report.state,
             report.confidence,
             turn,
             &mut units,
         );
-        // A closed standard output is not worth ending the run for.
-        let _ = if terminal {
-            write!(out, "\r\x1b[K{line}").and_then(|()| out.flush())
-        } else {
-            writeln!(out, "{line}")
-        };
+        // Over the one before. A terminal that takes nothing more is not waited for.
+        self.shown |= self.out.offer(line.as_bytes());
     }
 
     fn end(self) {
-        let mut out = io::stdout().lock();
-        if out.is_terminal() && self.last_us.is_some() {
-            let _ = writeln!(out);
+        if self.shown {
+            self.out.offer(b"\n");
         }
     }
 }

@@ -208,6 +208,17 @@ fn switches_are_the_bits_of_a_value() {
     assert_eq!(heard(66, [0.0, 0.75, 1.0]), named(&changed));
 }
 
+/// Longer than any machine needs.
+fn wait_for(mut condition: impl FnMut() -> bool) {
+    for _ in 0..6000 {
+        if condition() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("waited for a minute");
+}
+
 #[test]
 fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     let command = |address: &str, args: Vec<OscType>| {
@@ -251,12 +262,17 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     let round = std::iter::from_fn(|| osc.next_command()).count();
     assert!((1..=16).contains(&round), "{round} in one round");
 
-    let taken = osc::Settings {
+    // A second one waits until the address is free; what is no address is refused.
+    let second = |listen: &str| osc::Settings {
         commands: true,
-        listen: to.to_string(),
+        listen: listen.into(),
         ..osc::Settings::default()
     };
-    let refused = Osc::new(taken, &UNITS).err().unwrap().to_string();
+    let mut waits = Osc::new(second(&to.to_string()), &UNITS).unwrap();
+    assert_eq!((waits.listens_at(), waits.next_command()), (None, None));
+    drop(osc);
+    wait_for(|| (waits.next_command(), waits.listens_at()) == (None, Some(to)));
+    let refused = Osc::new(second("here"), &UNITS).err().unwrap().to_string();
     assert!(
         refused.starts_with("cannot listen for OSC commands at"),
         "{refused}"

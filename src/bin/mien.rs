@@ -13,14 +13,13 @@ static MEMORY: Counting = Counting::new();
 
 #[expect(
     clippy::print_stdout,
-    clippy::print_stderr,
     reason = "this is the door: it prints what was asked for"
 )]
 fn main() -> ExitCode {
     let command = match cli::parse(std::env::args_os().skip(1)) {
         Ok(command) => command,
         Err(error) => {
-            eprintln!("mien: {error}");
+            mien::log::say(format_args!("mien: {error}"));
             return ExitCode::from(64);
         }
     };
@@ -63,7 +62,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("mien: {failure}");
+            mien::log::say(format_args!("mien: {failure}"));
             ExitCode::from(failure.exit_code())
         }
     }

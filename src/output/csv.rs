@@ -142,6 +142,7 @@ pub struct Csv<W> {
     to: W,
     rows: Rows,
     count: u64,
+    dropped: u64,
 }
 
 #[cfg(feature = "std")]
@@ -155,16 +156,22 @@ impl<W: Write> Csv<W> {
             to,
             rows: Rows::new(measures, units),
             count: 0,
+            dropped: 0,
         };
         csv.write_row()?;
+        (csv.count, csv.dropped) = (0, 0);
         Ok(csv)
     }
 
     fn write_row(&mut self) -> Result<(), OutputError> {
         // One write for the row, so that a reader never sees half of one for long.
         let row = self.rows.text().as_bytes();
-        let written = self.to.write_all(row).and_then(|()| self.to.flush());
-        written.map_err(|source| OutputError::Csv { source })
+        match self.to.write_all(row).and_then(|()| self.to.flush()) {
+            Ok(()) => self.count += 1,
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.dropped += 1,
+            Err(source) => return Err(OutputError::Csv { source }),
+        }
+        Ok(())
     }
 }
 
@@ -174,13 +181,13 @@ impl<W: Write> Output for Csv<W> {
         if !self.rows.fill(report) {
             return Ok(());
         }
-        self.count += 1;
         self.write_row()
     }
 
     fn tally(&self) -> Tally {
         Tally {
             sent: self.count,
+            dropped: self.dropped,
             ..Tally::of("csv")
         }
     }

@@ -141,13 +141,11 @@ pub enum OutputError {
     /// Commands cannot be listened for.
     #[cfg(feature = "std")]
     #[error(
-        "cannot listen for OSC commands at {address:?}: {source}; expected a free address:port of this machine, like 127.0.0.1:9131"
+        "cannot listen for OSC commands at {address:?}; expected address:port of this machine, like 127.0.0.1:9131"
     )]
     Listen {
         /// What was given.
         address: String,
-        /// What the system said.
-        source: std::io::Error,
     },
     /// No `host:port`.
     #[error("OSC target is {target:?}, expected host:port like 127.0.0.1:9130")]

@@ -343,6 +343,9 @@ impl Output for Osc {
 impl Drop for Osc {
     /// Neutral and absent, for every user there has been.
     fn drop(&mut self) {
+        if !self.wire.is_used() {
+            return;
+        }
         for slot in 0..USERS {
             if slot == 0 || self.users[slot].known {
                 let user = &mut self.users[slot];

@@ -15,6 +15,8 @@
 
 #[cfg(feature = "std")]
 use std::net::{SocketAddr, UdpSocket};
+#[cfg(feature = "std")]
+use std::time::{Duration, Instant};
 
 use crate::capacity::USERS;
 use crate::output::Command;
@@ -32,6 +34,9 @@ const DATAGRAMS: usize = 8;
 /// Commands of one datagram that are kept; further ones are refused.
 #[cfg(feature = "std")]
 const REQUESTS: usize = 16;
+/// First and longest pause before an address that is taken is tried again.
+#[cfg(feature = "std")]
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 /// Bundles in bundles in bundles are refused.
 const DEPTH: usize = 3;
 /// Arguments a command has at most.
@@ -49,7 +54,12 @@ pub enum Request {
 /// The listening socket.
 #[cfg(feature = "std")]
 pub struct Commands {
-    socket: UdpSocket,
+    /// None while the address is taken, or not this machine's.
+    socket: Option<UdpSocket>,
+    address: SocketAddr,
+    /// When to try again, and how long to wait after that.
+    again: Instant,
+    pause: Duration,
     /// Start of the addresses, as `/face`.
     prefix: String,
     waiting: heapless::Deque<Request, REQUESTS>,
@@ -60,20 +70,21 @@ pub struct Commands {
 
 #[cfg(feature = "std")]
 impl Commands {
-    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`.
+    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. While the address is taken, or not
+    /// this machine's, it is tried again and again.
     ///
     /// # Errors
-    /// If it is no address of this machine, or taken.
+    /// If it is no address with a port.
     pub fn listen(address: &str, prefix: &str) -> Result<Self, OutputError> {
-        let socket = UdpSocket::bind(address).and_then(|socket| {
-            socket.set_nonblocking(true)?;
-            Ok(socket)
-        });
+        let parsed = address.parse();
+        let address = parsed.map_err(|_| OutputError::Listen {
+            address: address.to_owned(),
+        })?;
         Ok(Self {
-            socket: socket.map_err(|source| OutputError::Listen {
-                address: address.to_owned(),
-                source,
-            })?,
+            socket: bind(address).ok(),
+            address,
+            again: Instant::now(),
+            pause: PAUSES[0],
             prefix: prefix.to_owned(),
             waiting: heapless::Deque::new(),
             looked_at: 0,
@@ -85,7 +96,29 @@ impl Commands {
     /// Where it listens.
     #[must_use]
     pub fn address(&self) -> Option<SocketAddr> {
-        self.socket.local_addr().ok()
+        self.socket.as_ref()?.local_addr().ok()
+    }
+
+    /// Tries again when it is time to: first when the first request is asked for, as whoever had the address before a
+    /// reload has left it then.
+    fn try_again(&mut self) -> Option<&UdpSocket> {
+        let now = Instant::now();
+        if self.socket.is_none() && now >= self.again {
+            match bind(self.address) {
+                Ok(socket) => self.socket = Some(socket),
+                Err(error) => {
+                    if self.pause == PAUSES[0] {
+                        tracing::warn!(
+                            "cannot listen for OSC commands at {} ({error}), trying again until it is free",
+                            self.address
+                        );
+                    }
+                    self.again = now + self.pause;
+                    self.pause = (2 * self.pause).min(PAUSES[1]);
+                }
+            }
+        }
+        self.socket.as_ref()
     }
 
     /// Commands taken and refused.
@@ -103,7 +136,7 @@ impl Commands {
                 return Some(request);
             }
             let length = (self.looked_at < DATAGRAMS)
-                .then(|| self.socket.recv(&mut bytes).ok())
+                .then(|| self.try_again()?.recv(&mut bytes).ok())
                 .flatten();
             let Some(length) = length else {
                 self.looked_at = 0;
@@ -116,6 +149,13 @@ impl Commands {
             });
         }
     }
+}
+
+#[cfg(feature = "std")]
+fn bind(address: SocketAddr) -> std::io::Result<UdpSocket> {
+    let socket = UdpSocket::bind(address)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
 }
 
 /// Hands the requests of a datagram to `take`, which tells whether it had room; how many messages were refused.

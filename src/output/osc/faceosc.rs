@@ -209,6 +209,9 @@ impl Output for FaceOsc {
 impl Drop for FaceOsc {
     /// Nobody.
     fn drop(&mut self) {
+        if !self.wire.is_used() {
+            return;
+        }
         self.send_found(false);
     }
 }

@@ -191,6 +191,9 @@ impl Output for Vmc {
 impl Drop for Vmc {
     /// Neutral.
     fn drop(&mut self) {
+        if !self.wire.is_used() {
+            return;
+        }
         self.face.weights.reset();
         self.send_frame(false, None);
     }

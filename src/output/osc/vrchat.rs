@@ -220,6 +220,9 @@ impl Output for VrChat {
 impl Drop for VrChat {
     /// Neutral, and no face.
     fn drop(&mut self) {
+        if !self.wire.is_used() {
+            return;
+        }
         self.face.weights.reset();
         self.refresh = Every::default();
         self.send_frame(Timestamp::default(), false);

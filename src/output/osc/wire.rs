@@ -48,6 +48,11 @@ impl Wire {
         }
     }
 
+    /// Whether anybody was told anything; else there is nothing to take leave of.
+    pub(super) fn is_used(&self) -> bool {
+        self.sent + self.dropped > 0
+    }
+
     /// Datagrams sent, over all targets.
     pub(super) fn sent(&self) -> u64 {
         self.sent

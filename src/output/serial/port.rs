@@ -142,7 +142,8 @@ pub(super) fn feed(
     thread
         .spawn(move || {
             let mut pause = PAUSES[0];
-            let (mut told, mut cut) = (false, false);
+            // The first failure is not told: before a reload the port is still this programme's own for a moment.
+            let (mut failures, mut cut) = (0_u32, false);
             loop {
                 match open(&path, baud, dtr) {
                     Ok(mut port) => {
@@ -159,17 +160,18 @@ pub(super) fn feed(
                         shared.set_state(PortState::Absent);
                         let Err(error) = end else { return };
                         tracing::warn!("serial port {path} is lost ({error}), trying to open it again");
-                        told = true;
+                        failures = 2;
                         // One that opens and fails at once is not tried without a pause.
                         if opened.elapsed() > PAUSES[1] {
                             pause = PAUSES[0];
                         }
                     }
-                    Err(error) if !told => {
-                        tracing::warn!("serial port {path} cannot be opened ({error}), trying again until it is there");
-                        told = true;
+                    Err(error) => {
+                        failures = failures.saturating_add(1);
+                        if failures == 2 {
+                            tracing::warn!("serial port {path} cannot be opened ({error}), trying again until it is there");
+                        }
                     }
-                    Err(_) => {}
                 }
                 if shared.pause(pause) {
                     return;

@@ -1,0 +1,188 @@
+//! Writing to where perhaps nobody reads: standard output and error, a table's file.
+//!
+//! A pipe, a terminal or a socket whose other end is not read takes nothing more, and a plain write would wait for good. So
+//! pipes and terminals are opened again in a mode of their own that never waits (what was inherited stays as others who
+//! share it have it), and before every write it is asked whether there is room; a socket has that question only. A pipe
+//! takes a line of up to [`WHOLE`] bytes whole or not at all. Nothing allocates after opening.
+
+use std::fs::File;
+use std::io::{self, ErrorKind, Write};
+use std::os::fd::{AsFd, AsRawFd};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nix::poll::{PollFd, PollFlags, poll};
+
+/// Bytes that a pipe with any room takes at once (`PIPE_BUF`).
+const WHOLE: usize = 4096;
+/// How often somebody who waits looks whether to go on waiting, in milliseconds.
+const LOOK_MS: i32 = 100;
+
+/// An open pipe, terminal, socket or file.
+pub(crate) struct Pipe {
+    file: File,
+    /// Whether it has a length that can be cut.
+    regular: bool,
+}
+
+impl Pipe {
+    /// What `stream` writes to.
+    ///
+    /// # Errors
+    /// If `stream` is closed.
+    pub(crate) fn of(stream: impl AsFd) -> io::Result<Self> {
+        let file = File::from(stream.as_fd().try_clone_to_owned()?);
+        let kind = file.metadata()?.file_type();
+        let again = || {
+            let mut mode = File::options();
+            let mode = mode
+                .write(true)
+                .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
+            mode.open(format!("/proc/self/fd/{}", file.as_raw_fd()))
+                .ok()
+        };
+        // One that may not be opened is written to as it is.
+        let opened = (kind.is_fifo() || kind.is_char_device())
+            .then(again)
+            .flatten();
+        Ok(Self {
+            file: opened.unwrap_or(file),
+            regular: kind.is_file(),
+        })
+    }
+
+    /// Whether there is room, or an error to be told, within `ms`.
+    fn has_room(&self, ms: i32) -> bool {
+        let mut asked = [PollFd::new(self.file.as_raw_fd(), PollFlags::POLLOUT)];
+        poll(&mut asked, ms).is_ok_and(|ready| ready > 0)
+    }
+
+    /// Writes what there is room for now.
+    fn write(&self, bytes: &[u8]) -> io::Result<usize> {
+        if !self.has_room(0) {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        (&self.file).write(&bytes[..bytes.len().min(WHOLE)])
+    }
+
+    /// Writes a line of at most [`WHOLE`] bytes if there is room now; whether there was. What cannot be written for other
+    /// reasons is nobody's.
+    pub(crate) fn offer(&self, line: &[u8]) -> bool {
+        !matches!(self.write(line), Err(error) if error.kind() == ErrorKind::WouldBlock)
+    }
+
+    /// As [`Self::offer`], waiting for room a second at most.
+    pub(crate) fn insist(&self, line: &[u8]) {
+        self.has_room(1000);
+        self.offer(line);
+    }
+}
+
+/// Rows to a pipe or file, each whole: one that cannot be is cut off again, or not begun.
+pub(crate) struct Rows {
+    pipe: Pipe,
+    /// Ends the waiting.
+    stop: Arc<AtomicBool>,
+    /// Whether a row that finds no room is left out, because what comes next does not wait.
+    live: bool,
+    /// Whether the first row, the header, is there: that is always waited for.
+    begun: bool,
+}
+
+impl Rows {
+    /// Rows to `pipe`, until `stop`.
+    pub(crate) fn to(pipe: Pipe, stop: &Arc<AtomicBool>, live: bool) -> Self {
+        Self {
+            pipe,
+            stop: Arc::clone(stop),
+            live,
+            begun: false,
+        }
+    }
+}
+
+impl Write for Rows {
+    /// Takes a row.
+    ///
+    /// # Errors
+    /// `WouldBlock` if it was left out.
+    fn write(&mut self, row: &[u8]) -> io::Result<usize> {
+        let mut written = 0;
+        while written < row.len() {
+            match self.pipe.write(&row[written..]) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(more) => written += more,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    // What has been begun is ended, if ever that is possible.
+                    let late = self.live && self.begun && written == 0;
+                    if late || self.stop.load(Ordering::Relaxed) {
+                        return Err(error);
+                    }
+                    self.pipe.has_room(LOOK_MS);
+                }
+                Err(error) => {
+                    if self.pipe.regular {
+                        let length = self.pipe.file.metadata()?.len();
+                        self.pipe.file.set_len(length - written as u64)?;
+                    }
+                    return Err(error);
+                }
+            }
+        }
+        self.begun = true;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+
+    #[test]
+    fn what_finds_no_room_is_left_out_whole() {
+        let (mut reader, writer) = std::io::pipe().unwrap();
+        let pipe = Pipe::of(writer.as_fd()).unwrap();
+        let row = [b'-'; 1000];
+        let mut written = 0;
+        while pipe.offer(&row) {
+            written += row.len();
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut live = Rows::to(pipe, &stop, true);
+        live.begun = true;
+        let left_out = live.write(&row).unwrap_err();
+        assert_eq!(left_out.kind(), ErrorKind::WouldBlock);
+        // Whoever waits ends when told to.
+        live.live = false;
+        stop.store(true, Ordering::Relaxed);
+        assert!(live.write(&row).is_err());
+        drop((live, writer));
+        let mut all = Vec::new();
+        reader.read_to_end(&mut all).unwrap();
+        assert_eq!(all.len(), written);
+    }
+
+    #[test]
+    fn a_reader_that_is_slow_gets_every_row() {
+        let (mut reader, writer) = std::io::pipe().unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut rows = Rows::to(Pipe::of(writer).unwrap(), &stop, false);
+        let read = std::thread::spawn(move || {
+            let mut all = Vec::new();
+            reader.read_to_end(&mut all).map(|_| all)
+        });
+        let expected: Vec<u8> = (0..100_u8).flat_map(|row| [row; 6000]).collect();
+        for row in expected.chunks(6000) {
+            rows.write_all(row).unwrap();
+        }
+        drop(rows);
+        assert!(read.join().unwrap().unwrap() == expected);
+    }
+}
