@@ -12,6 +12,7 @@ use super::bars;
 use super::default_head;
 use super::fit::{self, FitArgs};
 use super::head_scenes;
+use super::head_scenes::wild;
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
@@ -93,13 +94,13 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "evaluate",
-        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...]]",
-        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, or with --heads scenes of one and several heads, hands and rooms; one table",
+        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...] | --wild [--pictures DIR]]",
+        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, with --heads scenes of one and several heads, hands and rooms, or with --wild people with hair, clothes and things before a sensor with a real one's faults; one table",
         example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
         options: &[
-            "data", "model", "config", "people", "seconds", "split", "seed", "rows",
+            "data", "model", "config", "people", "seconds", "split", "seed", "rows", "pictures",
         ],
-        flags: &["landmarks", "heads"],
+        flags: &["landmarks", "heads", "wild"],
         words: 0,
         run: run_evaluate,
     },
@@ -415,6 +416,22 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
             "{}",
             head_scenes::play(&data(words), &model, &settings, &sessions, &rows)?
         );
+        return Ok(());
+    }
+    if words.flag("wild") {
+        let sessions = Sessions {
+            seconds: words.value("seconds")?.unwrap_or(wild::SECONDS),
+            ..sessions
+        };
+        let pictures = words.path("pictures");
+        let table = wild::play(
+            &data(words),
+            &model,
+            &settings,
+            &sessions,
+            pictures.as_deref(),
+        )?;
+        print!("{table}");
         return Ok(());
     }
     print!(

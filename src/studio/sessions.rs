@@ -308,7 +308,7 @@ fn play_one(
     Ok(played)
 }
 
-fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
+pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f64; 2] {
     let distance = |a: [f32; 2], b: [f32; 2]| f64::from((a[0] - b[0]).hypot(a[1] - b[1]));
     let eyes = distance(truth.landmarks_px[36], truth.landmarks_px[45]);
     [0, 17].map(|from| {

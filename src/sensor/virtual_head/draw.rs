@@ -6,7 +6,7 @@
 use super::asset::{HeadAsset, Part};
 use super::body::Shape;
 use super::raster::{Corner, DepthBuffer, Window};
-use crate::geometry::{Point, Rigid, Vector};
+use crate::geometry::{Point, Rigid, Rotation, Vector};
 
 /// The light of a scene.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ impl Default for Light {
 
 impl Light {
     /// Brightness of a surface with this outward unit normal.
-    fn on(&self, normal: &Vector) -> f32 {
+    pub(super) fn on(&self, normal: &Vector) -> f32 {
         self.ambient + (1.0 - self.ambient) * normal.dot(&self.towards).max(0.0)
     }
 }
@@ -112,14 +112,20 @@ impl HeadPainter {
         self.place_deformed(sensor_from_head);
     }
 
-    /// Sets the pose of what is in `deformed`.
+    /// Sets the pose of what is in `deformed`, above upright shoulders.
     pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
+        self.place_above(sensor_from_head, &shoulders_below(sensor_from_head));
+    }
+
+    /// Sets the pose of what is in `deformed`, above these shoulders.
+    pub(crate) fn place_above(&mut self, sensor_from_head: &Rigid, sensor_from_torso: &Rigid) {
         let rotation = sensor_from_head.rotation.to_rotation_matrix();
         let shift = sensor_from_head.translation.vector;
-        let below = shoulders_below(sensor_from_head).translation.vector;
+        let upright = sensor_from_torso.rotation.to_rotation_matrix();
+        let below = sensor_from_torso.translation.vector;
         for ((placed, p), &stays) in self.placed.iter_mut().zip(&self.deformed).zip(&self.neck) {
             let moved = rotation * p.coords + shift;
-            *placed = Point::from(moved + (p.coords + below - moved) * stays);
+            *placed = Point::from(moved + (upright * p.coords + below - moved) * stays);
         }
     }
 
@@ -165,11 +171,22 @@ impl HeadPainter {
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
     ) -> Window {
+        self.draw_depth_where(asset, pixel, buffer, |_| {})
+    }
+
+    /// Draws depth, and tells where.
+    pub(crate) fn draw_depth_where(
+        &mut self,
+        asset: &HeadAsset,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        buffer: &mut DepthBuffer,
+        mut drawn: impl FnMut(usize),
+    ) -> Window {
         self.project(pixel);
         let mut window = Window::NOTHING;
         for &triangle in asset.triangles.iter() {
             let corners = self.turned(triangle).map(|k| self.corners[k]);
-            window.include(buffer.triangle(corners, |_, _, _| {}));
+            window.include(buffer.triangle(corners, |pixel, _, _| drawn(pixel)));
         }
         window
     }
@@ -257,11 +274,19 @@ impl HeadPainter {
     }
 }
 
+/// Top of the neck, about which the head turns, head frame.
+const PIVOT: Vector = Vector::new(0.0, 0.08, 0.09);
+
 /// Where the shoulders are: upright below a head that turns about the top of its neck.
 pub(crate) fn shoulders_below(sensor_from_head: &Rigid) -> Rigid {
-    let pivot = Vector::new(0.0, 0.08, 0.09);
-    let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * pivot - pivot;
+    let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT - PIVOT;
     Rigid::translation(shift.x, shift.y, shift.z)
+}
+
+/// Likewise where the sensor does not stand upright: the world's vertical is turned by `tilt` in its view.
+pub(crate) fn shoulders_tilted(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
+    let neck = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT;
+    Rigid::from_parts((neck - tilt * PIVOT).into(), *tilt)
 }
 
 /// Work space for one simple shape.

@@ -15,21 +15,24 @@ mod file;
 mod noise;
 mod raster;
 mod script;
+mod wear;
 
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
 pub use file::HeadFileError;
 pub use script::Scene;
+pub use wear::{Beard, HairStyle, Headgear, Held, Look, Neck};
 
-use crate::capacity::{HEIGHT, LANDMARKS, USERS, WIDTH};
-use crate::geometry::{Point, Rigid};
+use crate::capacity::{HEIGHT, LANDMARKS, PIXELS, USERS, WIDTH};
+use crate::geometry::{Point, Rigid, Rotation, Vector};
 use crate::sensor::camera::Camera;
 use crate::sensor::{Frame, colour};
 use crate::time::Timestamp;
 use body::Shape;
 use draw::{Canvas, HeadPainter, ShapePainter};
-use noise::{DepthReading, Tiles};
+use noise::{DepthReading, RealReading, Tiles};
 use raster::{DepthBuffer, Window};
+use wear::{Outfit, OutfitPainter, Stuff};
 
 /// Expressions a head may have.
 pub const EXPRESSIONS: usize = 64;
@@ -50,6 +53,64 @@ pub struct Truth {
     /// Weight of each expression of the asset, in its order.
     pub activations: heapless::Vec<f32, EXPRESSIONS>,
 }
+
+/// How far the cameras are from perfect ones; [`Sensor::default`] is what all scenes had from the beginning.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// Faults of the depth reading: 0 as from the beginning, 1 as a real Kinect's.
+    pub faults: f32,
+    /// The colour picture is taken so much later than the depth picture, seconds.
+    pub colour_late_s: f32,
+    /// Error of the registration: the colour picture lies so far off, pixels.
+    pub colour_shift_px: [f32; 2],
+    /// Radial distortion of the colour lens, of the square and the fourth power of the distance from its axis.
+    pub distortion: [f32; 2],
+    /// White balance: gain of red, green and blue.
+    pub balance: [f32; 3],
+    /// Noise of the colour sensor, grey levels.
+    pub colour_sigma: f32,
+    /// Pitch of the sensor about the person, radians: above 0 it stands higher and looks down.
+    pub above: f32,
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        Self {
+            faults: 0.0,
+            colour_late_s: 0.0,
+            colour_shift_px: [0.0; 2],
+            distortion: [0.0; 2],
+            balance: [1.0; 3],
+            colour_sigma: COLOUR_SIGMA,
+            above: 0.0,
+        }
+    }
+}
+
+impl Sensor {
+    /// Where the lens and the registration put what a perfect colour camera sees at a pixel.
+    fn seen_at(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        if *self == Self::default() {
+            return [x, y];
+        }
+        let (dx, dy) = (x - 0.5 * WIDTH as f32, y - 0.5 * HEIGHT as f32);
+        let r2 = (dx * dx + dy * dy) / (COLOUR_FOCAL_PX * COLOUR_FOCAL_PX);
+        let [k1, k2] = self.distortion;
+        let bend = r2 * (k1 + r2 * k2);
+        let [sx, sy] = self.colour_shift_px;
+        [x + dx * bend + sx, y + dy * bend + sy]
+    }
+
+    /// The world as this sensor sees it, from as a level one does: turned about where people sit.
+    fn viewpoint(&self) -> Rigid {
+        let turn = Rotation::from_axis_angle(&Vector::x_axis(), -self.above);
+        let seat = Vector::new(0.0, -0.02, 0.8);
+        Rigid::from_parts((seat - turn * seat).into(), turn)
+    }
+}
+
+/// Focal length of the colour camera, pixels: only for its distortion.
+const COLOUR_FOCAL_PX: f32 = 525.0;
 
 /// Raw depth as a function of 1/z, which it is linear in: the simulator needs no more of the camera's tables.
 fn depth_reading(camera: &Camera) -> DepthReading {
@@ -82,7 +143,16 @@ pub struct Simulator {
     reading: DepthReading,
     tiles: Tiles,
     people: Vec<Person>,
+    /// Stand behind, and are nobody's truth.
+    bystanders: Vec<Person>,
     hand: (Shape, ShapePainter),
+    sensor: Sensor,
+    real: Option<RealReading>,
+    /// The room is furnished and people wear clothes and hair.
+    dressed: bool,
+    /// What each depth pixel shows.
+    stuff: Vec<Stuff>,
+    room_stuff: Vec<Stuff>,
     /// The room as both cameras see it, drawn once.
     room_depth: Vec<f32>,
     room_rgb: Vec<[u8; 3]>,
@@ -97,7 +167,13 @@ struct Person {
     asset: HeadAsset,
     head: HeadPainter,
     bust: (Shape, ShapePainter),
+    /// Instead of the bust.
+    worn: Option<(Outfit, OutfitPainter)>,
+    /// What a hand holds, and whether it is there now.
+    #[cfg(feature = "studio")]
+    held: Option<(Held, Outfit, OutfitPainter, bool)>,
     weights: heapless::Vec<f32, EXPRESSIONS>,
+    pose: Rigid,
     truth: Option<Truth>,
 }
 
@@ -109,7 +185,11 @@ impl Person {
         Self {
             head: HeadPainter::new(&asset),
             bust: (bust, painter),
+            worn: None,
+            #[cfg(feature = "studio")]
+            held: None,
             weights: std::iter::repeat_n(0.0, expressions).collect(),
+            pose: Rigid::identity(),
             truth: None,
             asset,
         }
@@ -159,6 +239,7 @@ impl Simulator {
             .collect();
         Self {
             people,
+            bystanders: Vec::new(),
             scene,
             seed,
             light,
@@ -166,6 +247,11 @@ impl Simulator {
             reading: depth_reading(&camera),
             tiles: Tiles::new(seed),
             hand: (hand, hand_painter),
+            sensor: Sensor::default(),
+            real: None,
+            dressed: false,
+            stuff: vec![Stuff::Matt; PIXELS],
+            room_stuff: vec![Stuff::Matt; PIXELS],
             room_depth: depth.inverse.clone(),
             room_rgb: canvas.rgb.clone(),
             depth,
@@ -183,6 +269,65 @@ impl Simulator {
             *person = Person::new(asset, CLOTHES[k + 1]);
         }
         self
+    }
+
+    /// Dresses the people, as far as there are looks, and furnishes the room.
+    #[must_use]
+    pub fn dressed(mut self, looks: impl IntoIterator<Item = Look>) -> Self {
+        for (person, look) in self.people.iter_mut().zip(looks) {
+            person.wear(&look);
+            if look.bystander {
+                let mut other = Person::new(person.asset.stretched(OTHERS[1]), CLOTHES[1]);
+                other.wear(&Look {
+                    seed: look.seed + 1,
+                    hair: HairStyle::Short,
+                    hair_colour: look.hair_colour,
+                    clothes: CLOTHES[2],
+                    ..Look::default()
+                });
+                self.bystanders.push(other);
+            }
+        }
+        self.dressed = true;
+        self.furnish();
+        self
+    }
+
+    /// Sees all this through another sensor.
+    #[must_use]
+    pub fn seen_by(mut self, sensor: Sensor) -> Self {
+        self.sensor = sensor;
+        if sensor.faults > 0.0 {
+            self.real = Some(RealReading::new(&self.tiles, self.seed));
+        }
+        if self.dressed {
+            self.furnish();
+        }
+        self
+    }
+
+    /// Draws the room that belongs to dressed people.
+    fn furnish(&mut self) {
+        let (camera, sensor) = (&self.camera, self.sensor);
+        let room = wear::room(self.seed);
+        let mut painter = OutfitPainter::new(&room);
+        let view = sensor.viewpoint();
+        painter.place(&room, &[], &view, &view);
+        self.depth.inverse.fill(0.0);
+        self.stuff.fill(Stuff::Matt);
+        painter.draw_depth(
+            &room,
+            |p| camera.depth_pixel(p),
+            &mut self.depth,
+            &mut self.stuff,
+        );
+        self.canvas.depth.inverse.fill(0.0);
+        self.canvas.rgb.fill([0; 3]);
+        let seen = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
+        painter.draw_colour(&room, &self.light, seen, &mut self.canvas);
+        self.room_depth.copy_from_slice(&self.depth.inverse);
+        self.room_stuff.copy_from_slice(&self.stuff);
+        self.room_rgb.copy_from_slice(&self.canvas.rgb);
     }
 
     /// Changes the light and the exposure (1 = as photographed).
@@ -220,7 +365,20 @@ impl Simulator {
     pub fn draw(&mut self, at: Timestamp, frame: &mut Frame) -> Option<Truth> {
         let t = (at.as_us() as f64 * 1e-6) as f32;
         self.begin();
+        self.play(t, true);
+        let hand = self.scene.hand(t);
+        self.draw_depth(hand, at, frame);
+        if self.sensor.colour_late_s > 0.0 {
+            self.play(t + self.sensor.colour_late_s, false);
+        }
+        self.draw_colour(hand, at, frame);
+        self.people.iter().find_map(|person| person.truth.clone())
+    }
+
+    /// Puts everybody where the script has them; `truth`: notes them as the truth, else only those noted already move.
+    fn play(&mut self, t: f32, truth: bool) {
         let (scene, seed) = (self.scene, self.seed);
+        let view = self.sensor.viewpoint();
         for (number, person) in self.people.iter_mut().enumerate() {
             person.weights.fill(0.0);
             let (asset, weights) = (&person.asset, &mut person.weights);
@@ -230,12 +388,24 @@ impl Simulator {
                 }
             });
             if let Some(instant) = instant {
-                person.place(&instant.sensor_from_head);
+                let pose = if self.sensor.above == 0.0 {
+                    instant.sensor_from_head
+                } else {
+                    view * instant.sensor_from_head
+                };
+                if truth {
+                    person.place(&pose, &view.rotation);
+                } else if person.truth.is_some() {
+                    person.pose(&pose, &view.rotation);
+                }
+                #[cfg(feature = "studio")]
+                person.reach(t, &view.rotation);
             }
         }
-        let hand = scene.hand(t);
-        self.finish(hand, at, frame);
-        self.people.iter().find_map(|person| person.truth.clone())
+        for (k, other) in self.bystanders.iter_mut().enumerate() {
+            let pose = view * script::bystander(seed ^ k as u64, t);
+            other.place(&pose, &view.rotation);
+        }
     }
 
     /// Draws the first person with any pose and expression (`weights` in the order of the asset's expressions), and nobody
@@ -253,8 +423,9 @@ impl Simulator {
         for (slot, &weight) in person.weights.iter_mut().zip(weights) {
             *slot = weight;
         }
-        person.place(sensor_from_head);
-        self.finish(None, at, frame);
+        person.place(sensor_from_head, &self.sensor.viewpoint().rotation);
+        self.draw_depth(None, at, frame);
+        self.draw_colour(None, at, frame);
         let truth = self.people[0].truth.clone();
         truth.expect("somebody is drawn when a pose is given")
     }
@@ -266,46 +437,98 @@ impl Simulator {
         }
     }
 
-    /// Draws those who are there, the hand, and the room around them.
-    fn finish(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
+    /// Draws what the depth camera sees of those who are there, the hand, and the room around them.
+    fn draw_depth(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
         let camera = &self.camera;
         self.depth.inverse.copy_from_slice(&self.room_depth);
-        self.canvas.rgb.copy_from_slice(&self.room_rgb);
-        // Everything in front of the room: its own depth buffer starts empty.
-        self.canvas.depth.inverse.fill(0.0);
-        let mut window = Window::NOTHING;
+        self.stuff.copy_from_slice(&self.room_stuff);
         let depth_pixel = |p: &Point| camera.depth_pixel(p);
-        let colour_pixel = |p: &Point| camera.colour_pixel(p);
-        for person in &mut self.people {
-            let (asset, head) = (&person.asset, &mut person.head);
-            let Some(truth) = &mut person.truth else {
-                continue;
-            };
-            let (shape, painter) = &mut person.bust;
-            painter.place(shape, &draw::shoulders_below(&truth.sensor_from_head));
-            head.draw_depth(asset, depth_pixel, &mut self.depth);
-            painter.draw_depth(shape, depth_pixel, &mut self.depth);
-            head.light(asset, &self.light);
-            window.include(head.draw_colour(asset, &self.light, colour_pixel, &mut self.canvas));
-            window.include(painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas));
-            truth.landmarks_px = truth
-                .landmarks_head
-                .map(|p| camera.colour_pixel(&(truth.sensor_from_head * p)));
+        let stuff = &mut self.stuff;
+        let all = self.people.iter_mut().chain(&mut self.bystanders);
+        for person in all.filter(|one| one.truth.is_some()) {
+            let skin = |pixel| stuff[pixel] = Stuff::Skin;
+            let head = &mut person.head;
+            head.draw_depth_where(&person.asset, depth_pixel, &mut self.depth, skin);
+            if let Some((outfit, painter)) = &mut person.worn {
+                painter.draw_depth(outfit, depth_pixel, &mut self.depth, stuff);
+                #[cfg(feature = "studio")]
+                if let Some((_, outfit, painter, true)) = &mut person.held {
+                    painter.draw_depth(outfit, depth_pixel, &mut self.depth, stuff);
+                }
+            } else {
+                let (shape, painter) = &mut person.bust;
+                painter.draw_depth(shape, depth_pixel, &mut self.depth);
+            }
         }
         if let Some(hand) = hand {
             let (shape, painter) = &mut self.hand;
             painter.place(shape, &Rigid::translation(hand.x, hand.y, hand.z));
             painter.draw_depth(shape, depth_pixel, &mut self.depth);
+        }
+        let seed = noise::hash(self.seed, at.as_us());
+        let (reading, seen) = (&self.reading, &self.depth.inverse);
+        match &mut self.real {
+            Some(real) if self.sensor.faults > 0.0 => real.read(
+                reading,
+                self.sensor.faults,
+                seen,
+                &self.stuff,
+                &self.tiles,
+                seed,
+                &mut frame.depth,
+            ),
+            _ => reading.read(seen, &self.tiles, seed, &mut frame.depth),
+        }
+    }
+
+    /// Likewise the colour camera.
+    fn draw_colour(&mut self, hand: Option<Point>, at: Timestamp, frame: &mut Frame) {
+        let (camera, sensor) = (&self.camera, self.sensor);
+        self.canvas.rgb.copy_from_slice(&self.room_rgb);
+        // Everything in front of the room: its own depth buffer starts empty.
+        self.canvas.depth.inverse.fill(0.0);
+        let mut window = Window::NOTHING;
+        let colour_pixel = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
+        for person in self.people.iter_mut().chain(&mut self.bystanders) {
+            let (asset, head) = (&person.asset, &mut person.head);
+            let Some(truth) = &mut person.truth else {
+                continue;
+            };
+            head.light(asset, &self.light);
+            window.include(head.draw_colour(asset, &self.light, colour_pixel, &mut self.canvas));
+            window.include(if let Some((outfit, painter)) = &mut person.worn {
+                painter.draw_colour(outfit, &self.light, colour_pixel, &mut self.canvas)
+            } else {
+                let (shape, painter) = &mut person.bust;
+                painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas)
+            });
+            #[cfg(feature = "studio")]
+            if let Some((_, outfit, painter, true)) = &mut person.held {
+                let (light, canvas) = (&self.light, &mut self.canvas);
+                window.include(painter.draw_colour(outfit, light, colour_pixel, canvas));
+            }
+            truth.landmarks_px = asset
+                .landmarks_on(&head.deformed)
+                .map(|p| colour_pixel(&(person.pose * p)));
+        }
+        if hand.is_some() {
+            let (shape, painter) = &mut self.hand;
             window.include(painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas));
+        }
+        if self.dressed {
+            window = Window {
+                left: 0,
+                top: 0,
+                right: WIDTH,
+                bottom: HEIGHT,
+            };
         }
         blur(&mut self.canvas.rgb, window, &mut self.blurred);
         let seed = noise::hash(self.seed, at.as_us());
-        self.reading
-            .read(&self.depth.inverse, &self.tiles, seed, &mut frame.depth);
         noise::expose(
             &self.canvas.rgb,
-            self.exposure,
-            COLOUR_SIGMA,
+            sensor.balance.map(|gain| gain * self.exposure),
+            sensor.colour_sigma,
             &self.tiles,
             seed,
             &mut frame.bayer,
@@ -318,16 +541,63 @@ impl Simulator {
 }
 
 impl Person {
-    /// Sets the pose; the expression is in `weights`.
-    fn place(&mut self, sensor_from_head: &Rigid) {
-        self.head
-            .place(&self.asset, &self.weights, sensor_from_head);
+    /// Puts on clothes, hair and things.
+    fn wear(&mut self, look: &Look) {
+        let outfit = Outfit::worn(&self.asset, look);
+        let painter = OutfitPainter::new(&outfit);
+        self.worn = Some((outfit, painter));
+        #[cfg(feature = "studio")]
+        if look.held != Held::None {
+            let held = Outfit::held(look);
+            let painter = OutfitPainter::new(&held);
+            self.held = Some((look.held, held, painter, false));
+        }
+    }
+
+    /// Brings the hand to where it is at `t` seconds.
+    #[cfg(feature = "studio")]
+    fn reach(&mut self, t: f32, tilt: &Rotation) {
+        if let Some((held, outfit, painter, there)) = &mut self.held {
+            let place = held.at(t);
+            *there = place.is_some();
+            if let Some(place) = place {
+                let turn = self.pose.rotation;
+                // It meets the face wherever that is turned, but comes from below.
+                let up = Vector::new(place.x, place.y.min(0.15), place.z);
+                let rest = Vector::new(0.0, place.y - up.y, 0.0);
+                let at = self.pose.translation.vector + turn * up + tilt * rest;
+                let pose = Rigid::from_parts(at.into(), *tilt);
+                painter.place(outfit, &[], &pose, &pose);
+            }
+        }
+    }
+
+    /// Sets the pose, and notes it as the truth; the expression is in `weights`.
+    fn place(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
+        self.pose(sensor_from_head, tilt);
         self.truth = Some(Truth {
             sensor_from_head: *sensor_from_head,
             landmarks_head: self.asset.landmarks_on(&self.head.deformed),
             landmarks_px: [[0.0; 2]; LANDMARKS],
             activations: self.weights.clone(),
         });
+    }
+
+    fn pose(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
+        self.pose = *sensor_from_head;
+        let torso = if *tilt == Rotation::identity() {
+            draw::shoulders_below(sensor_from_head)
+        } else {
+            draw::shoulders_tilted(sensor_from_head, tilt)
+        };
+        self.asset.deform(&self.weights, &mut self.head.deformed);
+        self.head.place_above(sensor_from_head, &torso);
+        if let Some((outfit, painter)) = &mut self.worn {
+            painter.place(outfit, &self.head.deformed, sensor_from_head, &torso);
+        } else {
+            let (shape, painter) = &mut self.bust;
+            painter.place(shape, &torso);
+        }
     }
 }
 

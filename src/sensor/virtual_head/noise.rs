@@ -9,6 +9,7 @@
 //! All randomness is looked up in one tile of prepared numbers at offsets hashed from seed and time, so a frame costs no
 //! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
+use super::wear::Stuff;
 use crate::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::sensor::NO_DEPTH;
 
@@ -163,10 +164,268 @@ impl DepthReading {
     }
 }
 
-/// Bayer mosaic of an RGB picture with exposure and sensor noise (`sigma` grey levels). Green, red / blue, green.
+/// What a real sensor does to a surface: shares of readings that fail at 1 m, within it and within [`RIM_PX`] of its edge,
+/// and how far its edge is ragged, pixels (one standard deviation).
+struct Answer {
+    fails: f32,
+    fails_at_rim: f32,
+    ragged_px: f32,
+}
+
+const fn answer(stuff: Stuff) -> Answer {
+    let (fails, fails_at_rim, ragged_px) = match stuff {
+        Stuff::Matt => (0.001, 0.05, 1.0),
+        Stuff::Skin => (0.003, 0.05, 1.0),
+        Stuff::Cloth => (0.001, 0.05, 1.0),
+        Stuff::Dark => (0.03, 0.08, 1.1),
+        Stuff::Hair => (0.009, 0.16, 1.8),
+        Stuff::DarkHair => (0.022, 0.20, 2.4),
+        Stuff::Glass => (0.12, 0.30, 1.0),
+        Stuff::Gloss => (0.85, 0.95, 1.5),
+    };
+    Answer {
+        fails,
+        fails_at_rim,
+        ragged_px,
+    }
+}
+
+/// Width of the rim in which readings fail more often.
+const RIM_PX: usize = 3;
+/// Step between neighbours that is an edge, raw units.
+const STEP_RAW: f32 = 8.0;
+/// Share of the readings beside an edge that lie between its two sides.
+const BETWEEN: f32 = 0.035;
+/// Standard deviations of a surface's relief that is not there, raw units: of the pattern, of the columns; and of the
+/// change from frame to frame.
+const RELIEF_SIGMA: f32 = 0.34;
+const STRIPE_SIGMA: f32 = 0.17;
+const CHANGE_SIGMA: f32 = 0.42;
+/// Surfaces closer than this are one for the correlation window, raw units.
+const WINDOW_RAW: f32 = 12.0;
+
+/// The depth camera's errors in full: work space for [`RealReading::read`].
+pub(crate) struct RealReading {
+    /// Alike within about five pixels, standard normal.
+    lobes: Vec<f32>,
+    /// Alike within about eight pixels, as ranks in 0…1.
+    ranks: Vec<f32>,
+    stripes: Vec<f32>,
+    edge: Vec<bool>,
+    rim: Vec<bool>,
+    dark: Vec<bool>,
+}
+
+/// A tile blurred with a 3 × 3 binomial, again standard normal.
+fn softened(tile: &[f32], times: usize) -> Vec<f32> {
+    let mut soft = tile.to_vec();
+    for _ in 0..times {
+        let before = soft.clone();
+        for (i, out) in soft.iter_mut().enumerate() {
+            let (row, col) = (i / SIDE, i % SIDE);
+            let mut sum = 0.0;
+            for (dr, wr) in [(SIDE - 1, 0.5), (0, 1.0), (1, 0.5)] {
+                for (dc, wc) in [(SIDE - 1, 0.5), (0, 1.0), (1, 0.5)] {
+                    sum += wr * wc * before[(row + dr) % SIDE * SIDE + (col + dc) % SIDE];
+                }
+            }
+            *out = sum;
+        }
+        let power = soft.iter().map(|v| v * v).sum::<f32>() / soft.len() as f32;
+        let scale = 1.0 / power.sqrt();
+        soft.iter_mut().for_each(|v| *v *= scale);
+    }
+    soft
+}
+
+impl RealReading {
+    /// `seed`: of the one sensor, whose pattern is always the same.
+    pub(crate) fn new(tiles: &Tiles, seed: u64) -> Self {
+        let lobes = softened(&tiles.white, 2);
+        let broad = softened(&tiles.white, 7);
+        let mut order: Vec<usize> = (0..broad.len()).collect();
+        order.sort_by(|&a, &b| broad[a].total_cmp(&broad[b]));
+        let mut ranks = vec![0.0; broad.len()];
+        for (rank, &i) in order.iter().enumerate() {
+            ranks[i] = rank as f32 / order.len() as f32;
+        }
+        let column = |col: usize| {
+            let k = |c: usize| uniform(seed ^ 0x57e1, c as u64);
+            // Root of the mean square of this sum: √(1.5 / 3).
+            (k(col) + 0.5 * k(col + 1) + 0.5 * k(col + 2)) / 0.7071
+        };
+        Self {
+            lobes,
+            ranks,
+            stripes: (0..WIDTH).map(column).collect(),
+            edge: vec![false; PIXELS],
+            rim: vec![false; PIXELS],
+            dark: vec![false; PIXELS],
+        }
+    }
+
+    /// Reads a perfect picture and what it shows as a real sensor would; `strength`: how much of its faults.
+    pub(crate) fn read(
+        &mut self,
+        reading: &DepthReading,
+        strength: f32,
+        inverse: &[f32],
+        stuff: &[Stuff],
+        tiles: &Tiles,
+        seed: u64,
+        depth: &mut [u16; PIXELS],
+    ) {
+        self.find_edges(reading, inverse);
+        let offset = |k| (hash(seed, k) as usize) % SIDE;
+        let (o1, o2, o3, o4) = (offset(1), offset(2), offset(3), offset(4));
+        let still = |tile: &[f32], row: usize, col: usize, by: usize| {
+            tile[(row + 37 * by) % SIDE * SIDE + (col + 91 * by) % SIDE]
+        };
+        let moving = |tile: &[f32], row: usize, col: usize, by: usize| {
+            tile[(row + by) % SIDE * SIDE + (col + by / 3) % SIDE]
+        };
+        let raw_per_inverse = -reading.raw_per_inverse;
+        for row in 0..HEIGHT {
+            for col in 0..WIDTH {
+                let here = row * WIDTH + col;
+                let near = |dr: isize, dc: isize| {
+                    let r = row.saturating_add_signed(dr).min(HEIGHT - 1);
+                    let c = col.saturating_add_signed(dc).min(WIDTH - 1);
+                    r * WIDTH + c
+                };
+                // Where the window's best match really lies: hair frays what is beside it, too.
+                let mut ragged = 0.0f32;
+                if self.rim[here] {
+                    for (dr, dc) in [(0, 0), (0, -3), (0, 3), (-3, 0), (3, 0)] {
+                        ragged = ragged.max(answer(stuff[near(dr, dc)]).ragged_px);
+                    }
+                }
+                let swing = |by: usize, o: usize| {
+                    0.72 * still(&self.lobes, row, col, by)
+                        + 0.69 * moving(&self.lobes, row, col, o)
+                };
+                let reach = ragged * strength;
+                let (dy, dx) = if reach > 0.0 {
+                    (
+                        (reach * swing(1, o1)).round() as isize,
+                        (reach * swing(2, o2)).round() as isize,
+                    )
+                } else {
+                    (0, 0)
+                };
+                let source = near(dy, dx);
+                let mut value = inverse[source];
+                let made = answer(stuff[source]);
+                let mut lit = !self.dark[source] && value > 0.0;
+                // The window takes in what is around.
+                let (mut sum, mut count) = (value, 1.0);
+                for (dr, dc) in [
+                    (-3, 0),
+                    (3, 0),
+                    (0, -3),
+                    (0, 3),
+                    (-2, -2),
+                    (2, 2),
+                    (-2, 2),
+                    (2, -2),
+                ] {
+                    let other = inverse[near(dy + dr, dx + dc)];
+                    if (other - value).abs() * raw_per_inverse < WINDOW_RAW {
+                        sum += other;
+                        count += 1.0;
+                    }
+                }
+                value += strength * (sum / count - value);
+                let across = (inverse[near(0, 1)] - inverse[near(0, -1)]).abs();
+                let along = (inverse[near(1, 0)] - inverse[near(-1, 0)]).abs();
+                let steep = across.max(along) * 0.5 * raw_per_inverse;
+                if steep > GRAZING_SLOPE && !self.edge[here] {
+                    let fails = ((steep - GRAZING_SLOPE) / GRAZING_SPAN).min(1.0) * 0.8;
+                    lit &= still(&self.ranks, row, col, 3) > fails;
+                } else if self.edge[here]
+                    && still(&tiles.white, row, col, o3).abs() < 1.25 * BETWEEN * strength
+                {
+                    value = 0.5 * (inverse[near(0, 1)] + inverse[near(0, -1)]);
+                }
+                // Less light comes back from farther away.
+                let far = 1.0 / value.max(0.2);
+                let fails = made.fails * far * far;
+                let fails = if self.rim[here] {
+                    fails.max(made.fails_at_rim * far)
+                } else {
+                    fails
+                };
+                let fails = (fails * strength).min(0.95);
+                lit &= still(&self.ranks, row, col, 4) >= 0.65 * fails
+                    && moving(&self.ranks, row, col, o4) >= 0.35 * fails / (1.0 - 0.65 * fails);
+                let relief =
+                    0.8 * still(&tiles.smooth, row, col, 5) + 0.6 * still(&self.lobes, row, col, 6);
+                let change = 0.6 * moving(&tiles.smooth, row, col, o2)
+                    + 0.8 * moving(&self.lobes, row, col, o3);
+                let noise = strength * (RELIEF_SIGMA * relief + STRIPE_SIGMA * self.stripes[col])
+                    + (DISPARITY_SIGMA + strength * (CHANGE_SIGMA - DISPARITY_SIGMA)) * change;
+                let raw = reading.raw_far + reading.raw_per_inverse * value + noise;
+                depth[here] = if lit && (NEAREST_RAW..FARTHEST_RAW).contains(&raw) {
+                    (raw + 0.5) as u16
+                } else {
+                    NO_DEPTH
+                };
+            }
+            depth[(row + 1) * WIDTH - BLANK_COLUMNS..(row + 1) * WIDTH].fill(NO_DEPTH);
+        }
+    }
+
+    /// Finds steps, what is near them, and what the projector does not light.
+    fn find_edges(&mut self, reading: &DepthReading, inverse: &[f32]) {
+        let step = STEP_RAW / -reading.raw_per_inverse;
+        for row in 0..HEIGHT {
+            let start = row * WIDTH;
+            let line = inverse[start..].first_chunk::<WIDTH>().expect("a row");
+            let dark = self.dark[start..].first_chunk_mut().expect("a row");
+            reading.shade(line, dark);
+            for col in 0..WIDTH {
+                let here = start + col;
+                let right = if col + 1 < WIDTH { here + 1 } else { here };
+                let left = if col > 0 { here - 1 } else { here };
+                let below = if row + 1 < HEIGHT { here + WIDTH } else { here };
+                let above = if row > 0 { here - WIDTH } else { here };
+                self.edge[here] = [right, left, below, above]
+                    .iter()
+                    .any(|&k| (inverse[k] - inverse[here]).abs() > step);
+            }
+        }
+        // Grown along rows, then along columns.
+        for row in 0..HEIGHT {
+            let mut since = RIM_PX;
+            let line = row * WIDTH..(row + 1) * WIDTH;
+            for k in line.clone() {
+                since = if self.edge[k] { 0 } else { since + 1 };
+                self.rim[k] = since < RIM_PX;
+            }
+            since = RIM_PX;
+            for k in line.rev() {
+                since = if self.edge[k] { 0 } else { since + 1 };
+                self.rim[k] |= since < RIM_PX;
+            }
+        }
+        for col in 0..WIDTH {
+            let (mut since, mut until) = (RIM_PX, RIM_PX);
+            for row in 0..HEIGHT {
+                let k = row * WIDTH + col;
+                since = if self.edge[k] { 0 } else { since + 1 };
+                self.rim[k] |= since < RIM_PX;
+                let k = (HEIGHT - 1 - row) * WIDTH + col;
+                until = if self.edge[k] { 0 } else { until + 1 };
+                self.rim[k] |= until < RIM_PX;
+            }
+        }
+    }
+}
+
+/// Bayer mosaic of an RGB picture with exposure of each channel and sensor noise (`sigma` grey levels). Green, red / blue, green.
 pub(crate) fn expose(
     rgb: &[[u8; 3]],
-    exposure: f32,
+    exposure: [f32; 3],
     sigma: f32,
     tiles: &Tiles,
     seed: u64,
@@ -183,7 +442,7 @@ pub(crate) fn expose(
         let (even, odd) = if row % 2 == 0 { (1, 0) } else { (2, 1) };
         for (pair, col) in out.chunks_exact_mut(2).zip((0..WIDTH).step_by(2)) {
             let level = |col: usize, channel: usize| {
-                let value = f32::from(colours[col][channel]) * exposure
+                let value = f32::from(colours[col][channel]) * exposure[channel]
                     + sigma * noise[(col + o6) % SIDE]
                     + 0.5;
                 // The conversion itself stops at 0 and 255.

@@ -63,8 +63,21 @@ impl DepthBuffer {
     #[inline]
     pub(crate) fn triangle(
         &mut self,
-        [a, b, c]: [Corner; 3],
+        corners: [Corner; 3],
         mut paint: impl FnMut(usize, f32, f32),
+    ) -> Window {
+        self.triangle_where(corners, |pixel, b, c| {
+            paint(pixel, b, c);
+            true
+        })
+    }
+
+    /// As [`DepthBuffer::triangle`], for a surface with gaps: `paint` says whether there is anything.
+    #[inline]
+    pub(crate) fn triangle_where(
+        &mut self,
+        [a, b, c]: [Corner; 3],
+        mut paint: impl FnMut(usize, f32, f32) -> bool,
     ) -> Window {
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         // Not `area <= 0`, so that a triangle with a corner that is not a number is left out as well.
@@ -106,9 +119,8 @@ impl DepthBuffer {
                     continue;
                 }
                 let inverse = a.inverse + share_b * inverse_b + share_c * inverse_c;
-                if inverse > *nearest {
+                if inverse > *nearest && paint(start + k, share_b, share_c) {
                     *nearest = inverse;
-                    paint(start + k, share_b, share_c);
                 }
             }
         }

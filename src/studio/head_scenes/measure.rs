@@ -155,6 +155,14 @@ impl Film {
         found
     }
 
+    /// Changes of the first person into or out of `held`, per ten seconds.
+    pub(super) fn flips(&self) -> f64 {
+        let held = |sight: Option<&Sight>| sight.is_some_and(|s| s.state == TrackingState::Held);
+        let states: Vec<bool> = self.person(0).map(held).collect();
+        let flips = states.windows(2).filter(|two| two[0] != two[1]).count();
+        flips as f64 * 300.0 / states.len().max(1) as f64
+    }
+
     /// Lag of the found yaw behind the true one, frames: least squares over the frames with a turn.
     pub(super) fn lag(&self) -> f64 {
         let pairs = self.pairs(0);

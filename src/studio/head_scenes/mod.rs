@@ -10,6 +10,7 @@
 //! One file: every scene of the table with its figure; how they are measured has its own.
 
 mod measure;
+pub mod wild;
 
 use std::fmt::{self, Display};
 use std::path::Path;
