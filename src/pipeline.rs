@@ -151,7 +151,9 @@ impl Pipeline {
             .forget_older(frame.at, self.settings.remember_s.into());
         self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
-        let mut searches = 1;
+        // With nobody to follow there is time for both halves of a search.
+        let busy = self.followers[..USERS].iter().any(|user| user.state.is_present());
+        let mut searches = if busy { 1 } else { 2 };
         let free = self.follow_users(frame, &mut searches, &mut after);
         self.watch_door(frame, &free, &mut searches, &mut after);
         self.choose();

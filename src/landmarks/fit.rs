@@ -34,6 +34,10 @@ const FIRST_STEP_S: f32 = 0.1;
 const SETTLED_S: f32 = 2.0;
 const USUAL_S: f32 = 120.0;
 
+/// Time over which the turn of the face in its head is averaged, seconds: what the picture shows of it changes with pose and
+/// expression, so a shorter mean makes the pose wander.
+const TURN_TIME_S: f32 = 40.0;
+
 /// Settings of the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -103,6 +107,8 @@ pub struct LandmarkFitter {
     log_size: Option<(f32, f32)>,
     /// Mean turn from the head that depth sees to the face that the picture shows.
     turn: Rotation,
+    /// Seconds it was averaged over.
+    turned_s: f32,
     /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
     shift: Vector,
     landmarks: Landmarks,
@@ -132,6 +138,7 @@ impl LandmarkFitter {
             last_at: None,
             log_size: None,
             turn: Rotation::identity(),
+            turned_s: 0.0,
             shift: Vector::zeros(),
             landmarks: empty_landmarks(),
         }
@@ -141,7 +148,7 @@ impl LandmarkFitter {
     pub fn reset(&mut self) {
         self.last_at = None;
         self.log_size = None;
-        self.turn = Rotation::identity();
+        (self.turn, self.turned_s) = (Rotation::identity(), 0.0);
         self.shift = Vector::zeros();
         self.usual = ([0.0; MAX_MODES], 0.0);
         self.filters.iter_mut().for_each(ShapeFilter::reset);
@@ -191,6 +198,7 @@ impl LandmarkFitter {
         self.filters.iter_mut().for_each(ShapeFilter::reset);
         // Perhaps what was learnt of this face is what misleads: back to depth alone within a few frames.
         self.turn = Rotation::from_scaled_axis(self.turn.scaled_axis() * FORGOTTEN);
+        self.turned_s *= FORGOTTEN;
         self.shift *= FORGOTTEN;
     }
 
@@ -229,6 +237,8 @@ impl LandmarkFitter {
         let across = Vector::new(x, y, 0.0) / PIXELS_PER_METRE;
         self.shift += self.turn * (start.rotation.inverse() * across) * share;
         let turn = start.rotation.inverse() * fit.view.rotation;
+        self.turned_s = (self.turned_s + step_s).min(TURN_TIME_S);
+        let share = (step_s / self.turned_s.max(step_s)).clamp(0.0, 1.0);
         self.turn *= Rotation::from_scaled_axis(turn.scaled_axis() * share);
         self.log_size = Some((mean, time));
     }

@@ -454,7 +454,7 @@ impl PoseTracker {
         self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
         HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
-            confidence: (fit.agreement * (coverage / 0.8).min(1.0)).clamp(0.0, 1.0),
+            confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
             residual: fit.residual,
             coverage,
         }

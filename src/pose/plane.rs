@@ -74,8 +74,9 @@ pub(crate) fn pair(
 /// Distance from the anchor up to which a live point covers a place, metres.
 const COVERED_M: f32 = 0.008;
 
-/// Of the middle of the face, as far as it faces the camera, the share that live points lie on, 0…1: a wrong pose may lay all
-/// points on a cheek and leaves the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is work
+/// Of the middle of the face, or of its nose if that is less, as far as it faces the camera, the share that live points lie
+/// on, 0…1: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
+/// chair has no nose. `hit` is work
 /// space, one per anchor point.
 pub(crate) fn coverage(
     anchor: &Anchor,
@@ -94,24 +95,32 @@ pub(crate) fn coverage(
             hit[i] = true;
         }
     }
-    let (mut facing, mut covered) = (0.0, 0.0);
+    // Of the middle, and of the nose alone: a flat thing may cover most of the middle.
+    let (mut facing, mut covered) = ([0.0; 2], [0.0; 2]);
     for i in 0..anchor.points.len() {
         let towards = anchor.points[i] * fit.scale - camera;
         let away = anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm();
         if away || anchor.rim[i] || !is_middle(&anchor.points[i]) {
             continue;
         }
-        facing += 1.0;
+        let nose = f32::from(u8::from(is_nose(&anchor.points[i])));
+        facing = [facing[0] + 1.0, facing[1] + nose];
         if hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]) {
-            covered += 1.0;
+            covered = [covered[0] + 1.0, covered[1] + nose];
         }
     }
-    covered / f32::max(facing, 1.0)
+    let [middle, nose] = [0, 1].map(|k| covered[k] / f32::max(facing[k], 1.0));
+    middle.min(nose)
 }
 
 /// Whether a place is between the brows' and the mouth's ends: there every face has its relief.
 fn is_middle(p: &Point) -> bool {
     p.x.abs() < 0.040 && (-0.030..0.070).contains(&p.y)
+}
+
+/// Whether a place is on the ridge or the tip of the nose, which stands a centimetre out of everything around it.
+fn is_nose(p: &Point) -> bool {
+    p.x.abs() < 0.010 && (0.010..0.045).contains(&p.y)
 }
 
 /// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
