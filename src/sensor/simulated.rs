@@ -9,7 +9,7 @@ use super::device::Model;
 use super::kinect::{Kinect, Settings, develop};
 use super::pairing::RawPair;
 use super::picture_clock::PictureClock;
-use super::virtual_head::{HeadAsset, Scene, Simulator, Truth};
+use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
 use super::virtual_kinect::{STEP, View, VirtualKinect};
 use super::{Frame, SourceError, timestamp_from_ticks};
 
@@ -49,22 +49,23 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Starts a scene by its name; without one, [`Scene::default`].
+    /// Starts a scene by its name; without one, [`Scene::Demo`].
     ///
     /// # Errors
     /// If there is no scene of that name.
     pub fn new(scene: Option<&str>) -> Result<Self, SourceError> {
         let scene = match scene {
-            None => Scene::default(),
+            None => Scene::Demo,
             Some(name) => Scene::named(name).ok_or_else(|| SourceError::Scene {
                 name: name.to_owned(),
             })?,
         };
-        Ok(Self::from(Simulator::new(
-            HeadAsset::shipped(),
-            scene,
-            SEED,
-        )))
+        let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
+        Ok(Self::from(if scene == Scene::Demo {
+            simulator.dressed([Look::demonstration()])
+        } else {
+            simulator
+        }))
     }
 
     /// Fills `frame` with the next one.

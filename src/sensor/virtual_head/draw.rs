@@ -106,13 +106,8 @@ impl HeadPainter {
         }
     }
 
-    /// Sets expression (one weight per expression of the asset) and pose.
-    pub(crate) fn place(&mut self, asset: &HeadAsset, weights: &[f32], sensor_from_head: &Rigid) {
-        asset.deform(weights, &mut self.deformed);
-        self.place_deformed(sensor_from_head);
-    }
-
     /// Sets the pose of what is in `deformed`, above upright shoulders.
+    #[cfg(feature = "studio")]
     pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
         self.place_above(sensor_from_head, &shoulders_below(sensor_from_head));
     }
@@ -164,18 +159,8 @@ impl HeadPainter {
         }
     }
 
-    /// Draws depth only.
-    pub(crate) fn draw_depth(
-        &mut self,
-        asset: &HeadAsset,
-        pixel: impl Fn(&Point) -> [f32; 2],
-        buffer: &mut DepthBuffer,
-    ) -> Window {
-        self.draw_depth_where(asset, pixel, buffer, |_| {})
-    }
-
     /// Draws depth, and tells where.
-    pub(crate) fn draw_depth_where(
+    pub(crate) fn draw_depth(
         &mut self,
         asset: &HeadAsset,
         pixel: impl Fn(&Point) -> [f32; 2],

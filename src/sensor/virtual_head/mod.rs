@@ -5,14 +5,20 @@
 //! so that whatever is measured on a frame can be compared with it. A frame is a pure function of heads, scene, seed and
 //! time: no state is carried over, and the same four give the same bytes.
 //!
-//! Memory: the heads, their work space and 8 MB of buffers, all made at construction. Limitations: no hair that stands off
-//! the head, no cast shadows of the room's light, eyes that do not turn, shoulders that stay upright, one hand.
+//! Two worlds: the plain one of the beginning (bald heads, a wall, a sensor with few faults), whose bytes tests rely on, and a
+//! dressed one ([`Simulator::dressed`]: `wear`) before a sensor with a real one's faults ([`Simulator::seen_by`]), which is
+//! where `mien-studio evaluate --wild` measures.
+//!
+//! Memory: the heads, their work space and 12 MB of buffers, all made at construction. Limitations: no cast shadows of the
+//! room's light, hair that does not swing, eyes that do not turn, shoulders that stay upright, one hand.
+//! One file: what is drawn of a scene, in which order.
 
 mod asset;
 pub(crate) mod body;
 pub(crate) mod draw;
 mod file;
 mod noise;
+mod range;
 mod raster;
 mod script;
 mod wear;
@@ -94,7 +100,8 @@ impl Sensor {
             return [x, y];
         }
         let (dx, dy) = (x - 0.5 * WIDTH as f32, y - 0.5 * HEIGHT as f32);
-        let r2 = (dx * dx + dy * dy) / (COLOUR_FOCAL_PX * COLOUR_FOCAL_PX);
+        // Beyond the picture's corners the polynomial has no meaning.
+        let r2 = ((dx * dx + dy * dy) / (COLOUR_FOCAL_PX * COLOUR_FOCAL_PX)).min(0.7);
         let [k1, k2] = self.distortion;
         let bend = r2 * (k1 + r2 * k2);
         let [sx, sy] = self.colour_shift_px;
@@ -103,7 +110,7 @@ impl Sensor {
 
     /// The world as this sensor sees it, from as a level one does: turned about where people sit.
     fn viewpoint(&self) -> Rigid {
-        let turn = Rotation::from_axis_angle(&Vector::x_axis(), -self.above);
+        let turn = Rotation::from_axis_angle(&Vector::x_axis(), self.above);
         let seat = Vector::new(0.0, -0.02, 0.8);
         Rigid::from_parts((seat - turn * seat).into(), turn)
     }
@@ -448,7 +455,7 @@ impl Simulator {
         for person in all.filter(|one| one.truth.is_some()) {
             let skin = |pixel| stuff[pixel] = Stuff::Skin;
             let head = &mut person.head;
-            head.draw_depth_where(&person.asset, depth_pixel, &mut self.depth, skin);
+            head.draw_depth(&person.asset, depth_pixel, &mut self.depth, skin);
             if let Some((outfit, painter)) = &mut person.worn {
                 painter.draw_depth(outfit, depth_pixel, &mut self.depth, stuff);
                 #[cfg(feature = "studio")]

@@ -14,6 +14,8 @@ pub enum Scene {
     /// blinks and speech.
     #[default]
     Acted,
+    /// As `Acted`, by somebody with hair and clothes in a room ([`super::Look::demonstration`]).
+    Demo,
     /// A neutral face that faces the sensor at 0.7 m and does not move.
     Still,
     /// A neutral face that turns through the whole range.
@@ -53,6 +55,7 @@ impl Scene {
     /// All, with the names that select them.
     pub const NAMES: &[(&'static str, Self)] = &[
         ("acted", Self::Acted),
+        ("demo", Self::Demo),
         ("still", Self::Still),
         ("turning", Self::Turning),
         ("empty", Self::Empty),
@@ -295,7 +298,7 @@ impl Scene {
                 ],
                 [0.0, -0.02, 0.8],
             ),
-            Self::Acted | Self::Leaving | Self::Wide | Self::Mixed => {
+            Self::Acted | Self::Demo | Self::Leaving | Self::Wide | Self::Mixed => {
                 let mut aside = 0.0;
                 if self == Self::Leaving {
                     let phase = t % 20.0;

@@ -130,3 +130,198 @@ fn a_still_frame_is_the_golden_one() {
     Simulator::new(HeadAsset::shipped(), Scene::Still, 1).draw(at(1.0), &mut frame);
     assert_eq!(format!("{:016x}", digest(&frame)), "44bc8aba5988b28d");
 }
+
+fn dressed(look: Look) -> Simulator {
+    Simulator::new(HeadAsset::shipped(), Scene::Acted, 5).dressed([look])
+}
+
+fn drawn(simulator: &mut Simulator, t: f64) -> (Frame, Truth) {
+    let mut frame = Frame::default();
+    let truth = simulator.draw(at(t), &mut frame).expect("somebody");
+    (frame, truth)
+}
+
+#[test]
+fn hair_stands_off_the_head_and_both_cameras_see_it() {
+    let look = |hair| Look {
+        hair,
+        hair_colour: [20.0, 18.0, 18.0],
+        clothes: [120.0, 120.0, 120.0],
+        ..Look::default()
+    };
+    let camera = Camera::nominal();
+    let (bald, truth) = drawn(&mut dressed(look(HairStyle::Bald)), 0.5);
+    let (bushy, _) = drawn(&mut dressed(look(HairStyle::Bushy)), 0.5);
+    let (long, _) = drawn(&mut dressed(look(HairStyle::Long)), 0.5);
+    let depth_at = |frame: &Frame, p: &Point| {
+        let [col, row] = camera.depth_pixel(p);
+        let raw = frame.depth[row.round() as usize * WIDTH + col.round() as usize];
+        if raw == NO_DEPTH {
+            f32::INFINITY
+        } else {
+            camera.depth_m(raw)
+        }
+    };
+    let luma_at = |frame: &Frame, p: &Point| {
+        let [col, row] = camera.colour_pixel(p);
+        frame.luma[row.round() as usize * WIDTH + col.round() as usize]
+    };
+    // Two centimetres above the crown of the bald, and beside the neck.
+    let pose = truth.sensor_from_head;
+    let crown = pose * Point::new(0.0, -0.135, 0.06);
+    assert!(depth_at(&bald, &crown) > 1.5 && luma_at(&bald, &crown) > 60);
+    assert!(depth_at(&bushy, &crown) < 1.0 && luma_at(&bushy, &crown) < 60);
+    let beside = [-0.074, 0.074].map(|x| pose * Point::new(x, 0.075, 0.07));
+    for p in &beside {
+        assert!(depth_at(&bald, p) > 1.5, "{}", depth_at(&bald, p));
+        assert!(depth_at(&long, p) < 1.0, "{}", depth_at(&long, p));
+        assert!(luma_at(&long, p) < 60 && luma_at(&bald, p) > 60);
+    }
+    // The face itself is free.
+    let nose = pose * truth.landmarks_head[30];
+    assert!((depth_at(&long, &nose) - nose.z).abs() < 0.006);
+}
+
+#[test]
+fn dressed_people_are_the_same_every_time() {
+    let mut frames = [5, 5, 6].map(|seed| {
+        let look = Look {
+            seed,
+            ..Look::demonstration()
+        };
+        let sensor = Sensor {
+            faults: 1.0,
+            ..Sensor::default()
+        };
+        let mut simulator = dressed(look).seen_by(sensor);
+        drawn(&mut simulator, if seed == 5 { 1.0 } else { 4.0 });
+        digest(&drawn(&mut simulator, 2.0).0)
+    });
+    assert_eq!(frames[0], frames[1]);
+    frames.sort_unstable();
+    assert!(frames[0] != frames[2], "a look of another seed is another");
+}
+
+#[test]
+fn a_sensor_without_faults_gives_the_bytes_of_old() {
+    let plain = || Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
+    let (old, _) = drawn(&mut plain(), 3.0);
+    let (same, _) = drawn(&mut plain().seen_by(Sensor::default()), 3.0);
+    assert_eq!(digest(&old), digest(&same));
+    let real = Sensor {
+        faults: 1.0,
+        ..Sensor::default()
+    };
+    let (other, _) = drawn(&mut plain().seen_by(real), 3.0);
+    assert!(old.depth != other.depth && old.bayer == other.bayer);
+}
+
+/// How far a picture has moved to the right against another around a pixel: the shift of the best agreement.
+fn moved(before: &Frame, after: &Frame, [x, y]: [f32; 2]) -> i32 {
+    let (x, y) = (x as i32, y as i32);
+    let value = |frame: &Frame, col: i32, row: i32| {
+        i32::from(frame.luma[row as usize * WIDTH + col as usize])
+    };
+    let apart = |shift: i32| -> i32 {
+        (-25..25)
+            .flat_map(|r| (-25..25).map(move |c| (x + c, y + r)))
+            .map(|(c, r)| (value(before, c, r) - value(after, c + shift, r)).abs())
+            .sum()
+    };
+    (-20..21).min_by_key(|&shift| apart(shift)).expect("shifts")
+}
+
+#[test]
+fn a_late_colour_picture_shows_where_the_head_is_by_then() {
+    // Walking past at 0.2 m/s.
+    let (t, late) = (0.3, 0.05);
+    let simulator = || Simulator::new(HeadAsset::shipped(), Scene::Crossing, 1);
+    let (in_time, before) = drawn(&mut simulator(), t);
+    let sensor = Sensor {
+        colour_late_s: late,
+        ..Sensor::default()
+    };
+    let (delayed, shown) = drawn(&mut simulator().seen_by(sensor), t);
+    let (_, after) = drawn(&mut simulator(), t + f64::from(late));
+    assert_eq!(in_time.depth, delayed.depth);
+    assert_eq!(before.sensor_from_head, shown.sensor_from_head);
+    let nose = 30;
+    let way = after.landmarks_px[nose][0] - before.landmarks_px[nose][0];
+    assert!(way.abs() > 4.0, "{way} px");
+    let off = shown.landmarks_px[nose][0] - after.landmarks_px[nose][0];
+    assert!(off.abs() < 0.05, "{off} px");
+    let seen = moved(&in_time, &delayed, before.landmarks_px[nose]);
+    assert!((seen as f32 - way).abs() <= 1.0, "{seen} of {way} px");
+}
+
+#[test]
+fn registration_that_is_off_and_a_bent_lens_move_picture_and_truth_alike() {
+    let simulator = || Simulator::new(HeadAsset::shipped(), Scene::Still, 1);
+    let (straight, before) = drawn(&mut simulator(), 1.0);
+    let sensor = Sensor {
+        colour_shift_px: [3.0, 0.0],
+        distortion: [0.1, -0.1],
+        ..Sensor::default()
+    };
+    let (off, shown) = drawn(&mut simulator().seen_by(sensor), 1.0);
+    let middle = 27;
+    let way = shown.landmarks_px[middle][0] - before.landmarks_px[middle][0];
+    assert!((way - 3.0).abs() < 0.5, "{way} px");
+    let seen = moved(&straight, &off, before.landmarks_px[middle]);
+    assert!((seen as f32 - way).abs() <= 1.0, "{seen} of {way} px");
+    assert_eq!(straight.depth, off.depth);
+}
+
+#[test]
+fn a_sensor_above_sees_a_head_that_looks_down() {
+    let sensor = Sensor {
+        above: 0.3,
+        ..Sensor::default()
+    };
+    let (_, level) = drawn(&mut dressed(Look::demonstration()), 0.5);
+    let (_, above) = drawn(&mut dressed(Look::demonstration()).seen_by(sensor), 0.5);
+    let forward = |truth: &Truth| truth.sensor_from_head.rotation * -Vector::z();
+    // y points down.
+    let turned = forward(&above).y - forward(&level).y;
+    assert!((turned - 0.3f32.sin()).abs() < 0.05, "{turned}");
+}
+
+#[cfg(feature = "studio")]
+#[test]
+fn a_cast_of_nineteen_wears_everything_and_every_outfit_can_be_drawn() {
+    let looks: Vec<Look> = (0..19).map(|k| Look::numbered(k, 77)).collect();
+    let told: String = looks.iter().map(|look| format!("{look}; ")).collect();
+    for thing in [
+        "short",
+        "long hair",
+        "bushy",
+        "fringe",
+        "cropped",
+        "curly",
+        "bun",
+        "bald",
+        "stubble",
+        "full beard",
+        "glasses",
+        "cap",
+        "hood",
+        "headphones",
+        "scarf",
+        "collar",
+        "hand at the chin",
+        "sheet of paper",
+        "cup",
+        "phone",
+        "chair",
+        "somebody behind",
+    ] {
+        assert!(told.contains(thing), "nobody with {thing}");
+    }
+    for look in looks {
+        let mut simulator = dressed(look);
+        let (frame, truth) = drawn(&mut simulator, 4.0);
+        let seen = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).count();
+        assert!(seen > PIXELS / 2, "{look}: {seen} readings");
+        assert!(truth.landmarks_px.iter().flatten().all(|x| x.is_finite()));
+    }
+}

@@ -28,6 +28,9 @@ pub const SECONDS: f64 = 20.0;
 /// Seconds into the session of each picture that is written.
 const PICTURES_S: [f64; 3] = [2.5, 6.0, 9.5];
 
+/// What is said of those before a window.
+const BACKLIT: &str = "backlit";
+
 /// One person's figures.
 #[derive(Clone, Debug)]
 pub struct Row {
@@ -54,7 +57,9 @@ pub struct Table {
 
 /// The sensor and the light that a person is seen by.
 fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
-    let (mut light, mut exposure) = lighting(random);
+    let (mut light, exposure) = lighting(random);
+    // The sensor's automatic exposure keeps within this.
+    let mut exposure = 0.4 + 0.6 * exposure;
     let mut spread = |range: f32| (random.f32() * 2.0 - 1.0) * range;
     let (warm, tint) = (spread(0.16), spread(0.05));
     let mut sensor = Sensor {
@@ -71,11 +76,11 @@ fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, 
     match number % 8 {
         3 => {
             said = "dim";
-            exposure *= 0.38;
+            exposure *= 0.45;
             sensor.colour_sigma = 7.0;
         }
         6 => {
-            said = "backlit";
+            said = BACKLIT;
             light.towards.z = 0.75;
             light.towards.y = -0.4;
             light.towards = light.towards.normalize();
@@ -98,10 +103,17 @@ fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) 
         who = format!("{who}, {said}");
     }
     who = format!("{who}, sensor {:+.0}°", sensor.above.to_degrees());
+    // Before a bright window the room is drawn in a light of its own.
+    let mut window = light;
+    if said == BACKLIT {
+        window.ambient = 1.0;
+        window.tint = [1.8, 1.85, 1.95];
+    }
     let simulator = Simulator::new(head.asset, Scene::Acted, seed)
-        .lit(light, exposure)
         .seen_by(sensor)
-        .dressed([look]);
+        .lit(window, exposure)
+        .dressed([look])
+        .lit(light, exposure);
     (simulator, who)
 }
 

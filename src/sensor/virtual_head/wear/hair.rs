@@ -47,7 +47,7 @@ impl Outfit {
             stuff: look.hair_stuff(),
             colour: look.hair_colour,
             stays: 0.0,
-            cells: [260.0, 26.0],
+            cells: [300.0, 9.0],
         };
         let seed = part(look.seed, 1);
         let covered = matches!(look.headgear, Headgear::Cap | Headgear::Hood);
@@ -59,12 +59,15 @@ impl Outfit {
         match look.hair {
             HairStyle::Bald => return,
             HairStyle::Cropped => shell(0.005 * flat, false, 0.0),
-            HairStyle::Short => shell(0.018 * flat, false, 0.25),
+            HairStyle::Short => shell(0.012 * flat, false, 0.0),
             HairStyle::Bushy => shell(0.042 * flat, true, 0.5),
-            HairStyle::Fringe => shell(0.014 * flat, false, 0.1),
+            HairStyle::Fringe => shell(0.012 * flat, false, 0.0),
             HairStyle::Long | HairStyle::LongFringe => shell(0.010 * flat, true, 0.0),
             HairStyle::Curly => shell(0.022 * flat, true, 0.35),
             HairStyle::Bun => shell(0.006, false, 0.0),
+        }
+        if matches!(look.hair, HairStyle::Short | HairStyle::Fringe) {
+            self.tufts(skull, &cloth, 0.014 * flat, seed);
         }
         let long = 0.10 + 0.16 * share(seed, 1);
         match look.hair {
@@ -126,6 +129,33 @@ impl Outfit {
                 knot.colour = knot.colour.map(|c| c * shade);
                 knot
             });
+        }
+    }
+
+    /// Short locks all over the head, combed to one side.
+    fn tufts(&mut self, skull: &Skull, cloth: &Cloth, lift: f32, seed: u64) {
+        const TUFTS: u64 = 170;
+        const STEPS: usize = 6;
+        let comb = if share(seed, 6) < 0.5 { -0.5 } else { 0.5 };
+        for k in 0..TUFTS {
+            let chance = |channel| share(seed, 6000 + 8 * k + channel);
+            let theta = 0.1 + 1.75 * chance(0).sqrt();
+            let phi = std::f32::consts::TAU * chance(1);
+            let long = 0.22 + 0.16 * chance(2);
+            let path: Vec<Point> = (0..STEPS)
+                .map(|i| {
+                    let t = i as f32 / (STEPS - 1) as f32;
+                    let rise = 0.55 + 0.6 * (t * 2.6).sin().max(0.0);
+                    let aside =
+                        comb * t * (1.0 - slope(theta, 0.3, 1.4)) + 0.2 * t * (chance(3) - 0.5);
+                    skull.point(theta + long * t, phi + aside, lift * rise + 0.003)
+                })
+                .collect();
+            let end = path[STEPS - 1];
+            if end.y < line(&LINE, aside(phi)) + 0.004 {
+                let wide = 0.005 + 0.004 * chance(4);
+                self.lock(&path, wide, 0.78 + 0.4 * chance(5), cloth, k as f32 * 3.0);
+            }
         }
     }
 

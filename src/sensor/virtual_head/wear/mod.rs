@@ -43,15 +43,12 @@ pub(crate) enum Stuff {
 }
 
 impl Stuff {
-    /// Number of kinds.
-    pub(crate) const COUNT: usize = 8;
-
     /// Contrast of the grain in colour.
     const fn contrast(self) -> f32 {
         match self {
-            Self::Hair | Self::DarkHair => 0.5,
-            Self::Cloth | Self::Dark => 0.16,
-            Self::Matt => 0.06,
+            Self::Hair | Self::DarkHair => 0.36,
+            Self::Cloth | Self::Dark => 0.12,
+            Self::Matt => 0.04,
             Self::Skin | Self::Glass | Self::Gloss => 0.03,
         }
     }
@@ -444,7 +441,16 @@ impl Outfit {
         outfit.hair(&skull, look);
         #[cfg(feature = "studio")]
         outfit.things(asset, &skull, look);
+        outfit.round();
         outfit
+    }
+
+    /// Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
+    fn round(&mut self) {
+        for knot in &mut self.knots {
+            knot.offset = knot.offset.map(|c| (c * 1e4).round() * 1e-4);
+            knot.weave = knot.weave.map(|c| (c * 64.0).round() / 64.0);
+        }
     }
 }
 
@@ -535,17 +541,28 @@ impl OutfitPainter {
             let [p, q, r] = [a, b, c].map(|k| &outfit.knots[k]);
             let (la, lb, lc) = (self.lit[a], self.lit[b], self.lit[c]);
             let contrast = made.contrast();
+            // Stubble on the skin, the glint on glass: one looks through.
+            let thin = matches!(made, Stuff::Skin | Stuff::Glass);
             window.include(depth.triangle_where(corners, |index, u, v| {
-                let kept = cut(p, q, r, u, v);
-                if kept {
-                    let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+                let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+                let cover = mix(p.cover, q.cover, r.cover);
+                let kept = cover >= 0.99 || (!thin && cut(p, q, r, u, v));
+                if kept || thin {
                     let fine = grain(
                         mix(p.weave[0], q.weave[0], r.weave[0]),
                         mix(p.weave[1], q.weave[1], r.weave[1]),
                     );
                     let gain = 1.0 + contrast * fine;
-                    let level = |k: usize| (mix(la[k], lb[k], lc[k]) * gain + 0.5) as u8;
-                    rgb[index] = [level(0), level(1), level(2)];
+                    let share = if kept {
+                        1.0
+                    } else {
+                        cover * (1.0 + 0.4 * fine)
+                    };
+                    for (k, level) in rgb[index].iter_mut().enumerate() {
+                        let behind = f32::from(*level);
+                        let own = mix(la[k], lb[k], lc[k]) * gain;
+                        *level = (behind + share * (own - behind) + 0.5) as u8;
+                    }
                 }
                 kept
             }));

@@ -37,9 +37,9 @@ pub(crate) fn room(seed: u64) -> Outfit {
         let (x, y) = (-1.0 + 0.8 * k as f32 + 0.4 * at(0), -0.7 + 0.6 * at(1));
         let (w, h) = (0.2 + 0.3 * at(2), 0.2 + 0.3 * at(3));
         let hue = [
-            60.0 + 150.0 * at(4),
-            70.0 + 120.0 * at(0),
-            60.0 + 150.0 * at(1),
+            95.0 + 60.0 * at(4) + 40.0 * at(2),
+            90.0 + 60.0 * at(0) + 40.0 * at(2),
+            85.0 + 60.0 * at(1) + 40.0 * at(2),
         ];
         let mut paper = Cloth::new(Stuff::Matt, [215.0, 213.0, 205.0], 0.0);
         room.board([x, y, x + w, y + h, wall_m - 0.015], &paper);
@@ -72,9 +72,9 @@ pub(crate) fn room(seed: u64) -> Outfit {
             let wide = 0.02 + 0.05 * at(0);
             if at(1) > 0.25 {
                 let colour = [
-                    40.0 + 150.0 * at(2),
-                    40.0 + 120.0 * at(3),
-                    35.0 + 130.0 * at(1),
+                    45.0 + 70.0 * at(2) + 60.0 * at(0),
+                    42.0 + 55.0 * at(3) + 60.0 * at(0),
+                    38.0 + 55.0 * at(1) + 60.0 * at(0),
                 ];
                 let stuff = if at(2) < 0.3 {
                     Stuff::Dark

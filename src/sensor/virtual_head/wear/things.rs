@@ -108,8 +108,8 @@ impl Outfit {
                         // As the neck below it does.
                         stays: 0.0,
                         colour: look.hair_colour.map(|c| c * (0.85 + 0.15 * tuft) + 8.0),
-                        weave: [p.x * 900.0 + share(seed, 1), p.y * 420.0 + p.z * 300.0],
-                        cover: there * if stubble { 0.34 } else { 1.1 },
+                        weave: [p.x * 900.0 + share(seed, 1), p.y * 300.0 + p.z * 200.0],
+                        cover: (there * if stubble { 0.42 } else { 2.2 }).min(1.0),
                     });
                 }
                 *slot
@@ -210,7 +210,7 @@ impl Outfit {
 
     fn thing_colour(look: &Look, k: u64) -> [f32; 3] {
         let bright = 35.0 + 150.0 * share(look.seed, k);
-        [1, 2, 3].map(|c| (bright * (0.55 + 0.9 * share(look.seed, k + c))).min(225.0))
+        [1, 2, 3].map(|c| (bright * (0.75 + 0.5 * share(look.seed, k + c))).min(225.0))
     }
 
     fn cap(&mut self, skull: &Skull, look: &Look) {
@@ -267,26 +267,63 @@ impl Outfit {
             HairStyle::Bushy | HairStyle::Curly => 0.050,
             _ => 0.030,
         };
-        // From the edge around the face over the head and down to the neck.
-        self.grid([34, 49], false, cloth.stuff, |row, column| {
-            let t = row as f32 / 33.0;
-            let open = 0.98 - 0.45 * slope(t, 0.75, 1.0);
-            let phi = open + (std::f32::consts::TAU - 2.0 * open) * column as f32 / 48.0;
-            let (along, below) = (HANGS * slope(t, 0.0, 0.55), 0.19 * slope(t, 0.55, 1.0));
-            let fold = 0.006 * grain(phi * 3.0 + 11.0, t * 7.0);
-            let mut p = skull.drape(along.max(0.02), below, phi, lift + fold);
-            p.x *= 1.0 - 0.12 * slope(t, 0.6, 0.9);
-            let mut knot = cloth.knot(p, [phi, t], 1.0);
-            knot.stays = slope(p.y, 0.04, 0.16);
-            knot
-        });
-        // Over the brow: from one side's edge to the other's.
-        self.grid([12, 25], false, cloth.stuff, |row, column| {
-            let t = row as f32 / 11.0;
-            let phi = 1.0 * (2.0 * column as f32 / 24.0 - 1.0);
-            let p = skull.point(0.02 + 0.86 * t, phi, lift + 0.010 * t);
-            cloth.knot(p, [phi, t], 1.0)
-        });
+        // From the edge around the face over the head and down to the neck, outside and inside; columns from one side of the
+        // opening around the back to the other.
+        for inside in [false, true] {
+            let lift = if inside { lift - 0.004 } else { lift };
+            let turned = |column: usize, last: usize| {
+                let column = if inside { last - column } else { column };
+                column as f32 / last as f32
+            };
+            self.grid([34, 49], false, cloth.stuff, |row, column| {
+                let t = row as f32 / 33.0;
+                let open = 0.98 - 0.45 * slope(t, 0.75, 1.0);
+                let phi = open + (std::f32::consts::TAU - 2.0 * open) * turned(column, 48);
+                let (along, below) = (HANGS * slope(t, 0.0, 0.55), 0.19 * slope(t, 0.55, 1.0));
+                let fold = 0.006 * grain(phi * 3.0 + 11.0, t * 7.0);
+                let mut p = skull.drape(along.max(0.02), below, phi, lift + fold);
+                p.x *= 1.0 - 0.12 * slope(t, 0.6, 0.9);
+                let mut knot = cloth.knot(p, [phi, t], 1.0);
+                knot.stays = slope(p.y, 0.04, 0.16);
+                if inside {
+                    knot.colour = knot.colour.map(|c| 0.5 * c);
+                }
+                knot
+            });
+            // Over the brow: from one side's edge to the other's.
+            self.grid([12, 25], false, cloth.stuff, |row, column| {
+                let t = row as f32 / 11.0;
+                let phi = 0.98 * (2.0 * turned(column, 24) - 1.0);
+                let p = skull.point(0.02 + 0.86 * t, phi, lift + 0.010 * t);
+                cloth.knot(p, [phi, t], 1.0)
+            });
+        }
+        // The hem around the opening, from one side over the brow to the other.
+        let hem: Vec<Point> = (0..49)
+            .map(|k| {
+                let side = if k < 24 { -1.0 } else { 1.0f32 };
+                let from_top = (k as f32 / 24.0 - 1.0).abs();
+                let across = slope(from_top, 0.0, 0.3);
+                let down = slope(from_top, 0.3, 1.0);
+                let (along, below) = (
+                    0.88 + (HANGS - 0.88) * slope(down, 0.0, 0.5),
+                    0.12 * slope(down, 0.5, 1.0),
+                );
+                skull.drape(along, below, side * 0.98 * across, lift + 0.008)
+            })
+            .collect();
+        self.tube(
+            &hem,
+            |i| (hem[i].coords - Vector::new(0.0, 0.0, 0.09)).normalize(),
+            |_| [0.007, 0.006],
+            8,
+            cloth.stuff,
+            |i, p, turn| {
+                let mut knot = cloth.knot(p, [turn, 0.1 * i as f32], 1.0);
+                knot.stays = slope(p.y, 0.04, 0.16);
+                knot
+            },
+        );
     }
 
     fn headphones(&mut self, skull: &Skull, look: &Look) {

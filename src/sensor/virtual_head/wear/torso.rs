@@ -14,7 +14,7 @@ const TRUNK: [[f32; 3]; 10] = [
     [0.198, 0.112, 0.320],
     [0.186, 0.122, 0.420],
     [0.178, 0.124, 0.540],
-    [0.180, 0.124, 0.720],
+    [0.180, 0.124, 1.250],
 ];
 /// Middle of the trunk behind the eyes, metres.
 const BACK_M: f32 = 0.105;
@@ -24,7 +24,7 @@ impl Outfit {
         let dark = look.clothes.iter().sum::<f32>() < 150.0;
         let stuff = if dark { Stuff::Dark } else { Stuff::Cloth };
         let mut cloth = Cloth::new(stuff, look.clothes, 1.0);
-        cloth.cells = [90.0, 90.0];
+        cloth.cells = [2400.0, 420.0];
         let seed = part(look.seed, 2);
         // Plain, striped, checked.
         let pattern = (share(seed, 0) * 3.0) as usize;
@@ -64,7 +64,7 @@ impl Outfit {
                     let t = i as f32 / 9.0;
                     Point::new(
                         side * (0.165 + 0.07 * t.sqrt()),
-                        0.235 + 0.40 * t,
+                        0.235 + 0.55 * t,
                         BACK_M + 0.01 - 0.05 * t * t,
                     )
                 })
