@@ -258,8 +258,8 @@ pub(super) fn inspect(
             let caption = format!("frame {}, {seconds:.2} s", frame.index);
             album.pictures.push((
                 format!(
-                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue; every head with its box and the state of its user{}",
-                    if frame.has_colour { "" } else { "; without colour" }
+                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue{}",
+                    if frame.has_colour { "" } else { ", no colour" }
                 ),
                 draw_depth(&frame, &pipeline),
             ));
@@ -294,6 +294,10 @@ pub(super) fn inspect(
         ),
     );
     album.fact("frames with colour", share(coloured));
+    album.fact(
+        "in depth pictures",
+        "every head with its box and the state of its user".to_owned(),
+    );
     album.fact("duration", format!("{duration:.2} s"));
     album.fact("frames with a head", share(heads));
     album.fact("frames with a pose", share(posed));
