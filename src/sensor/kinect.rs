@@ -66,6 +66,8 @@ const ALONE: Duration = Duration::from_secs(1);
 const UNPAIRED: Duration = Duration::from_secs(5);
 /// up to this.
 const UNPAIRED_MOST: Duration = Duration::from_secs(80);
+/// A stream of fewer whole pictures a second than this, but some, loses packets, which a restart does not mend.
+const LOSSY_HZ: u64 = 15;
 /// The camera needs this between the two steps of near mode.
 const NEAR_MODE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -147,8 +149,8 @@ pub struct Kinect<S> {
     /// When the last packet came, by stream.
     heard: [Duration; 2],
     failed_restarts: u32,
-    /// When the last pair was made, or the sensor started,
-    paired: Duration,
+    /// When the last pair was made, or the sensor started, and whole pictures by stream until then;
+    paired: (Duration, [u64; 2]),
     /// when the streams are restarted if there is none until then,
     restart_at: Duration,
     /// and how long it was waited for that.
@@ -175,7 +177,7 @@ impl<S: PacketSource> Kinect<S> {
             streaming: false,
             heard: [Duration::ZERO; 2],
             failed_restarts: 0,
-            paired: Duration::ZERO,
+            paired: (Duration::ZERO, [0; 2]),
             restart_at: Duration::MAX,
             patience: UNPAIRED,
             health: Health::default(),
@@ -352,15 +354,28 @@ impl<S: PacketSource> Kinect<S> {
     /// A pair was made, or is to be waited for from now on.
     fn is_paired(&mut self, now: Duration) {
         self.pairing.set_alone(false);
-        self.paired = now;
+        self.paired = (now, self.pictures());
         (self.restart_at, self.patience) = (now + UNPAIRED, UNPAIRED);
+    }
+
+    /// Whole pictures so far, by stream.
+    fn pictures(&self) -> [u64; 2] {
+        self.assemblers.each_ref().map(|one| one.tally().pictures)
+    }
+
+    /// Whether a stream that came through badly is reason enough for there being no pairs.
+    fn is_lossy(&self, unpaired: Duration) -> bool {
+        let (_, before) = self.paired;
+        let mut came = self.pictures().into_iter().zip(before);
+        came.any(|(now, before)| (1..LOSSY_HZ * unpaired.as_secs()).contains(&(now - before)))
     }
 
     fn watch(&mut self, now: Duration) -> Result<(), KinectError> {
         if !self.streaming {
             return Ok(());
         }
-        if now.saturating_sub(self.paired) >= ALONE && !self.pairing.is_alone() {
+        let unpaired = now.saturating_sub(self.paired.0);
+        if unpaired >= ALONE && !self.pairing.is_alone() {
             let [colour, depth] = self.pairing.unpaired();
             tracing::warn!(
                 "for 1 s no colour picture has belonged to a depth picture ({colour} colour and {depth} depth pictures without a partner so far); what is seen is followed without colour"
@@ -375,7 +390,7 @@ impl<S: PacketSource> Kinect<S> {
                 self.failed_restarts += 1;
             }
             Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
-            _ if now >= self.restart_at => {
+            _ if now >= self.restart_at && !self.is_lossy(unpaired) => {
                 tracing::warn!(
                     "depth and colour pictures make no pairs; restarting the Kinect's streams"
                 );

@@ -12,7 +12,7 @@ use crate::face_model::FaceModel;
 use crate::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
-use crate::segment::HeadCloud;
+use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
 use crate::sensor::{Frame, NO_DEPTH, colour};
@@ -46,7 +46,10 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
     }
     let r = &cloud.rect;
     let [x0, y0, x1, y1] = [r.x0, r.y0, r.x1, r.y1].map(f32::from);
-    canvas::frame(picture, x0, y0, x1 - 1.0, y1 - 1.0, colour);
+    for wider in [0.0, 1.0] {
+        let ([x0, y0], [x1, y1]) = ([x0 - wider, y0 - wider], [x1 + wider, y1 + wider]);
+        canvas::frame(picture, x0, y0, x1 - 1.0, y1 - 1.0, colour);
+    }
 }
 
 fn colour_picture(frame: &Frame) -> RgbImage {
@@ -154,8 +157,22 @@ fn colour_of(state: TrackingState) -> [u8; 3] {
         TrackingState::Tracking => [60, 255, 60],
         TrackingState::Held => [255, 150, 40],
         TrackingState::Lost => [255, 60, 60],
-        TrackingState::Posed => [80, 230, 255],
+        TrackingState::Posed => [255, 90, 255],
     }
+}
+
+/// Words on black, above a head's box or, at the picture's edge, in it.
+fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3]) {
+    const SCALE: u32 = 2;
+    let high = 6 * SCALE;
+    let x = u32::from(rect.x0) + 1;
+    let y = (u32::from(rect.y0) + 2).saturating_sub(high + 2).max(1);
+    let wide = canvas::LETTER_WIDTH * SCALE * words.len() as u32;
+    for dy in 0..high {
+        let at = |x: u32| [x as f32, (y + dy - 1) as f32];
+        canvas::line(picture, at(x - 1), at(x + wide), [0; 3]);
+    }
+    canvas::text(picture, x, y, SCALE, words, colour);
 }
 
 /// Depth with every head that was cut out, and what became of it.
@@ -181,15 +198,7 @@ fn draw_depth(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
             Some(user) => format!("user {user} {}", state.name()),
             None => "no user".to_owned(),
         };
-        let (x, y) = (u32::from(cloud.rect.x0), u32::from(cloud.rect.y0));
-        canvas::text(
-            &mut picture,
-            x,
-            y.saturating_sub(14),
-            2,
-            &words,
-            colour_of(state),
-        );
+        label(&mut picture, &cloud.rect, &words, colour_of(state));
     }
     picture
 }
@@ -249,8 +258,8 @@ pub(super) fn inspect(
             let caption = format!("frame {}, {seconds:.2} s", frame.index);
             album.pictures.push((
                 format!(
-                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue; every head with its box and the state of its user{}",
-                    if frame.has_colour { "" } else { "; without colour" }
+                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue{}",
+                    if frame.has_colour { "" } else { ", no colour" }
                 ),
                 draw_depth(&frame, &pipeline),
             ));
@@ -285,6 +294,10 @@ pub(super) fn inspect(
         ),
     );
     album.fact("frames with colour", share(coloured));
+    album.fact(
+        "in depth pictures",
+        "every head with its box and the state of its user".to_owned(),
+    );
     album.fact("duration", format!("{duration:.2} s"));
     album.fact("frames with a head", share(heads));
     album.fact("frames with a pose", share(posed));

@@ -8,7 +8,7 @@ const RUNS = [[0, 16, 0], [17, 21, 0], [22, 26, 0], [27, 30, 0], [31, 35, 0], [3
 const [WIDTH, HEIGHT] = [640, 480];
 const LEAST_MS = 60;
 // By state.
-const COLOURS = ["#ffffff", "#ffdc00", "#3cff3c", "#ff9628", "#ff3c3c", "#50e6ff"];
+const COLOURS = ["#ffffff", "#ffdc00", "#3cff3c", "#ff9628", "#ff3c3c", "#ff5aff"];
 
 export class Picture {
   constructor(canvas) {
