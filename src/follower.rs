@@ -35,6 +35,8 @@ const POSED_FRAMES: u64 = 2;
 /// real film nine of ten frames of the head do; of its chair, arms, paper and clothes none agrees by more than 0.54.
 const SURE_COVERAGE: f32 = 0.65;
 const SURE_CONFIDENCE: f32 = 0.56;
+/// So certain a head needs one frame only.
+const CERTAIN_CONFIDENCE: f32 = 0.62;
 
 /// Follows one person.
 pub(crate) struct Follower {
@@ -237,7 +239,7 @@ impl Follower {
         self.pose.learn(cloud);
         self.find(sensor_from_head, cloud, at);
         self.doubted = 0;
-        self.posed += 1;
+        self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
         self.state = self.presence.posed(at);
         if self.state == TrackingState::Posed {
             self.points = None;

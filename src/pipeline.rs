@@ -152,7 +152,9 @@ impl Pipeline {
         self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
         // With nobody to follow there is time for both halves of a search.
-        let busy = self.followers[..USERS].iter().any(|user| user.state.is_present());
+        let busy = self.followers[..USERS]
+            .iter()
+            .any(|user| user.state.is_present());
         let mut searches = if busy { 1 } else { 2 };
         let free = self.follow_users(frame, &mut searches, &mut after);
         self.watch_door(frame, &free, &mut searches, &mut after);
@@ -183,8 +185,8 @@ impl Pipeline {
             }
             user.rect = None;
             let expected = user.pose.expected(frame.at);
-            let cloud = expected
-                .and_then(|place| self.segmenter.around(frame, &self.camera, place));
+            let cloud =
+                expected.and_then(|place| self.segmenter.around(frame, &self.camera, place));
             let found = cloud
                 .and_then(|cloud| user.follow_expected(frame, &self.camera, cloud, after))
                 .unwrap_or_else(|| {

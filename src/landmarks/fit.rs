@@ -38,6 +38,9 @@ const USUAL_S: f32 = 120.0;
 /// expression, so a shorter mean makes the pose wander.
 const TURN_TIME_S: f32 = 40.0;
 
+/// Share of the least confidence that a face which is followed needs: confidence is learnt from faces that are new.
+const FOLLOWED_SHARE: f32 = 0.6;
+
 /// Settings of the stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -86,6 +89,16 @@ impl Default for Scratch {
 
 /// How far beside the mean shape the fit looks, pixels: half a patch and its blur (16), and the way to the landmarks.
 const REACH_PX: f32 = 28.0;
+
+/// Middle of a face in the head frame, about which a head is leant, metres.
+const MIDDLE: Vector = Vector::new(0.0, 0.03, 0.02);
+
+/// Turn and shift of an upright face in a head that is found leaning.
+fn upright(sensor_from_head: &Rotation) -> (Rotation, Vector) {
+    let (_, _, roll) = crate::geometry::yaw_pitch_roll(sensor_from_head);
+    let turn = Rotation::from_axis_angle(&Vector::z_axis(), -roll);
+    (turn, MIDDLE - turn * MIDDLE)
+}
 
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
@@ -166,23 +179,38 @@ impl LandmarkFitter {
         let step_s = self.last_at.map_or(FIRST_STEP_S, |last| {
             at.seconds_since(last).clamp(0.0, 1.0) as f32
         });
-        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
-        let sensor_from_face = pose.sensor_from_head * head_from_face;
-        let Some(placement) = Placement::of_pose(camera, &sensor_from_face) else {
+        let is_new = self.log_size.is_none();
+        let mut found = self.look(luma, camera, pose);
+        if found.is_none() && is_new {
+            // Hair leans a head that is only just found; most people sit upright.
+            (self.turn, self.shift) = upright(&pose.sensor_from_head.rotation);
+            found = self.look(luma, camera, pose);
+        }
+        let Some((placement, fit, belief)) = found else {
             self.lose();
             return None;
         };
-        let mut start = placement.start;
-        start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
-        let (fit, belief) = self.run(luma, &placement, &start);
-        if belief.face < self.settings.min_confidence {
-            self.lose();
-            return None;
-        }
         self.settle(&placement, &fit, step_s);
         let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head, step_s);
         self.report(&placement, &fit, &shape, &belief, at);
         Some(&self.landmarks)
+    }
+
+    /// The fit where the face is expected, if it is believed.
+    fn look(
+        &mut self,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        pose: &HeadPose,
+    ) -> Option<(Placement, FaceFit, Belief)> {
+        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
+        let placement = Placement::of_pose(camera, &(pose.sensor_from_head * head_from_face))?;
+        let mut start = placement.start;
+        start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
+        let (fit, belief) = self.run(luma, &placement, &start);
+        // What was a face in the frame before is one on less.
+        let share = self.last_at.map_or(1.0, |_| FOLLOWED_SHARE);
+        (belief.face >= self.settings.min_confidence * share).then_some((placement, fit, belief))
     }
 
     /// What to turn a depth pose by (`sensor_from_head * turn`) to agree with the face in the picture. Where a head's frame

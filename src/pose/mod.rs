@@ -29,7 +29,7 @@ use crate::prelude::*;
 use crate::segment::{CELL_PX, HeadCloud, PixelRect};
 use crate::time::Timestamp;
 use anchor::Anchor;
-use plane::{Effort, PlaneFit};
+use plane::{Coverage, Effort, PlaneFit};
 use shape::HeadShape;
 use signature::{Difference, Signature};
 use smoothing::{PoseFilter, Smoothing};
@@ -43,7 +43,7 @@ pub struct HeadPose {
     pub confidence: f32,
     /// Root mean square distance of the accepted pairs, metres.
     pub residual: f32,
-    /// Of the middle of the face that looks at the camera, the share that the cloud lies on, 0…1; 1 with the paper's method,
+    /// Of the middle of the face, or of its nose if that is less, the share that the cloud lies on, 0…1; 1 with the paper's method,
     /// which does not look.
     pub coverage: f32,
 }
@@ -381,12 +381,12 @@ impl PoseTracker {
     }
 
     /// How much of the middle of the face the cloud lies on, if the fit is believed: `least` of it at least.
-    fn accepted(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<f32> {
+    fn accepted(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
         if fit.agreement < self.settings.min_agreement || fit.agreeing < MIN_AGREEING {
             return None;
         }
         let covered = plane::coverage(&self.anchor, &self.shape, cloud, fit, &mut self.hit);
-        (covered >= least).then_some(covered)
+        (covered.middle >= least).then_some(covered)
     }
 
     /// The cloud from `start` (`head_from_sensor`) on against the head as it is known so far.
@@ -448,7 +448,8 @@ impl PoseTracker {
     }
 
     /// The pose of an accepted fit, which may teach the shape of the head.
-    fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, coverage: f32) -> HeadPose {
+    fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> HeadPose {
+        let coverage = covered.middle.min(covered.nose);
         // What the picture's edge cuts off would bend the shape.
         let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
         self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
@@ -486,7 +487,7 @@ impl PoseTracker {
             if let Some(fit) = self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma) {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
-                let merit = merit(&fit) * covered;
+                let merit = merit(&fit) * covered.middle;
                 if winner.is_none_or(|(best, _)| merit > best) {
                     winner = Some((merit, fit));
                 }

@@ -74,8 +74,16 @@ pub(crate) fn pair(
 /// Distance from the anchor up to which a live point covers a place, metres.
 const COVERED_M: f32 = 0.008;
 
-/// Of the middle of the face, or of its nose if that is less, as far as it faces the camera, the share that live points lie
-/// on, 0…1: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
+/// Shares of places that live points lie on, 0…1.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Coverage {
+    /// Between brows and mouth.
+    pub(crate) middle: f32,
+    /// On the ridge and the tip of the nose.
+    pub(crate) nose: f32,
+}
+
+/// How much of the middle of the face live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
 /// chair has no nose. `hit` is work
 /// space, one per anchor point.
 pub(crate) fn coverage(
@@ -84,7 +92,7 @@ pub(crate) fn coverage(
     cloud: &[Point],
     fit: &PlaneFit,
     hit: &mut [bool],
-) -> f32 {
+) -> Coverage {
     hit.fill(false);
     let camera = Point::from(fit.head_from_sensor.translation.vector);
     for p in cloud {
@@ -110,7 +118,7 @@ pub(crate) fn coverage(
         }
     }
     let [middle, nose] = [0, 1].map(|k| covered[k] / f32::max(facing[k], 1.0));
-    middle.min(nose)
+    Coverage { middle, nose }
 }
 
 /// Whether a place is between the brows' and the mouth's ends: there every face has its relief.

@@ -7,9 +7,9 @@
 //!
 //! Sensor frame, metres. Memory: 12 kB of the stack. Cost: one pass over the head's pixels, two if the first overflows.
 
-use super::{HeadCloud, PixelRect};
 use super::cut::Head;
 use super::regions::{CELL_PX, COLUMNS, Regions};
+use super::{HeadCloud, PixelRect};
 use crate::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
 use crate::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
@@ -90,7 +90,13 @@ pub(crate) fn around(
     cloud.pixels = 0;
     let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
     for corner in 0..8 {
-        let at = |k: usize| if corner >> k & 1 == 0 { HEAD_FROM[k] } else { HEAD_TO[k] };
+        let at = |k: usize| {
+            if corner >> k & 1 == 0 {
+                HEAD_FROM[k]
+            } else {
+                HEAD_TO[k]
+            }
+        };
         let seen = sensor_from_head * Point::new(at(0) * scale, at(1) * scale, at(2) * scale);
         if seen.z < NEAREST_M {
             return false;

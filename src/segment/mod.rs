@@ -98,8 +98,10 @@ pub struct Segmenter {
 
 impl Segmenter {
     /// Bytes on the heap.
-    pub const BYTES: usize =
-        DepthKMeans::BYTES + RAW_DEPTH_VALUES * 4 + Regions::BYTES + (HEADS + 1) * size_of::<HeadCloud>();
+    pub const BYTES: usize = DepthKMeans::BYTES
+        + RAW_DEPTH_VALUES * 4
+        + Regions::BYTES
+        + (HEADS + 1) * size_of::<HeadCloud>();
 
     /// Makes all buffers.
     #[must_use]

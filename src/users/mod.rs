@@ -8,8 +8,20 @@
 //!                   ▲______________________seen again______________|
 //! ```
 //!
-//! A frame without colour shows no face: a head that depth follows is held for as long as its face would be, then posed,
-//! and is lost from there as from any other state.
+//! The one rule: what was seen in a frame decides.
+//!
+//! | seen | state |
+//! | --- | --- |
+//! | the face | warming or tracking |
+//! | the head alone, its face up to 75 ms ago | as then: the points move with the head |
+//! | the head alone, its face up to `hold_s` ago | held |
+//! | the head alone | posed |
+//! | nothing for up to `hold_s` | held |
+//! | nothing for longer | lost, and after `forget_s` more absent |
+//!
+//! Whether a head is there is told by depth ([`crate::pose`]), with less asked of one that was there in the frame before;
+//! whether a face is, by the picture ([`crate::landmarks`]), likewise. A head becomes a user by its face. Without a picture,
+//! or where the face of somebody known is hidden, depth alone has to be sure.
 
 pub mod choice;
 pub mod likeness;
@@ -83,6 +95,10 @@ impl TrackingState {
     }
 }
 
+/// A face may be unseen for so long on a head that is followed and still count as seen, seconds: a frame or two that a
+/// picture is missing or a lash of hair swings by is no loss.
+const BLINK_S: f64 = 0.075;
+
 /// Follows the presence of one person.
 #[derive(Clone, Debug)]
 pub struct Presence {
@@ -92,6 +108,8 @@ pub struct Presence {
     last_seen: Option<Timestamp>,
     /// and when its face was seen last.
     face_seen: Option<Timestamp>,
+    /// Whether its ranges were learned then.
+    ready: bool,
 }
 
 impl Presence {
@@ -103,12 +121,14 @@ impl Presence {
             forget_s: forget_s.into(),
             last_seen: None,
             face_seen: None,
+            ready: false,
         }
     }
 
     /// As another one, but with the times of this one.
     pub fn adopt(&mut self, other: &Self) {
         (self.last_seen, self.face_seen) = (other.last_seen, other.face_seen);
+        self.ready = other.ready;
     }
 
     /// Nobody was seen yet.
@@ -119,6 +139,7 @@ impl Presence {
     /// The face was seen, and its ranges are learned or not yet.
     pub fn seen(&mut self, at: Timestamp, ready: bool) -> TrackingState {
         (self.last_seen, self.face_seen) = (Some(at), Some(at));
+        self.ready = ready;
         if ready {
             TrackingState::Tracking
         } else {
@@ -130,7 +151,14 @@ impl Presence {
     pub fn posed(&mut self, at: Timestamp) -> TrackingState {
         self.last_seen = Some(at);
         let face = self.face_seen.map(|seen| at.seconds_since(seen));
-        if face.is_some_and(|gone| gone <= self.hold_s) {
+        if face.is_some_and(|gone| gone <= BLINK_S) {
+            // A face that moves with its head for so short a time is still the one that was seen.
+            if self.ready {
+                TrackingState::Tracking
+            } else {
+                TrackingState::Warming
+            }
+        } else if face.is_some_and(|gone| gone <= self.hold_s) {
             TrackingState::Held
         } else {
             TrackingState::Posed
