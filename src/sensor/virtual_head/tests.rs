@@ -153,33 +153,40 @@ fn hair_stands_off_the_head_and_both_cameras_see_it() {
     let (bald, truth) = drawn(&mut dressed(look(HairStyle::Bald)), 0.5);
     let (bushy, _) = drawn(&mut dressed(look(HairStyle::Bushy)), 0.5);
     let (long, _) = drawn(&mut dressed(look(HairStyle::Long)), 0.5);
-    let depth_at = |frame: &Frame, p: &Point| {
-        let [col, row] = camera.depth_pixel(p);
-        let raw = frame.depth[row.round() as usize * WIDTH + col.round() as usize];
-        if raw == NO_DEPTH {
-            f32::INFINITY
-        } else {
-            camera.depth_m(raw)
-        }
-    };
-    let luma_at = |frame: &Frame, p: &Point| {
-        let [col, row] = camera.colour_pixel(p);
-        frame.luma[row.round() as usize * WIDTH + col.round() as usize]
+    // Of the 9 × 9 pixels around a point, the share nearer than 1 m, and the mean grey level.
+    let around = |frame: &Frame, p: &Point| {
+        let places = |[col, row]: [f32; 2]| {
+            (0..81).map(move |k| {
+                let (c, r) = (col as usize + k % 9 - 4, row as usize + k / 9 - 4);
+                r * WIDTH + c
+            })
+        };
+        let near =
+            |&at: &usize| frame.depth[at] != NO_DEPTH && camera.depth_m(frame.depth[at]) < 1.0;
+        let grey = places(camera.colour_pixel(p)).map(|at| f32::from(frame.luma[at]));
+        let count = places(camera.depth_pixel(p)).filter(near).count();
+        (count as f32 / 81.0, grey.sum::<f32>() / 81.0)
     };
     // Two centimetres above the crown of the bald, and beside the neck.
     let pose = truth.sensor_from_head;
     let crown = pose * Point::new(0.0, -0.135, 0.06);
-    assert!(depth_at(&bald, &crown) > 1.5 && luma_at(&bald, &crown) > 60);
-    assert!(depth_at(&bushy, &crown) < 1.0 && luma_at(&bushy, &crown) < 60);
-    let beside = [-0.074, 0.074].map(|x| pose * Point::new(x, 0.075, 0.07));
-    for p in &beside {
-        assert!(depth_at(&bald, p) > 1.5, "{}", depth_at(&bald, p));
-        assert!(depth_at(&long, p) < 1.0, "{}", depth_at(&long, p));
-        assert!(luma_at(&long, p) < 60 && luma_at(&bald, p) > 60);
+    let beside = [-0.08, 0.08].map(|x| pose * Point::new(x, 0.05, 0.07));
+    for (frame, p) in [(&bushy, crown), (&long, beside[0]), (&long, beside[1])] {
+        let ((with, dark), (without, bright)) = (around(frame, &p), around(&bald, &p));
+        assert!(
+            with > 0.4 && without < 0.1,
+            "{p}: {with} with hair, {without} without"
+        );
+        assert!(
+            dark < 70.0 && bright > 90.0,
+            "{p}: {dark} with hair, {bright} without"
+        );
     }
     // The face itself is free.
     let nose = pose * truth.landmarks_head[30];
-    assert!((depth_at(&long, &nose) - nose.z).abs() < 0.006);
+    let [col, row] = camera.depth_pixel(&nose);
+    let raw = long.depth[row.round() as usize * WIDTH + col.round() as usize];
+    assert!((camera.depth_m(raw) - nose.z).abs() < 0.006);
 }
 
 #[test]
