@@ -29,6 +29,8 @@ const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence of a face that depth alone tells of.
 const AWAY_CONFIDENCE: f32 = 0.25;
+/// A pose is put right by the face in so many of its first frames.
+const CORRECTED_FRAMES: u64 = 3;
 /// Without a picture a head is a user's once it was surely one in so many frames in a row.
 const POSED_FRAMES: u64 = 2;
 /// What is surely a head: it covers so much of the middle of the standard head's face, and agrees with it so well. In the
@@ -204,6 +206,12 @@ impl Follower {
         };
         after(Stage::Expression);
         self.find(sensor_from_head, cloud, frame.at);
+        if self.frames < CORRECTED_FRAMES
+            && let Some(head_from_face) = self.landmarks.straighten()
+        {
+            // The face knows better than hair where the head is.
+            self.pose.correct(&head_from_face);
+        }
         self.confidence = landmarks.confidence;
         self.points = Some(landmarks);
         self.doubted = 0;

@@ -90,14 +90,29 @@ impl Default for Scratch {
 /// How far beside the mean shape the fit looks, pixels: half a patch and its blur (16), and the way to the landmarks.
 const REACH_PX: f32 = 28.0;
 
+/// A new face so far from where depth has the head means another pose: turn, radians, and shift, metres.
+const WRONG_RAD: f32 = 0.14;
+const WRONG_M: f32 = 0.015;
+
 /// Middle of a face in the head frame, about which a head is leant, metres.
 const MIDDLE: Vector = Vector::new(0.0, 0.03, 0.02);
 
-/// Turn and shift of an upright face in a head that is found leaning.
-fn upright(sensor_from_head: &Rotation) -> (Rotation, Vector) {
+/// Where else a new face is looked for, one place a frame: x and y of the head frame, metres.
+const BESIDE: [[f32; 2]; 6] = [
+    [0.0, 0.0],
+    [0.0, 0.03],
+    [0.03, 0.015],
+    [-0.03, 0.015],
+    [0.0, -0.03],
+    [0.0, 0.055],
+];
+
+/// Turn and shift of an upright face in a head that is found leaning or beside it.
+fn upright(sensor_from_head: &Rotation, place: usize) -> (Rotation, Vector) {
     let (_, _, roll) = crate::geometry::yaw_pitch_roll(sensor_from_head);
     let turn = Rotation::from_axis_angle(&Vector::z_axis(), -roll);
-    (turn, MIDDLE - turn * MIDDLE)
+    let [x, y] = BESIDE[place];
+    (turn, MIDDLE + turn * (Vector::new(x, y, 0.0) - MIDDLE))
 }
 
 /// Fits the landmarks of one face, frame by frame.
@@ -122,6 +137,8 @@ pub struct LandmarkFitter {
     turn: Rotation,
     /// Seconds it was averaged over.
     turned_s: f32,
+    /// Next of the places beside the pose to look for a new face; goes on from person to person.
+    tries: usize,
     /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
     shift: Vector,
     landmarks: Landmarks,
@@ -152,6 +169,7 @@ impl LandmarkFitter {
             log_size: None,
             turn: Rotation::identity(),
             turned_s: 0.0,
+            tries: 0,
             shift: Vector::zeros(),
             landmarks: empty_landmarks(),
         }
@@ -183,7 +201,8 @@ impl LandmarkFitter {
         let mut found = self.look(luma, camera, pose);
         if found.is_none() && is_new {
             // Hair leans a head that is only just found; most people sit upright.
-            (self.turn, self.shift) = upright(&pose.sensor_from_head.rotation);
+            (self.turn, self.shift) = upright(&pose.sensor_from_head.rotation, self.tries);
+            self.tries = (self.tries + 1) % BESIDE.len();
             found = self.look(luma, camera, pose);
         }
         let Some((placement, fit, belief)) = found else {
@@ -219,6 +238,18 @@ impl LandmarkFitter {
     #[must_use]
     pub fn turn(&self) -> Rotation {
         self.turn
+    }
+
+    /// Where the face of the last fit is in the head that depth sees, if that is so far off that depth has the wrong pose;
+    /// the next fit then starts from the pose alone.
+    pub fn straighten(&mut self) -> Option<Rigid> {
+        let off = self.turn.angle() > WRONG_RAD || self.shift.norm() > WRONG_M;
+        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
+        off.then(|| {
+            (self.turn, self.turned_s) = (Rotation::identity(), 0.0);
+            self.shift = Vector::zeros();
+            head_from_face
+        })
     }
 
     fn lose(&mut self) {

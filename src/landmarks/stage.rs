@@ -4,7 +4,7 @@ use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
 use super::{LandmarkFitter, Landmarks, Scratch, Settings};
 use crate::capacity::PIXELS;
 use crate::face_model::FaceModel;
-use crate::geometry::Rotation;
+use crate::geometry::{Rigid, Rotation};
 use crate::pose::HeadPose;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
@@ -97,6 +97,14 @@ impl LandmarkStage {
         match self {
             Self::Cascade(fitter) => fitter.turn(),
             Self::Paper(_) => Rotation::identity(),
+        }
+    }
+
+    /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.
+    pub fn straighten(&mut self) -> Option<Rigid> {
+        match self {
+            Self::Cascade(fitter) => fitter.straighten(),
+            Self::Paper(_) => None,
         }
     }
 

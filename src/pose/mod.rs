@@ -109,6 +109,8 @@ const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
 const SEARCH_STRIDE: usize = 5;
 const FINAL_STRIDE: usize = 2;
 const APPROACH_STRIDE: usize = 4;
+/// Weight of what is not the bare face while searching: a fringe or hair beside the face leans the head.
+const BESIDE: f32 = 0.25;
 /// Starts that go on after the first rounds, and that are aligned with more points after the next.
 const GO_ON: usize = 12;
 const FINALISTS: usize = 6;
@@ -292,6 +294,14 @@ impl PoseTracker {
         }
     }
 
+    /// The last pose was wrong: the head is at `head_from_true` in it. The next cloud is aligned from there.
+    pub fn correct(&mut self, head_from_true: &Rigid) {
+        self.lose();
+        if let Some((last, _)) = &mut self.last {
+            *last *= head_from_true;
+        }
+    }
+
     /// The pose that was found is not believed: the next cloud is searched from nothing. What was learned of the head stays.
     pub fn doubt(&mut self) {
         self.lose();
@@ -397,10 +407,12 @@ impl PoseTracker {
         cutoffs_m: &[f32],
         stride: usize,
         scale_sigma: f64,
+        beside: f32,
     ) -> Option<PlaneFit> {
         let effort = Effort {
             cutoffs_m,
             stride,
+            beside,
             scale_sigma,
         };
         plane::align(&self.anchor, &self.shape, cloud, start, &effort)
@@ -418,9 +430,9 @@ impl PoseTracker {
     fn follow_planes(&mut self, head: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
         let cloud = &head.points;
         let start = self.predicted(at)?;
-        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0)?;
+        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0, 1.0)?;
         let scale_sigma = self.scale_sigma();
-        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma)?;
+        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
         let coverage = self.accepted(cloud, &fit, COVERED_FOLLOWED)?;
         self.finalists.clear();
         Some(self.believed(head, fit, coverage))
@@ -465,7 +477,7 @@ impl PoseTracker {
     fn search(&mut self, cloud: &[Point], scale_sigma: f64) {
         let mut first: Best<GO_ON> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
-            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma));
+            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma, BESIDE));
         }
         let mut second: Best<FINALISTS> = Best::new();
         for fit in &first.0 {
@@ -475,6 +487,7 @@ impl PoseTracker {
                 &NARROW_M,
                 SEARCH_STRIDE,
                 scale_sigma,
+                BESIDE,
             ));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
@@ -484,7 +497,9 @@ impl PoseTracker {
     fn decide(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
         let mut winner: Option<(f32, PlaneFit)> = None;
         for start in core::mem::take(&mut self.finalists) {
-            if let Some(fit) = self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma) {
+            if let Some(fit) =
+                self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma, BESIDE)
+            {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
                 let merit = merit(&fit) * covered.middle;
@@ -494,7 +509,14 @@ impl PoseTracker {
             }
         }
         let (_, fit) = winner?;
-        self.aligned(cloud, fit.head_from_sensor, &FOLLOW_M, 1, scale_sigma)
+        self.aligned(
+            cloud,
+            fit.head_from_sensor,
+            &FOLLOW_M,
+            1,
+            scale_sigma,
+            BESIDE,
+        )
     }
 
     fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<HeadPose> {

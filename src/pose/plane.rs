@@ -33,6 +33,8 @@ pub(crate) struct Effort<'a> {
     pub(crate) cutoffs_m: &'a [f32],
     /// Every so many-th live point is used.
     pub(crate) stride: usize,
+    /// Weight of what is not the bare face, which may be hair, 0…1.
+    pub(crate) beside: f32,
     /// Standard deviation the scale may have around the shape's, as a logarithm; 0 keeps the scale.
     pub(crate) scale_sigma: f64,
 }
@@ -156,7 +158,7 @@ impl Sums {
         shape: &HeadShape,
         cloud: impl Iterator<Item = &'a Point>,
         (pose, inverse_scale): (&Rigid, f32),
-        cutoff: f32,
+        (cutoff, beside): (f32, f32),
         middle2: f32,
     ) -> Self {
         let mut sums = Self {
@@ -190,7 +192,8 @@ impl Sums {
             }
             // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
             let nearer = middle2 / (p.z * p.z);
-            let w = f64::from(biweight * anchor.trust[i] * nearer * nearer);
+            let trust = anchor.trust[i] * if bare { 1.0 } else { beside };
+            let w = f64::from(biweight * trust * nearer * nearer);
             sums.total += w;
             let n = anchor.normals[i] * inverse_scale;
             let turn = q.coords.cross(&n);
@@ -237,7 +240,14 @@ pub(crate) fn align(
             total,
         } = wide(|| {
             let place = (&pose, inverse_scale);
-            Sums::of(anchor, shape, thinned, place, cutoff, middle2)
+            Sums::of(
+                anchor,
+                shape,
+                thinned,
+                place,
+                (cutoff, effort.beside),
+                middle2,
+            )
         });
         let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a][b]);
         let mut g = SVector::<f64, 7>::from(g);
