@@ -206,8 +206,9 @@ mod tests {
         let at = |ms: u64| Timestamp::from_us(ms * 1000);
         assert_eq!(presence.posed(at(0)), TrackingState::Posed);
         assert_eq!(presence.seen(at(100), true), TrackingState::Tracking);
-        assert_eq!(presence.posed(at(133)), TrackingState::Held);
-        assert_eq!(presence.seen(at(166), true), TrackingState::Tracking);
+        assert_eq!(presence.posed(at(133)), TrackingState::Tracking);
+        assert_eq!(presence.posed(at(200)), TrackingState::Held);
+        assert_eq!(presence.seen(at(233), true), TrackingState::Tracking);
         assert_eq!(presence.posed(at(600)), TrackingState::Held);
         assert_eq!(presence.posed(at(700)), TrackingState::Posed);
         assert_eq!(presence.unseen(at(733)), TrackingState::Held);
