@@ -15,7 +15,7 @@ use mien::users::saved::{People, read, write};
 
 /// The built-in person before the simulated sensor, for so many frames.
 fn play(pipeline: &mut Pipeline, frames: usize) {
-    let mut source = Source::simulated(None).expect("built in");
+    let mut source = Source::simulated(Some("acted")).expect("built in");
     let mut frame = Frame::default();
     for _ in 0..frames {
         assert!(source.next_frame(&mut frame).expect("endless"));
@@ -24,7 +24,7 @@ fn play(pipeline: &mut Pipeline, frames: usize) {
 }
 
 fn pipeline() -> Pipeline {
-    let source = Source::simulated(None).expect("built in");
+    let source = Source::simulated(Some("acted")).expect("built in");
     let model = FaceModel::shipped();
     Pipeline::new(&Settings::default(), source.registration(), &model).expect("built in")
 }

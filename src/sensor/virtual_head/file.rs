@@ -5,6 +5,7 @@
 //! Places in steps of 10 µm, offsets of an expression in 1/127 of its largest, the photograph in bytes. The truth
 //! of a simulation comes from the head as read, so quantisation is no error. A file is believed only if its checksum is right,
 //! and even then every count and index is checked: any bytes give a head or one sentence.
+//! One file: what is written is read by the lines beside it.
 
 use crate::capacity::LANDMARKS;
 use crate::checksum::crc32;

@@ -26,6 +26,8 @@
 //! The window's size is what makes all of it: detail below some 7 px is not there, an outline is that of the dots that happened
 //! to fall there. The first recording went through a video codec; only its holes and outlines are used.
 //!
+//! One file: what both readings and the colour sensor do, and the tests against the table.
+//!
 //! All randomness is looked up in one tile of prepared numbers at offsets hashed from seed and time, so a frame costs no
 //! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
@@ -201,6 +203,7 @@ const fn answer(stuff: Stuff) -> Answer {
         Stuff::Hair => (0.009, 0.16, 1.8),
         Stuff::DarkHair => (0.022, 0.20, 2.4),
         Stuff::Glass => (0.12, 0.30, 1.0),
+        #[cfg(feature = "studio")]
         Stuff::Gloss => (0.85, 0.95, 1.5),
     };
     Answer {
@@ -221,6 +224,8 @@ const BETWEEN: f32 = 0.035;
 const RELIEF_SIGMA: f32 = 0.34;
 const STRIPE_SIGMA: f32 = 0.17;
 const CHANGE_SIGMA: f32 = 0.42;
+/// Strength from which outlines are those of the window.
+const HALF: f32 = 0.5;
 /// Where the correlation window is looked into, pixels from its middle.
 const TAPS: [(isize, isize); 9] = [
     (0, 0),
@@ -283,8 +288,8 @@ impl RealReading {
         }
         let column = |col: usize| {
             let k = |c: usize| uniform(seed ^ 0x57e1, c as u64);
-            // Root of the mean square of this sum: √(1.5 / 3).
-            (k(col) + 0.5 * k(col + 1) + 0.5 * k(col + 2)) / 0.7071
+            // Root of the mean square of this sum: √(1.5 · ⅓).
+            (k(col) + 0.5 * k(col + 1) + 0.5 * k(col + 2)) * std::f32::consts::SQRT_2
         };
         Self {
             lobes,
@@ -351,7 +356,7 @@ impl RealReading {
                 let mut lit = !self.dark[source] && value > 0.0;
                 // The window takes in what is around: near an edge what most of it shows, everywhere a mean of that.
                 let around = TAPS.map(|(dr, dc)| inverse[near(dy + dr, dx + dc)]);
-                if self.rim[here] && strength > 0.5 {
+                if self.rim[here] && strength > HALF {
                     let mut sorted = around;
                     sorted.sort_unstable_by(f32::total_cmp);
                     value = sorted[TAPS.len() / 2];

@@ -15,7 +15,7 @@ use super::at;
 use super::measure::{Film, pose_errors};
 use crate::capacity::{HEIGHT, WIDTH};
 use crate::face_model::FaceModel;
-use crate::pipeline::{Pipeline, PipelineError};
+use crate::pipeline::Pipeline;
 use crate::sensor::virtual_head::{Light, Look, Scene, Sensor, Simulator};
 use crate::sensor::{Frame, NO_DEPTH, colour};
 use crate::settings::Settings;
@@ -124,7 +124,7 @@ fn play_one(
     settings: &Settings,
     sessions: &Sessions,
     pictures: Option<&Path>,
-) -> Result<Row, PipelineError> {
+) -> Result<Row, SessionsError> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
     let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
@@ -145,8 +145,12 @@ fn play_one(
             && PICTURES_S.iter().any(|s| (s * 30.0) as usize == n)
         {
             let name = folder.join(format!("wild-{number:02}-{n:04}.png"));
-            // A picture that cannot be written is missed by whoever looks for it; the figures are not.
-            let _ = picture(&frame).save(name);
+            picture(&frame)
+                .save(&name)
+                .map_err(|error| HeadsError::Unwritable {
+                    path: name,
+                    source: std::io::Error::other(error),
+                })?;
         }
     }
     let [missing, all] = film.missing();
@@ -271,7 +275,8 @@ impl Display for Table {
                 .max_by(|a, b| of(a.1).total_cmp(&of(b.1)));
             found.map_or((0, f64::NAN), |(number, row)| (number, value(row)))
         };
-        let told: [(&str, &str, usize, &dyn Fn(&Row) -> f64); 5] = [
+        type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
+        let told: [Figure; 5] = [
             ("lost", " %", 2, &|row| row.lost),
             ("into or out of held, per 10 s", "", 1, &|row| row.flips),
             ("rotation", "°", 2, &|row| row.rotation_deg.mean),

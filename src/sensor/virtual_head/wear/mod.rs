@@ -3,7 +3,7 @@
 //! An [`Outfit`] is one mesh with procedural texture, made from a head once. Its vertices are points of the head frame, or
 //! stand off a vertex of the face and move with it (a beard); each stays with the shoulders by its own share (the ends of
 //! long hair, a scarf). Strands are cut out of surfaces pixel by pixel, by value noise over texture coordinates, so that
-//! edges are ragged in both cameras alike. Units and frames: metres, head frame; texture coordinates in cells of noise.
+//! edges are ragged in both cameras alike. One file: the words for looks, the mesh, and how it is drawn. Units and frames: metres, head frame; texture coordinates in cells of noise.
 
 mod hair;
 mod room;
@@ -39,6 +39,7 @@ pub(crate) enum Stuff {
     /// Glass in front of something: what is behind is seen badly.
     Glass = 6,
     /// Sends the pattern elsewhere: a polished desk, a screen.
+    #[cfg(feature = "studio")]
     Gloss = 7,
 }
 
@@ -49,7 +50,9 @@ impl Stuff {
             Self::Hair | Self::DarkHair => 0.36,
             Self::Cloth | Self::Dark => 0.12,
             Self::Matt => 0.04,
-            Self::Skin | Self::Glass | Self::Gloss => 0.03,
+            Self::Skin | Self::Glass => 0.03,
+            #[cfg(feature = "studio")]
+            Self::Gloss => 0.03,
         }
     }
 
@@ -57,6 +60,7 @@ impl Stuff {
     const fn sheen(self) -> f32 {
         match self {
             Self::Hair | Self::DarkHair => 0.9,
+            #[cfg(feature = "studio")]
             Self::Gloss => 0.7,
             _ => 0.0,
         }
@@ -413,24 +417,6 @@ impl Outfit {
                 turn,
             )
         });
-    }
-
-    /// Adds a flat or bent sheet, seen from both sides: `at` of two numbers in 0…1.
-    pub(crate) fn sheet(
-        &mut self,
-        cells: [usize; 2],
-        cloth: &Cloth,
-        at: impl Fn(f32, f32) -> Point,
-    ) {
-        let [rows, columns] = cells;
-        for back in [false, true] {
-            self.grid(cells, false, cloth.stuff, |row, column| {
-                let v = row as f32 / (rows - 1) as f32;
-                let u = column as f32 / (columns - 1) as f32;
-                let u = if back { 1.0 - u } else { u };
-                cloth.knot(at(u, v), [u, v], 1.0)
-            });
-        }
     }
 
     /// Everything a person of this look wears, for this head.

@@ -1,4 +1,5 @@
 //! What else a person wears or holds: beards, glasses, hats, headphones, scarves, collars, hands, a chair.
+//! One file: things, one function each.
 
 use super::skull::{HANGS, Skull};
 use super::{
@@ -41,6 +42,19 @@ impl Outfit {
         }
         if look.chair {
             self.chair(look);
+        }
+    }
+
+    /// Adds a flat or bent sheet, seen from both sides: `at` of two numbers in 0…1.
+    fn sheet(&mut self, cells: [usize; 2], cloth: &Cloth, at: impl Fn(f32, f32) -> Point) {
+        let [rows, columns] = cells;
+        for back in [false, true] {
+            self.grid(cells, false, cloth.stuff, |row, column| {
+                let v = row as f32 / (rows - 1) as f32;
+                let u = column as f32 / (columns - 1) as f32;
+                let u = if back { 1.0 - u } else { u };
+                cloth.knot(at(u, v), [u, v], 1.0)
+            });
         }
     }
 
