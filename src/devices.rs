@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serialport::SerialPortType;
 
+use crate::log::Plain;
 use crate::sensor::device::DeviceError;
 use crate::sensor::usb_devices::{self, Listed};
 
@@ -44,6 +45,8 @@ fn text(sensors: &Result<Vec<Listed>, DeviceError>, ports: &[Port]) -> String {
         lines.push("no serial port".to_owned());
     }
     lines.push(String::new());
+    // What a device calls itself is its own invention.
+    let lines: Vec<String> = lines.iter().map(|line| Plain(line).to_string()).collect();
     lines.join("\n")
 }
 
@@ -165,5 +168,21 @@ mod tests {
         }
         let sentence = DeviceError::Access { bus: 1, address: 5 }.to_string();
         assert!(sentence.contains("systemd/mien.rules") && rule.contains("60-mien.rules"));
+    }
+
+    #[test]
+    fn what_a_device_calls_itself_cannot_write_lines_of_its_own() {
+        let mut odd = listed(Model::Xbox1414, Driver::Program, None);
+        odd.serial = "A\n\x1b[2Jkinect:B\u{9b}1m".into();
+        let ports = [Port {
+            name: "/dev/ttyACM0".into(),
+            about: ", USB 2341:0043 Uno\r\u{7f}".into(),
+        }];
+        let text = text(&Ok(vec![odd]), &ports);
+        assert_eq!(text.lines().count(), 2, "{text:?}");
+        assert!(
+            !text.chars().any(|c| c.is_control() && c != '\n'),
+            "{text:?}"
+        );
     }
 }

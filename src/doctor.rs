@@ -5,6 +5,7 @@ use std::fmt::{Display, Write as _};
 use std::net::ToSocketAddrs;
 use std::path::Path;
 
+use crate::log::Plain;
 use crate::sensor::SourceName;
 use crate::sensor::device::DeviceError;
 use crate::sensor::usb_devices;
@@ -39,7 +40,7 @@ impl Lines {
         };
         self.failed |= verdict == Verdict::Fail;
         // A string takes everything.
-        let _ = writeln!(self.text, "{word}  {what}: {text}");
+        let _ = writeln!(self.text, "{word}  {what}: {}", Plain(text));
     }
 
     /// OK, or the given verdict with what went wrong.

@@ -50,6 +50,8 @@ pub mod output;
 
 #[cfg(feature = "std")]
 pub mod bench;
+#[cfg(feature = "std")]
+mod bounded;
 pub mod budget;
 #[cfg(feature = "std")]
 pub mod cli;

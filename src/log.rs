@@ -73,12 +73,33 @@ impl Line {
     }
 }
 
+/// A character that neither ends a line nor moves a terminal's cursor.
+fn plain(c: char) -> char {
+    if c.is_control() { '?' } else { c }
+}
+
 impl std::fmt::Write for Line {
     fn write_str(&mut self, text: &str) -> std::fmt::Result {
-        text.chars().try_for_each(|c| {
-            let shown = if c.is_control() { '?' } else { c };
-            self.0.push(shown).map_err(|_| std::fmt::Error)
-        })
+        let mut pushed = text.chars().map(|c| self.0.push(plain(c)));
+        pushed
+            .all(|pushed| pushed.is_ok())
+            .then_some(())
+            .ok_or(std::fmt::Error)
+    }
+}
+
+/// Something as one line, whatever is in it.
+pub(crate) struct Plain<T>(pub(crate) T);
+
+impl<T: Display> Display for Plain<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        struct Through<'a, 'b>(&'a mut std::fmt::Formatter<'b>);
+        impl std::fmt::Write for Through<'_, '_> {
+            fn write_str(&mut self, text: &str) -> std::fmt::Result {
+                text.chars().try_for_each(|c| self.0.write_char(plain(c)))
+            }
+        }
+        write!(Through(f), "{}", self.0)
     }
 }
 

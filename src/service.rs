@@ -23,10 +23,16 @@ use crate::settings::{Settings, SettingsError};
 use crate::status::Status;
 use crate::time::Timestamp;
 use crate::users::saved::People;
-use crate::{live, memory, send_test, wires};
+use crate::{bounded, live, memory, send_test, wires};
 
 /// Where the configuration is looked for when none is named.
 const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
+/// How long a run with a bad configuration lasts under a service manager: less than it may take to start.
+const BACK_OFF: Duration = Duration::from_secs(15);
+/// Time between two lines about what receivers ask for.
+const HEARD_PERIOD: Duration = Duration::from_secs(1);
+/// Bytes of the largest face model: a hundred times ours.
+const MODEL_MOST: usize = 1 << 28;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -80,6 +86,14 @@ impl Failure {
             _ => 1,
         }
     }
+
+    /// Waits before a service manager starts the run again, if that cannot go better until a person has done something:
+    /// managers before systemd 254 have no patience of their own.
+    pub fn back_off(&self) {
+        if matches!(self, Self::Settings(_)) && std::env::var_os("NOTIFY_SOCKET").is_some() {
+            std::thread::sleep(BACK_OFF);
+        }
+    }
 }
 
 /// The configuration in force: the named file, else the system's, else the built-in defaults.
@@ -103,7 +117,7 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     let Some(path) = file else {
         return Ok(FaceModel::shipped());
     };
-    let bytes = std::fs::read(path).map_err(|source| Failure::ModelFile {
+    let bytes = bounded::read(path, MODEL_MOST).map_err(|source| Failure::ModelFile {
         path: path.into(),
         source,
     })?;
@@ -224,6 +238,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     manager.ready();
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();
+    let mut heard = Heard::default();
     let mut left = run.frames.unwrap_or(u64::MAX);
     let mut last = Instant::now();
     while left > 0 && !signals.stop.load(Ordering::Relaxed) {
@@ -255,7 +270,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
                     wire.send(&nobody)?;
                 }
                 status.observe(&nobody, None);
-                hear(&mut wires, &mut pipeline);
+                heard.obey(&mut wires, &mut pipeline);
                 status.write(tallies(csv.as_ref(), &wires));
                 let now = Instant::now();
                 manager.alive(now);
@@ -305,7 +320,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         if let Source::Kinect(live) = &mut source {
             live.show_tracking(state.has_face());
         }
-        hear(&mut wires, &mut pipeline);
+        heard.obey(&mut wires, &mut pipeline);
         status.write(tallies(csv.as_ref(), &wires));
         if let Some(people) = people.as_mut().filter(|people| people.is_due()) {
             people.save(pipeline.people().iter(), pipeline.at());
@@ -352,12 +367,27 @@ fn tallies<'a>(
     csv.map(Output::tally).into_iter().chain(wires)
 }
 
-/// Obeys what receivers ask for.
-fn hear(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
-    for wire in wires {
-        while let Some(command) = wire.next_command() {
-            tracing::info!("asked over OSC: {command:?}");
-            pipeline.obey(command);
+/// What receivers ask for, told in a line a second at most.
+#[derive(Default)]
+struct Heard {
+    told: Option<Instant>,
+    untold: u32,
+}
+
+impl Heard {
+    /// Obeys.
+    fn obey(&mut self, wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+        for wire in wires {
+            while let Some(command) = wire.next_command() {
+                pipeline.obey(command);
+                let now = Instant::now();
+                if self.told.is_some_and(|told| now - told < HEARD_PERIOD) {
+                    self.untold += 1;
+                    continue;
+                }
+                tracing::info!("asked over OSC: {command:?}, {} before", self.untold);
+                (self.told, self.untold) = (Some(now), 0);
+            }
         }
     }
 }

@@ -6,7 +6,9 @@
 //! Nothing allocates after the first writing; memory: two latency rings of 4 kB and a text of 16 kB.
 
 use std::fmt::Write as _;
+use std::fs::{Metadata, Permissions};
 use std::io::Write as _;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -262,6 +264,10 @@ struct Files {
     paths: [[PathBuf; 2]; 2],
     /// Whether it was said that they cannot be written.
     told: bool,
+    /// The files as they were left, by device, number and time of their making.
+    left: [Option<[u64; 3]>; 2],
+    /// Whether somebody else writes them too; said once.
+    shared: bool,
 }
 
 impl Files {
@@ -275,16 +281,41 @@ impl Files {
         Self {
             paths: [json, &prometheus].map(|path| [path.to_owned(), new(path)]),
             told: false,
+            left: [None; 2],
+            shared: false,
+        }
+    }
+
+    /// Notices that somebody has put another file in the place of ours.
+    fn look(&mut self, file: usize) {
+        let path = &self.paths[file][0];
+        let found = std::fs::metadata(path).ok().as_ref().map(mark);
+        let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
+        if other && !self.shared {
+            self.shared = true;
+            tracing::warn!(
+                "{} is written by another program too, perhaps a second mien; status.path in its configuration gives each its own",
+                path.display()
+            );
         }
     }
 
     fn write(&mut self, file: usize, text: &[u8]) {
+        self.look(file);
         let [path, new] = &self.paths[file];
-        let written = std::fs::File::create(new)
-            .and_then(|mut file| file.write_all(text))
-            .and_then(|()| std::fs::rename(new, path));
+        let written = std::fs::File::create(new).and_then(|mut file| {
+            file.write_all(text)?;
+            // Whoever watches may read them, whatever else the process keeps to itself.
+            file.set_permissions(Permissions::from_mode(0o644))?;
+            let mark = mark(&file.metadata()?);
+            std::fs::rename(new, path)?;
+            Ok(mark)
+        });
         match written {
-            Ok(()) => self.told = false,
+            Ok(mark) => {
+                self.told = false;
+                self.left[file] = Some(mark);
+            }
             Err(error) if !self.told => {
                 tracing::info!(
                     "{} is not written: {error}; status.path names another place",
@@ -295,6 +326,11 @@ impl Files {
             Err(_) => {}
         }
     }
+}
+
+/// What tells a file from another one that takes its place.
+fn mark(about: &Metadata) -> [u64; 3] {
+    [about.dev(), about.ino(), about.mtime_nsec() as u64]
 }
 
 /// A text as JSON has it.
@@ -419,5 +455,31 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         status.write([tally; 2].into_iter());
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn another_program_that_writes_the_same_file_is_noticed_by_both() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("status.json");
+        let mut both = [(); 2].map(|()| Files::beside(&path));
+        both[0].write(0, b"{}");
+        both[0].write(0, b"{}");
+        assert!(!both[0].shared, "alone");
+        // A program before this one has left its file.
+        both[1].write(0, b"{}");
+        assert!(!both[1].shared);
+        both[0].write(0, b"{}");
+        both[1].write(0, b"{}");
+        assert_eq!(both.map(|files| files.shared), [true; 2]);
+    }
+
+    #[test]
+    fn the_files_are_for_everybody_whatever_the_mask() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("status.json");
+        Files::beside(&path).write(0, b"{}");
+        let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o644);
     }
 }

@@ -77,6 +77,10 @@ impl Service {
     }
 
     fn signal(&self, name: &str) {
+        // The queue is short, and nobody waits for room in it: what comes of the signal is to find some.
+        self.socket.set_nonblocking(true).unwrap();
+        while self.socket.recv(&mut [0; 512]).is_ok() {}
+        self.socket.set_nonblocking(false).unwrap();
         let id = self.child.id().to_string();
         assert!(
             Command::new("kill")
@@ -320,4 +324,54 @@ fn weights_are_shown_on_a_terminal_only_and_one_that_is_not_read_stops_nothing()
     let mut text = String::new();
     out.read_to_string(&mut text).unwrap();
     assert_eq!(text, "", "weights for everybody who reads the log");
+}
+
+#[test]
+fn commands_fill_no_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let (socket, target) = receiver();
+    // Any free port: it is given back before the run takes it.
+    let listen = receiver().1;
+    let config = format!(
+        "[osc]\ntarget = {target:?}\ncommands = true\nlisten = {listen:?}\n[status]\npath = \"\"\n"
+    );
+    let said = folder.path().join("said");
+    let log = std::fs::File::create(&said).unwrap();
+    let start = Instant::now();
+    let mut service = Service::start_with(folder.path(), &config, &[], Stdio::null(), log);
+    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    let forget = b"/face/cmd/forget\0\0\0\0,i\0\0\0\0\0\0";
+    // Each sender has its own allowance.
+    for sender in 1..=8 {
+        let asker = UdpSocket::bind(format!("127.0.0.{sender}:0")).unwrap();
+        for _ in 0..8 {
+            asker.send_to(forget, &listen).unwrap();
+        }
+        hear_frames(&socket, 8);
+    }
+    assert_eq!(service.stop(), Some(0));
+    let said = std::fs::read_to_string(said).unwrap();
+    let lines = said
+        .lines()
+        .filter(|line| line.contains("asked over OSC"))
+        .count();
+    let most = start.elapsed().as_secs() as usize + 1;
+    assert!(
+        lines >= 1 && lines <= most,
+        "{lines} lines in {most} s:\n{said}"
+    );
+}
+
+#[test]
+fn a_bad_configuration_is_said_at_once_and_not_tried_again_every_moment() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut said, log) = std::io::pipe().unwrap();
+    let start = Instant::now();
+    let words = [];
+    let mut service = Service::start_with(folder.path(), "nonsense", &words, Stdio::null(), log);
+    let mut line = [0; 256];
+    let length = said.read(&mut line).unwrap();
+    assert!(contains(&line[..length], b"mien.toml:1:"));
+    assert_eq!(service.child.wait().unwrap().code(), Some(2));
+    assert!(start.elapsed() >= Duration::from_secs(10));
 }

@@ -53,6 +53,32 @@ fn without_a_kinect_one_line_says_so_and_the_simulated_sensor_plays() {
     assert!(live.contains("0:01.0 ") && live.contains("turn"), "{live}");
 }
 
+#[test]
+fn a_table_on_a_full_disk_ends_with_its_last_row_whole() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let table = folder.path().join("table.csv");
+    // A file may not grow beyond 20 kB, as on a disk that is full by then.
+    let limited = "trap '' XFSZ; ulimit -f 40; exec \"$0\" run --source simulated --fast --frames 300 --csv \"$1\"";
+    let output = Command::new("sh")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_mien")])
+        .arg(&table)
+        .output()
+        .expect("mien starts");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("cannot write the CSV"), "{said}");
+    let table = std::fs::read_to_string(table).expect("a table");
+    let columns = |line: &str| line.split(',').count();
+    let rows: Vec<&str> = table.lines().collect();
+    assert!(
+        rows.len() > 3 && table.ends_with('\n'),
+        "{} rows",
+        rows.len()
+    );
+    let last = rows.last().expect("a row");
+    assert_eq!(columns(last), columns(rows[0]), "{last}");
+}
+
 #[cfg(feature = "studio")]
 #[test]
 fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_frame() {

@@ -17,3 +17,24 @@ fn the_shipped_file_equals_the_defaults_key_by_key() {
         Ok(Settings::default())
     );
 }
+
+/// The values a key has in the unit's file, in their order.
+fn unit(key: &str) -> Vec<&'static str> {
+    let text = include_str!("../systemd/mien.service");
+    let value = |line: &'static str| line.strip_prefix(key)?.strip_prefix('=');
+    text.lines().filter_map(value).collect()
+}
+
+#[test]
+fn the_unit_backs_off_keeps_its_files_to_itself_and_reaches_local_targets() {
+    // Learned ranges are nobody else's; the status files say themselves that they are for all.
+    assert_eq!(unit("UMask"), ["0077"]);
+    // Nothing that can be written can be run.
+    assert_eq!(unit("NoExecPaths"), ["/"]);
+    assert!(unit("ExecPaths")[0].starts_with("/usr"));
+    let seconds = |key: &str| unit(key)[0].trim_end_matches('s').parse::<u32>().unwrap();
+    assert!(seconds("RestartSteps") > 1 && (10..=60).contains(&seconds("RestartMaxDelaySec")));
+    for network in ["localhost", "link-local", "192.168.0.0/16", "fc00::/7"] {
+        assert!(unit("IPAddressAllow").contains(&network), "{network}");
+    }
+}

@@ -255,12 +255,26 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
     assert_eq!(osc.next_command(), None);
     assert_eq!(osc.tally().commands, [3, 2]);
     assert_eq!(messages(&socket)[0].addr, "/face/schema");
-    // A flood takes no more of a frame than a few datagrams.
+    // A flood takes no more of a frame than a few datagrams, its sender is held to a rate, and others are heard.
     for _ in 0..200 {
         send(&command("/face/cmd/forget", vec![OscType::Int(0)]));
     }
-    let round = std::iter::from_fn(|| osc.next_command()).count();
-    assert!((1..=16).contains(&round), "{round} in one round");
+    let other = UdpSocket::bind("127.0.0.2:0").unwrap();
+    let neutral = command("/face/cmd/neutral", vec![OscType::Int(3)]);
+    other.send_to(&neutral, to).unwrap();
+    let (mut obeyed, mut heard) = (0, false);
+    while !heard {
+        let mut round = 0;
+        while let Some(command) = osc.next_command() {
+            round += 1;
+            heard |= command == output::Command::Neutral(3);
+        }
+        assert!(round <= 16, "{round} in one round");
+        obeyed += round;
+    }
+    assert!((10..100).contains(&obeyed), "{obeyed} of 201 obeyed");
+    let [taken, refused] = osc.tally().commands;
+    assert_eq!(taken + refused, 5 + 201, "what is not obeyed is counted");
 
     // A second one waits until the address is free; what is no address is refused.
     let second = |listen: &str| osc::Settings {
@@ -277,6 +291,41 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
         refused.starts_with("cannot listen for OSC commands at"),
         "{refused}"
     );
+}
+
+#[test]
+fn who_asks_is_answered_and_nobody_else() {
+    let (here, there) = (receiver("127.0.0.1:0"), receiver("127.0.0.2:0"));
+    let target = |socket: &UdpSocket| socket.local_addr().unwrap().to_string();
+    let settings = osc::Settings {
+        targets: vec![target(&here), target(&there)],
+        commands: true,
+        listen: "127.0.0.1:0".into(),
+        ..osc::Settings::default()
+    };
+    let mut osc = Osc::new(settings, &UNITS).unwrap();
+    let to = osc.listens_at().unwrap();
+    let schema = rosc::encoder::encode(&OscPacket::Message(OscMessage {
+        addr: "/face/cmd/schema".into(),
+        args: vec![],
+    }))
+    .unwrap();
+    let mut ask = |asker: &UdpSocket| {
+        asker.send_to(&schema, to).unwrap();
+        wait_for(|| {
+            let before = osc.tally().commands[0];
+            osc.next_command();
+            osc.tally().commands[0] > before
+        });
+    };
+    ask(&UdpSocket::bind("127.0.0.2:0").unwrap());
+    assert_eq!(messages(&there)[0].addr, "/face/schema");
+    assert_eq!(messages(&here), []);
+    // Nothing goes there otherwise: the answer goes back where the question came from.
+    let asker = receiver("127.0.0.3:0");
+    ask(&asker);
+    assert_eq!(messages(&asker)[0].addr, "/face/schema");
+    assert_eq!((messages(&here), messages(&there)), (vec![], vec![]));
 }
 
 #[test]

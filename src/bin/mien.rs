@@ -63,6 +63,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             mien::log::say(format_args!("mien: {failure}"));
+            failure.back_off();
             ExitCode::from(failure.exit_code())
         }
     }

@@ -265,11 +265,11 @@ impl Osc {
         }
     }
 
-    fn send_schema(&mut self) {
+    /// Puts the schema in the datagram.
+    fn tell_schema(&mut self) {
         let names = self.units.iter().map(|name| Argument::Text(name));
         let arguments = core::iter::once(Argument::Int(SCHEMA_VERSION)).chain(names);
         self.wire.message(format_args!("/schema"), arguments);
-        self.wire.flush();
     }
 
     fn send_alive(&mut self, report: &Report) {
@@ -289,7 +289,8 @@ impl Output for Osc {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         self.at = report.at;
         if self.schema.due(report.at, SCHEMA_PERIOD_S) {
-            self.send_schema();
+            self.tell_schema();
+            self.wire.flush();
         }
         if self.alive.due(report.at, ALIVE_PERIOD_S) {
             self.send_alive(report);
@@ -333,8 +334,14 @@ impl Output for Osc {
     fn next_command(&mut self) -> Option<Command> {
         loop {
             match self.commands.as_mut()?.next_request()? {
-                Request::Schema => self.send_schema(),
-                Request::Command(command) => return Some(command),
+                (Request::Schema, asker) => {
+                    self.tell_schema();
+                    let commands = self.commands.as_ref();
+                    self.wire.flush_to(asker.ip(), |datagram| {
+                        commands.is_some_and(|commands| commands.answer(datagram, asker))
+                    });
+                }
+                (Request::Command(command), _) => return Some(command),
             }
         }
     }

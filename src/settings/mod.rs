@@ -15,10 +15,14 @@ use toml::de::{DeTable, DeValue};
 
 use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
 
+use crate::bounded;
 use crate::capacity::USERS;
 use crate::sensor::kinect;
 use crate::users::Policy;
 use crate::{expression, landmarks, output, pose, segment};
+
+/// Bytes of the longest file: fifty times ours.
+const MOST: usize = 1 << 20;
 
 /// Everything that can be configured, in the stages' own types.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -184,7 +188,10 @@ impl Settings {
     /// # Errors
     /// If the file cannot be read, is not TOML, has an unknown key, or a value of the wrong type or out of its range.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
-        let text = std::fs::read_to_string(path).map_err(|error| SettingsError::Unreadable {
+        let text = bounded::read(path, MOST).and_then(|bytes| {
+            String::from_utf8(bytes).map_err(|_| std::io::Error::other("no text in UTF-8"))
+        });
+        let text = text.map_err(|error| SettingsError::Unreadable {
             path: path.into(),
             reason: error.to_string(),
         })?;

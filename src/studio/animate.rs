@@ -11,6 +11,8 @@ use serde_json::{Value, json};
 use super::bake::command::{BakeError, write};
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
+use super::text::{self, decoded};
+use crate::bounded;
 
 /// The options of `mien-studio animate`, explained.
 pub const OPTIONS: &str =
@@ -238,7 +240,7 @@ pub fn animate(
     user: Option<&str>,
 ) -> Result<(), AnimateError> {
     let read = |path: &Path| {
-        std::fs::read(path).map_err(|source| AnimateError::Read {
+        bounded::read(path, text::MOST).map_err(|source| AnimateError::Read {
             path: path.into(),
             source,
         })
@@ -248,7 +250,7 @@ pub fn animate(
         source,
     })?;
     let text = read(csv)?;
-    let (frames, driven) = animated(&mut glb, &String::from_utf8_lossy(&text), csv, user)?;
+    let (frames, driven) = animated(&mut glb, &decoded(&text), csv, user)?;
     write(out, &glb.emit())?;
     println!(
         "{}: {frames} frames, {driven} morph targets driven",

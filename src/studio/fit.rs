@@ -132,7 +132,7 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
 }
 
 fn read_text(path: &Path) -> Result<String, FitError> {
-    std::fs::read_to_string(path).map_err(|source| FitError::Unreadable {
+    crate::studio::text::read(path).map_err(|source| FitError::Unreadable {
         path: path.into(),
         source,
     })

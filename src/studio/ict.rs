@@ -81,7 +81,7 @@ pub struct IctHead {
 }
 
 fn read_text(path: &Path) -> Result<String, IctError> {
-    fs::read_to_string(path).map_err(|source| IctError::Unreadable {
+    crate::studio::text::read(path).map_err(|source| IctError::Unreadable {
         path: path.into(),
         source,
     })

@@ -16,4 +16,5 @@ pub mod priors;
 pub mod record;
 pub mod sessions;
 pub mod split;
+pub mod text;
 pub mod train;

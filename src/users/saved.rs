@@ -17,12 +17,13 @@
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
 use std::fmt::Write as _;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::likeness::Likeness;
 use super::memory::Gone;
+use crate::bounded;
 use crate::capacity::{REMEMBERED, USERS};
 use crate::checksum::crc32;
 use crate::expression::saved::{Learned, SavedError};
@@ -33,6 +34,9 @@ const HEADER: &str = "mien-people 2";
 const PERIOD: Duration = Duration::from_secs(60);
 /// Bytes of the longest file: likeness and ranges of everybody.
 const TEXT: usize = (REMEMBERED + USERS) * 2048;
+
+/// Bytes that are read of a file.
+const MOST: usize = 4 * TEXT;
 
 /// Why a file of people is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -146,9 +150,18 @@ impl People {
     #[must_use]
     pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
         let path = self.path.display();
-        let bytes = match std::fs::read(&self.path) {
+        let is_file = std::fs::metadata(&self.path).map(|about| about.is_file());
+        let bytes = is_file.and_then(|is_file| {
+            if !is_file {
+                return Err(ErrorKind::InvalidInput.into());
+            }
+            bounded::read(&self.path, MOST)
+        });
+        let bytes = match bytes {
             Ok(bytes) => bytes,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            // More than was ever written here: set aside below, as what is damaged.
+            Err(error) if error.kind() == ErrorKind::FileTooLarge => Vec::new(),
+            Err(error) if error.kind() == ErrorKind::NotFound => {
                 return heapless::Vec::new();
             }
             Err(error) => {
@@ -196,5 +209,32 @@ impl People {
             );
         }
         self.told = written.is_err();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_file_of_people_s_size_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("people.ranges");
+        // Nothing ever comes out of it.
+        let made = std::process::Command::new("mkfifo").arg(&path).status();
+        assert!(made.unwrap().success());
+        assert!(People::at(&path).load().is_empty());
+        std::fs::remove_file(&path).unwrap();
+
+        let mut text = String::new();
+        write(
+            std::iter::empty(),
+            (Timestamp::default(), SystemTime::now()),
+            &mut text,
+        )
+        .unwrap();
+        std::fs::write(&path, text + &"\n".repeat(1 << 20)).unwrap();
+        assert!(People::at(&path).load().is_empty());
+        assert!(folder.path().join("people.ranges.damaged").exists());
     }
 }

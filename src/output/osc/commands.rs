@@ -6,15 +6,17 @@
 //! | `/face/cmd/forget` | slot | forgets what was learned of the user |
 //! | `/face/cmd/freeze` | slot, 0 or 1 | stops learning of the user, or goes on with it |
 //! | `/face/cmd/neutral` | slot | takes the user's present face for rest |
-//! | `/face/cmd/schema` | | sends the schema now |
+//! | `/face/cmd/schema` | | sends the schema now: to the targets on the asker's host, without any back where it came from |
 //!
 //! What comes in is not trusted: a datagram is read into a fixed buffer, bundles may be nested twice, and of each frame's
-//! time only so many datagrams are looked at; the rest waits in the socket, which the system bounds. What is malformed,
-//! unknown, has other arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its
-//! datagram if that cannot be told apart. Nothing allocates.
+//! time only so many datagrams are looked at; the rest waits in the socket, which the system bounds. Every sender has an
+//! allowance of [`AT_ONCE`] requests, and one more each [`EACH`]; what is beyond, what is malformed, unknown, has other
+//! arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its datagram if that
+//! cannot be told apart. An answer goes to who asked only. Nothing allocates. Limits: of more than [`SENDERS`] senders the
+//! one unheard for longest is taken for new when it comes again.
 
 #[cfg(feature = "std")]
-use std::net::{SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
 #[cfg(feature = "std")]
 use std::time::{Duration, Instant};
 
@@ -28,9 +30,20 @@ use crate::prelude::*;
 /// Longest datagram looked at; a longer one is cut by the system and then found malformed.
 #[cfg(feature = "std")]
 const LARGEST: usize = 1472;
-/// Datagrams looked at between two frames.
+/// What is done between two frames, in datagrams taken; one that is read costs as much as [`READING`].
 #[cfg(feature = "std")]
-const DATAGRAMS: usize = 8;
+const DATAGRAMS: usize = 64;
+#[cfg(feature = "std")]
+const READING: usize = 8;
+/// Senders whose allowances are kept.
+#[cfg(feature = "std")]
+const SENDERS: usize = 8;
+/// Requests that a sender may make at once.
+#[cfg(feature = "std")]
+const AT_ONCE: u32 = 16;
+/// After which time another one.
+#[cfg(feature = "std")]
+const EACH: Duration = Duration::from_millis(250);
 /// Commands of one datagram that are kept; further ones are refused.
 #[cfg(feature = "std")]
 const REQUESTS: usize = 16;
@@ -51,6 +64,60 @@ pub enum Request {
     Command(Command),
 }
 
+/// Who sends, and when the allowance will be whole again.
+#[cfg(feature = "std")]
+struct Sender {
+    host: IpAddr,
+    whole: Instant,
+}
+
+/// The allowances.
+#[cfg(feature = "std")]
+#[derive(Default)]
+struct Senders(heapless::Vec<Sender, SENDERS>);
+
+#[cfg(feature = "std")]
+impl Senders {
+    /// The allowance of a host.
+    fn of(&mut self, host: IpAddr, now: Instant) -> &mut Sender {
+        let at = match self.0.iter().position(|sender| sender.host == host) {
+            Some(at) => at,
+            None => {
+                let new = Sender { host, whole: now };
+                if let Err(new) = self.0.push(new) {
+                    let mut longest = 0;
+                    for at in 1..SENDERS {
+                        if self.0[at].whole < self.0[longest].whole {
+                            longest = at;
+                        }
+                    }
+                    self.0[longest] = new;
+                    longest
+                } else {
+                    self.0.len() - 1
+                }
+            }
+        };
+        &mut self.0[at]
+    }
+}
+
+#[cfg(feature = "std")]
+impl Sender {
+    fn may(&self, now: Instant) -> bool {
+        self.whole.saturating_duration_since(now) <= EACH * (AT_ONCE - 1)
+    }
+
+    /// One request; whether it is allowed.
+    fn takes_one(&mut self, now: Instant) -> bool {
+        let may = self.may(now);
+        if may {
+            self.whole = self.whole.max(now) + EACH;
+        }
+        may
+    }
+}
+
 /// The listening socket.
 #[cfg(feature = "std")]
 pub struct Commands {
@@ -62,8 +129,9 @@ pub struct Commands {
     pause: Duration,
     /// Start of the addresses, as `/face`.
     prefix: String,
-    waiting: heapless::Deque<Request, REQUESTS>,
-    looked_at: usize,
+    waiting: heapless::Deque<(Request, SocketAddr), REQUESTS>,
+    senders: Senders,
+    done: usize,
     taken: u64,
     refused: u64,
 }
@@ -87,7 +155,8 @@ impl Commands {
             pause: PAUSES[0],
             prefix: prefix.to_owned(),
             waiting: heapless::Deque::new(),
-            looked_at: 0,
+            senders: Senders::default(),
+            done: 0,
             taken: 0,
             refused: 0,
         })
@@ -127,25 +196,38 @@ impl Commands {
         [self.taken, self.refused]
     }
 
-    /// The next request; `None` ends a round, after which the limit of datagrams starts anew.
-    pub fn next_request(&mut self) -> Option<Request> {
+    /// Sends an answer to who asked.
+    pub(super) fn answer(&self, datagram: &[u8], to: SocketAddr) -> bool {
+        let socket = self.socket.as_ref();
+        socket.is_some_and(|socket| socket.send_to(datagram, to).is_ok())
+    }
+
+    /// The next request and who asks; `None` ends a round, after which the limit of datagrams starts anew.
+    pub fn next_request(&mut self) -> Option<(Request, SocketAddr)> {
         let mut bytes = [0; LARGEST];
         loop {
             if let Some(request) = self.waiting.pop_front() {
                 self.taken += 1;
                 return Some(request);
             }
-            let length = (self.looked_at < DATAGRAMS)
-                .then(|| self.try_again()?.recv(&mut bytes).ok())
+            let datagram = (self.done < DATAGRAMS)
+                .then(|| self.try_again()?.recv_from(&mut bytes).ok())
                 .flatten();
-            let Some(length) = length else {
-                self.looked_at = 0;
+            let Some((length, from)) = datagram else {
+                self.done = 0;
                 return None;
             };
-            self.looked_at += 1;
+            self.done += 1;
+            let now = Instant::now();
+            let sender = self.senders.of(from.ip(), now);
+            if !sender.may(now) {
+                self.refused += 1;
+                continue;
+            }
+            self.done += READING - 1;
             let waiting = &mut self.waiting;
             self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
-                waiting.push_back(request).is_ok()
+                sender.takes_one(now) && waiting.push_back((request, from)).is_ok()
             });
         }
     }

@@ -2,16 +2,22 @@
 //! the local net while the system keeps the datagram) takes no room from the others. They do not block: what one cannot
 //! take is dropped and counted. A receiver that is not there changes nothing. Targets may be hosts, broadcast addresses
 //! (as 192.168.1.255) or multicast groups (as 239.255.91.30; sent with a reach of one network, as the system has it). A
-//! target given by name is looked up on a thread of its own, again and again until it is found.
+//! target given by name is looked up on a thread of its own, again and again until it is found, and anew when sending
+//! there fails.
 
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::sync::{Arc, OnceLock};
+use std::io::ErrorKind;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::Thread;
 use std::time::Duration;
 
 use super::wire::{Datagrams, Targets};
 use crate::output::OutputError;
 
-/// Pause between two look-ups of a name that is not found.
+/// Sockets for IPv4 are bound to it.
+const ANY: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), 0);
+/// Pause between two look-ups of a name.
 const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 
 /// Opens a socket for each of `targets` (`host:port`).
@@ -27,16 +33,79 @@ pub(super) fn open(targets: &[String]) -> Result<Targets, OutputError> {
 
 struct Target {
     socket: UdpSocket,
-    address: Arc<OnceLock<SocketAddr>>,
+    to: To,
+}
+
+/// Where to.
+enum To {
+    Address(SocketAddr),
+    Name(Arc<Name>, Thread),
+}
+
+/// A name and where it leads, which its thread looks up whenever it is woken.
+struct Name {
+    address: Mutex<Option<SocketAddr>>,
+    /// Whether an address is wanted.
+    wanted: AtomicBool,
 }
 
 impl Target {
     fn open(target: &str) -> Result<Self, OutputError> {
-        let address = look_up(target.to_owned())?;
-        let any = match address.get() {
-            Some(SocketAddr::V6(_)) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
-            _ => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+        let Ok(address) = target.parse() else {
+            let host_and_port = target.rsplit_once(':');
+            let named = host_and_port
+                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+            return if named {
+                Self::named(target, resolve)
+            } else {
+                let target = target.to_owned();
+                Err(OutputError::Target { target })
+            };
         };
+        let any = match address {
+            SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+            SocketAddr::V4(_) => ANY,
+        };
+        Self::over(any, To::Address(address))
+    }
+
+    /// A target whose address `resolve` finds.
+    fn named(target: &str, resolve: fn(&str) -> Option<SocketAddr>) -> Result<Self, OutputError> {
+        let name = Arc::new(Name {
+            address: Mutex::new(None),
+            wanted: AtomicBool::new(true),
+        });
+        let (found, target) = (Arc::downgrade(&name), target.to_owned());
+        let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
+        let thread = thread
+            .spawn(move || {
+                // Ends with the output that wants to know.
+                while let Some(name) = found.upgrade() {
+                    if !name.wanted.load(Ordering::Relaxed) {
+                        drop(name);
+                        std::thread::park();
+                        continue;
+                    }
+                    match resolve(&target) {
+                        Some(address) => {
+                            *name.address() = Some(address);
+                            name.wanted.store(false, Ordering::Relaxed);
+                        }
+                        None => {
+                            tracing::warn!("OSC target {target} is not found, trying again");
+                        }
+                    }
+                    drop(name);
+                    // Also after it was found: it may be found wrong again at once.
+                    std::thread::sleep(LOOK_UP_PAUSE);
+                }
+            })
+            .map_err(|source| OutputError::Thread { source })?;
+        // The socket is made for IPv4 before the name is known.
+        Self::over(ANY, To::Name(name, thread.thread().clone()))
+    }
+
+    fn over(any: SocketAddr, to: To) -> Result<Self, OutputError> {
         let socket = UdpSocket::bind(any)
             .and_then(|socket| {
                 socket.set_nonblocking(true)?;
@@ -45,50 +114,99 @@ impl Target {
                 Ok(socket)
             })
             .map_err(|source| OutputError::Socket { source })?;
-        Ok(Self { socket, address })
+        Ok(Self { socket, to })
+    }
+
+    fn address(&self) -> Option<SocketAddr> {
+        match &self.to {
+            To::Address(address) => Some(*address),
+            To::Name(name, _) => *name.address(),
+        }
+    }
+}
+
+impl Name {
+    /// Held for a copy only, by either side.
+    fn address(&self) -> MutexGuard<'_, Option<SocketAddr>> {
+        self.address.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Datagrams for Target {
     fn send(&mut self, datagram: &[u8]) -> bool {
-        let address = self.address.get();
-        address.is_some_and(|address| self.socket.send_to(datagram, address).is_ok())
+        let Some(address) = self.address() else {
+            return false;
+        };
+        let sent = self.socket.send_to(datagram, address);
+        // Perhaps the name leads elsewhere by now. A full queue says nothing of where it leads.
+        if let (Err(error), To::Name(name, thread)) = (&sent, &self.to)
+            && error.kind() != ErrorKind::WouldBlock
+            && !name.wanted.swap(true, Ordering::Relaxed)
+        {
+            thread.unpark();
+        }
+        sent.is_ok()
+    }
+
+    fn host(&self) -> Option<IpAddr> {
+        Some(self.address()?.ip().to_canonical())
     }
 }
 
-/// The address of `target`: at once if it is one, else as soon as its name is found.
-fn look_up(target: String) -> Result<Arc<OnceLock<SocketAddr>>, OutputError> {
-    let found = Arc::new(OnceLock::new());
-    if let Ok(address) = target.parse() {
-        found.get_or_init(|| address);
-        return Ok(found);
+impl Drop for Target {
+    fn drop(&mut self) {
+        if let To::Name(_, thread) = &self.to {
+            thread.unpark();
+        }
     }
-    let host_and_port = target
-        .rsplit_once(':')
-        .map(|(host, port)| (host.is_empty(), port.parse::<u16>()));
-    let Some((false, Ok(_))) = host_and_port else {
-        return Err(OutputError::Target { target });
-    };
-    let result = Arc::downgrade(&found);
-    let thread = std::thread::Builder::new().name("osc-look-up".to_owned());
-    thread
-        .spawn(move || {
-            // Ends with the output that wants to know.
-            while let Some(found) = result.upgrade() {
-                // The socket is made for IPv4 before the name is known.
-                let address = target
-                    .to_socket_addrs()
-                    .ok()
-                    .and_then(|mut all| all.find(SocketAddr::is_ipv4));
-                if let Some(address) = address {
-                    found.get_or_init(|| address);
+}
+
+fn resolve(target: &str) -> Option<SocketAddr> {
+    target.to_socket_addrs().ok()?.find(SocketAddr::is_ipv4)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicU16;
+
+    /// Where the name leads from the second time on.
+    static PORT: AtomicU16 = AtomicU16::new(0);
+    static ASKED: AtomicU16 = AtomicU16::new(0);
+
+    fn resolve(_: &str) -> Option<SocketAddr> {
+        let first = ASKED.fetch_add(1, Ordering::Relaxed) == 0;
+        // To port 0 nothing can be sent.
+        let port = if first {
+            0
+        } else {
+            PORT.load(Ordering::Relaxed)
+        };
+        Some(SocketAddr::from(([127, 0, 0, 1], port)))
+    }
+
+    #[test]
+    fn a_name_is_looked_up_anew_when_sending_fails() {
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let port = receiver.local_addr().unwrap().port();
+        PORT.store(port, Ordering::Relaxed);
+        let mut target = Target::named("head.invalid:9130", resolve).unwrap();
+        let mut wait = |what: &str, condition: fn(&mut Target) -> bool| {
+            for _ in 0..6000 {
+                if condition(&mut target) {
                     return;
                 }
-                tracing::warn!("OSC target {target} is not found, trying again");
-                drop(found);
-                std::thread::sleep(LOOK_UP_PAUSE);
+                std::thread::sleep(Duration::from_millis(10));
             }
-        })
-        .map_err(|source| OutputError::Thread { source })?;
-    Ok(found)
+            panic!("{what}");
+        };
+        wait("it is found", |target| target.address().is_some());
+        wait("it is found anew", |target| target.send(b"x"));
+        let mut bytes = [0; 4];
+        receiver
+            .set_read_timeout(Some(Duration::from_secs(60)))
+            .unwrap();
+        assert_eq!(receiver.recv(&mut bytes).unwrap(), 1);
+        assert_eq!(ASKED.load(Ordering::Relaxed), 2);
+    }
 }

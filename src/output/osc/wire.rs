@@ -1,5 +1,7 @@
 //! The datagram that is being filled, and where it goes when it is full.
 
+use core::net::IpAddr;
+
 use super::packet::{Argument, Packet};
 use crate::output::OutputError;
 #[cfg(not(feature = "std"))]
@@ -9,6 +11,11 @@ use crate::prelude::*;
 pub trait Datagrams: Send {
     /// Hands one on, without waiting; whether it was taken.
     fn send(&mut self, datagram: &[u8]) -> bool;
+
+    /// The host they go to, if it is one and known.
+    fn host(&self) -> Option<IpAddr> {
+        None
+    }
 }
 
 /// All receivers of one schema; each gets every datagram.
@@ -34,6 +41,11 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
         return Err(OutputError::Prefix { prefix });
     }
     Ok(prefix)
+}
+
+/// One datagram more that was taken, or dropped.
+fn count(taken: bool, sent: &mut u64, dropped: &mut u64) {
+    *(if taken { sent } else { dropped }) += 1;
 }
 
 impl Wire {
@@ -86,11 +98,26 @@ impl Wire {
         }
         for target in &mut self.targets {
             let taken = target.send(self.packet.bytes());
-            *(if taken {
-                &mut self.sent
-            } else {
-                &mut self.dropped
-            }) += 1;
+            count(taken, &mut self.sent, &mut self.dropped);
+        }
+        self.packet.clear();
+    }
+
+    /// Sends the datagram to the targets on one host, or `otherwise`.
+    #[cfg(feature = "std")]
+    pub(super) fn flush_to(&mut self, host: IpAddr, otherwise: impl FnOnce(&[u8]) -> bool) {
+        let host = host.to_canonical();
+        let mut answered = false;
+        for target in &mut self.targets {
+            if target.host() == Some(host) {
+                answered = true;
+                let taken = target.send(self.packet.bytes());
+                count(taken, &mut self.sent, &mut self.dropped);
+            }
+        }
+        if !answered {
+            let taken = otherwise(self.packet.bytes());
+            count(taken, &mut self.sent, &mut self.dropped);
         }
         self.packet.clear();
     }

@@ -18,7 +18,14 @@ use super::solve::Settings;
 use super::sparse::Singular;
 use super::table::table;
 use super::{morphs, report};
+use crate::bounded;
 use crate::face_model::FaceModel;
+use crate::studio::text;
+
+/// What a vertex of a shape takes: its displacement, its influence and whether it could move.
+const SHAPE_BYTES: usize = 33;
+/// What all shapes together may take: 67 of a mesh of a million vertices.
+const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
 
 /// Why nothing was baked.
 #[derive(Debug, thiserror::Error)]
@@ -104,20 +111,34 @@ pub enum BakeError {
         /// Distance in mesh units.
         found: f64,
     },
+    /// More than this program makes room for.
+    #[error(
+        "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {most}; bake fewer shapes or a coarser mesh"
+    )]
+    Large {
+        /// How many shapes.
+        shapes: usize,
+        /// Vertices of the mesh.
+        vertices: usize,
+        /// Bytes they take.
+        bytes: usize,
+        /// Bytes there may be.
+        most: usize,
+    },
     /// A system could not be solved.
     #[error(transparent)]
     Singular(#[from] Singular),
 }
 
 fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
-    std::fs::read(path).map_err(|source| BakeError::Read {
+    bounded::read(path, text::MOST).map_err(|source| BakeError::Read {
         path: path.into(),
         source,
     })
 }
 
 pub(super) fn read(path: &Path) -> Result<String, BakeError> {
-    Ok(String::from_utf8_lossy(&bytes(path)?).into_owned())
+    Ok(text::decoded(&bytes(path)?))
 }
 
 /// Writes through a temporary neighbour, so that no half file is left behind.
@@ -169,7 +190,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         let source = request.obj.is_some().then(|| obj::emit(&mesh));
         (mesh, source.unwrap_or_default(), Some(foreign))
     } else {
-        let source = String::from_utf8_lossy(&bytes).into_owned();
+        let source = text::decoded(&bytes);
         let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
             path: request.mesh.clone(),
             source,
@@ -220,6 +241,16 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             recipe.targets(&head).map_err(named)?
         }
     };
+    let vertices = head.mesh.positions.len();
+    let bytes = (targets.len() * vertices).saturating_mul(SHAPE_BYTES);
+    if bytes > SHAPES_MOST {
+        return Err(BakeError::Large {
+            shapes: targets.len(),
+            vertices,
+            bytes,
+            most: SHAPES_MOST,
+        });
+    }
     let method = if request.laplacian {
         Method::Laplacian
     } else {

@@ -10,6 +10,8 @@ const BIN_CHUNK: u32 = 0x004E_4942;
 pub(super) const FLOAT: u32 = 5126;
 pub(super) const U16: u32 = 5123;
 pub(super) const U32: u32 = 5125;
+/// Bytes that rows may take whatever the size of the file.
+const SHARED: usize = 1 << 28;
 /// More rows than this no accessor of a head has.
 const MOST: usize = 50_000_000;
 
@@ -73,7 +75,10 @@ impl Glb {
                 .ok_or_else(|| refuse("a file that ends in the middle"))
         };
         let (json, end) = chunk(12, JSON_CHUNK)?;
-        let json = serde_json::from_slice(json)?;
+        let json: Value = serde_json::from_slice(json)?;
+        if !json.is_object() {
+            return Err(refuse("JSON that is no object"));
+        }
         let bin = if end < bytes.len() {
             chunk(end, BIN_CHUNK)?.0.to_vec()
         } else {
@@ -119,6 +124,28 @@ impl Glb {
         push(&mut self.json["accessors"], accessor)
     }
 
+    /// Bytes that rows of all accessors may take together: some of them may be of the same data.
+    #[must_use]
+    pub fn budget(&self) -> usize {
+        SHARED.saturating_add(self.bin.len().saturating_mul(16))
+    }
+
+    /// Rows that an accessor claims to have, of which the file could hold the positions.
+    ///
+    /// # Errors
+    /// If it does not exist or claims more.
+    pub fn count(&self, accessor: usize) -> Result<usize, GlbError> {
+        let count = self.json["accessors"][accessor]["count"].as_u64();
+        let most = self.bin.len() / 12;
+        match count.and_then(|count| usize::try_from(count).ok()) {
+            Some(count) if count <= most => Ok(count),
+            _ => Err(GlbError::Content {
+                expected: "a count of rows that the data could hold",
+                found: format!("accessor {accessor}: {count:?} of at most {most}"),
+            }),
+        }
+    }
+
     /// Values of a float accessor as rows of `width`, sparse parts filled in.
     ///
     /// # Errors
@@ -146,6 +173,10 @@ impl Glb {
         };
         let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         let mut out = if a["bufferView"].is_null() {
+            // Nothing in the file but the claim: zeros for as many rows as its data could be of.
+            if count * width * 4 > self.bin.len() {
+                return Err(content("more rows than the file has data for"));
+            }
             vec![0.0; count * width]
         } else {
             let stride = self.stride(&a["bufferView"]).max(width * 4);

@@ -23,6 +23,16 @@ pub enum ObjError {
         /// The line.
         found: String,
     },
+    /// More of something than any head has.
+    #[error("line {line}: expected at most {most} {what}, found more; is this a head?")]
+    TooMany {
+        /// Counted from 1.
+        line: usize,
+        /// Of what.
+        what: &'static str,
+        /// How many there may be.
+        most: usize,
+    },
     /// No vertices or no faces.
     #[error("expected a mesh with v and f lines, found {vertices} vertices and {faces} faces")]
     Empty {
@@ -32,6 +42,11 @@ pub enum ObjError {
         faces: usize,
     },
 }
+
+/// Corners of the largest face.
+const CORNERS: usize = 1024;
+/// Materials: each has a primitive with all shapes in glTF.
+const MATERIALS: usize = 1024;
 
 fn numbers<const N: usize>(words: &mut std::str::SplitAsciiWhitespace<'_>) -> Option<[f64; N]> {
     let mut out = [0.0; N];
@@ -70,7 +85,13 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
     let mut mesh = Mesh::default();
     let mut material = 0;
     let mut face = Vec::new();
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     for (k, line) in text.lines().enumerate() {
+        let too_many = |what, most| ObjError::TooMany {
+            line: k + 1,
+            what,
+            most,
+        };
         let refuse = |expected| ObjError::Line {
             line: k + 1,
             expected,
@@ -94,6 +115,9 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
                 let name = words.next().unwrap_or("default");
                 material = match mesh.materials.iter().position(|m| m == name) {
                     Some(at) => at as u32,
+                    None if mesh.materials.len() == MATERIALS => {
+                        return Err(too_many("materials", MATERIALS));
+                    }
                     None => {
                         mesh.materials.push(name.into());
                         mesh.materials.len() as u32 - 1
@@ -105,6 +129,9 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
                     "f and at least three corners v, v/vt or v/vt/vn that exist above this line";
                 face.clear();
                 for word in words {
+                    if face.len() == CORNERS {
+                        return Err(too_many("corners", CORNERS));
+                    }
                     face.push(corner(word, &mesh).ok_or_else(|| refuse(EXPECTED))?);
                 }
                 if face.len() < 3 {
@@ -132,7 +159,7 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
 pub fn with_positions(source: &str, positions: &[Vec3], keep_normals: bool) -> String {
     let mut out = String::with_capacity(source.len() + positions.len() * 8);
     let mut next = positions.iter();
-    for line in source.lines() {
+    for line in source.trim_start_matches('\u{feff}').lines() {
         let mut words = line.split_ascii_whitespace();
         match words.next() {
             Some("v") => {
@@ -222,5 +249,42 @@ mod tests {
         assert!(wrong("v 0 0 0\nf 1 2 3\n").starts_with("line 2"));
         assert!(wrong("v 0 0 0\nf 1 1\n").starts_with("line 2"));
         assert!(wrong("v 0 0 0\n").contains("0 faces"));
+    }
+
+    #[test]
+    fn what_windows_puts_before_a_text_and_at_its_lines_ends_is_no_part_of_it() {
+        let mesh = parse(QUAD).unwrap();
+        let marked = format!(
+            "\u{feff}{}",
+            QUAD.replace('\n', "\r\n")
+                .replacen("# head\r\no a\r\n", "", 1)
+        );
+        let same = parse(&marked).unwrap();
+        assert_eq!(same.positions, mesh.positions);
+        assert_eq!(same.corners, mesh.corners);
+        assert_eq!(same.materials, mesh.materials);
+        let moved = with_positions(&marked, &mesh.positions, true);
+        assert_eq!(parse(&moved).unwrap().positions, mesh.positions);
+    }
+
+    #[test]
+    fn faces_and_materials_beyond_any_head_are_refused() {
+        let corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nf";
+        let face = |n: usize| format!("{corners}{}\n", " 1 2 3".repeat(n / 3));
+        assert_eq!(parse(&face(999)).unwrap().faces(), 1);
+        let refused = parse(&face(3 * 700_000))
+            .err()
+            .expect("refused")
+            .to_string();
+        assert!(
+            refused.contains("at most 1024 corners") && refused.len() < 200,
+            "{refused}"
+        );
+        let materials: String = (0..60_000)
+            .map(|k| format!("usemtl m{k}\nf 1 2 3\n"))
+            .collect();
+        let text = format!("v 0 0 0\nv 1 0 0\nv 1 1 0\n{materials}");
+        let refused = parse(&text).err().expect("refused").to_string();
+        assert!(refused.contains("at most 1024 materials"), "{refused}");
     }
 }

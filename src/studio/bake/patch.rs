@@ -16,8 +16,15 @@ use super::glb::{Glb, GlbError};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::Encoded;
 use super::rig::Shape;
-use super::vrm::{Bound, add_expressions};
+use super::vrm::{Bound, add_expressions, add_expressions_to};
 use super::weld::{faces, sewn};
+
+/// What a row or a corner takes while it is read: place, its number, its edges.
+const ROW_BYTES: usize = 64;
+/// Parts of a file: each gets the names of all shapes.
+const PRIMITIVES: usize = 4096;
+/// Targets that a mesh may have already.
+const TARGETS: usize = 1024;
 
 /// A head read from a file, and where its vertices came from.
 pub struct Foreign {
@@ -44,17 +51,32 @@ impl Foreign {
         let mut places: Vec<[f32; 3]> = Vec::new();
         let mut known: Vec<(usize, usize)> = Vec::new();
         let (mut triangles, mut parts) = (Vec::new(), Vec::new());
+        can_be_added_to(&glb.json)?;
+        let mut at_known: HashMap<usize, usize> = HashMap::new();
+        // What may refer to the same data again and again.
+        let mut left = glb.budget() / ROW_BYTES;
+        let mut take = |rows: usize| {
+            left = left.checked_sub(rows).ok_or(GlbError::Content {
+                expected: "vertices and triangles that the size of the file accounts for",
+                found: "the same data used over and over".to_owned(),
+            })?;
+            Ok::<_, GlbError>(())
+        };
         for primitive in primitives(&glb.json) {
-            if primitive["mode"].as_u64().unwrap_or(4) != 4 {
-                continue;
-            }
             let Some(accessor) = primitive["attributes"]["POSITION"].as_u64() else {
                 continue;
             };
-            let accessor = accessor as usize;
-            let at = match known.iter().position(|(a, _)| *a == accessor) {
-                Some(at) => at,
+            let accessor = usize::try_from(accessor).unwrap_or(usize::MAX);
+            // Also of lines and points, which get targets that move nothing.
+            let count = glb.count(accessor)?;
+            if primitive["mode"].as_u64().unwrap_or(4) != 4 {
+                continue;
+            }
+            let at = match at_known.get(&accessor) {
+                Some(&at) => at,
                 None => {
+                    take(count)?;
+                    at_known.insert(accessor, known.len());
                     known.push((accessor, places.len()));
                     let rows = glb.floats(accessor, 3)?;
                     places.extend(rows.chunks_exact(3).map(|r| [r[0], r[1], r[2]]));
@@ -67,6 +89,7 @@ impl Foreign {
                 Some(indices) => glb.indices(indices as usize)?,
                 None => (0..count as u32).collect(),
             };
+            take(order.len())?;
             if order.iter().any(|&k| k as usize >= count) {
                 return Err(content(
                     "indices of vertices that exist",
@@ -213,8 +236,8 @@ impl Foreign {
                                 .collect(),
                             // Lines and points: they have targets too, which move nothing.
                             None => {
-                                let count = &self.glb.json["accessors"][accessor as usize]["count"];
-                                vec![[0.0; 3]; count.as_u64().unwrap_or(1).max(1) as usize]
+                                let count = self.glb.count(accessor as usize);
+                                vec![[0.0; 3]; count.unwrap_or(1).max(1)]
                             }
                         };
                         Encoded::new(&rows, dense, true).push(&mut self.glb)
@@ -223,16 +246,16 @@ impl Foreign {
                 }
                 let primitive = &mut self.glb.json["meshes"][m]["primitives"][p];
                 primitive["targets"] = json!(targets);
-                primitive["extras"]["targetNames"] = json!(names);
+                set_extra(&mut primitive["extras"], "targetNames", json!(names));
             }
             let mesh = &mut self.glb.json["meshes"][m];
             mesh["weights"] = lengthened(&mesh["weights"], names.len());
-            mesh["extras"]["targetNames"] = json!(names);
+            set_extra(&mut mesh["extras"], "targetNames", json!(names));
             let unit = |name: &String| shapes.iter().find(|s| s.name == *name);
             let units: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.unit.as_deref()).collect();
             let upon: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.upon.as_deref()).collect();
-            mesh["extras"]["mien"] =
-                json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
+            let ours = json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
+            set_extra(&mut mesh["extras"], "mien", ours);
             for node in self.glb.json["nodes"].as_array_mut().into_iter().flatten() {
                 if node["mesh"] == json!(m) && node.get("weights").is_some() {
                     node["weights"] = lengthened(&node["weights"], names.len());
@@ -242,6 +265,42 @@ impl Foreign {
         add_expressions(&mut self.glb.json, &bound);
         self.glb
     }
+}
+
+/// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
+fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
+    let refuse = |expected, found: &Value| {
+        let found = found.to_string().chars().take(40).collect();
+        Err(GlbError::Content { expected, found })
+    };
+    let mut primitives = 0;
+    for mesh in json["meshes"].as_array().into_iter().flatten() {
+        for primitive in mesh["primitives"].as_array().into_iter().flatten() {
+            primitives += 1;
+            if !primitive.is_object() {
+                return refuse("primitives that are objects", primitive);
+            }
+            let targets = primitive["targets"].as_array().map_or(0, Vec::len);
+            if targets > TARGETS {
+                return refuse("at most 1024 morph targets of a mesh", &json!(targets));
+            }
+        }
+    }
+    if primitives > PRIMITIVES {
+        return refuse("at most 4096 primitives", &json!(primitives));
+    }
+    add_expressions_to(json)
+}
+
+/// Sets a key of `extras`. The standard lets these be of any type: what is no object goes along under a key of its own.
+fn set_extra(extras: &mut Value, key: &str, value: Value) {
+    if !extras.is_object() {
+        *extras = match extras.take() {
+            Value::Null => json!({}),
+            other => json!({"extras": other}),
+        };
+    }
+    extras[key] = value;
 }
 
 fn primitives(json: &Value) -> impl Iterator<Item = &Value> {
@@ -394,5 +453,132 @@ mod tests {
         let outside = json!({"buffers": [{"byteLength": 4, "uri": "head.bin"}]});
         let text = Foreign::read(glb(outside)).err().unwrap().to_string();
         assert!(text.contains("single .glb"), "{text}");
+    }
+
+    /// Every place in a description, as a path.
+    fn paths(json: &Value, at: &str, all: &mut Vec<String>) {
+        all.push(at.to_owned());
+        let mut inside = |key: &str, inner| paths(inner, &format!("{at}/{key}"), all);
+        match json {
+            Value::Object(map) => map.iter().for_each(|(key, inner)| inside(key, inner)),
+            Value::Array(list) => {
+                let numbered = list.iter().enumerate();
+                numbered.for_each(|(k, inner)| inside(&k.to_string(), inner));
+            }
+            _ => {}
+        }
+    }
+
+    /// A small avatar with everything that is looked at.
+    fn avatar() -> Glb {
+        let sheet = sheet(5, 0.1);
+        let mut file = build(&sheet, &[shape("mouthA", 25, 3, Vec3::x())], 1.0, false);
+        file.json["extensions"] = json!({
+            "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
+            "VRMC_vrm": {"expressions": {"preset": {"aa": {}}, "custom": {"b": {}}}},
+        });
+        file
+    }
+
+    #[test]
+    fn whatever_type_a_value_has_it_is_carried_through_or_refused() {
+        let file = avatar();
+        let mut all = Vec::new();
+        paths(&file.json, "", &mut all);
+        assert!(all.len() > 100);
+        let new = [shape("jawOpen", 25, 7, Vec3::z())];
+        let odd = json!([null, true, -1, 5, 1.5e300, 1_000_000_000_000_000_000_u64, "x", [], [1], {}, {"a": [1]}]);
+        let (mut carried, mut refused) = (0, 0);
+        for path in &all {
+            for value in odd.as_array().unwrap() {
+                let mut json = file.json.clone();
+                *json.pointer_mut(path).unwrap() = value.clone();
+                let glb = Glb {
+                    json,
+                    bin: file.bin.clone(),
+                };
+                let Ok(glb) = Glb::parse(&glb.emit()) else {
+                    refused += 1;
+                    continue;
+                };
+                match Foreign::read(glb) {
+                    Ok((mesh, foreign)) if mesh.positions.len() == 25 => {
+                        drop(foreign.patched(&new, false).emit());
+                        carried += 1;
+                    }
+                    Ok(_) => {}
+                    Err(_) => refused += 1,
+                }
+            }
+        }
+        assert!(
+            carried > 100 && refused > 100,
+            "{carried} carried, {refused} refused"
+        );
+    }
+
+    #[test]
+    fn extras_of_any_type_stay_and_what_cannot_be_added_to_is_refused() {
+        let new = [shape("jawOpen", 25, 7, Vec3::z())];
+        for extras in [json!("by hand"), json!([1])] {
+            let mut file = avatar();
+            file.json["meshes"][0]["extras"] = extras.clone();
+            file.json["meshes"][0]["primitives"][0]["extras"] = extras.clone();
+            let (_, foreign) = Foreign::read(file).unwrap();
+            let json = foreign.patched(&new, false).json;
+            let mesh = &json["meshes"][0];
+            for now in [&mesh["extras"], &mesh["primitives"][0]["extras"]] {
+                assert_eq!(now["extras"], extras);
+                assert_eq!(now["targetNames"][1], "jawOpen");
+            }
+        }
+        for (path, word) in [
+            ("/extensions/VRM/blendShapeMaster", "blendShapeMaster"),
+            ("/extensions/VRMC_vrm/expressions", "expressions"),
+        ] {
+            let mut file = avatar();
+            *file.json.pointer_mut(path).unwrap() = json!("x");
+            let text = Foreign::read(file).err().expect(word).to_string();
+            assert!(text.contains(word), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_a_file_claims_beyond_its_size_is_refused_before_it_is_made() {
+        let claims = |count: u64, targets: usize| {
+            let bin: Vec<u8> = [[0.0_f32; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+                .into_iter()
+                .flatten()
+                .flat_map(f32::to_le_bytes)
+                .collect();
+            let accessor = |view: Value, count: u64| json!({"bufferView": view, "componentType": 5126, "count": count, "type": "VEC3"});
+            let mut accessors = vec![accessor(json!(0), 3)];
+            accessors.extend((0..targets).map(|_| accessor(Value::Null, count)));
+            let targets: Vec<Value> = (1..=targets).map(|k| json!({"POSITION": k})).collect();
+            Glb {
+                json: json!({
+                    "asset": {"version": "2.0"},
+                    "buffers": [{"byteLength": bin.len()}],
+                    "bufferViews": [{"buffer": 0, "byteLength": bin.len()}],
+                    "accessors": accessors,
+                    "meshes": [{"primitives": [
+                        {"attributes": {"POSITION": 0}, "targets": targets},
+                        {"mode": 0, "attributes": {"POSITION": 1}},
+                    ]}],
+                }),
+                bin,
+            }
+        };
+        // As many as there are vertices is what our own files have for targets that move nothing.
+        assert_eq!(claims(3, 1).floats(1, 3).unwrap(), [0.0; 9]);
+        for count in [4, 50_000_000, 1_000_000_000_000_000_000] {
+            assert!(claims(count, 1).floats(1, 3).is_err(), "{count}");
+            assert!(Foreign::read(claims(count, 1)).is_err(), "{count}");
+        }
+        // The same data over and over.
+        let mut again = claims(3, 1);
+        let primitive = json!({"attributes": {"POSITION": 0}});
+        again.json["meshes"][0]["primitives"] = Value::Array(vec![primitive; 60_000]);
+        assert!(Foreign::read(again).is_err());
     }
 }

@@ -147,13 +147,12 @@ impl Recipe {
     /// If it is not TOML, has unknown keys or gives a name twice.
     pub fn read(text: &str) -> Result<Self, RecipeError> {
         let recipe: Self = toml::from_str(text)?;
-        let mut seen: Vec<&str> = Vec::new();
+        let mut seen = std::collections::HashSet::new();
         for entry in &recipe.shape {
             for name in std::iter::once(&entry.name).chain(&entry.mirror) {
-                if seen.contains(&name.as_str()) {
+                if !seen.insert(name.as_str()) {
                     return Err(RecipeError::Twice { name: name.clone() });
                 }
-                seen.push(name);
             }
         }
         Ok(recipe)

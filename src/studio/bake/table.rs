@@ -11,6 +11,9 @@ use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;
 
+/// Shapes of one table.
+const SHAPES: usize = 1024;
+
 /// Targets from a table of controls.
 pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
     let text = read(path)?;
@@ -57,6 +60,9 @@ pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target
         // Rows of one shape stand together in practice; look from the end.
         let target = match targets.iter().rposition(|t| t.name == name) {
             Some(at) => &mut targets[at],
+            None if targets.len() == SHAPES => {
+                return Err(refuse(k, "at most 1024 shapes in one table", name));
+            }
             None => {
                 targets.push(Target {
                     name: name.into(),

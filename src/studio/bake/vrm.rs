@@ -6,10 +6,41 @@
 
 use serde_json::{Value, json};
 
+use super::glb::GlbError;
+
 /// Where the targets of one mesh went: the glTF mesh, and name and number of each target that moves something there.
 pub(super) struct Bound {
     pub(super) mesh: usize,
     pub(super) targets: Vec<(String, usize)>,
+}
+
+/// Whether expressions can be added: where they belong is what it should be, or not there yet.
+pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
+    let of = |value: &Value, list: bool| {
+        value.is_null() || value.is_object() && !list || value.is_array() && list
+    };
+    let old = &json["extensions"]["VRM"]["blendShapeMaster"];
+    let new = &json["extensions"]["VRMC_vrm"]["expressions"];
+    for (expected, value, list) in [
+        ("blendShapeMaster of VRM as an object", old, false),
+        (
+            "blendShapeGroups of VRM as a list",
+            &old["blendShapeGroups"],
+            true,
+        ),
+        ("expressions of VRMC_vrm as an object", new, false),
+        (
+            "custom expressions of VRMC_vrm as an object",
+            &new["custom"],
+            false,
+        ),
+    ] {
+        if !of(value, list) {
+            let found = value.to_string().chars().take(40).collect();
+            return Err(GlbError::Content { expected, found });
+        }
+    }
+    Ok(())
 }
 
 /// Adds expressions for the targets; files that are no VRM stay as they are.

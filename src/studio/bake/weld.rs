@@ -20,6 +20,9 @@ const MOSTLY_QUADS: f64 = 0.85;
 /// Two triangles are no quad if their normals differ by more than this cosine: 60 degrees.
 const BENT: f64 = 0.5;
 
+/// Edges in one place that are looked through for the one of the same part.
+const FOLDED: usize = 64;
+
 /// From one row to another, and the part it belongs to.
 type Edge = (u32, u32, u32);
 
@@ -59,12 +62,19 @@ pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -
             join(&mut same, from, here);
             join(&mut same, to, there);
         };
-        forth.retain(|edge| match back.iter().position(|e| e.2 == edge.2) {
-            Some(at) => {
-                sew(*edge, back.swap_remove(at));
-                false
+        // Many edges in one place are no seam of a head; each is asked after once.
+        let parts: HashSet<u32> = back.iter().map(|e| e.2).collect();
+        forth.retain(|edge| {
+            if !parts.contains(&edge.2) {
+                return true;
             }
-            None => true,
+            match back.iter().take(FOLDED).position(|e| e.2 == edge.2) {
+                Some(at) => {
+                    sew(*edge, back.swap_remove(at));
+                    false
+                }
+                None => true,
+            }
         });
         for (edge, other) in forth.into_iter().zip(back) {
             sew(edge, other);

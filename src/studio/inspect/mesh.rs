@@ -174,6 +174,18 @@ struct Target {
     moves: Vec<Vector3<f32>>,
 }
 
+/// Morph targets that are drawn.
+const TARGETS: usize = 1024;
+/// Bytes that their rows may take: 67 of a mesh of a million vertices.
+const LARGEST: usize = (67 * 12) << 20;
+
+fn too_many(most: usize) -> GlbError {
+    GlbError::Content {
+        expected: "no more morph targets than can be drawn",
+        found: format!("more than {most}"),
+    }
+}
+
 /// Meshes and morph targets of a GLB as one.
 fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
     let mut mesh = Mesh {
@@ -181,7 +193,14 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
         triangles: Vec::new(),
     };
     let mut targets: Vec<Target> = Vec::new();
+    // Many targets may say they are of the same data, or of none.
+    let left = std::cell::Cell::new(glb.budget());
     let rows = |accessor: u64| {
+        let bytes = 12 * glb.count(accessor as usize)?;
+        left.set(left.get().checked_sub(bytes).ok_or(GlbError::Content {
+            expected: "targets that the size of the file accounts for",
+            found: "more, of data used over and over".to_owned(),
+        })?);
         let values = glb.floats(accessor as usize, 3)?;
         let rows = values
             .chunks_exact(3)
@@ -210,6 +229,7 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
                             .map_or_else(|| k.to_string(), str::to_owned);
                         let at = match targets.iter().position(|known| known.name == name) {
                             Some(at) => at,
+                            None if targets.len() == TARGETS => return Err(too_many(TARGETS)),
                             None => {
                                 let unit = shape["extras"]["mien"]["units"][k].as_str();
                                 targets.push(Target {
@@ -244,6 +264,11 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
             mesh.triangles
                 .extend(corners.map(|t| [t[0], t[1], t[2]].map(|k| first + k as usize)));
         }
+    }
+    // Each gets a row for every vertex.
+    let bytes = targets.len().saturating_mul(12 * mesh.vertices.len());
+    if bytes > LARGEST {
+        return Err(too_many(LARGEST / (12 * mesh.vertices.len()).max(1)));
     }
     for target in &mut targets {
         target.moves.resize(mesh.vertices.len(), Vector3::zeros());

@@ -192,7 +192,7 @@ pub fn album(
     if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
         return recording::inspect(&name_of(path), Recording::open(path)?, model, settings);
     }
-    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let bytes = crate::bounded::read(path, crate::studio::text::MOST).map_err(unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     if bytes.starts_with(&MAGIC) || ending == "model" {
         let model = FaceModel::read(&bytes).map_err(|source| InspectError::Model {

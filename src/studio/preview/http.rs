@@ -1,22 +1,28 @@
 //! As much of HTTP/1.1 as one page needs: GET, one answer per connection, and one answer that does not end (server-sent
 //! events, WHATWG HTML section 9.2).
 //!
-//! A thread per connection, at most [`CONNECTIONS`]; a request has [`PATIENCE`] to arrive and [`LONGEST`] bytes. Whatever is
-//! not a GET of something that is here is refused in one line and counted. A request must name this server by address or
-//! as `localhost`: a page from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away.
+//! A thread per connection, at most [`CONNECTIONS`], of which [`STREAMS`] may be events; a request as a whole has
+//! [`PATIENCE`] to arrive and [`LONGEST`] bytes, an answer [`TAKING`] to be taken. Whatever is not a GET of something that is
+//! here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
+//! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. Pages from elsewhere may
+//! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Connections at once.
 const CONNECTIONS: usize = 64;
+/// Of them, those that do not end; the others are kept for pages.
+const STREAMS: usize = 32;
 /// Longest request, bytes.
 const LONGEST: usize = 8192;
-/// How long a request may take to arrive, and an answer to be taken.
+/// How long a request may take to arrive, from its first letter to its last, and an event to be taken.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// How long a whole answer may take to be taken: that of the largest head on a slow network.
+const TAKING: Duration = Duration::from_secs(120);
 
 /// What was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,6 +33,8 @@ pub struct Request {
     pub query: String,
     /// Who asks.
     pub peer: SocketAddr,
+    /// Whether a page from elsewhere asks, as far as its browser says so.
+    pub elsewhere: bool,
 }
 
 /// What is answered.
@@ -58,7 +66,7 @@ pub trait Site: Send + Sync + 'static {
 
 /// Serves until the process ends.
 pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
-    let open = Arc::new(AtomicUsize::new(0));
+    let (open, streams) = <(Arc<AtomicUsize>, Arc<AtomicUsize>)>::default();
     for stream in listener.incoming() {
         let Ok(stream) = stream else {
             // Out of descriptors, perhaps; never at full speed.
@@ -71,10 +79,11 @@ pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
         }
         open.fetch_add(1, Ordering::Relaxed);
         let (theirs, count) = (Arc::clone(site), Arc::clone(&open));
+        let streams = Arc::clone(&streams);
         let started = std::thread::Builder::new()
             .name("page".into())
             .spawn(move || {
-                if connection(stream, &*theirs).is_err() {
+                if connection(stream, &*theirs, &streams).is_err() {
                     theirs.refused();
                 }
                 count.fetch_sub(1, Ordering::Relaxed);
@@ -89,22 +98,65 @@ pub fn serve(listener: &TcpListener, site: &Arc<impl Site>) {
 /// What cannot be answered; its line is the answer all the same.
 struct Refused;
 
-fn connection(mut stream: TcpStream, site: &impl Site) -> Result<(), Refused> {
-    let limits = stream
-        .set_read_timeout(Some(PATIENCE))
-        .and_then(|()| stream.set_write_timeout(Some(PATIENCE)))
-        .and_then(|()| stream.set_nodelay(true));
+/// A connection until a moment: each read and write has what is left of the time.
+struct Until<'a>(&'a TcpStream, Instant);
+
+impl Until<'_> {
+    fn left(&self) -> std::io::Result<Option<Duration>> {
+        let left = self.1.saturating_duration_since(Instant::now());
+        // None would be for ever.
+        let left = Some(left).filter(|left| !left.is_zero());
+        left.map(Some)
+            .ok_or_else(|| std::io::ErrorKind::TimedOut.into())
+    }
+}
+
+impl Read for Until<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        self.0.set_read_timeout(self.left()?)?;
+        self.0.read(bytes)
+    }
+}
+
+impl Write for Until<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.set_write_timeout(self.left()?)?;
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Events, each of which has its own time.
+struct Events<'a>(&'a TcpStream);
+
+impl Write for Events<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        Until(self.0, Instant::now() + PATIENCE).write_all(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Result<(), Refused> {
     let peer = stream.peer_addr().map_err(|_| Refused)?;
-    limits.map_err(|_| Refused)?;
+    stream.set_nodelay(true).map_err(|_| Refused)?;
+    let mut asked = Until(&stream, Instant::now() + PATIENCE);
     let mut bytes = Vec::new();
     let mut chunk = [0; 1024];
     while !bytes.windows(4).any(|end| end == b"\r\n\r\n") {
-        let count = stream.read(&mut chunk).map_err(|_| Refused)?;
+        let count = asked.read(&mut chunk).map_err(|_| Refused)?;
         bytes.extend(&chunk[..count]);
         if count == 0 || bytes.len() > LONGEST {
             return Err(Refused);
         }
     }
+    let mut stream = Until(&stream, Instant::now() + TAKING);
     let request = match parse(&bytes, peer) {
         Ok(request) => request,
         Err(status) => {
@@ -115,25 +167,53 @@ fn connection(mut stream: TcpStream, site: &impl Site) -> Result<(), Refused> {
     // That a peer goes away is no fault of its request.
     let _ = match site.answer(&request) {
         Answer::File(kind, body) => write_answer(&mut stream, "200 OK", kind, "", &body),
-        Answer::Marked(kind, mark, body) => {
-            write_answer(&mut stream, "200 OK", kind, &mark, &body)
+        Answer::Marked(kind, mark, body) => write_answer(&mut stream, "200 OK", kind, &mark, &body),
+        Answer::Missing(text) => write_answer(
+            &mut stream,
+            "404 Not Found",
+            "text/plain",
+            "",
+            text.as_bytes(),
+        ),
+        Answer::Forbidden(text) => write_answer(
+            &mut stream,
+            "403 Forbidden",
+            "text/plain",
+            "",
+            text.as_bytes(),
+        ),
+        Answer::Events => {
+            // Counted before it is compared, so that two at once do not both take the last place.
+            let taken = streams.fetch_add(1, Ordering::Relaxed);
+            let done = if taken < STREAMS {
+                stream
+                    .write_all(EVENTS)
+                    .and_then(|()| site.events(&mut Events(stream.0)))
+            } else {
+                let text = "too many pages are open; close some\n".as_bytes();
+                write_answer(
+                    &mut stream,
+                    "503 Service Unavailable",
+                    "text/plain",
+                    "",
+                    text,
+                )
+            };
+            streams.fetch_sub(1, Ordering::Relaxed);
+            done
         }
-        Answer::Missing(text) => {
-            write_answer(&mut stream, "404 Not Found", "text/plain", "", text.as_bytes())
-        }
-        Answer::Forbidden(text) => {
-            write_answer(&mut stream, "403 Forbidden", "text/plain", "", text.as_bytes())
-        }
-        Answer::Events => stream
-            .write_all(b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n")
-            .and_then(|()| site.events(&mut stream)),
     };
     Ok(())
 }
 
+/// What stands before events.
+const EVENTS: &[u8] =
+    b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
+      Cross-Origin-Resource-Policy: same-origin\r\nConnection: close\r\n\r\n";
+
 /// `mark` is a header line with its line end, or nothing.
 fn write_answer(
-    stream: &mut TcpStream,
+    stream: &mut Until<'_>,
     status: &str,
     kind: &str,
     mark: &str,
@@ -143,6 +223,7 @@ fn write_answer(
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nCache-Control: no-store\r\n\
          X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
+         Cross-Origin-Resource-Policy: same-origin\r\n\
          Content-Security-Policy: default-src 'self'; img-src 'self' blob: data:; connect-src 'self' blob:; frame-ancestors 'none'\r\n\
          {mark}Connection: close\r\n\r\n",
         body.len()
@@ -152,7 +233,10 @@ fn write_answer(
 }
 
 /// The request, or the status line that refuses it.
-fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
+///
+/// # Errors
+/// If it is none that is answered.
+pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     let bad = "400 Bad Request";
     let text = std::str::from_utf8(bytes).map_err(|_| bad)?;
     let mut lines = text.split("\r\n");
@@ -165,18 +249,33 @@ fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
         return Err("405 Method Not Allowed");
     }
     let target = target.filter(|target| target.starts_with('/')).ok_or(bad)?;
-    let host = lines
-        .filter_map(|line| line.split_once(':'))
-        .find(|(name, _)| name.eq_ignore_ascii_case("host"))
-        .map(|(_, host)| host.trim());
-    if !host.is_some_and(is_address) {
+    let headers: Vec<(&str, &str)> = lines.filter_map(|line| line.split_once(':')).collect();
+    let header = |wanted: &str| {
+        let found = headers.iter().filter(|h| h.0.eq_ignore_ascii_case(wanted));
+        let mut values = found.map(|(_, value)| value.trim());
+        (values.next(), values.next())
+    };
+    // Two would mean two things to two readers.
+    let host = match header("host") {
+        (Some(host), None) => host,
+        (_, Some(_)) => return Err(bad),
+        _ => "",
+    };
+    if !is_address(host) {
         return Err("421 Misdirected Request");
     }
+    let elsewhere = header("sec-fetch-site")
+        .0
+        .is_some_and(|site| !["same-origin", "none"].contains(&site))
+        || header("origin")
+            .0
+            .is_some_and(|origin| origin.strip_prefix("http://") != Some(host));
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     Ok(Request {
         path: path.to_owned(),
         query: query.to_owned(),
         peer,
+        elsewhere,
     })
 }
 
@@ -226,5 +325,105 @@ mod tests {
         assert!(ask("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
         assert!(ask("GET http://x/ HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
         assert!(ask("GET / HTTP/1.1\r\n\r\n").is_err());
+    }
+
+    struct Page;
+
+    impl Site for Page {
+        fn answer(&self, request: &Request) -> Answer {
+            match &*request.path {
+                "/events" => Answer::Events,
+                "/picture" if request.elsewhere => Answer::Forbidden("no\n"),
+                _ => Answer::File("text/plain", b"here".as_slice().into()),
+            }
+        }
+
+        fn events(&self, to: &mut dyn Write) -> std::io::Result<()> {
+            loop {
+                to.write_all(b": alive\n\n")?;
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        }
+
+        fn refused(&self) {}
+    }
+
+    fn served() -> SocketAddr {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        std::thread::spawn(move || serve(&listener, &Arc::new(Page)));
+        address
+    }
+
+    fn get(address: SocketAddr, path: &str, headers: &str) -> (TcpStream, String) {
+        let mut stream = TcpStream::connect(address).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(60)))
+            .unwrap();
+        // Turned away at the door, there is nobody to write to.
+        let _sent = write!(
+            stream,
+            "GET {path} HTTP/1.1\r\nHost: {address}\r\n{headers}\r\n"
+        );
+        let mut line = [0; 16];
+        let length = stream.read(&mut line).unwrap_or(0);
+        let line = String::from_utf8_lossy(&line[..length]).into_owned();
+        (stream, line)
+    }
+
+    #[test]
+    fn event_streams_leave_places_for_pages() {
+        let address = served();
+        let streams: Vec<_> = (0..CONNECTIONS)
+            .map(|_| get(address, "/events", ""))
+            .collect();
+        let open = streams.iter().filter(|s| s.1.contains("200")).count();
+        assert!(open >= 16, "{open} streams at once");
+        let (_, line) = get(address, "/", "");
+        assert!(line.starts_with("HTTP/1.1 200"), "{line}");
+    }
+
+    #[test]
+    fn who_sends_slowly_has_one_deadline_for_the_whole_request() {
+        let address = served();
+        let mut slow: Vec<TcpStream> = (0..CONNECTIONS)
+            .map(|_| TcpStream::connect(address).unwrap())
+            .collect();
+        // A letter now and then, for far longer than a request may take.
+        let answered = (0..240).any(|_| {
+            std::thread::sleep(PATIENCE / 20);
+            for stream in &mut slow {
+                let _gone = stream.write(b"G");
+            }
+            get(address, "/", "").1.starts_with("HTTP/1.1 200")
+        });
+        assert!(answered, "the page is closed for as long as they wish");
+    }
+
+    #[test]
+    fn other_sites_get_no_pictures_and_nothing_may_be_embedded() {
+        let address = served();
+        let elsewhere = |headers: &str| get(address, "/picture", headers).1.contains("403");
+        assert!(!elsewhere(""));
+        assert!(!elsewhere("Sec-Fetch-Site: same-origin\r\n"));
+        assert!(!elsewhere("Sec-Fetch-Site: none\r\n"));
+        assert!(!elsewhere(&format!("Origin: http://{address}\r\n")));
+        assert!(elsewhere("Sec-Fetch-Site: cross-site\r\n"));
+        assert!(elsewhere("Sec-Fetch-Site: same-site\r\n"));
+        assert!(elsewhere("Origin: http://127.0.0.1:1\r\n"));
+        assert!(elsewhere("Origin: null\r\n"));
+        let (mut stream, _) = get(address, "/", "");
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        assert!(
+            text.contains("Cross-Origin-Resource-Policy: same-origin"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_request_has_one_host() {
+        let two = "GET / HTTP/1.1\r\nHost: localhost\r\nhost: evil.example\r\n\r\n";
+        assert_eq!(ask(two), Err("400 Bad Request"));
     }
 }

@@ -25,6 +25,7 @@ use std::time::{Duration, Instant};
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
 use super::default_head;
+use super::text;
 use crate::pipeline::Pipeline;
 use crate::sensor::SourceName;
 use crate::service::{self, NoKinect};
@@ -48,8 +49,6 @@ pub const PAGE_AT: &str = "127.0.0.1:9180";
 pub const OSC_AT: &str = "127.0.0.1:9130";
 /// How often counts are told, which also finds out who is gone.
 const COUNTS_EVERY: Duration = Duration::from_millis(500);
-/// Largest mesh that is served, bytes.
-const LARGEST_MESH: u64 = 1 << 30;
 
 /// The files of the page: path, media type, text.
 pub const PAGE: [(&str, &str, &str); 9] = [
@@ -149,6 +148,18 @@ pub fn address(text: &str) -> Option<SocketAddr> {
         .or_else(|| text.parse().ok())
 }
 
+/// What is to be known of a page that others can open too.
+fn warning(page: SocketAddr) -> Option<String> {
+    let warning = || {
+        format!(
+            "warning: {page} is open to everybody whose packets reach this machine, without a password: faces' weights \
+             and heads, no pictures; --port {} is for this machine only",
+            page.port()
+        )
+    };
+    (!page.ip().is_loopback()).then(warning)
+}
+
 /// The heads, each read or baked when it is there.
 struct Heads {
     own: OnceLock<Option<Arc<[u8]>>>,
@@ -167,8 +178,10 @@ struct Preview {
 
 impl Preview {
     fn picture(&self, asked: &Asked) -> Answer {
-        if !asked.peer.ip().to_canonical().is_loopback() {
-            return Answer::Forbidden("pictures of the sensor are shown on its own machine only\n");
+        if !asked.peer.ip().to_canonical().is_loopback() || asked.elsewhere {
+            return Answer::Forbidden(
+                "pictures of the sensor are shown on its own machine, by this page only\n",
+            );
         }
         let wanted = asked.query.strip_prefix("n=");
         let found = match &self.recording {
@@ -214,6 +227,7 @@ impl Site for Preview {
             return Answer::File(kind, text.as_bytes().into());
         }
         match &*asked.path {
+            "/events" if asked.elsewhere => Answer::Forbidden("for this page only\n"),
             "/events" => Answer::Events,
             "/units.json" => Answer::File("application/json", Arc::clone(&self.units)),
             "/picture" => self.picture(asked),
@@ -256,15 +270,8 @@ fn read_mesh(path: &Path) -> Result<Arc<[u8]>, PreviewError> {
         path: path.into(),
         problem,
     };
-    let size =
-        std::fs::metadata(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
-    if size.len() > LARGEST_MESH {
-        return Err(wrong(format!(
-            "expected at most {LARGEST_MESH} bytes, found {}",
-            size.len()
-        )));
-    }
-    let bytes = std::fs::read(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+    let bytes = crate::bounded::read(path, text::MOST)
+        .map_err(|error| wrong(format!("cannot be read: {error}")))?;
     Glb::parse(&bytes).map_err(|error| wrong(error.to_string()))?;
     Ok(bytes.into())
 }
@@ -335,6 +342,9 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
     let early = Arc::clone(&preview);
     std::thread::spawn(move || drop(early.mesh("0")));
     std::thread::spawn(feeding);
+    if let Some(warning) = warning(page) {
+        say(&warning);
+    }
     say(&format!("open http://{page}/ (shows {name}; Ctrl-C ends)"));
     http::serve(&listener, &preview);
     Ok(())
@@ -397,5 +407,19 @@ mod tests {
         assert!(address("9130").unwrap().ip().is_loopback());
         assert!(!address("0.0.0.0:9130").unwrap().ip().is_loopback());
         assert_eq!(address("host:9130"), None);
+    }
+
+    #[test]
+    fn a_page_for_more_than_this_machine_is_warned_of() {
+        for (address, warned) in [
+            ("127.0.0.1:9180", false),
+            ("[::1]:9180", false),
+            ("0.0.0.0:9180", true),
+            ("[::]:9180", true),
+            ("192.168.1.20:9180", true),
+        ] {
+            let warning = warning(address.parse().unwrap());
+            assert_eq!(warning.is_some(), warned, "{address}: {warning:?}");
+        }
     }
 }

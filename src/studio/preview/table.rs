@@ -3,13 +3,17 @@
 //! Every row is told as it is read and kept by the hub, so that the page can go back. A row that is damaged is counted and
 //! skipped. From standard input (`-`) rows are shown as they come.
 
-use std::io::BufRead;
+use std::io::{BufRead, Read as _};
 use std::path::{Path, PathBuf};
 
 use super::hub::Hub;
 use super::sample::Sample;
 use crate::capacity::{LANDMARKS, USERS};
+use crate::studio::text::decoded;
 use crate::users::TrackingState;
+
+/// Bytes of the longest line: a row has some 3 kB.
+const LINE: u64 = 1 << 16;
 
 /// Why a table cannot be played.
 #[derive(Debug, thiserror::Error)]
@@ -194,8 +198,9 @@ pub fn open(path: &Path) -> Result<(Table, Box<dyn BufRead + Send>), TableError>
         ))
     };
     let mut header = Vec::new();
-    reader.read_until(b'\n', &mut header).map_err(unreadable)?;
-    let table = Table::new(path, &String::from_utf8_lossy(&header))?;
+    let mut first = reader.by_ref().take(LINE);
+    first.read_until(b'\n', &mut header).map_err(unreadable)?;
+    let table = Table::new(path, &decoded(&header))?;
     Ok((table, reader))
 }
 
@@ -204,7 +209,7 @@ pub fn play(mut table: Table, mut reader: Box<dyn BufRead + Send>, hub: &Hub) {
     let mut line = Vec::new();
     loop {
         line.clear();
-        match reader.read_until(b'\n', &mut line) {
+        match reader.by_ref().take(LINE).read_until(b'\n', &mut line) {
             Ok(0) => break,
             Ok(_) if line.trim_ascii().is_empty() => {}
             Ok(_) => match table.row(&String::from_utf8_lossy(&line)) {

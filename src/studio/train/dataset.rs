@@ -104,7 +104,7 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
 }
 
 fn read(path: &Path) -> Result<String, DatasetError> {
-    fs::read_to_string(path).map_err(|source| DatasetError::Unreadable {
+    crate::studio::text::read(path).map_err(|source| DatasetError::Unreadable {
         path: path.into(),
         source,
     })

@@ -1,0 +1,252 @@
+//! One program for all parsers; `MIEN_FUZZ` names the one that is fed. A panic, a hang or too much memory is a find.
+#![no_main]
+
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+use std::time::SystemTime;
+
+use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
+use mien::checksum::crc32;
+use mien::expression::Units;
+use mien::expression::saved::Learned;
+use mien::face_model::FaceModel;
+use mien::landmarks::refine;
+use mien::output::osc::commands;
+use mien::sensor::calibration::{self, Block};
+use mien::sensor::camera::Registration;
+use mien::sensor::command::{self, Command};
+use mien::sensor::device::{Model, Stream};
+use mien::sensor::stream::Assembler;
+use mien::sensor::virtual_head::HeadAsset;
+use mien::sensor::{Frame, Source, motor};
+use mien::settings::Settings;
+use mien::studio::bake::glb::Glb;
+use mien::studio::bake::obj;
+use mien::studio::bake::patch::Foreign;
+use mien::studio::bake::recipe::Recipe;
+use mien::studio::nrsfm::{Shapes, Tracks};
+use mien::studio::preview::hub::Hub;
+use mien::studio::preview::{http, osc, serial, table};
+use mien::studio::{text, train};
+use mien::users::saved;
+use serde_json::{Value, json};
+
+static PARSER: LazyLock<String> =
+    LazyLock::new(|| std::env::var("MIEN_FUZZ").expect("MIEN_FUZZ names a parser"));
+/// Folders are read from memory.
+static FOLDER: LazyLock<PathBuf> = LazyLock::new(|| {
+    let shared = Path::new("/dev/shm");
+    let root = if shared.is_dir() { shared.into() } else { std::env::temp_dir() };
+    root.join(format!("mien-fuzz-{}", std::process::id()))
+});
+
+fuzz_target!(|bytes: &[u8]| {
+    let words = || text::decoded(bytes);
+    match PARSER.as_str() {
+        "settings" => {
+            if let Ok(settings) = Settings::parse(&words(), Path::new("fuzz.toml")) {
+                let printed = settings.to_toml();
+                let again = Settings::parse(&printed, Path::new("again.toml"));
+                assert_eq!(again.as_ref(), Ok(&settings), "what is printed is accepted");
+            }
+        }
+        "units" => drop(Units::read(&words())),
+        "recipe" => drop(Recipe::read(&words())),
+        "people" => {
+            let text = words();
+            drop(Learned::read(&text));
+            // The checksum is no obstacle.
+            let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
+            let sum = crc32(&text.as_bytes()[..end]);
+            drop(saved::read(&text, SystemTime::now()));
+            let summed = format!("{}checksum {sum:08x}\n", &text[..end]);
+            drop(saved::read(&summed, SystemTime::now()));
+        }
+        "model" => {
+            drop(FaceModel::read(bytes));
+            drop(refine::Refinement::parse(bytes, 8));
+            if bytes.len() > 24 {
+                // Length and checksum are no obstacle.
+                let mut whole = bytes.to_vec();
+                whole[12..20].copy_from_slice(&(bytes.len() as u64).to_le_bytes());
+                let body = bytes.len() - 4;
+                let sum = crc32(&whole[..body]).to_le_bytes();
+                whole[body..].copy_from_slice(&sum);
+                drop(FaceModel::read(&whole));
+            }
+        }
+        "head" => {
+            drop(HeadAsset::parse(bytes));
+            if bytes.len() > 16 {
+                let mut whole = bytes.to_vec();
+                let sum = crc32(&whole[16..]).to_le_bytes();
+                whole[12..16].copy_from_slice(&sum);
+                drop(HeadAsset::parse(&whole));
+            }
+        }
+        "recording" => recording(bytes),
+        "usb_reply" => {
+            for command in [Command::FixedParameters, Command::AlgorithmParameters] {
+                drop(command::parse_reply(bytes, command, 1));
+            }
+            drop(command::parse_command(bytes));
+            let mut registration = Registration::nominal();
+            for block in [Block::ConstShift, Block::Padding, Block::Registration] {
+                drop(calibration::parse_block(block, bytes, &mut registration));
+            }
+            for model in [Model::Xbox1414, Model::Windows1517] {
+                drop(calibration::parse_fixed(bytes, model));
+            }
+            drop(motor::parse_posture(bytes));
+        }
+        "packets" => {
+            for stream in [Stream::Depth, Stream::Colour] {
+                let mut assembler = Assembler::new(stream);
+                let mut rest = bytes;
+                while let Some((&[low, high], after)) = rest.split_first_chunk() {
+                    let length = usize::from(u16::from_le_bytes([low, high & 0x07]));
+                    let (packet, after) = after.split_at(length.min(after.len()));
+                    assembler.push(high & 0x80 == 0, packet);
+                    rest = after;
+                }
+            }
+        }
+        "osc_commands" => {
+            let mut taken = 0;
+            commands::requests(bytes, "/face", &mut |_| {
+                taken += 1;
+                taken < 16
+            });
+        }
+        "osc" => {
+            let hub = Hub::new(false);
+            osc::Receiver::default().take(bytes, &hub);
+        }
+        "serial" => {
+            let hub = Hub::new(false);
+            serial::Receiver::new(100.0).take(bytes, &hub);
+        }
+        "table" => {
+            let text = words();
+            let mut lines = text.lines();
+            let header = lines.next().unwrap_or_default();
+            if let Ok(mut table) = table::Table::new(Path::new("fuzz.csv"), header) {
+                lines.for_each(|line| drop(table.row(line)));
+            }
+        }
+        "tracks" => {
+            drop(Tracks::parse(&words()));
+            drop(Shapes::parse(&words()));
+        }
+        "landmarks" => {
+            let (folder, picture) = (&*FOLDER, FOLDER.join("a.pgm"));
+            let (table, points) = (folder.join("landmarks68.csv"), folder.join("a.pts"));
+            std::fs::create_dir_all(folder).expect("a folder");
+            std::fs::write(&picture, b"P5 1 1 255\n.").expect("a picture");
+            let _ = std::fs::remove_file(&table);
+            std::fs::write(&points, bytes).expect("points");
+            drop(train::dataset::read_folder(folder));
+            std::fs::write(&table, bytes).expect("a table");
+            drop(train::dataset::read_folder(folder));
+        }
+        "obj" => {
+            let text = words();
+            if let Ok(mesh) = obj::parse(&text) {
+                let printed = obj::with_positions(&text, &mesh.positions, true);
+                assert!(obj::parse(&printed).is_ok(), "what is printed is accepted");
+            }
+        }
+        "glb" => {
+            if let Ok(glb) = Glb::parse(bytes) {
+                if let Ok((_, foreign)) = Foreign::read(glb) {
+                    let out = foreign.patched(&[], false).emit();
+                    assert!(Glb::parse(&out).is_ok(), "what is written is accepted");
+                }
+            }
+        }
+        "http" => drop(http::parse(bytes, ([127, 0, 0, 1], 9).into())),
+        other => panic!("no parser is called {other}"),
+    }
+});
+
+/// The first byte says which file of a recording the rest is.
+fn recording(bytes: &[u8]) {
+    let Some((which, rest)) = bytes.split_first() else { return };
+    let folder = &*FOLDER;
+    std::fs::create_dir_all(folder).expect("a folder");
+    let depth = ("d-1.000000-1000000.pgm", b"P5 640 480 65535\n".as_slice());
+    let colour = ("r-1.000000-1000000.ppm", b"P6 640 480 255\n".as_slice());
+    let index = ("INDEX.txt", b"d-1.000000-1000000.pgm\nr-1.000000-1000000.ppm\n".as_slice());
+    for (name, head) in [depth, colour, index] {
+        std::fs::write(folder.join(name), head).expect("a file");
+    }
+    let name = match which % 4 {
+        0 => index.0,
+        1 => depth.0,
+        2 => colour.0,
+        _ => "device.json",
+    };
+    let _ = std::fs::remove_file(folder.join("device.json"));
+    std::fs::write(folder.join(name), rest).expect("a file");
+    if let Ok(mut source) = Source::recording(folder) {
+        let mut frame = Frame::default();
+        for _ in 0..8 {
+            if !matches!(source.next_frame(&mut frame), Ok(true)) {
+                break;
+            }
+        }
+    }
+}
+
+fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+    let mut random = fastrand::Rng::with_seed(seed.into());
+    if PARSER.as_str() == "glb"
+        && random.u8(..4) > 0
+        && let Ok(mut glb) = Glb::parse(&data[..size])
+    {
+        swap_types(&mut glb.json, &mut random);
+        let out = glb.emit();
+        if out.len() <= max_size {
+            data[..out.len()].copy_from_slice(&out);
+            return out.len();
+        }
+    }
+    fuzzer_mutate(data, size, max_size)
+});
+
+/// Gives some value in a description another type, or that of another place.
+fn swap_types(json: &mut Value, random: &mut fastrand::Rng) {
+    fn paths(json: &Value, at: String, all: &mut Vec<String>) {
+        match json {
+            Value::Object(map) => map.iter().for_each(|(k, v)| paths(v, format!("{at}/{k}"), all)),
+            Value::Array(list) => {
+                let numbered = list.iter().enumerate();
+                numbered.for_each(|(k, v)| paths(v, format!("{at}/{k}"), all));
+            }
+            _ => {}
+        }
+        all.push(at);
+    }
+    let mut all = Vec::new();
+    paths(json, String::new(), &mut all);
+    let other = json.pointer(&all[random.usize(..all.len())]).cloned();
+    let odd = match random.u8(..12) {
+        0 => Value::Null,
+        1 => json!(true),
+        2 => json!(-1),
+        3 => json!(random.u64(..)),
+        4 => json!(random.u8(..)),
+        5 => json!(1.5e300),
+        6 => json!("x"),
+        7 => json!([1]),
+        8 => json!({}),
+        9 => json!(50_000_000),
+        _ => other.unwrap_or_default(),
+    };
+    // Values grow when they are put into each other; not for ever.
+    if odd.to_string().len() < 4096
+        && let Some(place) = json.pointer_mut(&all[random.usize(..all.len())])
+    {
+        *place = odd;
+    }
+}

@@ -1,0 +1,250 @@
+//! Writes what every parser is fed with first: files and messages as our own tools make them, into `<folder>/<parser>/`.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+use std::time::SystemTime;
+
+use mien::face_model;
+use mien::output::csv::Rows;
+use mien::output::osc::{self, Datagrams, Osc};
+use mien::output::serial::{self, Encoder};
+use mien::output::{Output, Report, TrackingState, View};
+use mien::sensor::calibration::{Block, emit_block, emit_fixed};
+use mien::sensor::camera::Registration;
+use mien::sensor::command::{Command, emit_command, emit_reply};
+use mien::sensor::device::{Model, Stream};
+use mien::sensor::motor::{self, Posture};
+use mien::sensor::packet::LONGEST;
+use mien::sensor::recording::Recorder;
+use mien::sensor::stream::Cutter;
+use mien::sensor::virtual_head::HeadAsset;
+use mien::sensor::{Frame, Source};
+use mien::settings::Settings;
+use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
+use mien::studio::bake::rig::Shape;
+use mien::studio::bake::{morphs, obj, recipe};
+use mien::time::Timestamp;
+use mien::users::saved;
+
+const UNITS: [&str; 3] = ["AU25", "AU12L", "AU12R"];
+
+struct Corpus(PathBuf);
+
+impl Corpus {
+    fn add(&self, parser: &str, name: &str, bytes: impl AsRef<[u8]>) {
+        let folder = self.0.join(parser);
+        fs::create_dir_all(&folder).expect("a folder");
+        fs::write(folder.join(name), bytes).expect("a seed");
+    }
+}
+
+/// Keeps datagrams.
+struct Kept(Arc<Mutex<Vec<Vec<u8>>>>);
+
+impl Datagrams for Kept {
+    fn send(&mut self, datagram: &[u8]) -> bool {
+        self.0.lock().expect("nobody panicked").push(datagram.to_vec());
+        true
+    }
+}
+
+fn report(ms: u64) -> Report<'static> {
+    Report {
+        at: Timestamp::from_us(1000 * ms),
+        user: Some(0),
+        state: TrackingState::Tracking,
+        confidence: 0.9,
+        weights: &[0.25, 0.5, 1.0],
+        measures: &[0.1, 0.2],
+        ..Report::default()
+    }
+}
+
+fn main() {
+    let folder = std::env::args_os().nth(1).expect("seeds FOLDER");
+    let corpus = Corpus(folder.into());
+
+    corpus.add("settings", "defaults", Settings::default().to_toml());
+    corpus.add("units", "shipped", include_str!("../../config/units.toml"));
+    let shapes: Vec<&str> = recipe::SHIPPED.split("\n\n").collect();
+    corpus.add("recipe", "shipped", recipe::SHIPPED);
+    corpus.add("recipe", "start", shapes[..shapes.len().min(6)].join("\n\n"));
+    let mut text = String::new();
+    saved::write(std::iter::empty(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
+        .expect("a string takes everything");
+    corpus.add("people", "nobody", &text);
+    corpus.add(
+        "people",
+        "somebody",
+        "mien-people 2\nperson 0 1763720000 0.012 0.00041 - -0.00112\nmien-ranges 1 0.0372\nlip_gap 0.0213 0.0213 0.7961\nchecksum 0\n",
+    );
+
+    // A whole model is too long to be changed and read ten million times; its sections begin alike.
+    corpus.add("model", "start", &face_model::SHIPPED[..8192]);
+    corpus.add("model", "empty", face_model::SHIPPED[..24].iter().chain(&[0; 64]).copied().collect::<Vec<u8>>());
+    corpus.add("head", "start", &HeadAsset::shipped().emit()[..8192]);
+
+    recording(&corpus);
+    usb(&corpus);
+    wires(&corpus);
+
+    let mut rows = Rows::new(&["lip_gap", "eye_distance"], &UNITS);
+    let mut table = rows.text().to_owned();
+    for ms in [0, 33, 66] {
+        rows.fill(&report(ms));
+        table += rows.text();
+    }
+    corpus.add("table", "run", table);
+    corpus.add("tracks", "two", "1.5,2,3\n4,5,\n1,nan,3\n4,5,6\n");
+    corpus.add("tracks", "shape", "1,2\n3,4\n5,6\n");
+    let points: String = (0..68).map(|k| format!("{k}.5 {}\n", 2 * k)).collect();
+    corpus.add("landmarks", "pts", format!("version: 1\nn_points: 68\n{{\n{points}}}\n"));
+    let names: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+    let cells = ",1.5,2".repeat(68);
+    corpus.add("landmarks", "csv", format!("file{names}\na.pgm{cells}\n"));
+
+    let (mesh, shapes) = head();
+    corpus.add("obj", "sheet", obj::emit(&mesh));
+    corpus.add("obj", "quads", "o a\nv 0 0 0\nv 1 0 0 .5 .5 .5\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl s\nf 1/1/1 2/1/1 3//1 -1\n");
+    for dense in [false, true] {
+        let mut glb = morphs::build(&mesh, &shapes, 1.0, dense);
+        glb.json["extensions"] = serde_json::json!({
+            "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
+            "VRMC_vrm": {"expressions": {"preset": {"aa": {}}, "custom": {"b": {}}}},
+        });
+        corpus.add("glb", if dense { "dense" } else { "sparse" }, glb.emit());
+    }
+    for (name, path) in [("page", "/"), ("picture", "/picture?n=3"), ("mesh", "/mesh/0")] {
+        let headers = "Host: 127.0.0.1:9180\r\nSec-Fetch-Site: same-origin\r\nOrigin: http://127.0.0.1:9180\r\n";
+        corpus.add("http", name, format!("GET {path} HTTP/1.1\r\n{headers}\r\n"));
+    }
+}
+
+fn recording(corpus: &Corpus) {
+    let folder = std::env::temp_dir().join(format!("mien-seeds-{}", std::process::id()));
+    let mut source = Source::simulated(None).expect("the simulated sensor");
+    let mut recorder =
+        Recorder::create(&folder, source.registration(), 1.0e9).expect("a recording");
+    let mut frame = Frame::default();
+    for _ in 0..2 {
+        source.next_frame(&mut frame).expect("a frame");
+        recorder.write(&frame).expect("a frame is written");
+    }
+    drop(recorder);
+    for entry in fs::read_dir(&folder).expect("the recording") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        let which = match &name[..1] {
+            "I" => 0,
+            "d" if name.ends_with(".pgm") => 1,
+            "r" => 2,
+            _ => 3,
+        };
+        let bytes = fs::read(&path).expect("readable");
+        // Pictures are told apart by their headers; what follows is numbers.
+        let kept = bytes.len().min(4096);
+        corpus.add("recording", &name, [&[which], &bytes[..kept]].concat());
+    }
+    fs::remove_dir_all(folder).expect("removed");
+}
+
+fn usb(corpus: &Corpus) {
+    let registration = Registration::nominal();
+    for (name, block) in [
+        ("const_shift", Block::ConstShift),
+        ("padding", Block::Padding),
+        ("registration", Block::Registration),
+    ] {
+        let body = emit_block(block, &registration);
+        corpus.add("usb_reply", name, &body);
+        let mut bytes = Vec::new();
+        emit_reply(Command::AlgorithmParameters, 1, &body, &mut bytes);
+        corpus.add("usb_reply", &format!("{name}_reply"), &bytes);
+    }
+    corpus.add("usb_reply", "fixed", emit_fixed(&registration, Model::Xbox1414));
+    let mut bytes = Vec::new();
+    emit_command(Command::SetParameter, 1, &[6, 2], &mut bytes);
+    corpus.add("usb_reply", "command", &bytes);
+    corpus.add("usb_reply", "posture", motor::emit_posture(&Posture::default()));
+    for (name, stream) in [("depth", Stream::Depth), ("colour", Stream::Colour)] {
+        let mut cutter = Cutter::new(stream, 7);
+        let picture = vec![3; 640 * 480 * 2];
+        let mut packet = [0; LONGEST];
+        let mut bytes = Vec::new();
+        for number in 0..3 {
+            let length = cutter.cut(&picture, 1_000_000, number, &mut packet);
+            bytes.extend((length as u16).to_le_bytes());
+            bytes.extend(&packet[..length]);
+        }
+        corpus.add("packets", name, &bytes);
+    }
+}
+
+fn wires(corpus: &Corpus) {
+    let kept = Arc::new(Mutex::new(Vec::new()));
+    let targets = vec![Box::new(Kept(Arc::clone(&kept))) as Box<dyn Datagrams>];
+    let settings = osc::Settings { ranges: true, ..osc::Settings::default() };
+    let mut osc = Osc::over(targets.into(), settings, &UNITS).expect("an output");
+    for ms in [0, 33, 2000] {
+        osc.send(&report(ms)).expect("sent");
+    }
+    drop(osc);
+    for (k, datagram) in kept.lock().expect("nobody panicked").iter().enumerate() {
+        corpus.add("osc", &k.to_string(), datagram);
+    }
+    for (name, bytes) in [
+        ("forget", b"/face/cmd/forget\0\0\0\0,i\0\0\0\0\0\x01".as_slice()),
+        ("freeze", b"/face/cmd/freeze\0\0\0\0,iT\0\0\0\0\x01"),
+        ("schema", b"#bundle\0\0\0\0\0\0\0\0\x01\0\0\0\x18/face/cmd/schema\0\0\0\0,\0\0\0"),
+    ] {
+        corpus.add("osc_commands", name, bytes);
+    }
+    for (name, style) in [
+        ("text", serial::Style::Text),
+        ("plot", serial::Style::Plot),
+        ("cobs", serial::Style::Cobs),
+    ] {
+        let settings = serial::Settings {
+            style,
+            pose: true,
+            view: View::default(),
+            ..serial::Settings::default()
+        };
+        let mut encoder = Encoder::new(&settings, &UNITS).expect("an encoder");
+        let mut bytes = encoder.header().bytes().to_vec();
+        for ms in [0, 33] {
+            let line = encoder.encode(&report(ms)).expect("a frame");
+            bytes.extend(line.bytes());
+        }
+        corpus.add("serial", name, bytes);
+    }
+}
+
+/// A sheet of four by four vertices and two shapes.
+fn head() -> (Mesh, Vec<Shape>) {
+    let mut mesh = Mesh { materials: vec!["skin".into()], ..Mesh::default() };
+    for k in 0..16_u8 {
+        mesh.positions.push(Vec3::new(f64::from(k % 4), f64::from(k / 4), 0.0));
+    }
+    for row in 0..3 {
+        for column in 0..3 {
+            let corner = |k: u32| Corner { vertex: 4 * row + column + k, uv: None, normal: None };
+            mesh.push_face(&[corner(0), corner(1), corner(5), corner(4)], 0);
+        }
+    }
+    let shape = |name: &str, moved: usize| {
+        let mut displacement = vec![Vec3::zeros(); 16];
+        displacement[moved] = Vec3::z();
+        Shape {
+            name: name.into(),
+            unit: Some("AU26".into()),
+            upon: None,
+            displacement,
+            area: vec![true; 16],
+            unknowns: 0,
+            milliseconds: 0.0,
+        }
+    };
+    (mesh, vec![shape("jawOpen", 5), shape("mouthA", 6)])
+}
