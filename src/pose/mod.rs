@@ -109,8 +109,8 @@ const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
 const SEARCH_STRIDE: usize = 5;
 const FINAL_STRIDE: usize = 2;
 const APPROACH_STRIDE: usize = 4;
-/// Weight of what is not the bare face while searching: a fringe or hair beside the face leans the head.
-const BESIDE: f32 = 0.25;
+/// Weight of what is not the bare face at the end of a search: a fringe or hair beside the face leans the head.
+const BESIDE: f32 = 0.5;
 /// Starts that go on after the first rounds, and that are aligned with more points after the next.
 const GO_ON: usize = 12;
 const FINALISTS: usize = 6;
@@ -136,7 +136,7 @@ const TAUGHT_STEP: u64 = 3;
 
 /// How good an end of a search is.
 fn merit(fit: &PlaneFit) -> f32 {
-    fit.agreement * fit.on_face
+    fit.support
 }
 
 /// The best few ends, best first: thinned and loosely cut off, they cannot be told apart for sure.
@@ -477,7 +477,7 @@ impl PoseTracker {
     fn search(&mut self, cloud: &[Point], scale_sigma: f64) {
         let mut first: Best<GO_ON> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
-            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma, BESIDE));
+            first.offer(self.aligned(cloud, start, &SEARCH_M, SEARCH_STRIDE, scale_sigma, 1.0));
         }
         let mut second: Best<FINALISTS> = Best::new();
         for fit in &first.0 {
@@ -487,7 +487,7 @@ impl PoseTracker {
                 &NARROW_M,
                 SEARCH_STRIDE,
                 scale_sigma,
-                BESIDE,
+                1.0,
             ));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
@@ -502,7 +502,7 @@ impl PoseTracker {
             {
                 let covered =
                     plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
-                let merit = merit(&fit) * covered.middle;
+                let merit = merit(&fit) * covered.whole;
                 if winner.is_none_or(|(best, _)| merit > best) {
                     winner = Some((merit, fit));
                 }

@@ -46,8 +46,8 @@ pub(crate) struct PlaneFit {
     pub(crate) scale: f32,
     /// Of the live points on the bare face, the share that agrees, 0…1: hair beside it agrees with nothing.
     pub(crate) agreement: f32,
-    /// Live points on the bare face, as a share of those asked.
-    pub(crate) on_face: f32,
+    /// Of all live points, the share that agrees with the head, hair or not: tells one pose from another.
+    pub(crate) support: f32,
     /// Root mean square distance of the agreeing pairs along the normal, metres.
     pub(crate) residual: f32,
     /// Live points on the bare face that agree.
@@ -79,13 +79,15 @@ const COVERED_M: f32 = 0.008;
 /// Shares of places that live points lie on, 0…1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coverage {
+    /// All of the head.
+    pub(crate) whole: f32,
     /// Between brows and mouth.
     pub(crate) middle: f32,
-    /// On the ridge and the tip of the nose.
+    /// On the ridge and the tip of the nose: a flat thing may cover most of the middle.
     pub(crate) nose: f32,
 }
 
-/// How much of the middle of the face live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
+/// How much of the head live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
 /// chair has no nose. `hit` is work
 /// space, one per anchor point.
 pub(crate) fn coverage(
@@ -105,22 +107,26 @@ pub(crate) fn coverage(
             hit[i] = true;
         }
     }
-    // Of the middle, and of the nose alone: a flat thing may cover most of the middle.
-    let (mut facing, mut covered) = ([0.0; 2], [0.0; 2]);
+    let (mut facing, mut covered) = ([0.0; 3], [0.0; 3]);
     for i in 0..anchor.points.len() {
         let towards = anchor.points[i] * fit.scale - camera;
         let away = anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm();
-        if away || anchor.rim[i] || !is_middle(&anchor.points[i]) {
+        if away || anchor.rim[i] {
             continue;
         }
-        let nose = f32::from(u8::from(is_nose(&anchor.points[i])));
-        facing = [facing[0] + 1.0, facing[1] + nose];
-        if hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]) {
-            covered = [covered[0] + 1.0, covered[1] + nose];
+        let is_hit = hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]);
+        let p = &anchor.points[i];
+        for (k, is_in) in [true, is_middle(p), is_nose(p)].into_iter().enumerate() {
+            facing[k] += f32::from(u8::from(is_in));
+            covered[k] += f32::from(u8::from(is_in && is_hit));
         }
     }
-    let [middle, nose] = [0, 1].map(|k| covered[k] / f32::max(facing[k], 1.0));
-    Coverage { middle, nose }
+    let [whole, middle, nose] = [0, 1, 2].map(|k| covered[k] / f32::max(facing[k], 1.0));
+    Coverage {
+        whole,
+        middle,
+        nose,
+    }
 }
 
 /// Whether a place is between the brows' and the mouth's ends: there every face has its relief.
@@ -148,6 +154,7 @@ struct Sums {
     agreeing: u32,
     squares: f64,
     agreement: f64,
+    support: f64,
     total: f64,
 }
 
@@ -169,6 +176,7 @@ impl Sums {
             agreeing: 0,
             squares: 0.0,
             agreement: 0.0,
+            support: 0.0,
             total: 0.0,
         };
         let camera = Point::from(pose.translation.vector);
@@ -185,6 +193,7 @@ impl Sums {
                 continue;
             }
             let biweight = (1.0 - u * u) * (1.0 - u * u);
+            sums.support += f64::from(biweight);
             if bare {
                 sums.agreement += f64::from(biweight);
                 sums.agreeing += 1;
@@ -237,6 +246,7 @@ pub(crate) fn align(
             agreeing,
             squares,
             agreement,
+            support,
             total,
         } = wide(|| {
             let place = (&pose, inverse_scale);
@@ -259,7 +269,7 @@ pub(crate) fn align(
                 head_from_sensor: pose,
                 scale: log_scale.exp() as f32,
                 agreement: (agreement / f64::from(on_face.max(1))) as f32,
-                on_face: on_face as f32 / asked as f32,
+                support: support as f32 / asked as f32,
                 residual: (squares / agreement.max(1e-9)).sqrt() as f32,
                 agreeing: agreeing * effort.stride.max(1) as u32,
             });
