@@ -405,6 +405,9 @@ pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     Ok(send_test::sweep(&settings, &model(named)?, &signals.stop)?)
 }
 
+/// Stages and wires that a configuration wants.
+type Standing = (Pipeline, Vec<Box<dyn Output>>);
+
 /// Reads the configuration again; if it has changed, the stages and wires it wants, all of which stand. Only then are the
 /// settings those read.
 fn reload(
@@ -412,7 +415,7 @@ fn reload(
     settings: &mut Settings,
     source: &Source,
     model: &FaceModel,
-) -> Result<Option<(Pipeline, Vec<Box<dyn Output>>)>, Failure> {
+) -> Result<Option<Standing>, Failure> {
     let new = self::settings(run.config.as_deref())?;
     if new == *settings {
         return Ok(None);

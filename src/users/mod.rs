@@ -210,8 +210,8 @@ mod tests {
         assert_eq!(presence.posed(at(200)), TrackingState::Held);
         assert_eq!(presence.seen(at(233), true), TrackingState::Tracking);
         assert_eq!(presence.posed(at(600)), TrackingState::Held);
-        assert_eq!(presence.posed(at(700)), TrackingState::Posed);
-        assert_eq!(presence.unseen(at(733)), TrackingState::Held);
+        assert_eq!(presence.posed(at(750)), TrackingState::Posed);
+        assert_eq!(presence.unseen(at(783)), TrackingState::Held);
         assert_eq!(presence.unseen(at(1300)), TrackingState::Lost);
         assert_eq!(presence.posed(at(1400)), TrackingState::Posed);
         assert_eq!(presence.unseen(at(4000)), TrackingState::Absent);
