@@ -212,7 +212,8 @@ impl<S: PacketSource> PacketSource for Sick<S> {
     ) -> Result<(), DeviceError> {
         let (silent, colourless) = (self.silent, self.colourless);
         self.inner.poll(wait, &mut |received| {
-            if !silent && !(colourless && received.stream == Stream::Colour) {
+            let dropped = silent || colourless && received.stream == Stream::Colour;
+            if !dropped {
                 sink(received);
             }
         })
