@@ -35,7 +35,7 @@ pub struct Landmarks {
 
 impl Landmarks {
     /// The same face at another pose of its head.
-    pub(crate) fn move_to(&mut self, sensor_from_head: &Rigid, camera: &Camera) {
+    pub fn move_to(&mut self, sensor_from_head: &Rigid, camera: &Camera) {
         self.pixels = self
             .head
             .map(|point| camera.colour_pixel(&(sensor_from_head * point)));
