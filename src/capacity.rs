@@ -36,6 +36,10 @@ pub const REMEMBERED: usize = 2 * USERS;
 pub const MEASURES: usize = 21;
 /// Measures whose range is learnt: all but the eye distance.
 pub const LEARNT_MEASURES: usize = MEASURES - 1;
+/// Lengths of the face that are no measure but tell units apart.
+pub const FEATURES: usize = 18;
+/// What a unit is read from: learnt measures and features.
+pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;
 /// Weight columns at most: two for every learnt measure.
 pub const UNITS: usize = 2 * LEARNT_MEASURES;
 /// Samples kept per measure by the paper's method (16 bytes each): 64, 256 and 1024 do equally well.

@@ -4,9 +4,9 @@
 //! FACS unit, while it learns where this person rests and how far their expressions go. Nobody calibrates anything.
 //!
 //! ```text
-//! landmarks ─► measures ─► scaled ─┬─► learner per measure ─► range ─┐
-//! (head frame)  (metres)   (by w)  │   paper │ robust                ▼
-//! pose ─► weight ω ────────────────┘             one-euro ─► dead zone ─► weight ─► columns
+//! landmarks ─► measures ─► scaled ─┬─► learner per measure ─► range ─────────────────────┐
+//! (head frame)  (metres)   (by w)  │   paper │ robust ─► rest                            ▼
+//! pose ─► weight ω ────────────────┘              └─► readings ─► learner per unit ─► one-euro ─► dead zone ─► columns
 //! ```
 //! Whose method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*,
 //! section 2: [`Method::Paper`], literally, in `weight`, `compensate`, `samples`, `one_way`, `two_way`. The default,
@@ -21,6 +21,7 @@
 
 pub mod compensate;
 pub mod ends;
+pub mod features;
 pub mod measures;
 pub mod newcomer;
 pub mod nodes;
@@ -28,11 +29,13 @@ pub mod noise;
 pub mod one_way;
 pub mod paper;
 pub mod range;
+pub mod readings;
 pub mod rest;
 pub mod robust;
 pub mod samples;
 pub mod saved;
 pub mod smooth;
+mod together;
 pub mod two_way;
 pub mod units;
 pub mod weight;
@@ -42,7 +45,7 @@ pub use range::Range;
 pub use saved::Learned;
 pub use units::{UnitName, Units};
 
-use crate::capacity::{LEARNT_MEASURES, MEASURES, UNITS};
+use crate::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
@@ -53,6 +56,7 @@ use newcomer::Newcomer;
 use paper::{PaperLearner, PaperSettings};
 use robust::{RobustLearner, RobustSettings};
 use smooth::OneEuro;
+use together::Together;
 use units::{Explained, Kind, Side};
 
 /// How ranges are learnt.
@@ -102,6 +106,13 @@ impl Default for Settings {
 }
 
 impl Settings {
+    fn robust(&self) -> RobustSettings {
+        RobustSettings {
+            half_life_s: self.half_life_s,
+            range_prior: self.range_prior,
+        }
+    }
+
     fn scale(&self) -> Scale {
         match (self.scale, self.method) {
             (Scale::ByMethod, Method::Paper) => Scale::Frame,
@@ -164,6 +175,8 @@ const LONG_LOSS_S: f64 = 2.0;
 const LEAST_CONFIDENCE: f32 = 0.3;
 /// Weights fade in between these seconds of presence.
 const FADE_S: core::ops::Range<f64> = 0.3..0.6;
+/// Seconds of presence after which departures from rest are an expression's.
+const RESTS_KNOWN_S: f64 = 2.0;
 /// Median readiness of rest at which the ranges are the person's.
 const WARM: f64 = 0.5;
 /// Seconds of evidence after which a rest says who this is.
@@ -185,6 +198,7 @@ pub struct Expression {
     scale: EyeDistance,
     learners: Learners,
     filters: [OneEuro; LEARNT_MEASURES],
+    together: Option<Together>,
     newcomer: Newcomer,
     last_at: Option<Timestamp>,
     present_s: f64,
@@ -201,10 +215,7 @@ impl Expression {
         let phase = |m: usize| m as f64 / LEARNT_MEASURES as f64;
         let learners = match settings.method {
             Method::Robust => {
-                let robust = RobustSettings {
-                    half_life_s: settings.half_life_s,
-                    range_prior: settings.range_prior,
-                };
+                let robust = settings.robust();
                 let learner = |m: usize| RobustLearner::new(robust, units.rows[m].prior, phase(m));
                 Learners::Robust((0..LEARNT_MEASURES).map(learner).collect())
             }
@@ -221,7 +232,11 @@ impl Expression {
             }
         };
         let names = units.columns(paper);
+        let together = (settings.method == Method::Robust)
+            .then(|| Together::new(&settings, &units))
+            .flatten();
         Self {
+            together,
             scale: EyeDistance::new(units.eye_distance_m),
             learners,
             filters: Default::default(),
@@ -269,6 +284,12 @@ impl Expression {
     #[must_use]
     pub fn corrected(&self) -> &[f64; LEARNT_MEASURES] {
         &self.corrected
+    }
+
+    /// Departures of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance.
+    #[must_use]
+    pub fn departures(&self) -> Option<&[f64; INPUTS]> {
+        self.together.as_ref().map(Together::departures)
     }
 
     /// What is kept of a learnt measure, ascending: value, how long it tells of rest, how long of the ends (seconds; with the
@@ -332,6 +353,9 @@ impl Expression {
                 learner.set_rest(g);
             }
         }
+        if let Some(together) = &mut self.together {
+            together.take_neutral();
+        }
     }
 
     /// Forgets the person: everything starts from the population again.
@@ -341,6 +365,9 @@ impl Expression {
             Learners::Paper(learners) => learners.iter_mut().for_each(PaperLearner::reset),
         }
         self.filters.iter_mut().for_each(OneEuro::reset);
+        if let Some(together) = &mut self.together {
+            together.reset();
+        }
         self.scale.reset();
         self.newcomer = Newcomer::default();
         self.present_s = 0.0;
@@ -364,6 +391,9 @@ impl Expression {
             for (learner, range) in learners.iter_mut().zip(learned.ranges) {
                 learner.restore(range);
             }
+        }
+        if let Some(together) = &mut self.together {
+            together.restore(&self.units, &learned.ranges);
         }
     }
 
@@ -401,6 +431,9 @@ impl Expression {
         };
         self.weights.measures = measures::scaled(&raw, divisor);
         self.correct();
+        if let (Some(together), Learners::Robust(learners)) = (&mut self.together, &self.learners) {
+            together.read(&landmarks.head, divisor, &self.weights.measures, learners);
+        }
         if learns {
             self.learn(landmarks, omega, dt);
         }
@@ -411,6 +444,9 @@ impl Expression {
     fn interrupt(&mut self, long: bool) {
         if let Learners::Robust(learners) = &mut self.learners {
             learners.iter_mut().for_each(RobustLearner::interrupt);
+            if let Some(together) = &mut self.together {
+                together.interrupt();
+            }
             if long {
                 self.newcomer.after_loss();
             }
@@ -461,6 +497,9 @@ impl Expression {
                         learner.interrupt();
                     }
                 }
+                if let Some(together) = &mut self.together {
+                    together.learn(landmarks, omega, dt, self.present_s > RESTS_KNOWN_S);
+                }
                 let rest = |m: usize| {
                     let learner: &RobustLearner = &learners[m];
                     (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
@@ -490,6 +529,9 @@ impl Expression {
         if fade == 0.0 {
             // Rest is still being placed; the filters must not carry that into what is shown.
             self.filters.iter_mut().for_each(OneEuro::reset);
+            if let Some(together) = &mut self.together {
+                together.interrupt();
+            }
         }
         let mut column = 0;
         let mut rests = [0.0; LEARNT_MEASURES];
@@ -521,10 +563,26 @@ impl Expression {
                     (row.paper_kind, learners[m].weight(g), readiness, readiness)
                 }
             };
-            let sides = [
+            let mut sides = [
                 (kind.rises(), signed, up_ready),
                 (kind.falls(), -signed, down_ready),
             ];
+            if let Some(together) = &mut self.together {
+                let read = [&row.rises, &row.falls].map(|unit| {
+                    let reading = self.units.reading(unit.as_ref())?;
+                    Some(together.weigh(reading, &self.settings, dt))
+                });
+                for (side, read) in sides.iter_mut().zip(read) {
+                    if let Some((weight, readiness)) = read {
+                        (side.1, side.2) = (weight, readiness);
+                    }
+                }
+                // Of the two the larger one; the other would be its own cross-talk.
+                let weaker = usize::from(sides[0].1 > sides[1].1);
+                if kind == Kind::TwoWay {
+                    sides[weaker].1 = 0.0;
+                }
+            }
             for (_, weight, readiness) in sides.into_iter().filter(|side| side.0) {
                 self.weights.units[column] = (weight.max(0.0) * fade) as f32;
                 self.weights.readiness[column] = readiness as f32;

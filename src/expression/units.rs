@@ -8,8 +8,10 @@
 
 use serde::Deserialize;
 
+use super::features::Feature;
 use super::measures::Measure;
-use crate::capacity::{LEARNT_MEASURES, UNITS};
+use super::readings::{FeaturePrior, Reading, input_named};
+use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, UNITS};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
@@ -116,6 +118,10 @@ pub struct Units {
     pub eye_distance_m: f32,
     /// Its standard deviation in metres.
     pub eye_distance_sd_m: f32,
+    /// Features by their order, if the table has readings.
+    pub features: Option<[FeaturePrior; FEATURES]>,
+    /// How units are read from all measures together; a unit without is read from its own.
+    pub readings: Vec<Reading>,
 }
 
 /// Why a table of units is refused.
@@ -138,6 +144,14 @@ pub enum UnitsError {
         /// How many rows there are.
         found: usize,
     },
+    /// A reading that does not fit.
+    #[error("units table: [[reading]] of {unit}: expected {expected}")]
+    Reading {
+        /// The unit.
+        unit: String,
+        /// What it should be.
+        expected: &'static str,
+    },
     /// A direction without its name or range.
     #[error("units table: measure {measure} is {kind:?} and needs {needs}")]
     Incomplete {
@@ -156,6 +170,70 @@ struct Table {
     eye_distance_m: f32,
     eye_distance_sd_m: f32,
     unit: Vec<Row>,
+    #[serde(default)]
+    feature: Vec<FeatureRow>,
+    #[serde(default)]
+    reading: Vec<ReadingRow>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FeatureRow {
+    name: String,
+    rest: f64,
+    rest_sd: f64,
+    span: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ReadingRow {
+    unit: String,
+    /// Input, weight per rise, weight per fall.
+    from: Vec<(String, f32, f32)>,
+}
+
+impl ReadingRow {
+    fn reading(&self) -> Result<Reading, UnitsError> {
+        let refuse = |expected| UnitsError::Reading {
+            unit: self.unit.chars().take(16).collect(),
+            expected,
+        };
+        let unit = UnitName::try_from(self.unit.as_str())
+            .map_err(|_| refuse("a unit's name of at most 8 letters"))?;
+        let mut shares = [[0.0; 2]; INPUTS];
+        for (name, rise, fall) in &self.from {
+            let input =
+                input_named(name).ok_or_else(|| refuse("names of measures and features"))?;
+            if !rise.is_finite() || !fall.is_finite() {
+                return Err(refuse("finite weights"));
+            }
+            shares[input] = [*rise, *fall];
+        }
+        Ok(Reading { unit, shares })
+    }
+}
+
+/// Priors of all features, in their order.
+fn features(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError> {
+    let mut priors = [None; FEATURES];
+    for row in rows {
+        let sound = row.rest.abs() < 10.0 && row.rest_sd > 0.0 && row.span > 0.0;
+        if let Some(at) = Feature::named(&row.name).filter(|_| sound) {
+            priors[at] = Some(FeaturePrior {
+                rest: row.rest,
+                rest_sd: row.rest_sd,
+                span: row.span,
+            });
+        }
+    }
+    if priors.iter().any(Option::is_none) {
+        return Err(UnitsError::Reading {
+            unit: "any".into(),
+            expected: "one [[feature]] with rest, rest_sd and span for each that readings use",
+        });
+    }
+    Ok(priors.map(|prior| prior.unwrap_or(FeaturePrior::NONE)))
 }
 
 #[derive(Deserialize)]
@@ -317,11 +395,32 @@ impl Units {
                 needs: "eye_distance_m within 0.015 to 0.06 m and eye_distance_sd_m within 0.0005 to 0.02 m",
             });
         }
+        let readings = table.reading.iter().map(ReadingRow::reading);
+        let readings = readings.collect::<Result<Vec<_>, _>>()?;
+        let features = (!readings.is_empty() || !table.feature.is_empty())
+            .then(|| features(&table.feature))
+            .transpose()?;
         Ok(Self {
             rows,
             eye_distance_m: table.eye_distance_m,
             eye_distance_sd_m: table.eye_distance_sd_m,
+            features,
+            readings,
         })
+    }
+
+    /// The same table with every unit read from its own measure alone.
+    #[must_use]
+    pub fn by_measure(mut self) -> Self {
+        self.features = None;
+        self.readings.clear();
+        self
+    }
+
+    /// The reading of a unit.
+    #[must_use]
+    pub fn reading(&self, unit: Option<&UnitName>) -> Option<usize> {
+        unit.and_then(|unit| self.readings.iter().position(|one| one.unit == *unit))
     }
 
     /// Names of the weight columns, by row, the rising unit first. With `paper`, only what the paper's method delivers.

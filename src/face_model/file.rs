@@ -18,8 +18,8 @@ use crate::geometry::{Point, Vector};
 use crate::landmarks::refine::Refinement;
 
 use super::{
-    CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FaceModel, LANDMARK_SIGNS, MAX_MODES,
-    MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
+    CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, FaceModel,
+    LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
 };
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
@@ -27,7 +27,9 @@ use crate::prelude::*;
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";
 /// Version of the format that is written and read.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
+/// The oldest version that is read.
+const OLDEST: u32 = 2;
 const HEADER: usize = 20;
 const CHECKSUM: usize = 4;
 
@@ -199,7 +201,7 @@ fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, Mo
     let u32_at =
         |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
     let version = u32_at(8);
-    if version != VERSION {
+    if !(OLDEST..=VERSION).contains(&version) {
         return Err(ModelError::Version {
             expected: VERSION,
             found: version,
@@ -355,8 +357,14 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         weights: reader.floats(FEATURES)?,
         landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
         face: {
-            let slopes = reader.floats(FACE_SIGNS)?;
-            core::array::from_fn(|k| slopes[k])
+            // Version 2 has the first signs only.
+            let count = if reader.bytes.len() == 4 * FIRST_FACE_SIGNS {
+                FIRST_FACE_SIGNS
+            } else {
+                FACE_SIGNS
+            };
+            let slopes = reader.floats(count)?;
+            core::array::from_fn(|k| slopes.get(k).copied().unwrap_or(0.0))
         },
     };
     reader.end()?;

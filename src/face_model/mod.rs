@@ -43,7 +43,9 @@ pub const FEATURES: usize = LANDMARKS * PATCH;
 /// Numbers that a landmark's confidence follows from.
 pub const LANDMARK_SIGNS: usize = 4;
 /// Numbers that the face's confidence follows from.
-pub const FACE_SIGNS: usize = 4;
+pub const FACE_SIGNS: usize = 7;
+/// The first of them, which models have had from the beginning.
+pub const FIRST_FACE_SIGNS: usize = 4;
 /// Most stages of one schedule.
 pub const MAX_STAGES: usize = 8;
 

@@ -216,15 +216,27 @@ pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMAR
 }
 
 /// What tells of the face: the mean discriminant, the mean of the lower quarter (a part that is covered or missed), how
-/// unlikely the shape is, and 1.
+/// unlikely the shape is, and 1; then, for faces of which hair, a beard or a cap covers a part, the mean of the better half,
+/// of nose, eyes and mouth, and of the better one of eyes and mouth, each with the nose.
 #[must_use]
 pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
     let mut sorted = *own;
     sorted.sort_unstable_by(f32::total_cmp);
     let lower = LANDMARKS / 4;
-    let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+    let sum = |values: &[f32]| values.iter().sum::<f32>();
+    let mean = |values: &[f32]| sum(values) / values.len() as f32;
     let unlikely = fit.shape.iter().map(|b| b * b).sum::<f32>() / MAX_MODES as f32;
-    [mean(&sorted), mean(&sorted[..lower]), unlikely, 1.0]
+    let (nose, eyes, mouth) = (sum(&own[27..36]), sum(&own[36..48]), sum(&own[48..]));
+    let better = ((nose + eyes) / 21.0).max((nose + mouth) / 29.0);
+    [
+        mean(&sorted),
+        mean(&sorted[..lower]),
+        unlikely,
+        1.0,
+        mean(&sorted[LANDMARKS / 2..]),
+        (nose + eyes + mouth) / 41.0,
+        better,
+    ]
 }
 
 /// 1 / (1 + e^-x).

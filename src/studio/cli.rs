@@ -17,10 +17,11 @@ use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
 use super::preview;
+use super::readings;
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
-use super::train::{TrainArgs, finish, train};
+use super::train::{TrainArgs, TrainError, finish, train};
 use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
@@ -42,11 +43,12 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "train",
-        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper] [--hold-out-dev]",
+        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev]",
         about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people",
         example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
         options: &[
             "images", "out", "tracks", "offsets", "data", "drawn", "starts", "seed", "refine",
+            "paper-of",
         ],
         flags: &["no-paper", "hold-out-dev"],
         words: 0,
@@ -103,6 +105,18 @@ const COMMANDS: &[Command] = &[
         flags: &["landmarks", "heads", "wild"],
         words: 0,
         run: run_evaluate,
+    },
+    Command {
+        name: "units",
+        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--seed N] [--out FILE]",
+        about: "learns how each unit is read from all measures together: the [[feature]] and [[reading]] tables of config/units.toml",
+        example: "mien-studio units --data ../shared/data --out readings.toml",
+        options: &[
+            "data", "model", "config", "people", "seconds", "seed", "out",
+        ],
+        flags: &[],
+        words: 0,
+        run: run_units,
     },
     Command {
         name: "nrsfm",
@@ -442,6 +456,28 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
 }
 
 #[expect(clippy::print_stdout, reason = "the door's answer")]
+fn run_units(words: &Words) -> Result<(), Fault> {
+    let defaults = readings::Practice::default();
+    let practice = readings::Practice {
+        people: words.value("people")?.unwrap_or(defaults.people),
+        seconds: words.value("seconds")?.unwrap_or(defaults.seconds),
+        seed: words.value("seed")?.unwrap_or(defaults.seed),
+    };
+    let settings = service::settings(words.path("config").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    let model = service::model(words.path("model").as_deref())
+        .map_err(|failure| service_fault(&failure))?;
+    let mut progress = |line: &str| eprintln!("{line}");
+    let text = readings::learn(&data(words), &model, &settings, &practice, &mut progress)?;
+    match words.path("out") {
+        Some(out) => std::fs::write(&out, text)
+            .map_err(|source| TrainError::Unwritable { path: out, source })?,
+        None => print!("{text}"),
+    }
+    Ok(())
+}
+
+#[expect(clippy::print_stdout, reason = "the door's answer")]
 fn say(line: &str) {
     println!("{line}");
 }
@@ -466,6 +502,12 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         } else {
             defaults.paper_pictures
         },
+        paper_aam: words
+            .path("paper-of")
+            .map(|path| service::model(Some(&path)))
+            .transpose()
+            .map_err(|failure| service_fault(&failure))?
+            .map(|model| model.paper_aam),
         hold_out_dev: words.flag("hold-out-dev"),
         ..defaults
     };

@@ -1,5 +1,6 @@
 //! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
 
+mod acted;
 pub mod animate;
 pub mod bake;
 pub mod bars;
@@ -13,6 +14,7 @@ pub mod inspect;
 pub mod nrsfm;
 pub mod preview;
 pub mod priors;
+pub mod readings;
 pub mod record;
 pub mod sessions;
 pub mod split;

@@ -3,10 +3,9 @@
 //! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under a light of their own: all
 //! expressions in turn and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also with one
 //! fixed offset per person taken out, because where a head's frame sits on a face is a convention. Landmarks: mean
-//! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against the
-//! activation of the true points: the measure with its cross-talk taken out by the table of units, 0 at the person's
-//! neutral and ±1 at its largest change over the full expressions, alone, on both sides, and a brow's ends together. All
-//! figures over every frame with a face that is reported `warming` or `tracking`.
+//! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against what is
+//! acted ([`super::acted`]), and the matrix of every acted expression against every emitted weight. All figures over every
+//! frame with a face that is reported `warming` or `tracking`.
 //! One file: how a session is played and what its table says.
 
 use std::fmt::{self, Display};
@@ -15,12 +14,13 @@ use std::path::Path;
 use nalgebra::{Quaternion, UnitQuaternion, Vector4};
 use rayon::prelude::*;
 
+use super::acted::Acted;
 use super::heads::{HeadsError, PersonHead, textured_heads};
 use super::split::Split;
 use super::train::dataset::DatasetError;
-use crate::capacity::{LANDMARKS, LEARNT_MEASURES, MEASURES};
+use crate::capacity::{LANDMARKS, LEARNT_MEASURES};
 use crate::expression::measures::{self, Measure};
-use crate::expression::units::{Side, Units};
+use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::geometry::{Rigid, Vector};
 use crate::landmarks::Landmarks;
@@ -81,10 +81,14 @@ struct Seen {
     true_pose: Rigid,
     /// Mean over all points and over the points without the jaw, in outer-eye distances.
     error: [f64; 2],
-    weights: [f64; LEARNT_MEASURES],
+    /// By column.
+    weights: Vec<f64>,
+    /// What each column should be.
+    acted: Vec<f64>,
+    /// By the head's expressions.
+    expressions: Vec<f32>,
     /// Measure in the unit of the weights, seen and true.
     measures: [[f64; 2]; LEARNT_MEASURES],
-    activations: [f64; LEARNT_MEASURES],
 }
 
 /// One person's session.
@@ -92,6 +96,9 @@ struct Seen {
 struct Played {
     person: usize,
     frames: usize,
+    /// Names of the weight columns and of the head's expressions.
+    columns: Vec<String>,
+    expressions: Vec<String>,
     seen: Vec<Seen>,
 }
 
@@ -164,14 +171,27 @@ pub struct Following {
     pub measure: Measure,
     /// Pearson correlation of the measure with the true one, mean over people.
     pub measured: f64,
-    /// Pearson correlation of the measure's signed weight (rise − fall) with the true activation, mean over people.
-    pub signed: f64,
-    /// Pearson correlation of the weight with the true activation, mean over people.
+    /// Pearson correlation of the weight with what is acted, mean over people.
     pub correlation: f64,
     /// Of the person it is worst for.
     pub worst: f64,
     /// Mean absolute error.
     pub error: f64,
+    /// 95th percentile of the weight while nothing is acted.
+    pub quiet: f64,
+    /// Median weight while it is acted fully.
+    pub reach: f64,
+    /// Mean weight while others are acted and it is not.
+    pub foreign: f64,
+}
+
+/// Mean weights by acted expression: what is read of each, and what else with it.
+#[derive(Clone, Debug, Default)]
+pub struct Matrix {
+    /// Units, the columns.
+    pub units: Vec<String>,
+    /// Expressions, and the mean weight of every unit while they and little else are fully acted.
+    pub rows: Vec<(String, Vec<f64>)>,
 }
 
 /// The table.
@@ -199,11 +219,18 @@ pub struct Table {
     pub winks: [Spread; 2],
     /// By unit.
     pub following: Vec<Following>,
+    /// By acted expression.
+    pub matrix: Matrix,
 }
 
-/// Activation up to which nothing is acted, and from which an eye is shut.
-const IDLE: f64 = 0.02;
+/// Truth up to which nothing is acted, from which others are, from which an expression is full, and from which an eye is
+/// shut.
+const IDLE: f64 = 0.05;
+const ACTED: f64 = 0.5;
+const FULL: f64 = 0.8;
 const SHUT: f64 = 0.95;
+/// Other expressions up to which a full one counts as acted alone.
+const ALONE: f32 = 0.3;
 
 /// Plays the sessions and makes the table.
 ///
@@ -250,8 +277,10 @@ fn play_one(
     sessions: &Sessions,
 ) -> Result<Played, PipelineError> {
     let seed = seed_of(sessions.seed, head.person);
-    let units = Units::shipped();
-    let truth = Activation::new(&head.asset, &units);
+    let truth = Measured::new(&head.asset);
+    let acted = Acted::new(&head.asset);
+    let expressions = head.asset.expressions.iter().map(|e| e.name.clone());
+    let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
     let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
@@ -260,21 +289,11 @@ fn play_one(
         .iter()
         .map(|&name| name.to_owned())
         .collect();
-    let column =
-        |name: Option<&str>| name.and_then(|name| names.iter().position(|known| known == name));
-    let columns: Vec<[Option<usize>; 2]> = units
-        .rows
-        .iter()
-        .map(|row| {
-            [
-                column(row.rises.as_ref().map(|n| n.as_str())),
-                column(row.falls.as_ref().map(|n| n.as_str())),
-            ]
-        })
-        .collect();
     let mut frame = Frame::default();
     let mut played = Played {
         person: head.person,
+        columns: names,
+        expressions,
         ..Played::default()
     };
     for index in 0..(sessions.seconds * 30.0) as i64 {
@@ -290,19 +309,15 @@ fn play_one(
         else {
             continue;
         };
-        let weights = core::array::from_fn(|m| {
-            let weight =
-                |column: Option<usize>| column.map_or(0.0, |k| f64::from(report.weights[k]));
-            weight(columns[m][0]) - weight(columns[m][1])
-        });
-        let both = columns.iter().map(|sides| sides.map(|side| side.is_some()));
+        let truths = played.columns.iter().map(|unit| acted.of(unit, &shown));
         played.seen.push(Seen {
             pose: *pose,
             true_pose: shown.sensor_from_head,
             error: landmark_error(&landmarks.pixels, &shown),
-            weights,
-            measures: truth.measures(landmarks, &shown),
-            activations: truth.of(&shown, both),
+            weights: report.weights.iter().map(|&w| f64::from(w)).collect(),
+            acted: truths.map(|truth| truth.unwrap_or(0.0)).collect(),
+            expressions: shown.activations.to_vec(),
+            measures: truth.of(landmarks, &shown),
         });
     }
     Ok(played)
@@ -319,98 +334,30 @@ pub(super) fn landmark_error(found: &[[f32; 2]; LANDMARKS], truth: &Truth) -> [f
     })
 }
 
-/// Closes lips that an open jaw has parted: no expression of its own.
-const ONLY_WITH_OTHERS: &str = "mouthClose";
-/// Ends of a brow that are raised together.
-const BROW: [&str; 2] = ["browInnerUp", "browOuterUp"];
-
-/// True activations of one person's measures.
-struct Activation {
-    units: Units,
+/// True measures of one person.
+struct Measured {
     eye_distance: f32,
     /// Right and left cheek among the expressions.
     cheeks: [Option<usize>; PUFFS],
-    rest: [f64; LEARNT_MEASURES],
-    /// Largest rise and fall.
-    ends: [[f64; 2]; LEARNT_MEASURES],
 }
 
-impl Activation {
-    fn new(asset: &HeadAsset, units: &Units) -> Self {
-        let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
-        let mut vertices = asset.neutral.clone();
-        let mut measured = |weights: &[f32]| {
-            asset.deform(weights, &mut vertices);
-            measures::with_cheeks(&asset.landmarks_on(&vertices), blown(&cheeks, weights))
-        };
-        let mut weights = vec![0.0; asset.expressions.len()];
-        let neutral = measured(&weights);
-        let eye_distance = neutral[Measure::EyeDistance as usize];
-        let mut activation = Self {
-            units: units.clone(),
-            eye_distance,
-            cheeks,
-            rest: core::array::from_fn(|m| f64::from(neutral[m] / eye_distance)),
-            ends: [[1e-6_f64; 2]; LEARNT_MEASURES],
-        };
-        for acted in full_expressions(asset) {
-            acted.iter().for_each(|&k| weights[k] = 1.0);
-            let full = measured(&weights);
-            weights.fill(0.0);
-            let changes = activation.changes(&full);
-            for (ends, change) in activation.ends.iter_mut().zip(changes) {
-                *ends = [ends[0].max(change), ends[1].max(-change)];
-            }
+impl Measured {
+    fn new(asset: &HeadAsset) -> Self {
+        let neutral = measures::raw(&asset.landmarks_on(&asset.neutral));
+        Self {
+            eye_distance: neutral[Measure::EyeDistance as usize],
+            cheeks: ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name)),
         }
-        activation
-    }
-
-    /// Departures from rest, what other measures explain taken out.
-    fn changes(&self, raw: &[f32; MEASURES]) -> [f64; LEARNT_MEASURES] {
-        let departure = |m: usize| f64::from(raw[m] / self.eye_distance) - self.rest[m];
-        core::array::from_fn(|m| {
-            let explained = self.units.rows[m].explained.iter().map(|other| {
-                let by = departure(other.by as usize);
-                other.share
-                    * match other.when {
-                        Side::Rises => by.max(0.0),
-                        Side::Falls => by.min(0.0),
-                    }
-            });
-            departure(m) - explained.sum::<f64>()
-        })
-    }
-
-    fn truth(&self, shown: &Truth) -> [f32; MEASURES] {
-        measures::with_cheeks(
-            &shown.landmarks_head,
-            blown(&self.cheeks, &shown.activations),
-        )
     }
 
     /// Each measure, seen and true, both over the true eye distance.
-    fn measures(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
+    fn of(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
+        let blown = blown(&self.cheeks, &shown.activations);
         let both = [
             measures::with_cheeks(&seen.head, seen.cheeks),
-            self.truth(shown),
+            measures::with_cheeks(&shown.landmarks_head, blown),
         ];
         core::array::from_fn(|m| [0, 1].map(|k| f64::from(both[k][m] / self.eye_distance)))
-    }
-
-    /// Signed activations; `sides`: whether a unit reads the rise and the fall.
-    fn of(&self, shown: &Truth, sides: impl Iterator<Item = [bool; 2]>) -> [f64; LEARNT_MEASURES] {
-        let changes = self.changes(&self.truth(shown));
-        let mut activations = [0.0; LEARNT_MEASURES];
-        for (m, [rises, falls]) in sides.enumerate() {
-            activations[m] = if changes[m] > 0.0 && rises {
-                changes[m] / self.ends[m][0]
-            } else if changes[m] < 0.0 && falls {
-                changes[m] / self.ends[m][1]
-            } else {
-                0.0
-            };
-        }
-        activations
     }
 }
 
@@ -420,22 +367,6 @@ fn blown(cheeks: &[Option<usize>; PUFFS], weights: &[f32]) -> [f32; PUFFS] {
 }
 
 /// Sets of expressions that are full expressions of a face: each alone, those of both sides, the brows as a whole.
-fn full_expressions(asset: &HeadAsset) -> Vec<Vec<usize>> {
-    let sides = |stem: &str| ["_L", "_R"].map(|side| asset.expression(&format!("{stem}{side}")));
-    let mut sets: Vec<Vec<usize>> = Vec::new();
-    for (k, expression) in asset.expressions.iter().enumerate() {
-        if expression.name == ONLY_WITH_OTHERS {
-            continue;
-        }
-        sets.push(vec![k]);
-        if let Some(stem) = expression.name.strip_suffix("_L") {
-            sets.push(sides(stem).into_iter().flatten().collect());
-        }
-    }
-    sets.push(BROW.into_iter().flat_map(sides).flatten().collect());
-    sets
-}
-
 fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
     let seen: usize = played.iter().map(|one| one.seen.len()).sum();
@@ -487,46 +418,50 @@ fn table(played: &[Played]) -> Table {
         let told = played.iter().filter(|one| one.seen.len() > 2);
         told.map(|one| correlation(&one.seen, pair)).collect()
     };
+    let frames_seen = || played.iter().flat_map(|one| &one.seen);
+    let columns = played.first().map_or(&[][..], |one| &one.columns);
     let mut following = Vec::new();
     for (m, row) in Units::shipped().rows.iter().enumerate() {
         let measured = mean(&each(&|seen| seen.measures[m]));
-        let signed = mean(&each(&|seen| [seen.weights[m], seen.activations[m]]));
-        for (unit, side) in [(&row.rises, 1.0), (&row.falls, -1.0)] {
-            let Some(unit) = unit else { continue };
-            let pair =
-                |seen: &Seen| [seen.weights[m], seen.activations[m]].map(|v| (v * side).max(0.0));
-            let weights = each(&pair);
+        for unit in [&row.rises, &row.falls].into_iter().flatten() {
+            let Some(k) = columns.iter().position(|name| name == unit.as_str()) else {
+                continue;
+            };
+            let weights = each(&|seen: &Seen| [seen.weights[k], seen.acted[k]]);
+            let where_so = |so: &dyn Fn(&Seen) -> bool| -> Vec<f64> {
+                let frames = frames_seen().filter(|seen| so(seen));
+                frames.map(|seen| seen.weights[k]).collect()
+            };
+            let mut full = where_so(&|seen| seen.acted[k] > FULL);
+            full.sort_by(f64::total_cmp);
+            let most = |seen: &Seen| seen.acted.iter().copied().fold(0.0, f64::max);
             following.push(Following {
                 unit: unit.as_str().to_owned(),
                 measure: Measure::ALL[m],
                 measured,
-                signed,
                 correlation: mean(&weights),
                 worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
-                error: all(&|seen: &Seen| {
-                    let [weight, truth] = pair(seen);
-                    (weight - truth).abs()
-                })
-                .mean,
+                error: all(&|seen: &Seen| (seen.weights[k] - seen.acted[k]).abs()).mean,
+                quiet: Spread::of(where_so(&|seen| most(seen) < IDLE)).p95,
+                reach: full.get(full.len() / 2).copied().unwrap_or(f64::NAN),
+                foreign: mean(&where_so(&|seen| {
+                    seen.acted[k] < IDLE && most(seen) > ACTED
+                })),
             });
         }
     }
-    let frames_seen = || played.iter().flat_map(|one| &one.seen);
-    let idle = |seen: &&Seen| seen.activations.iter().all(|a| a.abs() < IDLE);
-    let resting = frames_seen().filter(idle);
-    let rest = Spread::of(
-        resting
-            .flat_map(|seen| seen.weights.map(f64::abs))
-            .collect(),
-    );
+    let resting = frames_seen().filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
+    let rest = Spread::of(resting.flat_map(|seen| seen.weights.clone()).collect());
     let mut winks = [Vec::new(), Vec::new()];
-    let lids = [Measure::LidL as usize, Measure::LidR as usize];
-    for (seen, [shut, open]) in
-        frames_seen().flat_map(|seen| [(seen, lids), (seen, [lids[1], lids[0]])])
-    {
-        if -seen.activations[shut] > SHUT && -seen.activations[open] < IDLE {
-            winks[0].push(-seen.weights[shut]);
-            winks[1].push((-seen.weights[open]).max(0.0));
+    let lid = |name: &str| columns.iter().position(|column| column == name);
+    if let (Some(left), Some(right)) = (lid("AU43L"), lid("AU43R")) {
+        for (seen, [shut, open]) in
+            frames_seen().flat_map(|seen| [(seen, [left, right]), (seen, [right, left])])
+        {
+            if seen.acted[shut] > SHUT && seen.acted[open] < IDLE {
+                winks[0].push(seen.weights[shut]);
+                winks[1].push(seen.weights[open]);
+            }
         }
     }
     Table {
@@ -543,6 +478,71 @@ fn table(played: &[Played]) -> Table {
         rest,
         winks: winks.map(Spread::of),
         following,
+        matrix: matrix(played),
+    }
+}
+
+/// Mean weights while each expression, both sides of it together, is fully acted and no other is.
+fn matrix(played: &[Played]) -> Matrix {
+    let Some(first) = played.first() else {
+        return Matrix::default();
+    };
+    let stem = |name: &str| {
+        let name = name
+            .strip_suffix("_L")
+            .or(name.strip_suffix("_R"))
+            .unwrap_or(name);
+        name.to_owned()
+    };
+    let mut stems: Vec<String> = first.expressions.iter().map(|name| stem(name)).collect();
+    stems.dedup();
+    let row = |of: &String| {
+        let mut sum = vec![0.0; first.columns.len()];
+        let mut count = 0.0;
+        for (one, seen) in played
+            .iter()
+            .flat_map(|one| one.seen.iter().map(move |s| (one, s)))
+        {
+            let (mut own, mut other) = (f32::INFINITY, 0.0f32);
+            for (name, &weight) in one.expressions.iter().zip(&seen.expressions) {
+                if stem(name) == *of {
+                    own = own.min(weight);
+                } else {
+                    other = other.max(weight);
+                }
+            }
+            if f64::from(own) > FULL && other < ALONE {
+                count += 1.0;
+                for (sum, weight) in sum.iter_mut().zip(&seen.weights) {
+                    *sum += weight;
+                }
+            }
+        }
+        (count > 0.0).then(|| (of.clone(), sum.iter().map(|s| s / count).collect()))
+    };
+    Matrix {
+        units: first.columns.clone(),
+        rows: stems.iter().filter_map(row).collect(),
+    }
+}
+
+impl Display for Matrix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "| acted alone | {} |", self.units.join(" | "))?;
+        writeln!(f, "|{}", " --- |".repeat(self.units.len() + 1))?;
+        for (name, weights) in &self.rows {
+            write!(f, "| `{name}` |")?;
+            for weight in weights {
+                // Nothing to see is left white.
+                if *weight < 0.05 {
+                    write!(f, " |")?;
+                } else {
+                    write!(f, " {weight:.2} |")?;
+                }
+            }
+            writeln!(f)?;
+        }
+        Ok(())
     }
 }
 
@@ -636,21 +636,31 @@ impl Display for Table {
         )?;
         writeln!(
             f,
-            "\n| unit | correlation of weight and true activation (worst person) | error of the weight | measure | its correlation | of its signed weight |\n| --- | --- | --- | --- | --- | --- |"
+            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
         )?;
         for one in &self.following {
             writeln!(
                 f,
-                "| `{}` | {:.3} ({:.3}) | {:.3} | `m_{}` | {:.3} | {:.3} |",
+                "| `{}` | {:.3} ({:.3}) | {:.3} | {:.3} | {:.2} | {:.3} | `m_{}` | {:.3} |",
                 one.unit,
                 one.correlation,
                 one.worst,
                 one.error,
+                one.quiet,
+                one.reach,
+                one.foreign,
                 one.measure.name(),
-                one.measured,
-                one.signed
+                one.measured
             )?;
         }
+        let all = self.following.iter().map(|one| one.correlation);
+        let mean = all.sum::<f64>() / self.following.len().max(1) as f64;
+        writeln!(
+            f,
+            "\nmean correlation of {} units {mean:.3}\n\n{}",
+            self.following.len(),
+            self.matrix
+        )?;
         Ok(())
     }
 }

@@ -442,7 +442,7 @@ impl Scene {
 }
 
 /// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
-const SIDED: [&str; 12] = [
+const SIDED: [&str; 16] = [
     "mouthSmile",
     "mouthStretch",
     "mouthUpperUp",
@@ -455,8 +455,12 @@ const SIDED: [&str; 12] = [
     "eyeWide",
     "cheekRaiser",
     "cheekPuff",
+    "mouthFrown",
+    "mouthDimple",
+    "mouthPress",
+    "cheekSquint",
 ];
-const WHOLE: [&str; 8] = [
+const WHOLE: [&str; 13] = [
     "jawOpen",
     "jawLeft",
     "jawRight",
@@ -465,7 +469,14 @@ const WHOLE: [&str; 8] = [
     "mouthPucker",
     "mouthShrugLower",
     "mouthShrugUpper",
+    "mouthRollLower",
+    "mouthRollUpper",
+    "mouthRoll",
+    "mouthLeft",
+    "mouthRight",
 ];
+/// Both lips rolled in at once, which is no expression of the head's own.
+const ROLL: (&str, [&str; 2]) = ("mouthRoll", ["mouthRollLower", "mouthRollUpper"]);
 /// Voices of [`mix`] that come and go by themselves, and how long each holds an expression, seconds.
 const VOICES: u64 = 3;
 const VOICE_S: f32 = 1.7;
@@ -503,7 +514,11 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
             sided(stem, "_L", weight * left, set);
             sided(stem, "_R", weight * right, set);
         } else if let Some(stem) = WHOLE.get(pick - SIDED.len()) {
-            set(stem, weight);
+            if *stem == ROLL.0 {
+                ROLL.1.iter().for_each(|part| set(part, weight));
+            } else {
+                set(stem, weight);
+            }
         }
     }
     let blink = (t / 1.9) as u64;
@@ -568,7 +583,8 @@ mod tests {
             });
             both += usize::from(on > 2);
         }
-        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2);
+        // Both lids more, and the rolled lips are two others of the list.
+        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2 - 1);
         assert!(most.values().all(|w| *w > 0.5), "{most:?}");
         assert!(both > 900, "{both} frames with more than one");
     }

@@ -9,6 +9,7 @@ pub mod cascade;
 pub mod confidence;
 pub mod dataset;
 pub mod evaluate;
+mod hair;
 pub mod paper_aam;
 pub mod points;
 pub mod refine;

@@ -4,11 +4,11 @@
 //! What varies: identity (shape between and beyond two people's, noise of half a sigma per mode, 3.5 % of scale per axis, a
 //! smooth quadratic warp; skin mixed from both photographs, evenly or from place to place, also beyond one of them, which
 //! makes new people of a hundred), expression (several at once, unequal sides, a fifth neutral), pose (yaw ±40°, pitch ±25°, roll ±20°), distance (0.5 to 1.5 m, so that a
-//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, beards, glasses, hair, hands
-//! and other things in front.
+//! face is 50 to 200 colour pixels wide), light, exposure, gamma, blur, noise, backdrop, mouth interior, near-infrared greys,
+//! beards, glasses, hair, headwear, hands and other things in front.
 //! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
 //! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
-//! fixed places of the mesh, hidden ones included, with a flag. Limitation: no hair of its own but painted strips.
+//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair`).
 //! One file: all steps of a picture draw from one stream of random numbers, in this order.
 
 use std::ops::Range;
@@ -18,6 +18,7 @@ use fastrand::Rng;
 use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
+use super::hair::{self, Picture};
 use super::wear;
 use crate::capacity::LANDMARKS;
 use crate::face_model::scheme::MIRROR;
@@ -125,6 +126,8 @@ impl Renderer {
                         Some(stem) => format!("{stem}_L"),
                         None if name == "jawLeft" => "jawRight".into(),
                         None if name == "jawRight" => "jawLeft".into(),
+                        None if name == "mouthLeft" => "mouthRight".into(),
+                        None if name == "mouthRight" => "mouthLeft".into(),
                         None => name.clone(),
                     },
                 };
@@ -256,6 +259,7 @@ impl Renderer {
         });
 
         backdrop(&mut rng, width, height, &mut scratch.grey);
+        let infrared = (rng.f32() < 0.15).then(|| 0.6 + 0.6 * rng.f32());
         for (grey, (rgb, &inverse)) in scratch
             .grey
             .iter_mut()
@@ -263,9 +267,13 @@ impl Renderer {
         {
             if inverse > 0.0 {
                 *grey = f32::from(luma_of(*rgb));
+                if let Some(red) = infrared {
+                    // In the near infrared skin is light and even, and lips hardly differ from it: as in the red channel.
+                    *grey += red * (f32::from(rgb[0]) - *grey);
+                }
             }
         }
-        if rng.f32() < 0.15 {
+        if rng.f32() < 0.2 {
             wear::beard(
                 &mut rng,
                 &points,
@@ -278,8 +286,17 @@ impl Renderer {
         if rng.f32() < 0.15 {
             wear::glasses(&mut rng, &points, width, height, &mut scratch.grey);
         }
-        if rng.f32() < 0.18 {
-            hair(&mut rng, &points, width, height, &mut scratch.grey);
+        let mut picture = Picture {
+            width,
+            height,
+            grey: &mut scratch.grey,
+            visible: &mut visible,
+        };
+        if rng.f32() < 0.35 {
+            hair::mane(&mut rng, &points, &mut picture);
+        }
+        if rng.f32() < 0.15 {
+            hair::headwear(&mut rng, &points, &mut picture);
         }
         if rng.f32() < 0.22 {
             let cover: Cover = if rng.f32() < 0.35 { wear::hand } else { block };
@@ -397,6 +414,18 @@ impl Renderer {
             14 => both("eyeLookUp", rng.f32(), rng),
             _ => {}
         }
+        // To a side, both eyes together.
+        if rng.f32() < 0.3 {
+            let aside = rng.f32();
+            let to_left = rng.bool();
+            let [left, right] = if to_left {
+                ["Out", "In"]
+            } else {
+                ["In", "Out"]
+            };
+            both(&format!("eyeLook{left}_L"), aside, rng);
+            both(&format!("eyeLook{right}_R"), aside, rng);
+        }
         let jaw = match rng.u8(..10) {
             0 | 1 => 0.6 + 0.5 * rng.f32(),
             2..=4 => 0.6 * rng.f32(),
@@ -409,7 +438,7 @@ impl Renderer {
         }
         for _ in 0..1 + rng.usize(..2) {
             let weight = rng.f32().sqrt();
-            match rng.u8(..15) {
+            match rng.u8(..24) {
                 0..=2 => {
                     both("mouthSmile", weight, rng);
                     both("cheekRaiser", 0.6 * weight * rng.f32(), rng);
@@ -427,6 +456,35 @@ impl Renderer {
                 11 => both("noseSneer", weight, rng),
                 12 => both(if rng.bool() { "jawLeft" } else { "jawRight" }, weight, rng),
                 13 => both("jawForward", weight, rng),
+                14 | 15 => {
+                    both("mouthFrown", weight, rng);
+                    both("mouthShrugLower", rng.f32() * weight, rng);
+                }
+                16 => both("mouthDimple", weight, rng),
+                17 => both("mouthPress", weight, rng),
+                18 => {
+                    both("mouthRollLower", weight, rng);
+                    both("mouthRollUpper", weight, rng);
+                }
+                19 => both(
+                    if rng.bool() {
+                        "mouthRollLower"
+                    } else {
+                        "mouthRollUpper"
+                    },
+                    weight,
+                    rng,
+                ),
+                20 => both(
+                    if rng.bool() {
+                        "mouthLeft"
+                    } else {
+                        "mouthRight"
+                    },
+                    weight,
+                    rng,
+                ),
+                21 => both("cheekSquint", weight, rng),
                 _ => {}
             }
         }
@@ -582,41 +640,6 @@ fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Vec<f32>) {
     }
 }
 
-/// A fringe: strips over forehead and temples.
-fn hair(
-    rng: &mut Rng,
-    points: &[[f32; 2]; LANDMARKS],
-    width: usize,
-    height: usize,
-    grey: &mut [f32],
-) {
-    let face = (points[16][0] - points[0][0])
-        .abs()
-        .max((points[8][1] - points[27][1]).abs())
-        .max(8.0);
-    let colour = 15.0 + 140.0 * rng.f32() * rng.f32();
-    let brow = points[17..27].iter().map(|p| p[1]).sum::<f32>() / 10.0;
-    let left = points[17][0].min(points[26][0]) - 0.15 * face;
-    for _ in 0..6 + rng.usize(..30) {
-        let start = left + rng.f32() * 1.3 * face;
-        let lean = 0.35 * either(rng);
-        let thick = face * (0.005 + 0.02 * rng.f32() * rng.f32());
-        let end = brow + face * (0.35 * rng.f32() - 0.15);
-        let shade = colour * (0.7 + 0.6 * rng.f32());
-        let top = (brow - 0.5 * face).max(0.0) as usize;
-        for row in top..(end.max(0.0) as usize).min(height) {
-            let centre = start + lean * (row as f32 - top as f32);
-            let (from, to) = (
-                (centre - thick).max(0.0) as usize,
-                (centre + thick).max(0.0) as usize,
-            );
-            for col in from.min(width)..to.min(width) {
-                grey[row * width + col] = shade;
-            }
-        }
-    }
-}
-
 /// Something in front of the face: a hand's or a cup's worth of flat or noisy grey.
 fn block(
     rng: &mut Rng,
@@ -682,6 +705,12 @@ fn develop(
         }
     }
     let gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
+    // A dim room, now and then.
+    let gain = if rng.f32() < 0.12 {
+        gain * (0.2 + 0.4 * rng.f32())
+    } else {
+        gain
+    };
     let gamma = 0.75 + 0.55 * rng.f32();
     let curve: Vec<f32> = (0..=1023)
         .map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain)

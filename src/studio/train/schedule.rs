@@ -5,6 +5,7 @@
 //! The model file is written only at the end.
 //! One file: the order of a training from pictures to figures; each step has its own file.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -55,6 +56,8 @@ pub struct TrainArgs {
     pub paper_pictures: usize,
     /// Tracks for its 3D shape; without, they are made from the pictures.
     pub tracks: Option<Tracks>,
+    /// The paper's active appearance model of an earlier training, to be kept instead of learning it.
+    pub paper_aam: Option<Cow<'static, [u8]>>,
     /// Whether the people for choosing settings stay out, to measure on them.
     pub hold_out_dev: bool,
     /// Seed of everything random.
@@ -74,6 +77,7 @@ impl Default for TrainArgs {
             penalty: 0.5,
             paper_pictures: 400,
             tracks: None,
+            paper_aam: None,
             hold_out_dev: false,
             seed: 1,
         }
@@ -491,7 +495,9 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     }
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write(&args.out, &file::emit(&model))?;
-    if let Some(every) = pictures.train.len().checked_div(args.paper_pictures) {
+    if let Some(kept) = &args.paper_aam {
+        model.paper_aam = kept.clone();
+    } else if let Some(every) = pictures.train.len().checked_div(args.paper_pictures) {
         let every = every.max(1);
         let few: Vec<TruePicture> = pictures.train.iter().step_by(every).cloned().collect();
         model.paper_aam =
@@ -545,6 +551,9 @@ pub fn finish(
     let portraits = portraits(args, &model.shape)?.train;
     let confidence = learn_confidence(args, &portraits, &model.shape, &model.cold, &model.warm)?;
     model.confidence = confidence.into();
+    if let Some(kept) = &args.paper_aam {
+        model.paper_aam = kept.clone();
+    }
     model.refinement = learn_depth(args, &model)?;
     write(&args.out, &file::emit(&model))?;
     say(&format!("wrote {}", args.out.display()));

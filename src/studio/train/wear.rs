@@ -20,7 +20,7 @@ fn face_width(points: &Points) -> f32 {
 }
 
 /// Whether a place lies in a polygon (crossing number).
-fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
+pub(super) fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
     let mut within = false;
     for (k, a) in polygon.iter().enumerate() {
         let b = polygon[(k + 1) % polygon.len()];
@@ -31,7 +31,7 @@ fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
     within
 }
 
-/// A beard or stubble between jaw and lips, sometimes only on the upper lip or on the chin.
+/// A beard or stubble between jaw and lips, sometimes only on the upper lip or on the chin, sometimes well below the jaw.
 pub(super) fn beard(
     rng: &mut Rng,
     points: &Points,
@@ -68,7 +68,9 @@ pub(super) fn beard(
         ],
         _ => {
             let top = 0.1 + 0.4 * rng.f32();
-            let mut outline: Vec<[f32; 2]> = (3..=13).map(|k| points[k]).collect();
+            // Fuller beards hide the jaw.
+            let full = 1.0 + 0.3 * (rng.f32() - 0.4).max(0.0);
+            let mut outline: Vec<[f32; 2]> = (3..=13).map(|k| between(33, k, full)).collect();
             outline.push(between(13, 54, 0.35));
             outline.push(between(54, 35, top));
             outline.push(between(33, 51, 0.3));

@@ -1,0 +1,79 @@
+//! What else the points tell beside the measures: lengths that no unit is named after, but that tell units apart.
+//!
+//! A lip that is rolled in is thin, a brow that is drawn down comes nearer to the other, a chin that is raised comes nearer to
+//! the lip: section 2.1's measures see little of it. Head frame, metres; divided by the inner-eye-corner distance like the
+//! measures. Used by [`super::readings`] only. Cost: some hundred additions a frame, no memory.
+
+use crate::capacity::{FEATURES, LANDMARKS};
+use crate::geometry::Point;
+
+/// A length between two groups of points along an axis of the head.
+#[derive(Clone, Copy, Debug)]
+pub struct Feature {
+    /// Its name in `config/units.toml`.
+    pub name: &'static str,
+    /// Axis: 0 is x, towards the subject's left; 1 is y, down.
+    axis: usize,
+    /// Mean of these …
+    of: &'static [usize],
+    /// … minus the mean of those.
+    from: &'static [usize],
+}
+
+const fn feature(
+    name: &'static str,
+    axis: usize,
+    of: &'static [usize],
+    from: &'static [usize],
+) -> Feature {
+    Feature {
+        name,
+        axis,
+        of,
+        from,
+    }
+}
+
+/// All, in the order of the inputs.
+pub const ALL: [Feature; FEATURES] = [
+    feature("brow_distance", 0, &[22], &[21]),
+    feature("upper_lid_L", 1, &[42, 45], &[43, 44]),
+    feature("upper_lid_R", 1, &[36, 39], &[37, 38]),
+    feature("lower_lid_L", 1, &[46, 47], &[42, 45]),
+    feature("lower_lid_R", 1, &[40, 41], &[36, 39]),
+    feature("upper_lip_height", 1, &[61, 62, 63], &[50, 51, 52]),
+    feature("lower_lip_height", 1, &[56, 57, 58], &[65, 66, 67]),
+    feature("chin_height", 1, &[7, 8, 9], &[56, 57, 58]),
+    feature("lower_lip_drop", 1, &[56, 57, 58], &[33]),
+    feature("corner_out_L", 0, &[54], &[33]),
+    feature("corner_out_R", 0, &[33], &[48]),
+    feature("outer_brow_L", 1, &[42, 45], &[25, 26]),
+    feature("outer_brow_R", 1, &[36, 39], &[17, 18]),
+    feature("lower_lip_L", 1, &[55], &[33]),
+    feature("lower_lip_R", 1, &[59], &[33]),
+    feature("nose_width", 0, &[35], &[31]),
+    feature("upper_lip_shift", 0, &[51], &[33]),
+    feature("upper_lip_drop", 1, &[50, 51, 52], &[33]),
+];
+
+impl Feature {
+    /// Its length on a face, metres.
+    #[must_use]
+    pub fn raw(&self, points: &[Point; LANDMARKS]) -> f32 {
+        let mean = |group: &[usize]| {
+            group.iter().map(|&i| points[i][self.axis]).sum::<f32>() / group.len() as f32
+        };
+        mean(self.of) - mean(self.from)
+    }
+
+    /// The landmarks it is made of.
+    pub fn landmarks(&self) -> impl Iterator<Item = usize> + '_ {
+        self.of.iter().chain(self.from).copied()
+    }
+
+    /// Position of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<usize> {
+        ALL.iter().position(|feature| feature.name == name)
+    }
+}

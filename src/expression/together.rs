@@ -1,0 +1,160 @@
+//! Readings of one person over time: departures of all inputs from their rest, and a learner for each unit's reading.
+//!
+//! Memory: a [`RobustLearner`] for each feature and each unit, about 90 KiB; nothing is allocated after [`Together::new`].
+
+use super::features;
+use super::range::Range;
+use super::readings::Reading;
+use super::robust::RobustLearner;
+use super::smooth::OneEuro;
+use super::units::{Kind, Units};
+use super::{LEAST_CONFIDENCE, Settings};
+use crate::capacity::{FEATURES, INPUTS, LANDMARKS, LEARNT_MEASURES, MEASURES, UNITS};
+use crate::geometry::Point;
+use crate::landmarks::Landmarks;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
+/// Readings of one person.
+#[derive(Clone, Debug)]
+pub(super) struct Together {
+    features: Box<[RobustLearner]>,
+    units: Box<[RobustLearner]>,
+    readings: heapless::Vec<Reading, UNITS>,
+    filters: [OneEuro; UNITS],
+    values: [f64; FEATURES],
+    departures: [f64; INPUTS],
+    read: [f64; UNITS],
+}
+
+impl Together {
+    /// A person nobody has seen yet; none if the table has no readings.
+    pub(super) fn new(settings: &Settings, units: &Units) -> Option<Self> {
+        let priors = units.features.as_ref()?;
+        let robust = settings.robust();
+        let phase = |k: usize| (k as f64 * 0.618).fract();
+        let learner = |(k, prior)| RobustLearner::new(robust, prior, phase(k));
+        let features = priors.iter().map(super::readings::FeaturePrior::prior);
+        let readings = heapless::Vec::from_slice(&units.readings).ok()?;
+        Some(Self {
+            features: features.enumerate().map(learner).collect(),
+            units: (0..readings.len())
+                .map(|k| learner((k, Reading::PRIOR)))
+                .collect(),
+            readings,
+            filters: core::array::from_fn(|_| OneEuro::default()),
+            values: [0.0; FEATURES],
+            departures: [0.0; INPUTS],
+            read: [0.0; UNITS],
+        })
+    }
+
+    /// Departures of the last frame.
+    pub(super) fn departures(&self) -> &[f64; INPUTS] {
+        &self.departures
+    }
+
+    /// Takes a frame: points in the head frame (metres), what they are divided by, measures and who learns their rest.
+    pub(super) fn read(
+        &mut self,
+        points: &[Point; LANDMARKS],
+        divisor: f32,
+        measures: &[f32; MEASURES],
+        learners: &[RobustLearner],
+    ) {
+        for (m, learner) in learners.iter().enumerate() {
+            self.departures[m] = f64::from(measures[m]) - learner.range().rest;
+        }
+        for (k, (feature, learner)) in features::ALL.iter().zip(&self.features).enumerate() {
+            self.values[k] = f64::from(feature.raw(points) / divisor);
+            self.departures[LEARNT_MEASURES + k] = self.values[k] - learner.range().rest;
+        }
+        for (read, reading) in self.read.iter_mut().zip(&self.readings) {
+            *read = reading.of(&self.departures);
+        }
+    }
+
+    /// Learns from the frame that was read; `expressions`: whether departures are expressions yet.
+    pub(super) fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, expressions: bool) {
+        for ((feature, learner), &g) in features::ALL
+            .iter()
+            .zip(&mut self.features)
+            .zip(&self.values)
+        {
+            let points = feature.landmarks();
+            let (sum, count) = points.fold((0.0, 0.0), |(sum, count), i| {
+                (sum + landmarks.point_confidence[i], count + 1.0)
+            });
+            if g.is_finite() && sum >= LEAST_CONFIDENCE * count {
+                learner.observe(g, omega, dt, true);
+            } else {
+                learner.interrupt();
+            }
+        }
+        if expressions {
+            for (learner, &read) in self.units.iter_mut().zip(&self.read) {
+                learner.observe(read, omega, dt, true);
+            }
+        }
+    }
+
+    /// Weight and readiness of a reading.
+    pub(super) fn weigh(&mut self, reading: usize, settings: &Settings, dt: f64) -> (f64, f64) {
+        let learner = &self.units[reading];
+        let range = learner.range();
+        let read = self.filters[reading].filter(
+            self.read[reading],
+            range.high - range.rest,
+            settings.smoothing_hz,
+            dt,
+        );
+        let dead_zone = settings.dead_zone * learner.sigma();
+        (
+            range.weight(read, Kind::Rising, dead_zone),
+            learner.readiness().0,
+        )
+    }
+
+    /// Takes the last frame's face for rest.
+    pub(super) fn take_neutral(&mut self) {
+        for (learner, &g) in self.features.iter_mut().zip(&self.values) {
+            learner.set_rest(g);
+        }
+        for learner in &mut self.units {
+            learner.set_rest(0.0);
+        }
+    }
+
+    /// Frames were missing.
+    pub(super) fn interrupt(&mut self) {
+        self.features.iter_mut().for_each(RobustLearner::interrupt);
+        self.units.iter_mut().for_each(RobustLearner::interrupt);
+        self.filters.iter_mut().for_each(OneEuro::reset);
+    }
+
+    /// Forgets the person.
+    pub(super) fn reset(&mut self) {
+        self.features.iter_mut().for_each(RobustLearner::reset);
+        self.units.iter_mut().for_each(RobustLearner::reset);
+        self.filters.iter_mut().for_each(OneEuro::reset);
+    }
+
+    /// Starts from the saved ranges of this person's measures: who moves a measure far reads its units high.
+    pub(super) fn restore(&mut self, units: &Units, ranges: &[Range; LEARNT_MEASURES]) {
+        for (row, range) in units.rows.iter().zip(ranges) {
+            let sides = [
+                (&row.rises, range.high - range.rest, row.prior.up),
+                (&row.falls, range.rest - range.low, row.prior.down),
+            ];
+            for (unit, own, usual) in sides {
+                if let Some(reading) = units.reading(unit.as_ref()).filter(|_| usual > 0.0) {
+                    self.units[reading].restore(Range {
+                        low: 0.0,
+                        rest: 0.0,
+                        high: own / usual,
+                    });
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,320 @@
+//! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces whose expressions are known.
+//!
+//! People the face model may learn from act random mixtures (`Scene::Mixed`) before the simulated sensor, some of them
+//! with hair and things; the whole pipeline follows them. Of every frame in which a face is believed and rest has been
+//! learnt, the departures of all inputs and the truth of all units ([`super::acted`]) make an example, and its mirror image
+//! another. Ridge regression on rises and falls gives the shares; those that move a reading least are dropped, the rest fitted
+//! again. At last a reading is stretched so that the middle one of full expressions comes to [`FULL`], by [`MOST`] at most:
+//! what is hardly seen regresses to small readings. Seeded; eye distances.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::acted::{Acted, UNITS};
+use super::heads::{PersonHead, textured_heads};
+use super::sessions::{SessionsError, lighting, seed_of};
+use super::split::Split;
+use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
+use crate::expression::features;
+use crate::expression::readings::{input_name, input_named};
+use crate::face_model::FaceModel;
+use crate::pipeline::Pipeline;
+use crate::sensor::virtual_head::{Look, Scene, Sensor, Simulator};
+use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::settings::Settings;
+use crate::users::TrackingState;
+
+/// Ticks of the 60 MHz counter per frame.
+const FRAME_TICKS: i64 = 2_000_000;
+/// Seconds after which rest has been learnt.
+const SETTLED_S: f64 = 6.0;
+/// Every so many frames make an example: neighbours say the same.
+const EVERY: i64 = 2;
+/// One person of so many wears hair and things: they take four times as long to draw.
+const DRESSED: usize = 5;
+/// Penalty of the regression, in examples, on inputs scaled to their deviation.
+const PENALTY: f64 = 60.0;
+/// Shares that move a reading by less than this, one standard deviation, are dropped.
+const LEAST: f64 = 0.006;
+/// What the middle one of full expressions is read as, and the most a reading is stretched for it.
+const FULL: f64 = 0.95;
+const MOST: f64 = 2.0;
+/// Truth from which an expression is full.
+const FULLY: f64 = 0.8;
+
+/// What is played.
+#[derive(Clone, Debug)]
+pub struct Practice {
+    /// People, at most.
+    pub people: usize,
+    /// Length of each session.
+    pub seconds: f64,
+    /// Seed.
+    pub seed: u64,
+}
+
+impl Default for Practice {
+    fn default() -> Self {
+        Self {
+            people: 60,
+            seconds: 60.0,
+            seed: 41,
+        }
+    }
+}
+
+/// Departures of all inputs, truth of all units in the order of [`UNITS`].
+#[derive(Clone)]
+struct Example {
+    departures: [f64; INPUTS],
+    truth: [f64; UNITS.len()],
+}
+
+/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the settings.
+pub fn learn(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    practice: &Practice,
+    say: &mut dyn FnMut(&str),
+) -> Result<String, SessionsError> {
+    let mut heads = textured_heads(data, |person| Split::of(person) != Split::Test)?;
+    heads.truncate(practice.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    let people = heads.len();
+    let priors = feature_priors(&heads);
+    let mut examples: Vec<Example> = heads
+        .into_par_iter()
+        .enumerate()
+        .map(|(number, head)| practise(head, number, model, settings, practice))
+        .collect::<Result<Vec<_>, _>>()?
+        .concat();
+    say(&format!("{} examples of {people} people", examples.len()));
+    let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
+    examples.extend(mirrored);
+    let mut text = priors;
+    let learnt: Vec<_> = (0..UNITS.len())
+        .into_par_iter()
+        .map(|k| regress(&examples, k))
+        .collect();
+    for ((unit, _), (shares, line)) in UNITS.iter().zip(learnt) {
+        say(&format!("{unit:6} {line}"));
+        write_reading(&mut text, unit, &shares);
+    }
+    Ok(text)
+}
+
+fn practise(
+    head: PersonHead,
+    number: usize,
+    model: &FaceModel,
+    settings: &Settings,
+    practice: &Practice,
+) -> Result<Vec<Example>, SessionsError> {
+    let seed = seed_of(practice.seed, head.person);
+    let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
+    let acted = Acted::new(&head.asset);
+    let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).lit(light, exposure);
+    if number % DRESSED == 1 {
+        simulator = simulator
+            .dressed([Look::numbered(number, seed)])
+            .seen_by(Sensor {
+                faults: 1.0,
+                ..Sensor::default()
+            });
+    }
+    let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
+    let mut frame = Frame::default();
+    let mut examples = Vec::new();
+    for index in 0..(practice.seconds * 30.0) as i64 {
+        let shown = simulator.draw(timestamp_from_ticks(index * FRAME_TICKS), &mut frame);
+        pipeline.follow(&frame);
+        let state = pipeline.report().state;
+        let followed = matches!(state, TrackingState::Warming | TrackingState::Tracking);
+        let (Some(shown), true) = (shown, followed) else {
+            continue;
+        };
+        if (index as f64) < SETTLED_S * 30.0 || index % EVERY != 0 {
+            continue;
+        }
+        let Some(&departures) = pipeline.expression(0).departures() else {
+            continue;
+        };
+        examples.push(Example {
+            departures,
+            truth: core::array::from_fn(|k| acted.of(UNITS[k].0, &shown).unwrap_or(0.0)),
+        });
+    }
+    Ok(examples)
+}
+
+/// The same of the other side.
+fn other_side(name: &str) -> String {
+    match (name.strip_suffix('L'), name.strip_suffix('R')) {
+        (Some(stem), _) => format!("{stem}R"),
+        (_, Some(stem)) => format!("{stem}L"),
+        _ => name.to_owned(),
+    }
+}
+
+/// Inputs that change their sign in a mirror.
+const LATERAL: [&str; 2] = ["lip_shift", "upper_lip_shift"];
+
+impl Example {
+    fn mirrored(&self) -> Self {
+        let unit = |name: &str| UNITS.iter().position(|(unit, _)| *unit == name);
+        Self {
+            departures: core::array::from_fn(|i| {
+                let name = input_name(i);
+                let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
+                sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
+            }),
+            truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
+        }
+    }
+}
+
+/// Shares by input and side of one unit, and what to say of them.
+fn regress(examples: &[Example], unit: usize) -> ([[f64; 2]; INPUTS], String) {
+    let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
+    let mut kept: Vec<(usize, usize)> = (0..INPUTS).flat_map(|i| [(i, 0), (i, 1)]).collect();
+    let scale = |&(i, s): &(usize, usize)| {
+        let sum: f64 = examples
+            .iter()
+            .map(|e| side(e.departures[i], s).powi(2))
+            .sum();
+        (sum / examples.len() as f64).sqrt().max(1e-4)
+    };
+    let mut shares = [[0.0; 2]; INPUTS];
+    for round in 0..3 {
+        let scales: Vec<f64> = kept.iter().map(scale).collect();
+        let n = kept.len();
+        let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
+        let mut right = DVector::zeros(n);
+        let mut row = vec![0.0; n];
+        for e in examples {
+            for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
+                *x = side(e.departures[i], s) / scale;
+            }
+            for a in 0..n {
+                if row[a] == 0.0 {
+                    continue;
+                }
+                right[a] += row[a] * e.truth[unit];
+                for b in 0..=a {
+                    gram[(a, b)] += row[a] * row[b];
+                }
+            }
+        }
+        let Some(solution) = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right)) else {
+            break;
+        };
+        shares = [[0.0; 2]; INPUTS];
+        for ((&(i, s), value), scale) in kept.iter().zip(solution.iter()).zip(&scales) {
+            shares[i][s] = value / scale;
+        }
+        if round < 2 {
+            let matters: Vec<bool> = solution.iter().map(|v| v.abs() >= LEAST).collect();
+            let mut matters = matters.into_iter();
+            kept.retain(|_| matters.next().unwrap_or(true));
+        }
+    }
+    let read = |e: &Example, shares: &[[f64; 2]; INPUTS]| -> f64 {
+        let sum = shares.iter().zip(&e.departures);
+        sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
+    };
+    let mut full: Vec<f64> = examples
+        .iter()
+        .filter(|e| e.truth[unit] > FULLY)
+        .map(|e| read(e, &shares))
+        .collect();
+    full.sort_by(f64::total_cmp);
+    let middle = full.get(full.len() / 2).copied().unwrap_or(FULL);
+    let stretch = (FULL / middle.max(1e-3)).clamp(1.0, MOST);
+    for share in shares.iter_mut().flatten() {
+        *share *= stretch;
+    }
+    // Correlation, over all people.
+    let n = examples.len() as f64;
+    let pairs = examples
+        .iter()
+        .map(|e| (read(e, &shares).max(0.0), e.truth[unit]));
+    let [mut a, mut b, mut aa, mut bb, mut ab] = [0.0; 5];
+    for (x, y) in pairs {
+        (a, b, aa, bb, ab) = (a + x, b + y, aa + x * x, bb + y * y, ab + x * y);
+    }
+    let r = (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt();
+    let line = format!(
+        "r {r:.3}, full {middle:.2}, stretched by {stretch:.2}, {} shares",
+        kept.len()
+    );
+    (shares, line)
+}
+
+/// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.
+fn feature_priors(heads: &[PersonHead]) -> String {
+    let mut rests = vec![Vec::new(); FEATURES];
+    let mut spans = [0.0f64; FEATURES];
+    for head in heads {
+        let asset = &head.asset;
+        let mut vertices = asset.neutral.clone();
+        let mut lengths = |acted: Option<usize>| -> Vec<f64> {
+            let mut weights = vec![0.0; asset.expressions.len()];
+            if let Some(k) = acted {
+                weights[k] = 1.0;
+            }
+            asset.deform(&weights, &mut vertices);
+            let points = asset.landmarks_on(&vertices);
+            let w = nalgebra::distance(&points[39], &points[42]);
+            features::ALL
+                .iter()
+                .map(|f| f64::from(f.raw(&points) / w))
+                .collect()
+        };
+        let neutral = lengths(None);
+        for (rests, &rest) in rests.iter_mut().zip(&neutral) {
+            rests.push(rest);
+        }
+        for k in 0..asset.expressions.len() {
+            for ((span, full), rest) in spans.iter_mut().zip(lengths(Some(k))).zip(&neutral) {
+                *span = span.max((full - rest).abs());
+            }
+        }
+    }
+    let mut text = String::new();
+    for ((feature, rests), span) in features::ALL.iter().zip(&rests).zip(&spans) {
+        let n = rests.len() as f64;
+        let mean = rests.iter().sum::<f64>() / n;
+        let sd = (rests.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
+        // People differ by more than this head set's.
+        let sd = 1.2 * sd + 0.01;
+        let _ = write!(
+            text,
+            "\n[[feature]]\nname = \"{}\"\nrest = {mean:.3}\nrest_sd = {sd:.3}\nspan = {:.3}\n",
+            feature.name,
+            0.5 * span
+        );
+    }
+    text
+}
+
+fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
+    let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
+    for (i, [rise, fall]) in shares.iter().enumerate() {
+        if *rise != 0.0 || *fall != 0.0 {
+            let _ = writeln!(text, "  [\"{}\", {rise:.2}, {fall:.2}],", input_name(i));
+        }
+    }
+    text.push_str("]\n");
+}
+
+/// The measures come first among the inputs.
+const _: () = assert!(INPUTS == LEARNT_MEASURES + FEATURES);

@@ -1,0 +1,322 @@
+//! What frames or covers a face in a training picture: hair beside it and over the brow, caps, hoods, headphones, scarves,
+//! masks; drawn over the grey picture.
+//!
+//! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
+//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `wear`.
+
+use fastrand::Rng;
+
+use super::render::either;
+use super::wear::inside;
+use crate::capacity::LANDMARKS;
+
+type Points = [[f32; 2]; LANDMARKS];
+
+/// The grey picture, and which landmarks are still seen.
+pub(super) struct Picture<'a> {
+    pub width: usize,
+    pub height: usize,
+    pub grey: &'a mut [f32],
+    pub visible: &'a mut [bool; LANDMARKS],
+}
+
+impl Picture<'_> {
+    /// Paints a region: `shade` gives a place's grey, none outside.
+    fn paint(&mut self, points: &Points, shade: impl Fn(f32, f32) -> Option<f32>) {
+        for row in 0..self.height {
+            for column in 0..self.width {
+                if let Some(grey) = shade(column as f32, row as f32) {
+                    self.grey[row * self.width + column] = grey;
+                }
+            }
+        }
+        for (point, visible) in points.iter().zip(self.visible.iter_mut()) {
+            *visible &= shade(point[0], point[1]).is_none();
+        }
+    }
+}
+
+/// Axes of a face in the picture: origin between the brows, `right` towards point 16, `down` towards the chin; `size` is
+/// the height from there to the chin, which yaw leaves alone.
+struct Frame {
+    origin: [f32; 2],
+    right: [f32; 2],
+    down: [f32; 2],
+    size: f32,
+}
+
+impl Frame {
+    fn of(points: &Points) -> Self {
+        let brow = |k: std::ops::Range<usize>| {
+            let n = k.len() as f32;
+            k.fold([0.0, 0.0], |s, k| {
+                [s[0] + points[k][0] / n, s[1] + points[k][1] / n]
+            })
+        };
+        let origin = brow(17..27);
+        let [x, y] = [points[8][0] - origin[0], points[8][1] - origin[1]];
+        let size = x.hypot(y).max(8.0);
+        let down = [x / size, y / size];
+        Self {
+            origin,
+            right: [down[1], -down[0]],
+            down,
+            size,
+        }
+    }
+
+    /// A picture's place in sizes of the face.
+    fn local(&self, x: f32, y: f32) -> [f32; 2] {
+        let (x, y) = (x - self.origin[0], y - self.origin[1]);
+        [
+            (x * self.right[0] + y * self.right[1]) / self.size,
+            (x * self.down[0] + y * self.down[1]) / self.size,
+        ]
+    }
+
+    /// The points in sizes of the face.
+    fn locals(&self, points: &Points) -> Points {
+        points.map(|[x, y]| self.local(x, y))
+    }
+}
+
+/// Height of a head's outline above a place, `half` sizes wide on either side, `top` at the crown.
+fn crown(u: f32, middle: f32, half: f32, top: f32) -> f32 {
+    let t = ((u - middle) / half).clamp(-1.0, 1.0);
+    top * (1.0 - t * t).sqrt()
+}
+
+/// Strands of hair: light and dark stripes along a slightly waving direction.
+struct Strands {
+    base: f32,
+    contrast: f32,
+    lean: f32,
+    wave: [f32; 3],
+    per_size: f32,
+    stripes: [f32; 61],
+}
+
+impl Strands {
+    fn new(rng: &mut Rng) -> Self {
+        Self {
+            base: 8.0 + 190.0 * rng.f32() * rng.f32(),
+            contrast: 0.1 + 0.6 * rng.f32(),
+            lean: 0.3 * either(rng),
+            wave: [0.05 * rng.f32(), 4.0 + 10.0 * rng.f32(), 6.3 * rng.f32()],
+            per_size: 15.0 + 60.0 * rng.f32(),
+            stripes: std::array::from_fn(|_| either(rng)),
+        }
+    }
+
+    /// Grey of a local place; `across` shifts the strands.
+    fn grey(&self, [u, v]: [f32; 2]) -> f32 {
+        let at = (u + self.lean * v + self.wave[0] * (self.wave[1] * v + self.wave[2]).sin())
+            * self.per_size
+            + 300.0;
+        let (k, part) = (at.max(0.0) as usize, at.max(0.0).fract());
+        let [a, b] = [k, k + 1].map(|k| self.stripes[k % self.stripes.len()]);
+        (self.base * (1.0 + self.contrast * (a + part * (b - a)))).clamp(0.0, 255.0)
+    }
+
+    /// −1…1 that changes from strand to strand.
+    fn ragged(&self, u: f32) -> f32 {
+        let at = u * self.per_size * 0.5 + 100.0;
+        let (k, part) = (at.max(0.0) as usize, at.max(0.0).fract());
+        let [a, b] = [k, k + 1].map(|k| self.stripes[(7 * k) % self.stripes.len()]);
+        a + part * (b - a)
+    }
+}
+
+/// Hair on the head and beside the face, over the ears and some of the cheeks; mostly with a fringe too.
+pub(super) fn mane(rng: &mut Rng, points: &Points, picture: &mut Picture) {
+    let strands = Strands::new(rng);
+    if rng.f32() < 0.85 {
+        curtain(rng, &strands, points, picture);
+    }
+    if rng.f32() < 0.5 {
+        fringe(rng, &strands, points, picture);
+    }
+}
+
+/// Hair above the hairline and down one side or both.
+fn curtain(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Picture) {
+    let frame = Frame::of(points);
+    let local = frame.locals(points);
+    let hairline = -(0.12 + 0.4 * rng.f32());
+    let top = hairline - 0.2 - 0.4 * rng.f32();
+    // Down to the ears, the chin, or the chest.
+    let length = [0.45, 0.9, 1.9][rng.usize(..3)] + 0.2 * either(rng);
+    let mut outline = Vec::new();
+    let side = |jaw: [usize; 6], sign: f32, rng: &mut Rng| {
+        if rng.f32() < 0.12 {
+            // Behind the ear.
+            return Vec::new();
+        }
+        let into = -0.04 + 0.16 * rng.f32() * rng.f32();
+        let opens = 0.1 * either(rng);
+        let wide = 0.06 + 0.4 * rng.f32() * rng.f32();
+        let inner: Vec<[f32; 2]> = jaw
+            .iter()
+            .enumerate()
+            .map(|(k, &p)| {
+                let t = k as f32 / 5.0;
+                [local[p][0] - sign * (into + opens * t), local[p][1]]
+            })
+            .filter(|p| p[1] < length)
+            .collect();
+        let Some((&first, &last)) = inner.first().zip(inner.last()) else {
+            return Vec::new();
+        };
+        let mut edge = vec![[first[0] - sign * 0.02, hairline]];
+        edge.extend(&inner);
+        edge.push([last[0] + sign * 0.02, last[1].max(length)]);
+        edge.push([local[jaw[0]][0] + sign * wide, last[1].max(length)]);
+        edge.push([local[jaw[0]][0] + sign * wide, top]);
+        edge.push([local[jaw[0]][0], top]);
+        edge
+    };
+    for (jaw, sign) in [([0, 1, 2, 3, 4, 5], -1.0), ([16, 15, 14, 13, 12, 11], 1.0)] {
+        outline.push(side(jaw, sign, rng));
+    }
+    let (left, right) = (local[0][0] - 0.08, local[16][0] + 0.08);
+    let peak = 0.08 * either(rng);
+    picture.paint(points, |x, y| {
+        let [u, v] = frame.local(x, y);
+        let edge = hairline + 0.012 * strands.ragged(u) + peak * (u - left) / (right - left);
+        let above = u > left && u < right && v < edge && v > top;
+        let beside = outline
+            .iter()
+            .any(|outline| inside(outline, u + 0.01 * strands.ragged(v), v));
+        (above || beside).then(|| strands.grey([u, v]))
+    });
+}
+
+/// Hair over the forehead down to the brows, sometimes over them and the lids.
+fn fringe(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Picture) {
+    let frame = Frame::of(points);
+    let local = frame.locals(points);
+    let (left, right) = (local[0][0] - 0.05, local[16][0] + 0.05);
+    let end = -0.1 + 0.22 * rng.f32() * rng.f32().sqrt();
+    let (slope, bend) = (0.18 * either(rng), 0.3 * either(rng));
+    let ragged = 0.01 + 0.05 * rng.f32();
+    // Parted: nothing about the parting.
+    let parting = (rng.f32() < 0.3).then(|| (0.25 * either(rng), 0.3 + 0.6 * rng.f32()));
+    let (from, to) = if rng.f32() < 0.25 {
+        // Over one side only.
+        if rng.bool() {
+            (left, 0.05)
+        } else {
+            (-0.05, right)
+        }
+    } else {
+        (left, right)
+    };
+    let thin = 0.35 * rng.f32();
+    picture.paint(points, |x, y| {
+        let [u, v] = frame.local(x, y);
+        let outside = v < crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.75);
+        if u < from || u > to || outside {
+            return None;
+        }
+        let mut low = end + slope * u + bend * u * u + ragged * strands.ragged(u);
+        if let Some((at, steep)) = parting {
+            low = low.min(end - 0.25 + steep * (u - at).abs());
+        }
+        // Skin shows between strands, more towards their ends.
+        let gap = strands.ragged(1.7 * u + 0.2 * v) > 1.0 - thin * (1.0 + (v - low) / 0.2).max(0.0);
+        (v < low && !gap).then(|| strands.grey([u, v]))
+    });
+}
+
+/// A cap, a hood, headphones, a scarf or a mask.
+pub(super) fn headwear(rng: &mut Rng, points: &Points, picture: &mut Picture) {
+    let frame = Frame::of(points);
+    let local = frame.locals(points);
+    let cloth = 8.0 + 230.0 * rng.f32() * rng.f32().sqrt();
+    let knit = [
+        0.25 * rng.f32(),
+        20.0 + 60.0 * rng.f32(),
+        20.0 + 60.0 * rng.f32(),
+    ];
+    let grey = |[u, v]: [f32; 2]| {
+        let weave = (u * knit[1]).sin() * (v * knit[2]).sin();
+        (cloth * (1.0 + knit[0] * weave)).clamp(0.0, 255.0)
+    };
+    let (left, right) = (local[0][0], local[16][0]);
+    match rng.u8(..8) {
+        0 | 1 => {
+            // A cap or a band; its brim shades the eyes.
+            let edge = -0.25 + 0.27 * rng.f32();
+            let (arch, dark) = (0.5 * rng.f32(), 0.9 * rng.f32());
+            let low = |u: f32| edge + arch * u * u;
+            for row in 0..picture.height {
+                for column in 0..picture.width {
+                    let [u, v] = frame.local(column as f32, row as f32);
+                    let below = v - low(u);
+                    if (0.0..0.3).contains(&below) {
+                        picture.grey[row * picture.width + column] *=
+                            1.0 - dark * (1.0 - below / 0.3);
+                    }
+                }
+            }
+            picture.paint(points, |x, y| {
+                let [u, v] = frame.local(x, y);
+                let top = crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.8);
+                let on = u > left - 0.08 && u < right + 0.08 && v < low(u) && v > top;
+                on.then(|| grey([u, v]))
+            });
+        }
+        2 => {
+            // A hood: all that is outside an oval.
+            let middle = 0.5 * (left + right);
+            let half = [
+                0.5 * (right - left) + 0.12 * rng.f32() - 0.04,
+                0.75 + 0.3 * rng.f32(),
+            ];
+            picture.paint(points, |x, y| {
+                let [u, v] = frame.local(x, y);
+                let [a, b] = [(u - middle) / half[0], (v - 0.35) / half[1]];
+                let within = a.abs().powf(2.5) + b.abs().powf(2.5) < 1.0;
+                let cloth = (u - middle).abs() < half[0] + 0.35
+                    && v > crown(u, middle, half[0] + 0.35, -0.9);
+                (!within && cloth).then(|| grey([u, v]))
+            });
+        }
+        3 | 4 => {
+            // Headphones: cups over the ears, a band over the head.
+            let cup = [0.08 + 0.1 * rng.f32(), 0.16 + 0.14 * rng.f32()];
+            let at = [local[0][1] - 0.05, local[16][1] - 0.05];
+            let out = 0.1 * rng.f32() - 0.03;
+            let band = 0.03 + 0.05 * rng.f32();
+            let high = -(0.5 + 0.25 * rng.f32());
+            picture.paint(points, |x, y| {
+                let [u, v] = frame.local(x, y);
+                let over = |centre: f32, y: f32| {
+                    ((u - centre) / cup[0]).powi(2) + ((v - y) / cup[1]).powi(2) < 1.0
+                };
+                let t = 2.0 * (u - left) / (right - left) - 1.0;
+                let arc = high + (at[0].min(at[1]) - high) * t.powi(4);
+                let on = over(left - out, at[0])
+                    || over(right + out, at[1])
+                    || (t.abs() < 1.1 && (v - arc).abs() < band);
+                on.then(|| grey([u, v]))
+            });
+        }
+        _ => {
+            // A scarf or collar up to the chin, or a mask up to the nose.
+            let mask = rng.f32() < 0.35;
+            let high = if mask {
+                local[29][1] + 0.1 * either(rng)
+            } else {
+                local[8][1] - 0.18 * rng.f32()
+            };
+            let (tilt, wide) = (0.1 * either(rng), if mask { 0.02 } else { 0.2 * rng.f32() });
+            picture.paint(points, |x, y| {
+                let [u, v] = frame.local(x, y);
+                let end = if mask { local[8][1] + 0.06 } else { 9.0 };
+                let on = u > left - wide && u < right + wide && v > high + tilt * u && v < end;
+                on.then(|| grey([u, v]))
+            });
+        }
+    }
+}
