@@ -368,3 +368,104 @@ impl Follower {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Units;
+    use crate::face_model::FaceModel;
+    use crate::geometry::Rotation;
+    use crate::segment::Segmenter;
+    use crate::sensor::simulated::Simulated;
+    use crate::settings::Settings;
+    use crate::shared::Shared;
+
+    fn follower() -> Follower {
+        let (settings, model) = (Settings::default(), FaceModel::shipped());
+        let anchor = model.standard_head.oriented();
+        Follower::new(
+            PoseTracker::new(settings.pose, &anchor).expect("a head"),
+            LandmarkStage::new(settings.landmarks, &model, &Shared::default()).expect("a model"),
+            Expression::new(settings.learning.clone(), Units::shipped()),
+            Presence::new(settings.users.hold_s, settings.users.forget_s),
+        )
+    }
+
+    /// Frames of somebody who sits there, each with its cloud and where the head is in truth.
+    fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let camera = Camera::new(&sensor.registration());
+        let mut segmenter = Segmenter::new(Settings::default().segment);
+        let mut frame = Frame::default();
+        for _ in 0..count {
+            sensor.next_frame(&mut frame);
+            let truth = sensor.truth().expect("somebody acts").sensor_from_head;
+            if let Some(cloud) = segmenter.segment(&frame, &camera) {
+                see(&frame, &camera, cloud, truth);
+            }
+        }
+    }
+
+    fn pose(sensor_from_head: Rigid) -> HeadPose {
+        HeadPose {
+            sensor_from_head,
+            confidence: 0.9,
+            residual: 0.001,
+            coverage: 0.9,
+        }
+    }
+
+    #[test]
+    fn a_head_that_depth_has_turned_is_turned_back_by_its_face() {
+        // Less than what makes the pose be searched anew.
+        let wrong = Rotation::new(Vector::y() * 0.10);
+        let mut follower = follower();
+        let mut left = Vec::new();
+        frames(40, |frame, camera, cloud, truth| {
+            let given = pose(truth * wrong);
+            if follower.look(frame, camera, cloud, &given, &mut |_| {})
+                && let Some(head) = follower.head
+            {
+                left.push(head.rotation.angle_to(&truth.rotation));
+            }
+        });
+        assert!(left.len() > 30, "{} frames with a face", left.len());
+        let late = &left[20..];
+        let mean = late.iter().sum::<f32>() / late.len() as f32;
+        assert!(mean < 0.06, "{mean} rad of 0.10 are left");
+    }
+
+    #[test]
+    fn who_goes_on_in_another_pipeline_is_who_they_were() {
+        let (mut before, mut after) = (follower(), follower());
+        let mut at = Timestamp::default();
+        frames(12, |frame, camera, cloud, truth| {
+            before.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+            at = frame.at;
+        });
+        before.expression.freeze(true);
+        after.adopt(&before);
+        assert!(before.frames > 5 && before.since < before.last_seen);
+        assert_eq!(after.since, before.since);
+        assert_eq!(after.last_seen, before.last_seen);
+        assert_eq!((after.frames, after.posed), (before.frames, before.posed));
+        assert_eq!(after.state, before.state);
+        assert_eq!(after.head, before.head);
+        assert_eq!(after.confidence, before.confidence);
+        assert_eq!(after.rect, before.rect);
+        assert_eq!(after.face, before.face);
+        assert!(after.expression.weights().frozen);
+        let centre = |one: &Follower| one.place.map(|place| place.centre());
+        assert_eq!(centre(&after), centre(&before));
+        let points = |one: &Follower| one.points.as_ref().map(|points| points.head);
+        assert!(points(&after).is_some() && points(&after) == points(&before));
+        assert_eq!(after.ranges.len(), before.ranges.len());
+        // Unseen just after, they are held and not lost: their presence came along.
+        after.miss(Timestamp::from_us(at.as_us() + 33_000));
+        assert_eq!(after.state, TrackingState::Held);
+        // And nothing is left of them in the end.
+        after.forget();
+        assert!(!after.is_taken() && after.head.is_none() && after.place.is_none());
+        assert!(!after.is_somebody() && !after.expression.weights().frozen);
+    }
+}

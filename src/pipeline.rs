@@ -555,3 +555,40 @@ impl Pipeline {
         self.choice.adopt(&before.choice);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::simulated::Simulated;
+
+    #[test]
+    fn who_is_known_again_in_another_slot_came_when_they_came_first() {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let registration = sensor.registration();
+        let settings = Settings::default();
+        let mut pipeline =
+            Pipeline::new(&settings, &registration, &FaceModel::shipped()).expect("a pipeline");
+        let mut frame = Frame::default();
+        let mut follow = |pipeline: &mut Pipeline, frames: usize| {
+            for _ in 0..frames {
+                sensor.next_frame(&mut frame);
+                pipeline.follow(&frame);
+            }
+            frame.at
+        };
+        follow(&mut pipeline, 45);
+        let since = pipeline.followers[0].since;
+        assert!(pipeline.followers[0].state.has_face());
+        // Lost, in another slot, and not where they were.
+        pipeline.followers.swap(0, 2);
+        pipeline.followers[2].state = TrackingState::Lost;
+        pipeline.followers[2].place = None;
+        let left = pipeline.followers[2].last_seen;
+        let now = follow(&mut pipeline, 15);
+        let user = &pipeline.followers[2];
+        assert!(user.state.has_face(), "known again: {:?}", user.state);
+        assert!(!pipeline.followers[0].is_taken());
+        assert_eq!(user.since, since, "came at {left:?}, it is {now:?}");
+        assert!(user.since < left);
+    }
+}

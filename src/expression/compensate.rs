@@ -8,7 +8,7 @@
 //!
 //! σ = −ln ω has no unit, and measures differ: at ω = 0.9 the literal offset is 0.25 w, more than a lid opens. The factor
 //! `spread` puts a unit to it: 1 is the literal form, a share of the measure's own range the scaled one. Mean error of the
-//! paper's weights on the acted sessions of `tests/learns_a_range.rs`, jitter 0.25 %, ω = 0.94, after 5 / 20 / 60 s:
+//! paper's weights on the acted sessions of `tests/it/learns_a_range.rs`, jitter 0.25 %, ω = 0.94, after 5 / 20 / 60 s:
 //!
 //! | σ | one-way units | two-way units |
 //! | --- | --- | --- |

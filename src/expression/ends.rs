@@ -148,4 +148,69 @@ mod tests {
         let low = side(nodes.as_slice(), 1.0, false, 1.0, 0.0, 0.5, 0.5, 8.0);
         assert!((low.range - upper(&mirrored, 0.5).range).abs() < 1e-12);
     }
+
+    #[test]
+    fn evidence_is_what_goes_beyond_two_fifths_of_the_range_and_three_deviations_of_the_noise() {
+        let evidence = |excursion: f64, sigma: f64| {
+            let mut nodes = rested(10.0);
+            nodes.push(1.0 + excursion, 2.0, 2.0);
+            let (nodes, growth) = (nodes.as_slice(), nodes.growth());
+            side(nodes, growth, true, 1.0, sigma, 0.5, 0.5, 8.0).evidence
+        };
+        for (excursion, sigma, expected) in [
+            (0.19, 0.0, 0.0),
+            (0.21, 0.0, 4.0),
+            (0.29, 0.1, 0.0),
+            (0.31, 0.1, 4.0),
+        ] {
+            let found = evidence(excursion, sigma);
+            assert!(
+                (found - expected).abs() < 1e-9,
+                "{excursion} {sigma}: {found}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_end_is_less_the_noise_never_below_three_tenths_and_the_evidence_is_bounded() {
+        // Everything at 0.4 with noise of 0.05: reach 0.35, a thousand seconds count as 20.
+        let mut nodes = rested(10.0);
+        nodes.push(1.4, 1000.0, 1000.0);
+        let found = side(
+            nodes.as_slice(),
+            nodes.growth(),
+            true,
+            1.0,
+            0.05,
+            0.5,
+            0.5,
+            8.0,
+        );
+        let expected = ((8.0 * 0.5f64.ln() + 20.0 * 0.35f64.ln()) / 28.0).exp();
+        assert!((found.range - expected).abs() < 1e-12 && found.evidence == 20.0);
+        // A range in use of 0.01 takes 0.02 for an expression: twice the evidence, but three tenths of the prior.
+        let mut nodes = rested(10.0);
+        nodes.push(1.02, 2.0, 2.0);
+        let found = upper(&nodes, 0.01);
+        let expected = ((8.0 * 0.5f64.ln() + 8.0 * 0.15f64.ln()) / 16.0).exp();
+        assert!((found.range - expected).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn a_quarter_second_and_three_thousandths_lie_beyond_an_end() {
+        // In 1000 s the end is where the last 3 s begin.
+        let mut nodes = rested(995.0);
+        nodes.push(1.3, 2.5, 2.5);
+        nodes.push(1.4, 2.5, 2.5);
+        let found = upper(&nodes, 0.5);
+        let expected = ((8.0 * 0.5f64.ln() + 10.0 * 0.3f64.ln()) / 18.0).exp();
+        assert!((found.range - expected).abs() < 1e-9, "{found:?}");
+        // In 20 s it is a quarter of a second: 0.2 s at 1.6 are none, with 0.1 s at 1.5 the end is there.
+        let mut nodes = rested(20.0);
+        nodes.push(1.5, 0.1, 0.1);
+        nodes.push(1.6, 0.2, 0.2);
+        let found = upper(&nodes, 0.6);
+        let expected = ((8.0 * 0.5f64.ln() + 0.6 * 0.5f64.ln()) / 8.6).exp();
+        assert!((found.range - expected).abs() < 1e-9, "{found:?}");
+    }
 }

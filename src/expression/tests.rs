@@ -1,4 +1,4 @@
-//! The stage as a whole, on a toy face; sessions with known truth are in `tests/learns_a_range.rs`.
+//! The stage as a whole, on a toy face; sessions with known truth are in `tests/it/learns_a_range.rs`.
 
 use super::measures::tests::toy_face;
 use super::*;

@@ -375,3 +375,144 @@ impl LandmarkFitter {
         self.landmarks.confidence = belief.face;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+    use crate::sensor::camera::Registration;
+
+    fn fitter() -> LandmarkFitter {
+        LandmarkFitter::new(Settings::default(), &FaceModel::shipped())
+    }
+
+    fn placement() -> Placement {
+        let head = Rigid::from_parts(
+            Vector::new(0.02, -0.03, 0.8).into(),
+            rotation_from_yaw_pitch_roll(0.3, 0.1, 0.2),
+        );
+        let camera = Camera::new(&Registration::default());
+        Placement::of_pose(&camera, &head).expect("in the picture")
+    }
+
+    /// A fit that ended turned by `turn` against its start, larger by the logarithm `log_size`, and aside in pixels.
+    fn ended(at: &Placement, turn: Rotation, log_size: f32, aside: [f32; 2]) -> FaceFit {
+        let mut view = at.start;
+        view.rotation *= turn;
+        view.log_scale = PIXELS_PER_METRE.ln() + log_size;
+        view.shift = [0, 1].map(|k| at.start.shift[k] + aside[k]);
+        FaceFit {
+            view,
+            shape: [0.0; MAX_MODES],
+        }
+    }
+
+    #[test]
+    fn size_and_turn_are_means_over_time_that_then_follow_slowly() {
+        let (mut fitter, at) = (fitter(), placement());
+        let none = Rotation::identity();
+        // A plain mean first: 0.1, then of 0.1 and 0.3, then of 0.1, 0.3 and 0.2.
+        for (log_size, mean) in [(0.1, 0.1), (0.3, 0.2), (0.2, 0.2)] {
+            fitter.settle(&at, &ended(&at, none, log_size, [0.0; 2]), 0.1);
+            assert!((fitter.size() - f32::exp(mean)).abs() < 1e-5);
+        }
+        // After ten seconds a second is a tenth.
+        for _ in 0..100 {
+            fitter.settle(&at, &ended(&at, none, 0.2, [0.0; 2]), 0.1);
+        }
+        fitter.settle(&at, &ended(&at, none, 0.3, [0.0; 2]), 1.0);
+        assert!((fitter.size() - f32::exp(0.21)).abs() < 1e-4);
+
+        // The first turn is taken whole, half of what the second frame says beside it, then a third.
+        let mut fitter = self::fitter();
+        let turn = Rotation::new(Vector::new(0.03, -0.12, 0.05));
+        let more = Rotation::new(Vector::new(0.02, 0.01, -0.06));
+        fitter.settle(&at, &ended(&at, turn, 0.0, [0.0; 2]), 0.1);
+        assert!(fitter.turn().angle_to(&turn) < 1e-3);
+        fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 0.1);
+        let half = turn * Rotation::new(more.scaled_axis() * 0.5);
+        assert!(fitter.turn().angle_to(&half) < 1e-3);
+        // From forty seconds on a second is a fortieth.
+        for _ in 0..400 {
+            fitter.settle(&at, &ended(&at, none, 0.0, [0.0; 2]), 0.1);
+        }
+        fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 1.0);
+        let last = half * Rotation::new(more.scaled_axis() / 40.0);
+        assert!(fitter.turn().angle_to(&last) < 1e-3);
+    }
+
+    #[test]
+    fn a_shift_in_the_window_is_one_across_the_line_of_sight() {
+        let (mut fitter, at) = (fitter(), placement());
+        let aside = [0.004, -0.007].map(|m| m * PIXELS_PER_METRE);
+        fitter.settle(&at, &ended(&at, Rotation::identity(), 0.0, aside), 0.1);
+        // In the window's axes it is what was seen, whichever way the head looks.
+        let seen = at.start.rotation * fitter.shift;
+        assert!(
+            (seen - Vector::new(0.004, -0.007, 0.0)).norm() < 1e-5,
+            "{seen}"
+        );
+        // In a head that is turned to its face, the face's axes are turned against the head's.
+        let mut turned = self::fitter();
+        let turn = Rotation::new(Vector::new(0.0, 0.1, 0.0));
+        turned.settle(&at, &ended(&at, turn, 0.0, [0.0; 2]), 0.1);
+        turned.settle(&at, &ended(&at, Rotation::identity(), 0.0, aside), 0.1);
+        let half = turn * fitter.shift * 0.5;
+        assert!((turned.shift - half).norm() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_learnt_of_a_face_halves_with_every_frame_it_is_lost() {
+        let (mut fitter, at) = (fitter(), placement());
+        let turn = Rotation::new(Vector::new(0.0, 0.12, 0.0));
+        fitter.settle(&at, &ended(&at, turn, 0.1, [9.0, 0.0]), 0.1);
+        let (shift, size) = (fitter.shift, fitter.size());
+        fitter.lose();
+        assert!((fitter.turn().angle() - 0.06).abs() < 1e-4);
+        assert!((fitter.shift - shift * 0.5).norm() < 1e-7);
+        assert!((fitter.turned_s - 0.05).abs() < 1e-6 && fitter.last_at.is_none());
+        // A person's size stays theirs, until they are forgotten.
+        assert!((fitter.size() - size).abs() < 1e-7);
+        fitter.reset();
+        assert!(fitter.turn().angle() < 1e-6 && fitter.shift.norm() < 1e-9);
+        assert!((fitter.size() - 1.0).abs() < 1e-6 && fitter.turned_s == 0.0);
+    }
+
+    #[test]
+    fn a_face_far_from_where_depth_has_it_straightens_the_head_once() {
+        let at = placement();
+        for (turn, aside_m, is_wrong) in [
+            (0.13, 0.0, false),
+            (0.15, 0.0, true),
+            (0.0, 0.014, false),
+            (0.0, 0.016, true),
+        ] {
+            let mut fitter = fitter();
+            let turn = Rotation::new(Vector::new(0.0, turn, 0.0));
+            let aside = [aside_m * PIXELS_PER_METRE, 0.0];
+            fitter.settle(&at, &ended(&at, turn, 0.0, aside), 0.1);
+            let (shift, turn) = (fitter.shift, fitter.turn());
+            let found = fitter.straighten();
+            assert_eq!(found.is_some(), is_wrong, "{turn} {aside_m}");
+            if let Some(head_from_face) = found {
+                assert!(head_from_face.rotation.angle_to(&turn) < 1e-6);
+                assert!((head_from_face.translation.vector - shift).norm() < 1e-7);
+                assert!(fitter.straighten().is_none() && fitter.turn().angle() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn a_new_face_is_looked_for_upright_and_at_each_place() {
+        let head = rotation_from_yaw_pitch_roll(0.2, -0.1, 0.4);
+        for (place, [x, y]) in BESIDE.into_iter().enumerate() {
+            let (turn, shift) = upright(&head, place);
+            let (_, _, roll) = yaw_pitch_roll(&(head * turn));
+            assert!(roll.abs() < 0.05, "{roll}");
+            // The middle of the face turns about itself and moves by the place, in the axes of the upright face.
+            let middle = turn * Point::from(MIDDLE) + shift;
+            let moved = turn.inverse() * (middle - Point::from(MIDDLE));
+            assert!((moved - Vector::new(x, y, 0.0)).norm() < 1e-6, "{moved}");
+        }
+    }
+}

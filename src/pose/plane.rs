@@ -323,3 +323,66 @@ const MAX_TURN_RAD: f32 = 0.3;
 const MAX_SHIFT_M: f32 = 0.04;
 /// Heads are 0.85 to 1.15 of the standard size.
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::anchor::tests::half_egg;
+
+    /// The sums over one point of the middle of the face, as deep as `z`, laid on the head `off` metres before its surface.
+    fn one_point(anchor: &Anchor, z: f32, off: f32, middle: f32) -> Sums {
+        let shape = HeadShape::standard(anchor.points.len());
+        let i = (0..anchor.points.len())
+            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
+            .min_by(|&a, &b| {
+                let aside = |k: usize| anchor.points[k].coords.xy().norm();
+                aside(a).total_cmp(&aside(b))
+            })
+            .expect("a face");
+        // The head as the camera at its z sees it, not turned.
+        let q = anchor.points[i] + anchor.normals[i] * off;
+        let pose = Rigid::translation(0.0, 0.0, q.z - z);
+        let p = pose.inverse() * q;
+        let place = (&pose, 1.0);
+        Sums::of(
+            anchor,
+            &shape,
+            core::iter::once(&p),
+            place,
+            (0.02, 0.5),
+            middle * middle,
+        )
+    }
+
+    #[test]
+    fn weight_falls_with_the_fourth_power_of_the_distance_and_by_the_biweight() {
+        let anchor = Anchor::new(&half_egg()).expect("a head");
+        let near = one_point(&anchor, 0.6, 0.0, 0.6);
+        let far = one_point(&anchor, 1.2, 0.0, 0.6);
+        assert!(near.total > 0.1, "{}", near.total);
+        assert!((near.total / far.total - 16.0).abs() < 0.01);
+        // Relative to the cloud's own middle: the same head farther away weighs the same.
+        let there = one_point(&anchor, 1.2, 0.0, 1.2);
+        assert!((near.total - there.total).abs() < 1e-6);
+        // Half a cut-off away: (1 - 1/4)^2, and the distance is what the sum of squares says.
+        let off = one_point(&anchor, 0.6, 0.01, 0.6);
+        assert!((off.total / near.total - 0.5625).abs() < 0.02);
+        let distance = (off.squares / off.agreement).sqrt();
+        assert!((distance - 0.01).abs() < 5e-4, "{distance}");
+        // As far as the cut-off: nothing, but it is on the face.
+        let none = one_point(&anchor, 0.6, 0.021, 0.6);
+        assert!(none.total == 0.0 && none.on_face == 1 && none.asked == 1);
+    }
+
+    #[test]
+    fn the_normal_equations_point_home() {
+        // A point 5 mm before the surface: the shift that the gradient asks for is back along the normal.
+        let anchor = Anchor::new(&half_egg()).expect("a head");
+        let sums = one_point(&anchor, 0.6, 0.005, 0.6);
+        let along = sums.g[5];
+        // Normals of a face point to the camera, which is at negative z.
+        assert!(along < 0.0 && along.abs() > sums.g[3].abs().max(sums.g[4].abs()));
+        let (g, h) = (sums.g[5], sums.rows[5][5]);
+        assert!((-g / h - 0.005).abs() < 1e-3, "{}", -g / h);
+    }
+}

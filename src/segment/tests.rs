@@ -1,4 +1,4 @@
-//! Synthetic pictures; heads of the simulated sensor are in `tests/tracks_a_head.rs`.
+//! Synthetic pictures; heads of the simulated sensor are in `tests/it/tracks_a_head.rs`.
 
 use super::*;
 use crate::capacity::{HEIGHT, WIDTH};

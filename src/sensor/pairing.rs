@@ -367,4 +367,35 @@ mod tests {
         );
         assert_eq!(bench.pairing.unpaired(), [0, 9]);
     }
+
+    #[test]
+    fn clocks_that_drift_apart_pair_with_the_next_picture_beyond_three_quarters_of_a_period() {
+        let period = TICKS_PER_PICTURE.cast_signed();
+        for direction in [1, -1] {
+            let mut bench = Bench::new();
+            let mut relations = Vec::new();
+            // A hundredth of a period a picture: from none to two and a half. They come in the order of their stamps.
+            let mut pictures: Vec<(u32, Stream, u8)> = Vec::new();
+            for number in 0..250u8 {
+                let base = 1_000_000_000 + u32::from(number) * TICKS_PER_PICTURE;
+                let drift = direction * i32::from(number) * (period / 100);
+                pictures.push((base, Stream::Depth, number));
+                pictures.push((base.wrapping_add_signed(drift), Stream::Colour, number));
+            }
+            pictures.sort_by_key(|(ticks, ..)| *ticks);
+            for (ticks, stream, number) in pictures {
+                if let Some([colour, depth]) = bench.offer(stream, number, ticks) {
+                    relations.push(i32::from(depth) - i32::from(colour));
+                }
+                let offset = bench.pairing.offset().abs();
+                assert!(offset <= period * 3 / 4, "{number}: {offset}");
+            }
+            let mut kinds = relations.clone();
+            kinds.dedup();
+            // Each partner for about a period, then the next one: the offset learned lags sixteen hundredths behind.
+            assert_eq!(kinds, [0, 1, 2].map(|k| k * direction));
+            let first = relations.iter().filter(|relation| **relation == 0).count();
+            assert!((85..=95).contains(&first), "{first}");
+        }
+    }
 }

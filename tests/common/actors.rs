@@ -1,11 +1,5 @@
 //! Made-up people with known truth: faces that have given measures exactly, acting, and the jitter of a tracker.
 
-#![allow(
-    dead_code,
-    unreachable_pub,
-    reason = "each test programme uses some of them"
-)]
-
 use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
 use mien::expression::{Measure, Units};
 use mien::geometry::{Point, Vector};

@@ -5,6 +5,10 @@
     reason = "each test programme uses some of them"
 )]
 
+pub mod actors;
+pub mod paced;
+pub mod whole_run;
+
 use std::path::{Path, PathBuf};
 
 #[cfg(feature = "studio")]

@@ -3,6 +3,8 @@
 
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use mien::sensor::recording::Recorder;
 use mien::sensor::{Frame, Source};
@@ -19,19 +21,39 @@ pub fn record(folder: &Path, scene: &str, frames: u64) {
     }
 }
 
-/// A serial port whose other end is read, for as long as the test programme runs.
-pub fn read_port() -> String {
+/// A serial port whose other end is read until this is dropped.
+pub struct ReadPort {
+    pub name: String,
+    done: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Drop for ReadPort {
+    fn drop(&mut self) {
+        self.done.store(true, Ordering::Relaxed);
+        let _ = self.thread.take().map(std::thread::JoinHandle::join);
+    }
+}
+
+/// A new serial port that is read.
+pub fn read_port() -> ReadPort {
     let (mut reader, port) = TTYPort::pair().unwrap();
     let name = port.name().unwrap();
-    std::thread::spawn(move || {
+    let done = Arc::new(AtomicBool::new(false));
+    let told = done.clone();
+    let thread = std::thread::spawn(move || {
         let _open = port;
         let mut bytes = [0; 4096];
-        loop {
+        while !told.load(Ordering::Relaxed) {
             // Nothing to read is no reason to stop.
             let _ = reader.read(&mut bytes);
         }
     });
-    name
+    ReadPort {
+        name,
+        done,
+        thread: Some(thread),
+    }
 }
 
 /// Every output there is, into this folder and to nobody.

@@ -50,7 +50,7 @@ const BASIS_RIDGE: f64 = 1e-7;
 /// Weight of the modes' prior in frames. Above 1 because neighbouring frames repeat each other's errors: what the modes
 /// leave over is no white noise. It keeps modes from taking up errors as depth, which helps a little with real faces and
 /// costs a little on clean tracks. Error as a share of the rigid mean shape's, with and without it
-/// (`tests/recovers_shape_from_tracks.rs`): the three windows of real faces over ±25° 0.50, 0.81, 0.54 and 0.53, 0.84, 0.56;
+/// (`tests/it/recovers_shape_from_tracks.rs`): the three windows of real faces over ±25° 0.50, 0.81, 0.54 and 0.53, 0.84, 0.56;
 /// face1 0.78 and 0.86; face37 0.54 and 0.52; shark 0.05 and 0.03; yoga and pickup alike.
 const MODE_PRIOR: f64 = 3.0;
 /// Least standard deviation of the camera scales about 1.

@@ -1,9 +1,7 @@
 //! Promise: whatever happens to the packets, a delivered frame is whole and true, and what was lost is counted.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use mien::memory::Counting;
 use mien::sensor::Frame;
 use mien::sensor::device::{Model, Stream};
 use mien::sensor::faults::{Faulty, Injected, Rates};
@@ -13,10 +11,7 @@ use mien::sensor::picture_clock::PictureClock;
 use mien::sensor::stream::Tally;
 use mien::sensor::virtual_kinect::{VirtualKinect, test_pattern};
 
-#[global_allocator]
-static MEMORY: Counting = Counting::new();
-/// One stream at a time, so that what is counted is its own.
-static ALONE: Mutex<()> = Mutex::new(());
+use crate::{MEMORY, alone};
 
 /// A picture is drawn once for many frames: drawing would take longer than everything under test. The number in its first
 /// pixels, and so its content, is `number % VARIANTS`.
@@ -46,7 +41,7 @@ struct Outcome {
 
 /// Streams `seconds` of virtual time through faults, checks every frame delivered, then lets the last losses show.
 fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let variants = variants();
     let mut number = 0u64;
     let scene = |frame: &mut Frame| {

@@ -1,14 +1,11 @@
 //! Promise: what a run takes is taken before the first frame, fits its budgets, and stays the same whoever comes and goes.
-//! By itself in its program, one test at a time: the allocator counts what any thread asks for.
 
 use std::process::{Command, Stdio};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use mien::budget;
 use mien::face_model::FaceModel;
 use mien::landmarks::Scratch;
-use mien::memory::Counting;
 use mien::pipeline::Pipeline;
 use mien::segment::Segmenter;
 use mien::sensor::Frame;
@@ -16,14 +13,8 @@ use mien::sensor::camera::{Camera, Registration};
 use mien::sensor::pairing::{Pairing, RawPair};
 use mien::settings::Settings;
 
-#[path = "common/whole_run.rs"]
-mod whole_run;
-
-use whole_run::{everything_on, read_port, record};
-
-#[global_allocator]
-static MEMORY: Counting = Counting::new();
-static ALONE: Mutex<()> = Mutex::new(());
+use crate::common::whole_run::{everything_on, read_port, record};
+use crate::{MEMORY, alone};
 
 /// Resident set of `mien run`, bytes.
 const RESIDENT: u64 = 16 << 20;
@@ -38,7 +29,7 @@ fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
 
 #[test]
 fn every_row_of_the_table_is_what_is_taken() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let settings = Settings::default();
     let registration = Registration::default();
     let (model_bytes, model) = bytes_of(FaceModel::shipped);
@@ -97,7 +88,7 @@ fn watched<const N: usize>(mut child: std::process::Child, names: [&str; N]) -> 
 
 #[test]
 fn the_resident_set_and_the_threads_of_a_run_stay_in_their_budgets() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     for scene in ["four", "swap"] {
         let folder = tempfile::tempdir().unwrap();
         let session = folder.path().join("session");
@@ -109,7 +100,7 @@ fn the_resident_set_and_the_threads_of_a_run_stay_in_their_budgets() {
             .arg("--source")
             .arg(&session)
             .arg("--config")
-            .arg(everything_on(folder.path(), &port))
+            .arg(everything_on(folder.path(), &port.name))
             .stdout(Stdio::null())
             .spawn()
             .unwrap();

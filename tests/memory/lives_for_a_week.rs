@@ -5,12 +5,12 @@
 //! landmarks of made-up people, through learning, presence, memory of people, every OSC schema, all serial styles and the
 //! table. `a_sensor_that_fails` is the whole way from packets to bytes, with packets lost, repeated and damaged and the device
 //! unplugged every few seconds. Both take long:
-//! `cargo test --release --test lives_for_a_week -- --ignored --nocapture --test-threads 1`.
+//! `cargo test --release --test memory lives_for_a_week -- --ignored --nocapture --test-threads 1`.
 //! `MIEN_HOURS` (168) and `MIEN_FRAMES` (20,000) shorten them.
 //! One file: both runs feed the same wires and count the same memory.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
@@ -18,7 +18,6 @@ use mien::expression::{Expression, Measure, Settings as Learning, Units};
 use mien::face_model::FaceModel;
 use mien::geometry::{Point, Rigid, Vector};
 use mien::landmarks::Landmarks;
-use mien::memory::Counting;
 use mien::output::csv::Rows;
 use mien::output::osc::{self, Datagrams, Osc, Targets, faceosc, vmc, vrchat};
 use mien::output::serial::{self, Encoder};
@@ -36,18 +35,9 @@ use mien::users::likeness::{FaceLengths, Likeness};
 use mien::users::memory::{Gone, Memory};
 use mien::users::{Presence, saved};
 
-#[path = "common/actors.rs"]
-mod actors;
-#[path = "common/paced.rs"]
-mod paced;
-
-use actors::{ACTED, Acting, FRAME_S, Jitter, Person};
-use paced::Paced;
-
-#[global_allocator]
-static MEMORY: Counting = Counting::new();
-/// One run at a time, so that what is counted is its own.
-static ALONE: Mutex<()> = Mutex::new(());
+use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
+use crate::common::paced::Paced;
+use crate::{MEMORY, alone};
 
 /// A number from the environment, else the usual one.
 fn of_environment(name: &str, usual: u64) -> u64 {
@@ -265,7 +255,7 @@ fn look(seat: &mut Seat, noise: &Noise, frame: u64, random: &mut fastrand::Rng) 
 #[test]
 #[ignore = "a quarter of an hour"]
 fn a_week_of_visitors() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let hours = of_environment("MIEN_HOURS", 7 * 24);
     let started = Instant::now();
     let units = Units::shipped();
@@ -476,7 +466,7 @@ const SPEED: u32 = 2;
 #[test]
 #[ignore = "minutes"]
 fn a_sensor_that_fails() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let frames = of_environment("MIEN_FRAMES", 20_000);
     let started = Instant::now();
     // Ten seconds of people who come and go, played to and fro.

@@ -1,12 +1,12 @@
 //! Promise: real Kinect frames without a face never give one. Needs the data sets; skips without.
 #![cfg(feature = "studio")]
 
-mod common;
-
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::{Frame, Source};
 use mien::settings::Settings;
+
+use crate::common;
 
 #[test]
 fn people_from_behind_and_a_desk_have_no_face() {

@@ -86,7 +86,7 @@ fn wrong_words_are_usage_errors() {
 #[test]
 fn a_model_that_is_damaged_truncated_or_of_another_version_is_refused() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let shipped = include_bytes!("../config/face.model").to_vec();
+    let shipped = include_bytes!("../../config/face.model").to_vec();
     let run = |path: &str| {
         sentence(
             &[
@@ -135,7 +135,7 @@ fn a_source_that_is_no_recording_is_refused() {
 #[test]
 fn the_workstation_names_the_bad_file_too_and_leaves_nothing_behind() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let mut flipped = include_bytes!("../config/face.model").to_vec();
+    let mut flipped = include_bytes!("../../config/face.model").to_vec();
     flipped[300_000] ^= 0x10;
     let model = file(folder.path(), "flipped.model", flipped);
     let tracks = file(folder.path(), "uneven.csv", "1,2,3\n4,5\n");

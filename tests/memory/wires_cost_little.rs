@@ -1,5 +1,4 @@
-//! Sending on every wire at once takes less than a tenth of a millisecond and no memory. By itself in its program: the
-//! allocator counts what any thread asks for.
+//! Sending on every wire at once takes less than a tenth of a millisecond and no memory.
 
 use std::io::Read;
 use std::net::UdpSocket;
@@ -9,7 +8,6 @@ use mien::capacity::LANDMARKS;
 use mien::expression::UnitRange;
 use mien::geometry::{Point, Rigid};
 use mien::landmarks::Landmarks;
-use mien::memory::Counting;
 use mien::output::osc::faceosc::{self, FaceOsc};
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
@@ -20,8 +18,7 @@ use mien::status::Status;
 use mien::time::Timestamp;
 use serialport::{SerialPort, TTYPort};
 
-#[global_allocator]
-static MEMORY: Counting = Counting::new();
+use crate::{MEMORY, alone};
 
 const UNITS: [&str; 19] = [
     "AU25", "AU20", "AU18", "AU30L", "AU30R", "AU29", "AU22", "AU28", "AU2L", "AU4L", "AU2R",
@@ -34,6 +31,7 @@ const FIRST: u64 = 200;
 
 #[test]
 fn all_wires_at_once_cost_no_memory() {
+    let _alone = alone();
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let targets = vec![receiver.local_addr().unwrap().to_string()];
     let (mut reader, port) = TTYPort::pair().unwrap();

@@ -3,12 +3,9 @@
 //! Acted sessions of made-up people with known truth: every person has their own neutral face and own ranges, landmarks
 //! jitter (white and slow parts, depth 1.7 times), an opening jaw drags the lips along. After 5, 20 and 60 seconds of
 //! learning the ranges are frozen and weighed on another minute of the same person. The tables are printed with
-//! `cargo test --test learns_a_range -- --nocapture`.
+//! `cargo test --test it learns_a_range -- --nocapture`.
 
-#[path = "common/actors.rs"]
-mod actors;
-
-use actors::{ACTED, Acting, FRAME_S, Jitter, Person};
+use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
 use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
 use mien::expression::units::Kind;
 use mien::expression::{Expression, Measure, Method, Settings, Units};

@@ -6,7 +6,7 @@ use mien::settings::Settings;
 
 #[test]
 fn the_shipped_file_equals_the_defaults_key_by_key() {
-    let shipped = include_str!("../config/mien.toml");
+    let shipped = include_str!("../../config/mien.toml");
     assert_eq!(
         shipped,
         Settings::default().to_toml(),
@@ -20,7 +20,7 @@ fn the_shipped_file_equals_the_defaults_key_by_key() {
 
 /// The values a key has in the unit's file, in their order.
 fn unit(key: &str) -> Vec<&'static str> {
-    let text = include_str!("../systemd/mien.service");
+    let text = include_str!("../../systemd/mien.service");
     let value = |line: &'static str| line.strip_prefix(key)?.strip_prefix('=');
     text.lines().filter_map(value).collect()
 }

@@ -1,7 +1,5 @@
 //! What is recorded replays bit for bit, and no damage to a recording ends a run.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
@@ -9,6 +7,8 @@ use mien::capacity::PIXELS;
 use mien::sensor::camera::Registration;
 use mien::sensor::recording::{Recorder, Recording, RecordingError};
 use mien::sensor::{Frame, Source};
+
+use crate::common;
 
 const SEED: u64 = 20;
 

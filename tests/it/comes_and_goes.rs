@@ -11,10 +11,7 @@ use mien::sensor::kinect::{KinectError, Settings};
 use mien::sensor::live::LiveKinect;
 use mien::sensor::virtual_kinect::VirtualKinect;
 
-#[path = "common/paced.rs"]
-mod paced;
-
-use paced::Paced;
+use crate::common::paced::Paced;
 
 /// A device that is absent, then delivers `frames` and is unplugged, and so on.
 fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {

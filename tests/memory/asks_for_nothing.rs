@@ -6,7 +6,7 @@ use std::time::Duration;
 use mien::cli::{CsvTarget, Run};
 use mien::memory::Counting;
 
-#[path = "common/whole_run.rs"]
+#[path = "../common/whole_run.rs"]
 mod whole_run;
 
 use whole_run::{everything_on, read_port, record};
@@ -22,7 +22,7 @@ fn main() {
     let port = read_port();
     let csv = folder.path().join("out.csv");
     let run = Run {
-        config: Some(everything_on(folder.path(), &port)),
+        config: Some(everything_on(folder.path(), &port.name)),
         source: Some(session.to_str().unwrap().to_owned()),
         csv: Some(CsvTarget::File(csv.clone())),
         fast: true,

@@ -2,7 +2,7 @@
 //!
 //! All stages on the shipped head; the first ten seconds are for learning, then each unit is correlated with the
 //! expressions that drive it, and each measure with its true value: what a measure lacks is the landmarks' fault, what a
-//! unit lacks beyond that is the learner's. `cargo test --test reads_an_acted_face -- --nocapture` prints both. People and
+//! unit lacks beyond that is the learner's. `cargo test --test it reads_an_acted_face -- --nocapture` prints both. People and
 //! scenes that were not used in development are the business of `mien-studio evaluate`.
 
 use mien::capacity::MEASURES;

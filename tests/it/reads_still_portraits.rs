@@ -1,11 +1,9 @@
 //! Promise: the shipped model finds the landmarks of people it has never seen, and follows them into a smile.
 //!
 //! Judges are hand-placed points of portraits, and that a smile widens the mouth and raises its corners. Needs the data sets
-//! `faces_frl189` and `faces_ytfaces68` and skips without. `cargo test --features studio --test reads_still_portraits --
+//! `faces_frl189` and `faces_ytfaces68` and skips without. `cargo test --features studio --test it reads_still_portraits --
 //! --nocapture` prints the figures.
 #![cfg(feature = "studio")]
-
-mod common;
 
 use std::collections::BTreeMap;
 
@@ -17,6 +15,8 @@ use mien::studio::fit::{FaceBox, FittedFace, StillFitter};
 use mien::studio::split::Split;
 use mien::studio::train::dataset::{Entry, read_folder};
 use mien::studio::train::evaluate::{Errors, differences};
+
+use crate::common;
 
 /// The box of points, moved by a share of its width and grown, so that a fit does not start at its answer.
 fn box_of(points: &[[f32; 2]; LANDMARKS], moved: f32, grown: f32) -> FaceBox {

@@ -4,8 +4,6 @@
 #![cfg(feature = "studio")]
 #![expect(clippy::print_stdout, reason = "the tables are the point")]
 
-mod common;
-
 use mien::capacity::{PIXELS, WIDTH};
 use mien::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use mien::pose::smoothing::Smoothing;
@@ -17,6 +15,8 @@ use mien::studio::heads::plain_head;
 use mien::studio::ict::IctHead;
 use mien::studio::train::standard_head::standard_head;
 use mien::time::Timestamp;
+
+use crate::common;
 
 fn ict() -> Option<IctHead> {
     let data = common::data()?;

@@ -5,16 +5,13 @@
 //! weights against the true activation, of one-way and of two-way measures, in the seconds the case names; seconds until
 //! the ranges are this person's; the largest step from one frame to the next by which a face that does not move would
 //! have changed its weight (but in the first three seconds of a person, when rest is being placed). The day and the year take minutes:
-//! `cargo test --release --test survives_real_life -- --include-ignored --nocapture`.
+//! `cargo test --release --test it survives_real_life -- --include-ignored --nocapture`.
 //! One file: every case is a row of one table.
-
-#[path = "common/actors.rs"]
-mod actors;
 
 use std::fmt::Write;
 use std::path::Path;
 
-use actors::{ACTED, Acting, FRAME_S, Jitter, Person};
+use crate::common::actors::{self, ACTED, Acting, FRAME_S, Jitter, Person};
 use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
 use mien::expression::paper::{PaperLearner, PaperSettings};
 use mien::expression::robust::{RobustLearner, RobustSettings};

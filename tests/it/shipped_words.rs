@@ -26,10 +26,10 @@ fn man_page_and_completions_know_what_help_says() {
     let expected = options(HELP);
     assert!(commands().len() == 8 && expected.len() >= 9, "{expected:?}");
     for (name, text) in [
-        ("mien.1", include_str!("../systemd/mien.1")),
-        ("bash", include_str!("../systemd/completions/mien.bash")),
-        ("zsh", include_str!("../systemd/completions/_mien")),
-        ("fish", include_str!("../systemd/completions/mien.fish")),
+        ("mien.1", include_str!("../../systemd/mien.1")),
+        ("bash", include_str!("../../systemd/completions/mien.bash")),
+        ("zsh", include_str!("../../systemd/completions/_mien")),
+        ("fish", include_str!("../../systemd/completions/mien.fish")),
     ] {
         // What shells call their own words with.
         let text = text.replace("-- \"$word\"", "");

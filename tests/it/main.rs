@@ -1,0 +1,32 @@
+//! The promises of the programs and of the library, one a module: `cargo test --features studio --test it <module>` runs one.
+//!
+//! One program, because linking each with the crate takes longer than most of them run. What counts the memory of its whole
+//! process is in `tests/memory`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod bakes_local_shapes;
+mod comes_and_goes;
+mod docs_commands;
+mod drives_a_kinect;
+mod follows_several_people;
+mod follows_the_paper;
+mod learns_a_range;
+mod lives_as_a_service;
+mod output_bytes;
+mod plays_what_others_recorded;
+mod plays_without_a_sensor;
+mod reads_an_acted_face;
+mod reads_still_portraits;
+mod records_and_replays;
+mod recovers_shape_from_tracks;
+mod refuses_bad_input;
+mod remembers_people;
+mod replays_the_corpus;
+mod sees_nobody;
+mod shipped_config;
+mod shipped_words;
+mod survives_real_life;
+mod talks_to_rigs;
+mod tracks_a_head;
