@@ -91,3 +91,58 @@ pub fn input_name(input: usize) -> &'static str {
 pub fn input_named(name: &str) -> Option<usize> {
     (0..LEARNT_MEASURES + FEATURES).find(|&input| input_name(input) == name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Units;
+
+    #[test]
+    fn rises_and_falls_count_by_their_own_weights() {
+        let mut shares = [[0.0; 2]; INPUTS];
+        shares[3] = [2.0, 0.5];
+        shares[INPUTS - 1] = [-1.0, -3.0];
+        let reading = Reading {
+            unit: UnitName::try_from("AU12L").unwrap(),
+            shares,
+        };
+        let mut departures = [0.0; INPUTS];
+        assert_eq!(reading.of(&departures), 0.0);
+        (departures[3], departures[INPUTS - 1]) = (0.2, 0.1);
+        assert!((reading.of(&departures) - 0.3).abs() < 1e-9);
+        (departures[3], departures[INPUTS - 1]) = (-0.2, -0.1);
+        assert!((reading.of(&departures) - 0.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn every_shipped_unit_is_read_and_both_sides_alike() {
+        let units = Units::shipped();
+        let swapped = |name: &str| match name.strip_suffix('L') {
+            Some(stem) => format!("{stem}R"),
+            None => name
+                .strip_suffix('R')
+                .map_or_else(|| name.to_owned(), |stem| format!("{stem}L")),
+        };
+        for name in units.columns(false) {
+            let reading = &units.readings[units.reading(Some(&name)).expect("a reading")];
+            let other = UnitName::try_from(swapped(&name).as_str()).unwrap();
+            let Some(other) = units.reading(Some(&other)).filter(|_| *other != *name) else {
+                continue;
+            };
+            for (input, shares) in reading.shares.iter().enumerate() {
+                // What points to a side rises on one as it falls on the other.
+                if input_name(input).ends_with("_shift") {
+                    continue;
+                }
+                let mirrored = input_named(&swapped(input_name(input))).unwrap_or(input);
+                for (a, b) in shares.iter().zip(units.readings[other].shares[mirrored]) {
+                    assert!(
+                        (a - b).abs() <= 0.021,
+                        "{name}, {}: {a} and {b}",
+                        input_name(input)
+                    );
+                }
+            }
+        }
+    }
+}

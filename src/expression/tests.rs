@@ -56,7 +56,7 @@ fn a_two_way_measure_moves_one_column_at_a_time() {
                 method,
                 ..Settings::default()
             },
-            Units::shipped(),
+            Units::shipped().by_measure(),
         );
         let (grins, pouts) = (column(&expression, "AU20"), column(&expression, "AU18"));
         let (mut most_grin, mut most_pout) = (0f32, 0f32);
@@ -86,7 +86,7 @@ fn the_response_rises_with_the_measure() {
             smoothing_hz: 0.0,
             ..Settings::default()
         },
-        Units::shipped(),
+        Units::shipped().by_measure(),
     );
     for n in 0..300 {
         expression.observe(&grin(0.0), &facing(), frame(n));
@@ -106,7 +106,7 @@ fn the_response_rises_with_the_measure() {
 
 #[test]
 fn a_still_face_is_neutral_from_the_first_frame_and_warms_up() {
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     let mut warm_after = None;
     for n in 0..300 {
         let weights = expression.observe(&grin(0.0), &facing(), frame(n));
@@ -124,7 +124,7 @@ fn a_still_face_is_neutral_from_the_first_frame_and_warms_up() {
 
 #[test]
 fn frozen_and_doubtful_frames_teach_nothing() {
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     let before = expression.ranges();
     let mut doubtful = grin(5.0);
     doubtful.confidence = 0.1;
@@ -150,7 +150,7 @@ fn frozen_and_doubtful_frames_teach_nothing() {
 
 #[test]
 fn a_broken_frame_repeats_the_last_weights() {
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     for n in 0..100 {
         expression.observe(&grin(if n > 60 { 12.0 } else { 0.0 }), &facing(), frame(n));
     }
@@ -166,7 +166,7 @@ fn a_broken_frame_repeats_the_last_weights() {
 
 #[test]
 fn somebody_else_after_a_loss_starts_from_the_population() {
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     for n in 0..900 {
         expression.observe(&grin(0.0), &facing(), frame(n));
     }
@@ -180,7 +180,7 @@ fn somebody_else_after_a_loss_starts_from_the_population() {
     let jaw = Measure::JawDrop as usize;
     assert!((expression.ranges()[jaw].rest - 1.2 * learned.ranges[jaw].rest).abs() < 0.02);
 
-    let mut same = Expression::new(Settings::default(), Units::shipped());
+    let mut same = Expression::new(Settings::default(), Units::shipped().by_measure());
     same.restore(&learned);
     for (restored, learned) in same.ranges().iter().zip(&learned.ranges) {
         assert!((restored.rest - learned.rest).abs() < 1e-9);
@@ -194,7 +194,7 @@ fn somebody_else_after_a_loss_starts_from_the_population() {
 
 #[test]
 fn the_present_face_can_be_declared_neutral() {
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     for n in 0..100 {
         expression.observe(&grin(0.0), &facing(), frame(n));
     }
@@ -215,7 +215,7 @@ fn the_present_face_can_be_declared_neutral() {
 #[test]
 fn every_column_answers_to_its_own_movement() {
     // One measure after another is moved by its whole prior range, up and down; only its columns must answer.
-    let mut expression = Expression::new(Settings::default(), Units::shipped());
+    let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
     let mut n = 0;
     let mut play = |expression: &mut Expression, face: &Landmarks, frames: u64| {
         for _ in 0..frames {

@@ -499,6 +499,14 @@ mod tests {
                 "needs unit names such as",
             ),
             (
+                SHIPPED.replace("[\"lip_gap\", ", "[\"lip_gasp\", "),
+                "expected names of measures and features",
+            ),
+            (
+                SHIPPED.replace("\"chin_height\"\nrest", "\"chin\"\nrest"),
+                "one [[feature]] with rest, rest_sd and span for each",
+            ),
+            (
                 SHIPPED.replace("rest_sd = 0.13", "width = 3"),
                 "unknown field `width`",
             ),

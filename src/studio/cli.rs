@@ -108,11 +108,11 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "units",
-        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--seed N] [--out FILE]",
+        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--seed N] [--examples FILE] [--out FILE]",
         about: "learns how each unit is read from all measures together: the [[feature]] and [[reading]] tables of config/units.toml",
         example: "mien-studio units --data ../shared/data --out readings.toml",
         options: &[
-            "data", "model", "config", "people", "seconds", "seed", "out",
+            "data", "model", "config", "people", "seconds", "seed", "examples", "out",
         ],
         flags: &[],
         words: 0,
@@ -462,6 +462,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
         people: words.value("people")?.unwrap_or(defaults.people),
         seconds: words.value("seconds")?.unwrap_or(defaults.seconds),
         seed: words.value("seed")?.unwrap_or(defaults.seed),
+        examples: words.path("examples"),
     };
     let settings = service::settings(words.path("config").as_deref())
         .map_err(|failure| service_fault(&failure))?;

@@ -8,7 +8,7 @@
 //! what is hardly seen regresses to small readings. Seeded; eye distances.
 
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -54,6 +54,8 @@ pub struct Practice {
     pub seconds: f64,
     /// Seed.
     pub seed: u64,
+    /// Where the examples are kept: read if the file is there, written otherwise.
+    pub examples: Option<PathBuf>,
 }
 
 impl Default for Practice {
@@ -62,6 +64,7 @@ impl Default for Practice {
             people: 60,
             seconds: 60.0,
             seed: 41,
+            examples: None,
         }
     }
 }
@@ -89,15 +92,21 @@ pub fn learn(
     if heads.is_empty() {
         return Err(SessionsError::Nobody(data.display().to_string()));
     }
-    let people = heads.len();
     let priors = feature_priors(&heads);
-    let mut examples: Vec<Example> = heads
-        .into_par_iter()
-        .enumerate()
-        .map(|(number, head)| practise(head, number, model, settings, practice))
-        .collect::<Result<Vec<_>, _>>()?
-        .concat();
-    say(&format!("{} examples of {people} people", examples.len()));
+    let kept = practice.examples.as_ref().filter(|path| path.is_file());
+    let mut examples: Vec<Example> = match kept {
+        Some(path) => read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
+        None => heads
+            .into_par_iter()
+            .enumerate()
+            .map(|(number, head)| practise(head, number, model, settings, practice))
+            .collect::<Result<Vec<_>, _>>()?
+            .concat(),
+    };
+    if let (Some(path), None) = (&practice.examples, kept) {
+        std::fs::write(path, written(&examples)).map_err(|e| at(path, e))?;
+    }
+    say(&format!("{} examples", examples.len()));
     let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
     examples.extend(mirrored);
     let mut text = priors;
@@ -110,6 +119,41 @@ pub fn learn(
         write_reading(&mut text, unit, &shares);
     }
     Ok(text)
+}
+
+fn at(path: &Path, source: std::io::Error) -> SessionsError {
+    SessionsError::Examples {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+/// One line for each example: departures, then truths.
+fn written(examples: &[Example]) -> String {
+    let mut text = String::new();
+    for example in examples {
+        for value in example.departures.iter().chain(&example.truth) {
+            let _ = write!(text, "{value:.4} ");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// What [`written`] wrote; lines of another length are left out.
+fn read(text: &str) -> Vec<Example> {
+    let example = |line: &str| {
+        let values: Vec<f64> = line
+            .split_whitespace()
+            .filter_map(|v| v.parse().ok())
+            .collect();
+        let (departures, truth) = values.split_at_checked(INPUTS)?;
+        Some(Example {
+            departures: departures.try_into().ok()?,
+            truth: truth.try_into().ok()?,
+        })
+    };
+    text.lines().filter_map(example).collect()
 }
 
 fn practise(

@@ -46,6 +46,14 @@ pub enum SessionsError {
     /// Still pictures.
     #[error(transparent)]
     Pictures(#[from] DatasetError),
+    /// Kept examples.
+    #[error("cannot read or write {path}: {source}; give another place with --examples")]
+    Examples {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// Nobody of that number.
     #[error("no held-out people in {0}; expected annotated portraits in faces_frl189")]
     Nobody(String),

@@ -123,7 +123,7 @@ struct Table {
 
 impl Table {
     fn new(settings: &Settings, share: f32) -> Self {
-        let units = Units::shipped();
+        let units = Units::shipped().by_measure();
         let paper = settings.method == Method::Paper;
         let mut table = Self {
             scores: vec![[[Score::default(); LEARNT_MEASURES]; 3]; PEOPLE as usize],

@@ -77,7 +77,7 @@ struct Scene {
 
 impl Scene {
     fn new(method: Method, seed: u64) -> Self {
-        let units = Units::shipped();
+        let units = Units::shipped().by_measure();
         let settings = Settings {
             method,
             ..Settings::default()
@@ -486,7 +486,7 @@ fn a_day_of_visitors() {
 fn a_year_of_samples() {
     const YEAR_S: f64 = 365.25 * 86_400.0;
     const STEP_S: f64 = 10.0;
-    let units = Units::shipped();
+    let units = Units::shipped().by_measure();
     let one = person(&units, 3);
     let m = Measure::MouthWidth as usize;
     let prior = units.rows[m].prior;

@@ -258,7 +258,7 @@ fn a_week_of_visitors() {
     let _alone = alone();
     let hours = of_environment("MIEN_HOURS", 7 * 24);
     let started = Instant::now();
-    let units = Units::shipped();
+    let units = Units::shipped().by_measure();
     let noise = Noise::new();
     let anchor = FaceModel::shipped().standard_head.oriented();
     let pose = PoseTracker::new(mien::pose::Settings::default(), &anchor).unwrap();
@@ -514,7 +514,7 @@ fn a_sensor_that_fails() {
         Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
     let mut live = LiveKinect::over(open, mien::sensor::kinect::Settings::default());
-    let units = Expression::new(Learning::default(), Units::shipped());
+    let units = Expression::new(Learning::default(), Units::shipped().by_measure());
     let names = units.unit_names().to_vec();
     let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let measures: Vec<&str> = Measure::ALL.iter().map(|measure| measure.name()).collect();

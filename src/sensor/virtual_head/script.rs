@@ -481,8 +481,14 @@ const ROLL: (&str, [&str; 2]) = ("mouthRoll", ["mouthRollLower", "mouthRollUpper
 const VOICES: u64 = 3;
 const VOICE_S: f32 = 1.7;
 
-/// Random expressions in [`VOICES`] layers, and blinks.
+/// Random expressions, and blinks: people of odd seeds have [`VOICES`] that mix them freely, those of even seeds one, which
+/// pauses as long as it acts.
 fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
+    let (voices, silence) = if seed % 2 == 1 {
+        (VOICES, 0.25)
+    } else {
+        (1, 0.5)
+    };
     let share = |channel: u64, index: u64| uniform(seed ^ channel, index) * 0.5 + 0.5;
     let mut name = heapless::String::<24>::new();
     let mut sided = |stem: &str, side: &str, weight: f32, set: &mut dyn FnMut(&str, f32)| {
@@ -496,11 +502,11 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
             set(&name, weight);
         }
     };
-    for voice in 0..VOICES {
+    for voice in 0..voices {
         let t = t + VOICE_S * voice as f32 / VOICES as f32;
         let slot = (t / VOICE_S) as u64 * VOICES + voice;
         let weight = envelope(t % VOICE_S) * (0.15 + 0.85 * share(0x61, slot));
-        if weight <= 0.0 || share(0x62, slot) < 0.25 {
+        if weight <= 0.0 || share(0x62, slot) < silence {
             continue;
         }
         let pick = (share(0x63, slot) * (SIDED.len() + WHOLE.len()) as f32) as usize;
