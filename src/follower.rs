@@ -65,6 +65,8 @@ pub(crate) struct Follower {
     pub(crate) frames: u64,
     /// Frames in a row in which the head was followed without colour.
     posed: u64,
+    /// Whether their head was missed since, so that what is found again has to be surely one.
+    missed: bool,
     /// What they are known by beside their head.
     face: FaceLengths,
     /// Frames in a row with a pose and without a face.
@@ -95,6 +97,7 @@ impl Follower {
             last_seen: Timestamp::default(),
             frames: 0,
             posed: 0,
+            missed: false,
             face: FaceLengths::default(),
             doubted: 0,
             ranges: heapless::Vec::new(),
@@ -136,7 +139,7 @@ impl Follower {
             Some(pose) => self.look(frame, camera, cloud, &pose, after),
             None => {
                 self.rect = Some(cloud.rect);
-                self.posed = 0;
+                self.miss_head();
                 false
             }
         }
@@ -168,11 +171,11 @@ impl Follower {
         let sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
         if !frame.has_picture() {
             // Until somebody is known to be there, only what is surely a head counts.
-            if sure || self.is_known() {
+            if sure || (self.is_known() && !self.missed) {
                 self.follow_by_depth(pose, camera, cloud, frame.at);
                 return true;
             }
-            self.posed = 0;
+            self.miss_head();
             return false;
         }
         self.posed = 0;
@@ -215,6 +218,7 @@ impl Follower {
         self.confidence = landmarks.confidence;
         self.points = Some(landmarks);
         self.doubted = 0;
+        self.missed = false;
         self.frames += 1;
         let ready = !self.expression.weights().warming;
         self.state = self.presence.seen(frame.at, ready);
@@ -235,6 +239,14 @@ impl Follower {
         self.last_seen = at;
     }
 
+    /// Depth shows no head; of one who is known one frame without it tells nothing.
+    fn miss_head(&mut self) {
+        self.missed = true;
+        if !self.is_known() {
+            self.posed = 0;
+        }
+    }
+
     /// A frame without colour: the pose is believed, and a face that was just seen moves with it.
     fn follow_by_depth(
         &mut self,
@@ -247,6 +259,7 @@ impl Follower {
         self.pose.learn(cloud);
         self.find(sensor_from_head, cloud, at);
         self.doubted = 0;
+        self.missed = false;
         self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
         self.state = self.presence.posed(at);
         if self.state == TrackingState::Posed {
@@ -300,7 +313,7 @@ impl Follower {
         self.state = TrackingState::Absent;
         (self.head, self.points, self.rect) = (None, None, None);
         self.place = None;
-        (self.frames, self.posed) = (0, 0);
+        (self.frames, self.posed, self.missed) = (0, 0, false);
         self.face = FaceLengths::default();
         self.doubted = 0;
     }
@@ -316,7 +329,7 @@ impl Follower {
         (self.confidence, self.rect) = (before.confidence, before.rect);
         (self.place, self.since) = (before.place, before.since);
         (self.last_seen, self.frames) = (before.last_seen, before.frames);
-        self.posed = before.posed;
+        (self.posed, self.missed) = (before.posed, before.missed);
         self.face = before.face;
         self.ranges = self.expression.unit_ranges();
     }

@@ -32,19 +32,21 @@ use crate::users::memory::{Gone, Memory};
 use crate::users::{Presence, TrackingState, matching};
 
 /// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
-pub(crate) const FIRST_LOOK: u64 = 8;
-/// and the distance of two people ([`crate::users::likeness`]) up to which they are one: seven of ten who are back are
-/// nearer then, and three strangers of a thousand.
+pub(crate) const FIRST_LOOK: u64 = 4;
+/// and the distance of two people ([`crate::users::likeness`]) up to which they are one: of eight
+/// frames' looks seven of ten who are back are nearer, and three strangers of a thousand.
 pub(crate) const FIRST_LOOK_APART: f32 = 1.0;
 /// A head that is cut off by the picture's edge tells nothing; for so many frames it is waited for.
 const LONGEST_LOOK: u64 = 40;
-/// Frames after which a new user is compared once more.
-const LAST_LOOK: u64 = 45;
+/// Every so many frames, up to the last look, a new user is compared once more: who walks in shows one side first, and
+/// goes back to the slot they had.
+const LOOK_STEP: u64 = 8;
+const LAST_LOOK: u64 = 48;
 /// Beyond this distance from all of them a newcomer is a stranger at once; who is between is looked at for longer,
 const STRANGER_APART: f32 = 1.6;
 /// for so many frames: with what it takes to be there at all, a newcomer has a slot within ten,
-pub(crate) const SECOND_LOOK: u64 = 10;
-/// with this distance: nine of ten who are back are nearer, and two strangers of a hundred.
+pub(crate) const SECOND_LOOK: u64 = 5;
+/// with this distance: of ten frames' looks nine of ten who are back are nearer, and two strangers of a hundred.
 pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
 /// A head without a face is tried again after so many frames.
 const REFUSED_FRAMES: u64 = 4;
@@ -97,6 +99,11 @@ pub enum PipelineError {
     /// The model's appearance.
     #[error(transparent)]
     Landmarks(#[from] crate::landmarks::LandmarkError),
+}
+
+/// Whether a user is compared once more after so many frames that taught their head.
+fn is_looked_at(taught: u64) -> bool {
+    taught > SECOND_LOOK && taught <= LAST_LOOK && taught.is_multiple_of(LOOK_STEP)
 }
 
 impl Pipeline {
@@ -184,6 +191,9 @@ impl Pipeline {
                 continue;
             }
             user.rect = None;
+            if let Some(head) = theirs[slot] {
+                user.pose.meet(centres[head]);
+            }
             let expected = user.pose.expected(frame.at);
             let cloud =
                 expected.and_then(|place| self.segmenter.around(frame, &self.camera, place));
@@ -217,7 +227,7 @@ impl Pipeline {
             if self.left[slot] {
                 self.remember(slot);
                 self.followers[slot].forget();
-            } else if theirs[slot].is_some() && self.followers[slot].pose.taught() == LAST_LOOK {
+            } else if theirs[slot].is_some() && is_looked_at(self.followers[slot].pose.taught()) {
                 self.look_again(slot);
             }
         }
@@ -275,13 +285,17 @@ impl Pipeline {
                 let near = free.iter().copied().filter(|&head| apart(head) <= reach);
                 near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
             }
-            None => free.iter().copied().find(|&head| {
-                let centre = heads[head].centre;
-                let mut refused = self.refused.iter();
-                !refused.any(|(place, until)| {
-                    *until > self.count && (centre - place).norm() < REFUSED_M
-                })
-            }),
+            None => {
+                // Who was never refused comes first: what stands about is no face again and again.
+                let refused = |head: usize| {
+                    let here = |place: &Point| (heads[head].centre - place).norm() < REFUSED_M;
+                    let until = self.refused.iter().filter(|(place, _)| here(place));
+                    until.map(|(_, until)| *until).max().unwrap_or(0)
+                };
+                let free = free.iter().copied();
+                free.filter(|&head| refused(head) <= self.count)
+                    .min_by_key(|&head| refused(head) > 0)
+            }
         };
         let Some(head) = head else {
             if guest.place.is_some() {

@@ -114,10 +114,15 @@ const BESIDE: f32 = 0.5;
 /// Starts that go on after the first rounds, and that are aligned with more points after the next.
 const GO_ON: usize = 12;
 const FINALISTS: usize = 6;
+/// Ends of a search that are kept for the face to choose from, so far apart, radians.
+const ENDS: usize = 3;
+const APART_RAD: f32 = 0.17;
 /// Steps of a search, each of which may be done in a frame of its own.
 const SEARCH_HALVES: u32 = 2;
 /// Without a pose for this long the prediction means nothing, seconds.
 const COAST_S: f64 = 0.2;
+/// A head goes no further than this between two frames, metres.
+const STEP_M: f32 = 0.1;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
 /// Least share of the pairs that the paper's method must keep.
@@ -134,12 +139,14 @@ const TEACHING_AGREEMENT: f32 = 0.6;
 const TAUGHT_ALL: u64 = 60;
 const TAUGHT_STEP: u64 = 3;
 
-/// How good an end of a search is.
-fn merit(fit: &PlaneFit) -> f32 {
-    fit.support
+/// How good an end of a search is: how well the bare face agrees, how much of it there is, and how much of the face's middle
+/// is seen. Hair and collar, which agree with the sides of a head in many places, have no say any more.
+fn proof(fit: &PlaneFit, covered: &Coverage) -> f32 {
+    fit.agreement * (fit.agreeing as f32).sqrt() * covered.middle
 }
 
-/// The best few ends, best first: thinned and loosely cut off, they cannot be told apart for sure.
+/// The best few ends of a search's first rounds, best first: thinned and loosely cut off, they cannot be told apart for sure.
+/// What counts is the support of the whole cloud: of the bare face alone too little is seen yet.
 struct Best<const N: usize>(heapless::Vec<PlaneFit, N>);
 
 impl<const N: usize> Best<N> {
@@ -149,7 +156,7 @@ impl<const N: usize> Best<N> {
 
     fn offer(&mut self, fit: Option<PlaneFit>) {
         let Some(fit) = fit else { return };
-        let place = self.0.iter().position(|other| merit(&fit) > merit(other));
+        let place = self.0.iter().position(|other| fit.support > other.support);
         if place.is_some() && self.0.is_full() {
             self.0.pop();
         }
@@ -178,6 +185,9 @@ pub struct PoseTracker {
     last: Option<(Rigid, Timestamp)>,
     /// The one before that.
     earlier: Option<(Rigid, Timestamp)>,
+    /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
+    middle: Option<Point>,
+    moved: Vector,
     /// Paper's method: the last frame's cloud, and the pairs' room.
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
@@ -185,6 +195,8 @@ pub struct PoseTracker {
     hit: Vec<bool>,
     /// Where a search that is half done has come to, and when.
     finalists: heapless::Vec<Rigid, FINALISTS>,
+    /// What has come of a search that is done: poses that are left should the first one show no face, best first.
+    ends: heapless::Vec<Rigid, ENDS>,
     searched: Timestamp,
     /// The last frame's fit, until it has taught the shape.
     lesson: Option<PlaneFit>,
@@ -213,9 +225,12 @@ impl PoseTracker {
             settings,
             last: None,
             earlier: None,
+            middle: None,
+            moved: Vector::zeros(),
             previous: None,
             scratch: icp::Scratch::default(),
             finalists: heapless::Vec::new(),
+            ends: heapless::Vec::new(),
             searched: Timestamp::default(),
             lesson: None,
             taught: 0,
@@ -251,6 +266,7 @@ impl PoseTracker {
         self.lose();
         self.last = None;
         self.finalists.clear();
+        self.ends.clear();
         self.lesson = None;
         self.taught = 0;
         self.shape.forget();
@@ -259,7 +275,7 @@ impl PoseTracker {
     /// Whether a search goes on in the next frame.
     #[must_use]
     pub fn is_searching(&self) -> bool {
-        !self.finalists.is_empty()
+        !self.finalists.is_empty() || !self.ends.is_empty()
     }
 
     fn lose(&mut self) {
@@ -296,13 +312,24 @@ impl PoseTracker {
 
     /// The last pose was wrong: the head is at `head_from_true` in it. The next cloud is aligned from there.
     pub fn correct(&mut self, head_from_true: &Rigid) {
-        self.lose();
-        if let Some((last, _)) = &mut self.last {
-            *last *= head_from_true;
+        self.previous = None;
+        self.filter.reset();
+        // The one before was as wrong: the head's speed stays.
+        for (pose, _) in self.last.iter_mut().chain(&mut self.earlier) {
+            *pose *= head_from_true;
         }
     }
 
-    /// The pose that was found is not believed: the next cloud is searched from nothing. What was learned of the head stays.
+    /// The middle of what was cut out as this head now, before it is followed: until the head has a speed, one who walks in
+    /// by 40 mm a frame is expected where this has moved.
+    pub fn meet(&mut self, middle: Point) {
+        self.moved = self
+            .middle
+            .map_or(Vector::zeros(), |before| middle - before);
+    }
+
+    /// The pose that was found is not believed: the next cloud is aligned from the next end of its search, or searched from
+    /// nothing. What was learned of the head stays.
     pub fn doubt(&mut self) {
         self.lose();
         self.last = None;
@@ -326,6 +353,7 @@ impl PoseTracker {
                 self.lose();
             }
         }
+        self.meet(cloud.centre);
         let found = match self.settings.method {
             Method::Paper => self.track_points(&cloud.points, searches),
             Method::Plane => self
@@ -337,7 +365,9 @@ impl PoseTracker {
             self.previous = None;
             return None;
         };
-        Some(self.keep(found, at))
+        let found = self.keep(found, at);
+        self.middle = Some(cloud.centre);
+        Some(found)
     }
 
     /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
@@ -359,6 +389,8 @@ impl PoseTracker {
     fn keep(&mut self, found: HeadPose, at: Timestamp) -> HeadPose {
         self.earlier = self.last;
         self.last = Some((found.sensor_from_head, at));
+        // What is gathered around a pose has the middle of that pose.
+        self.middle = None;
         HeadPose {
             sensor_from_head: self.filter.smooth(found.sensor_from_head, at),
             ..found
@@ -373,7 +405,8 @@ impl PoseTracker {
             return None;
         }
         let Some((earlier, earlier_at)) = self.earlier else {
-            return Some(last.inverse());
+            let moved = last.translation.vector + self.moved.cap_magnitude(STEP_M);
+            return Some(Rigid::from_parts(moved.into(), last.rotation).inverse());
         };
         let dt = last_at.seconds_since(earlier_at);
         if dt <= 0.0 {
@@ -435,6 +468,7 @@ impl PoseTracker {
         let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
         let coverage = self.accepted(cloud, &fit, COVERED_FOLLOWED)?;
         self.finalists.clear();
+        self.ends.clear();
         Some(self.believed(head, fit, coverage))
     }
 
@@ -447,16 +481,27 @@ impl PoseTracker {
         let scale_sigma = self.scale_sigma();
         if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
             self.finalists.clear();
+            self.ends.clear();
+        }
+        // What the last search left goes first, if its pose was doubted and not lost: it costs little.
+        if self.last.is_some() {
+            self.ends.clear();
+        }
+        if let Some(found) = self.settle(head, scale_sigma) {
+            self.searched = at;
+            return Some(found);
         }
         if self.finalists.is_empty() {
             *searches = searches.checked_sub(1)?;
             self.searched = at;
             self.search(&head.points, scale_sigma);
+            self.middle = Some(head.centre);
         }
         *searches = searches.checked_sub(1)?;
-        let fit = self.decide(&head.points, scale_sigma)?;
-        let coverage = self.accepted(&head.points, &fit, COVERED_FOUND)?;
-        Some(self.believed(head, fit, coverage))
+        self.searched = at;
+        self.decide(&head.points, scale_sigma);
+        (self.middle, self.moved) = (Some(head.centre), Vector::zeros());
+        self.settle(head, scale_sigma)
     }
 
     /// The pose of an accepted fit, which may teach the shape of the head.
@@ -491,32 +536,58 @@ impl PoseTracker {
             ));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
+        self.moved = Vector::zeros();
     }
 
-    /// Second half: the best of the finalists on all points. Between two frames a head moves less than they are off.
-    fn decide(&mut self, cloud: &[Point], scale_sigma: f64) -> Option<PlaneFit> {
-        let mut winner: Option<(f32, PlaneFit)> = None;
-        for start in core::mem::take(&mut self.finalists) {
-            if let Some(fit) =
+    /// Second half: the finalists, moved with the cloud, on all points; the best of them stay, each a pose of its own.
+    fn decide(&mut self, cloud: &[Point], scale_sigma: f64) {
+        let back = self.moved_back();
+        let mut ends: heapless::Vec<(f32, Rigid), FINALISTS> = heapless::Vec::new();
+        for start in &self.finalists {
+            let start = start * back;
+            let Some(fit) =
                 self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma, BESIDE)
-            {
-                let covered =
-                    plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
-                let merit = merit(&fit) * covered.whole;
-                if winner.is_none_or(|(best, _)| merit > best) {
-                    winner = Some((merit, fit));
-                }
+            else {
+                continue;
+            };
+            let covered = plane::coverage(&self.anchor, &self.shape, cloud, &fit, &mut self.hit);
+            let proof = proof(&fit, &covered);
+            let place = ends.iter().position(|(other, _)| proof > *other);
+            // As many as finalists.
+            let _ = ends.insert(place.unwrap_or(ends.len()), (proof, fit.head_from_sensor));
+        }
+        self.finalists.clear();
+        self.ends.clear();
+        for (_, end) in &ends {
+            let is_new = |other: &Rigid| (other.inverse() * end).rotation.angle() > APART_RAD;
+            if !self.ends.is_full() && self.ends.iter().all(is_new) {
+                // Room was seen to.
+                let _ = self.ends.push(*end);
             }
         }
-        let (_, fit) = winner?;
-        self.aligned(
-            cloud,
-            fit.head_from_sensor,
-            &FOLLOW_M,
-            1,
-            scale_sigma,
-            BESIDE,
-        )
+    }
+
+    /// The best end of a search that is left, if one is accepted on all points.
+    fn settle(&mut self, head: &HeadCloud, scale_sigma: f64) -> Option<HeadPose> {
+        let back = self.moved_back();
+        while !self.ends.is_empty() {
+            let start = self.ends.remove(0) * back;
+            let cloud = &head.points;
+            let fit = self.aligned(cloud, start, &FOLLOW_M, 1, scale_sigma, BESIDE);
+            let coverage = fit.and_then(|fit| self.accepted(cloud, &fit, COVERED_FOUND));
+            if let (Some(fit), Some(coverage)) = (fit, coverage) {
+                for end in &mut self.ends {
+                    *end *= back;
+                }
+                return Some(self.believed(head, fit, coverage));
+            }
+        }
+        None
+    }
+
+    /// From where the cloud is now to where it was.
+    fn moved_back(&self) -> nalgebra::Translation3<f32> {
+        (-self.moved.cap_magnitude(STEP_M)).into()
     }
 
     fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<HeadPose> {

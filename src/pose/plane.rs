@@ -79,17 +79,14 @@ const COVERED_M: f32 = 0.008;
 /// Shares of places that live points lie on, 0…1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coverage {
-    /// All of the head.
-    pub(crate) whole: f32,
     /// Between brows and mouth.
     pub(crate) middle: f32,
     /// On the ridge and the tip of the nose: a flat thing may cover most of the middle.
     pub(crate) nose: f32,
 }
 
-/// How much of the head live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and leaves the rest of the face empty; a forearm or the back of a
-/// chair has no nose. `hit` is work
-/// space, one per anchor point.
+/// How much of the face live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and
+/// leaves the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is work space, one per anchor point.
 pub(crate) fn coverage(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -107,7 +104,7 @@ pub(crate) fn coverage(
             hit[i] = true;
         }
     }
-    let (mut facing, mut covered) = ([0.0; 3], [0.0; 3]);
+    let (mut facing, mut covered) = ([0.0; 2], [0.0; 2]);
     for i in 0..anchor.points.len() {
         let towards = anchor.points[i] * fit.scale - camera;
         let away = anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm();
@@ -116,17 +113,13 @@ pub(crate) fn coverage(
         }
         let is_hit = hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]);
         let p = &anchor.points[i];
-        for (k, is_in) in [true, is_middle(p), is_nose(p)].into_iter().enumerate() {
+        for (k, is_in) in [is_middle(p), is_nose(p)].into_iter().enumerate() {
             facing[k] += f32::from(u8::from(is_in));
             covered[k] += f32::from(u8::from(is_in && is_hit));
         }
     }
-    let [whole, middle, nose] = [0, 1, 2].map(|k| covered[k] / f32::max(facing[k], 1.0));
-    Coverage {
-        whole,
-        middle,
-        nose,
-    }
+    let [middle, nose] = [0, 1].map(|k| covered[k] / f32::max(facing[k], 1.0));
+    Coverage { middle, nose }
 }
 
 /// Whether a place is between the brows' and the mouth's ends: there every face has its relief.
