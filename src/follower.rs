@@ -169,6 +169,10 @@ impl Follower {
     ) -> bool {
         self.rect = Some(cloud.rect);
         let sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
+        if !frame.has_picture() && !pose.proven {
+            self.pose.take_back();
+            return false;
+        }
         if !frame.has_picture() {
             // Until somebody is known to be there, only what is surely a head counts.
             if sure || (self.is_known() && !self.missed) {
@@ -193,6 +197,10 @@ impl Follower {
                 self.pose.learn(cloud);
                 self.face.see(&landmarks.head);
                 landmarks
+            }
+            None if !pose.proven => {
+                self.pose.take_back();
+                return false;
             }
             None => match self.turned_away(&sensor_from_head, camera, frame.at) {
                 Some(landmarks) => landmarks,
@@ -425,6 +433,7 @@ mod tests {
             confidence: 0.9,
             residual: 0.001,
             coverage: 0.9,
+            proven: true,
         }
     }
 

@@ -58,12 +58,13 @@ pub struct Reading {
 impl Reading {
     /// Standard deviation of a reading's rest over people: what is left once every input's rest is known.
     const REST_SD: f64 = 0.05;
-    /// A unit's reading before the person was seen: rest at 0, the full expression at 1.
+    /// A unit's reading before the person was seen: rest at 0; the full expression somewhat below 1, since people go less
+    /// far than the heads that shares are learnt from.
     pub const PRIOR: Prior = Prior {
         kind: Kind::Rising,
         rest: 0.0,
         rest_sd: Self::REST_SD,
-        up: 1.0,
+        up: 0.85,
         down: 0.0,
     };
 

@@ -46,6 +46,8 @@ pub struct HeadPose {
     /// Of the middle of the face, or of its nose if that is less, the share that the cloud lies on, 0…1; 1 with the paper's method,
     /// which does not look.
     pub coverage: f32,
+    /// Whether depth alone says so; else it is to be taken back ([`PoseTracker::take_back`]) unless a face is seen there.
+    pub proven: bool,
 }
 
 /// How the pose is found.
@@ -125,6 +127,8 @@ const COAST_S: f64 = 0.2;
 const STEP_M: f32 = 0.1;
 /// After this long somebody else may sit there: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
+/// Share of the least agreement down to which a followed head may be proven by its face instead.
+const UNPROVEN: f32 = 0.7;
 /// Least share of the pairs that the paper's method must keep.
 const MIN_PAIRED: f32 = 0.35;
 /// Least share of the middle of the face that the cloud must lie on: of a head that is followed, which a hand may cover half,
@@ -175,6 +179,13 @@ fn is_whole(rect: &PixelRect) -> bool {
 /// Columns without data at the right side of the depth picture.
 const BLANK_COLUMNS: u16 = 8;
 
+/// Both last poses and the filter, as they were before an unproven one.
+type Before = (
+    Option<(Rigid, Timestamp)>,
+    Option<(Rigid, Timestamp)>,
+    PoseFilter,
+);
+
 /// Follows one head.
 pub struct PoseTracker {
     settings: Settings,
@@ -185,6 +196,8 @@ pub struct PoseTracker {
     last: Option<(Rigid, Timestamp)>,
     /// The one before that.
     earlier: Option<(Rigid, Timestamp)>,
+    /// What an unproven pose took the place of.
+    before: Option<Before>,
     /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
     middle: Option<Point>,
     moved: Vector,
@@ -225,6 +238,7 @@ impl PoseTracker {
             settings,
             last: None,
             earlier: None,
+            before: None,
             middle: None,
             moved: Vector::zeros(),
             previous: None,
@@ -328,6 +342,13 @@ impl PoseTracker {
             .map_or(Vector::zeros(), |before| middle - before);
     }
 
+    /// The last pose was not proven, and no face was seen there: the head is where it was.
+    pub fn take_back(&mut self) {
+        if let Some((last, earlier, filter)) = self.before.take() {
+            (self.last, self.earlier, self.filter) = (last, earlier, filter);
+        }
+    }
+
     /// The pose that was found is not believed: the next cloud is aligned from the next end of its search, or searched from
     /// nothing. What was learned of the head stays.
     pub fn doubt(&mut self) {
@@ -387,6 +408,7 @@ impl PoseTracker {
 
     /// Remembers and smooths what was found.
     fn keep(&mut self, found: HeadPose, at: Timestamp) -> HeadPose {
+        self.before = (!found.proven).then(|| (self.last, self.earlier, self.filter.clone()));
         self.earlier = self.last;
         self.last = Some((found.sensor_from_head, at));
         // What is gathered around a pose has the middle of that pose.
@@ -428,6 +450,11 @@ impl PoseTracker {
         if fit.agreement < self.settings.min_agreement || fit.agreeing < MIN_AGREEING {
             return None;
         }
+        self.covered(cloud, fit, least)
+    }
+
+    /// What the cloud covers of the head, if it is enough of its middle.
+    fn covered(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
         let covered = plane::coverage(&self.anchor, &self.shape, cloud, fit, &mut self.hit);
         (covered.middle >= least).then_some(covered)
     }
@@ -466,10 +493,19 @@ impl PoseTracker {
         let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0, 1.0)?;
         let scale_sigma = self.scale_sigma();
         let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
-        let coverage = self.accepted(cloud, &fit, COVERED_FOLLOWED)?;
+        // Hair, beard and things let a head agree badly: where a face is seen, that proves it.
+        let proven = fit.agreement >= self.settings.min_agreement;
+        let enough = fit.agreement >= UNPROVEN * self.settings.min_agreement;
+        if !enough || fit.agreeing < MIN_AGREEING {
+            return None;
+        }
+        let coverage = self.covered(cloud, &fit, COVERED_FOLLOWED)?;
         self.finalists.clear();
         self.ends.clear();
-        Some(self.believed(head, fit, coverage))
+        Some(HeadPose {
+            proven,
+            ..self.believed(head, fit, coverage)
+        })
     }
 
     fn find_planes(
@@ -515,6 +551,7 @@ impl PoseTracker {
             confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
             residual: fit.residual,
             coverage,
+            proven: true,
         }
     }
 
@@ -626,6 +663,7 @@ impl PoseTracker {
             confidence: found.paired,
             residual: found.residual,
             coverage: 1.0,
+            proven: true,
         })
     }
 

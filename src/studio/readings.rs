@@ -3,8 +3,8 @@
 //! People the face model may learn from act random mixtures (`Scene::Mixed`) before the simulated sensor, some of them
 //! with hair and things; the whole pipeline follows them. Of every frame in which a face is believed and rest has been
 //! learnt, the departures of all inputs and the truth of all units ([`super::acted`]) make an example, and its mirror image
-//! another. Ridge regression on rises and falls gives the shares; those that move a reading least are dropped, the rest fitted
-//! again. At last a reading is stretched so that the middle one of full expressions comes to [`FULL`], by [`MOST`] at most:
+//! another. Ridge regression on rises and falls gives the shares. A unit is read from what its part of the face tells
+//! ([`tells_of`]): what else seems to tell of it in one world does not in another. At last a reading is stretched so that the middle one of full expressions comes to [`FULL`], by [`MOST`] at most:
 //! what is hardly seen regresses to small readings. Seeded; eye distances.
 
 use std::fmt::Write;
@@ -36,9 +36,7 @@ const EVERY: i64 = 2;
 /// One person of so many wears hair and things: they take four times as long to draw.
 const DRESSED: usize = 5;
 /// Penalty of the regression, in examples, on inputs scaled to their deviation.
-const PENALTY: f64 = 60.0;
-/// Shares that move a reading by less than this, one standard deviation, are dropped.
-const LEAST: f64 = 0.006;
+const PENALTY: f64 = 1000.0;
 /// What the middle one of full expressions is read as, and the most a reading is stretched for it.
 const FULL: f64 = 0.95;
 const MOST: f64 = 2.0;
@@ -62,7 +60,7 @@ impl Default for Practice {
     fn default() -> Self {
         Self {
             people: 60,
-            seconds: 60.0,
+            seconds: 40.0,
             seed: 41,
             examples: None,
         }
@@ -226,49 +224,74 @@ impl Example {
     }
 }
 
+/// What belongs to brows and lids only, and the lids.
+const UPPER: [&str; 10] = [
+    "brow_",
+    "inner_brow_",
+    "outer_brow_",
+    "lid_",
+    "upper_lid_",
+    "lower_lid_",
+    "nostril_",
+    "nose_width",
+    "upper_lip_L",
+    "upper_lip_R",
+];
+const BROWS_AND_LIDS: [&str; 6] = [
+    "brow_",
+    "inner_brow_",
+    "outer_brow_",
+    "lid_",
+    "upper_lid_",
+    "lower_lid_",
+];
+const LIDS: [&str; 3] = ["lid_", "upper_lid_", "lower_lid_"];
+const OUTER_BROWS: &str = "outer_brow_";
+
+/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, and a wrinkled nose
+/// from brows too.
+fn tells_of(unit: &str, input: usize) -> bool {
+    let name = input_name(input);
+    let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
+    match unit.trim_end_matches(['L', 'R']) {
+        "AU4" => is(&UPPER) && input < LEARNT_MEASURES,
+        "AU1" | "AU2" | "AU5" | "AU43" => is(&UPPER),
+        "AU9" => !is(&LIDS) && !name.starts_with(OUTER_BROWS),
+        _ => !is(&BROWS_AND_LIDS),
+    }
+}
+
 /// Shares by input and side of one unit, and what to say of them.
 fn regress(examples: &[Example], unit: usize) -> ([[f64; 2]; INPUTS], String) {
     let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
-    let mut kept: Vec<(usize, usize)> = (0..INPUTS).flat_map(|i| [(i, 0), (i, 1)]).collect();
+    let inputs = (0..INPUTS).filter(|&i| tells_of(UNITS[unit].0, i));
+    let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
     let scale = |&(i, s): &(usize, usize)| {
-        let sum: f64 = examples
-            .iter()
-            .map(|e| side(e.departures[i], s).powi(2))
-            .sum();
-        (sum / examples.len() as f64).sqrt().max(1e-4)
+        let squares = examples.iter().map(|e| side(e.departures[i], s).powi(2));
+        (squares.sum::<f64>() / examples.len() as f64)
+            .sqrt()
+            .max(1e-4)
     };
-    let mut shares = [[0.0; 2]; INPUTS];
-    for round in 0..3 {
-        let scales: Vec<f64> = kept.iter().map(scale).collect();
-        let n = kept.len();
-        let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
-        let mut right = DVector::zeros(n);
-        let mut row = vec![0.0; n];
-        for e in examples {
-            for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
-                *x = side(e.departures[i], s) / scale;
-            }
-            for a in 0..n {
-                if row[a] == 0.0 {
-                    continue;
-                }
-                right[a] += row[a] * e.truth[unit];
-                for b in 0..=a {
-                    gram[(a, b)] += row[a] * row[b];
-                }
+    let scales: Vec<f64> = kept.iter().map(scale).collect();
+    let n = kept.len();
+    let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
+    let mut right = DVector::zeros(n);
+    let mut row = vec![0.0; n];
+    for e in examples {
+        for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
+            *x = side(e.departures[i], s) / scale;
+        }
+        for a in (0..n).filter(|&a| row[a] != 0.0) {
+            right[a] += row[a] * e.truth[unit];
+            for b in 0..=a {
+                gram[(a, b)] += row[a] * row[b];
             }
         }
-        let Some(solution) = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right)) else {
-            break;
-        };
-        shares = [[0.0; 2]; INPUTS];
+    }
+    let mut shares = [[0.0; 2]; INPUTS];
+    if let Some(solution) = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right)) {
         for ((&(i, s), value), scale) in kept.iter().zip(solution.iter()).zip(&scales) {
             shares[i][s] = value / scale;
-        }
-        if round < 2 {
-            let matters: Vec<bool> = solution.iter().map(|v| v.abs() >= LEAST).collect();
-            let mut matters = matters.into_iter();
-            kept.retain(|_| matters.next().unwrap_or(true));
         }
     }
     let read = |e: &Example, shares: &[[f64; 2]; INPUTS]| -> f64 {
@@ -296,10 +319,7 @@ fn regress(examples: &[Example], unit: usize) -> ([[f64; 2]; INPUTS], String) {
         (a, b, aa, bb, ab) = (a + x, b + y, aa + x * x, bb + y * y, ab + x * y);
     }
     let r = (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt();
-    let line = format!(
-        "r {r:.3}, full {middle:.2}, stretched by {stretch:.2}, {} shares",
-        kept.len()
-    );
+    let line = format!("r {r:.3}, full {middle:.2}, stretched by {stretch:.2}");
     (shares, line)
 }
 
