@@ -490,4 +490,76 @@ mod tests {
         assert!(!after.is_taken() && after.head.is_none() && after.place.is_none());
         assert!(!after.is_somebody() && !after.expression.weights().frozen);
     }
+
+    #[test]
+    fn a_known_head_whose_face_is_covered_is_followed_by_depth_if_it_is_surely_one() {
+        let mut follower = follower();
+        let mut frame_number = 0;
+        let mut covered = 0;
+        frames(45, |frame, camera, cloud, truth| {
+            frame_number += 1;
+            if frame_number <= 35 {
+                follower.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+                return;
+            }
+            if follower.frames < KNOWN_FRAMES {
+                return;
+            }
+            // Something before the face: a picture, but none of a face.
+            let mut hidden = frame.clone();
+            for (k, luma) in hidden.luma.iter_mut().enumerate() {
+                *luma = (k % 251) as u8;
+            }
+            covered += 1;
+            let unsure = HeadPose {
+                coverage: SURE_COVERAGE - 0.01,
+                ..pose(truth)
+            };
+            let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
+            let before = follower.frames;
+            if faces >= AWAY_FACING.end {
+                if covered == 1 {
+                    assert!(!follower.look(&hidden, camera, cloud, &unsure, &mut |_| {}));
+                }
+                assert!(follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {}));
+                assert_eq!(follower.frames, before, "no face was seen");
+                assert_eq!(follower.last_seen, frame.at);
+                assert!(follower.head.is_some_and(|head| {
+                    (head.translation.vector - truth.translation.vector).norm() < 1e-4
+                }));
+            }
+        });
+        assert!(covered > 5, "{covered}");
+    }
+
+    #[test]
+    fn without_colour_two_frames_of_a_sure_head_make_somebody_or_one_of_a_certain_one() {
+        for (confidence, coverage, somebody_after) in [
+            (0.61, 0.7, Some(2)),
+            (0.63, 0.7, Some(1)),
+            (0.55, 0.7, None),
+            (0.63, 0.64, None),
+        ] {
+            let mut follower = follower();
+            let (mut seen, mut first) = (0, None);
+            frames(6, |frame, camera, cloud, truth| {
+                let mut dark = frame.clone();
+                dark.has_colour = false;
+                let given = HeadPose {
+                    confidence,
+                    coverage,
+                    ..pose(truth)
+                };
+                let found = follower.look(&dark, camera, cloud, &given, &mut |_| {});
+                assert_eq!(found, somebody_after.is_some());
+                seen += 1;
+                if first.is_none() && follower.is_somebody() {
+                    first = Some(seen);
+                    assert_eq!(follower.state, TrackingState::Posed);
+                    assert_eq!(follower.confidence, confidence);
+                }
+            });
+            assert_eq!(first, somebody_after, "{confidence} {coverage}");
+        }
+    }
 }

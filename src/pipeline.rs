@@ -583,22 +583,27 @@ mod tests {
         let mut pipeline =
             Pipeline::new(&settings, &registration, &FaceModel::shipped()).expect("a pipeline");
         let mut frame = Frame::default();
-        let mut follow = |pipeline: &mut Pipeline, frames: usize| {
+        let mut follow = |pipeline: &mut Pipeline, frames: usize, is_there: bool| {
             for _ in 0..frames {
                 sensor.next_frame(&mut frame);
+                if !is_there {
+                    frame.depth.fill(crate::sensor::NO_DEPTH);
+                }
                 pipeline.follow(&frame);
             }
             frame.at
         };
-        follow(&mut pipeline, 45);
+        follow(&mut pipeline, 45, true);
         let since = pipeline.followers[0].since;
         assert!(pipeline.followers[0].state.has_face());
         // Lost, in another slot, and not where they were.
         pipeline.followers.swap(0, 2);
-        pipeline.followers[2].state = TrackingState::Lost;
+        follow(&mut pipeline, 45, false);
+        assert_eq!(pipeline.followers[2].state, TrackingState::Lost);
         pipeline.followers[2].place = None;
+        pipeline.followers[2].pose.doubt();
         let left = pipeline.followers[2].last_seen;
-        let now = follow(&mut pipeline, 15);
+        let now = follow(&mut pipeline, 15, true);
         let user = &pipeline.followers[2];
         assert!(user.state.has_face(), "known again: {:?}", user.state);
         assert!(!pipeline.followers[0].is_taken());

@@ -291,4 +291,34 @@ pub(crate) mod tests {
         head[5].0.x = f32::NAN;
         assert!(Anchor::new(&head).is_none());
     }
+
+    #[test]
+    fn trust_falls_over_the_lower_face_the_hair_and_the_sides() {
+        for (y, z, expected) in [
+            (0.0, 0.0, 1.0),
+            (0.03, 0.045, 1.0),
+            (0.045, 0.0, 0.65),
+            (0.07, 0.0, 0.3),
+            (-0.065, 0.0, 1.0),
+            (-0.08, 0.0, 0.7),
+            (-0.1, 0.0, 0.4),
+            (0.0, 0.06, 0.75),
+            (0.0, 0.09, 0.5),
+            (0.045, 0.06, 0.4875),
+        ] {
+            let found = trust(&Point::new(0.0, y, z));
+            assert!((found - expected).abs() < 1e-5, "{y} {z}: {found}");
+        }
+        for (x, y, z, is_bare) in [
+            (0.0, 0.0, 0.0, true),
+            (0.0, -0.051, 0.0, false),
+            (0.0, 0.081, 0.0, false),
+            (0.0, 0.0, 0.041, false),
+            (0.063, 0.0, 0.0, false),
+            (-0.063, 0.0, 0.0, false),
+            (-0.061, 0.079, 0.039, true),
+        ] {
+            assert_eq!(bare(&Point::new(x, y, z)), is_bare, "{x} {y} {z}");
+        }
+    }
 }

@@ -816,4 +816,123 @@ mod tests {
         let error = PoseTracker::new(Settings::default(), &[]).err().unwrap();
         assert!(error.to_string().contains("found 0 points"));
     }
+
+    #[test]
+    fn a_head_is_expected_where_its_speed_takes_it() {
+        let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+        let at = |ms: u64| Timestamp::from_us(1_000_000 + ms * 1000);
+        let pose = |x: f32, yaw: f32| {
+            let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
+            Rigid::from_parts(Vector::new(x, 0.0, 0.8).into(), turn)
+        };
+        assert!(tracker.predicted(at(0)).is_none());
+        tracker.last = Some((pose(0.01, 0.1), at(40)));
+        let expected = tracker.predicted(at(60)).unwrap();
+        assert!((expected * pose(0.01, 0.1)).translation.vector.norm() < 1e-6);
+        // 0.01 m and 0.1 rad in 40 ms; nine tenths of that speed is believed, for twice the time at most.
+        tracker.earlier = Some((pose(0.0, 0.0), at(0)));
+        for (ms, steps) in [(60, 0.45), (80, 0.9), (120, 1.8), (200, 1.8)] {
+            let apart =
+                tracker.predicted(at(ms)).unwrap() * pose(0.01 + 0.01 * steps, 0.1 + 0.1 * steps);
+            assert!(apart.translation.vector.norm() < 1e-5, "{ms}");
+            assert!(apart.rotation.angle() < 1e-3, "{ms}");
+        }
+        // After a fifth of a second nothing is; time that stood still tells no speed.
+        assert!(tracker.predicted(at(241)).is_none());
+        tracker.earlier = Some((pose(0.5, 0.9), at(40)));
+        let expected = tracker.predicted(at(60)).unwrap();
+        assert!((expected * pose(0.01, 0.1)).translation.vector.norm() < 1e-6);
+    }
+
+    #[test]
+    fn what_a_side_of_the_picture_cuts_off_is_not_whole() {
+        let rect = |x0: u16, y0: u16, x1: u16, y1: u16| PixelRect { x0, y0, x1, y1 };
+        let cell = CELL_PX as u16;
+        let (right, bottom) = (WIDTH as u16 - BLANK_COLUMNS - cell, HEIGHT as u16 - cell);
+        assert!(is_whole(&rect(cell + 1, cell + 1, right - 1, bottom - 1)));
+        for cut in [
+            rect(cell, 99, 200, 200),
+            rect(99, cell, 200, 200),
+            rect(99, 99, right, 200),
+            rect(99, 99, 200, bottom),
+        ] {
+            assert!(!is_whole(&cut), "{cut:?}");
+        }
+    }
+
+    #[test]
+    fn the_best_few_are_kept_in_order() {
+        let fit = |support: f32| PlaneFit {
+            head_from_sensor: Rigid::identity(),
+            scale: 1.0,
+            agreement: 0.0,
+            support,
+            residual: 0.0,
+            agreeing: 0,
+        };
+        let mut best: Best<3> = Best::new();
+        for support in [0.3, 0.1, 0.5, 0.2, 0.4, 0.05] {
+            best.offer(Some(fit(support)));
+            best.offer(None);
+        }
+        let kept: Vec<f32> = best.0.iter().map(|fit| fit.support).collect();
+        assert_eq!(kept, [0.5, 0.4, 0.3]);
+    }
+
+    #[test]
+    fn a_pose_is_as_sure_as_its_agreement_and_its_coverage() {
+        let settings = Settings::default();
+        let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
+        let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
+        let fit = |agreement: f32, agreeing: u32| PlaneFit {
+            head_from_sensor: placed(0.0, 0.0, 0.0).inverse(),
+            scale: 1.0,
+            agreement,
+            support: 1.0,
+            residual: 0.0,
+            agreeing,
+        };
+        assert!(
+            tracker
+                .accepted(&head.points, &fit(0.46, 120), 0.6)
+                .is_some()
+        );
+        assert!(
+            tracker
+                .accepted(&head.points, &fit(0.44, 120), 0.6)
+                .is_none()
+        );
+        assert!(
+            tracker
+                .accepted(&head.points, &fit(0.46, 119), 0.6)
+                .is_none()
+        );
+        assert!(tracker.accepted(&[], &fit(0.9, 500), 0.6).is_none());
+        let covered = |middle: f32, nose: f32| Coverage {
+            whole: 1.0,
+            middle,
+            nose,
+        };
+        let mut whole = head;
+        whole.rect = PixelRect {
+            x0: 100,
+            y0: 100,
+            x1: 300,
+            y1: 300,
+        };
+        for (agreement, middle, nose, confidence, teaches) in [
+            (0.8, 0.9, 0.7, 0.8, true),
+            (0.8, 0.9, 0.3, 0.4, true),
+            (0.8, 0.3, 0.9, 0.4, true),
+            (0.59, 0.9, 0.9, 0.59, false),
+        ] {
+            let pose = tracker.believed(&whole, fit(agreement, 500), covered(middle, nose));
+            assert!((pose.confidence - confidence).abs() < 1e-6);
+            assert_eq!(pose.coverage, middle.min(nose));
+            assert_eq!(tracker.lesson.is_some(), teaches);
+        }
+        whole.rect.x0 = 0;
+        tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
+        assert!(tracker.lesson.is_none(), "cut off at the side");
+    }
 }

@@ -378,4 +378,28 @@ mod tests {
         let (g, h) = (sums.g[5], sums.rows[5][5]);
         assert!((-g / h - 0.005).abs() < 1e-3, "{}", -g / h);
     }
+
+    #[test]
+    fn the_middle_of_a_face_and_its_nose_are_where_they_are() {
+        let at = |x: f32, y: f32| Point::new(x, y, 0.0);
+        for (x, y, middle, nose) in [
+            (0.0, 0.02, true, true),
+            (0.039, 0.0, true, false),
+            (-0.039, 0.0, true, false),
+            (0.041, 0.0, false, false),
+            (-0.041, 0.0, false, false),
+            (0.0, -0.031, false, false),
+            (0.0, 0.069, true, false),
+            (0.0, 0.071, false, false),
+            (0.009, 0.044, true, true),
+            (-0.011, 0.044, true, false),
+            (0.0, 0.009, true, false),
+        ] {
+            assert_eq!(
+                (is_middle(&at(x, y)), is_nose(&at(x, y))),
+                (middle, nose),
+                "{x} {y}"
+            );
+        }
+    }
 }

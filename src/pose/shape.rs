@@ -149,6 +149,7 @@ impl HeadShape {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Rigid;
     use crate::pose::anchor::tests::half_egg;
     use crate::pose::signature::Signature;
 
@@ -189,5 +190,65 @@ mod tests {
         shape.settle(&anchor);
         let worst = shape.offset.iter().fold(0.0f32, |m, o| m.max(o.abs()));
         assert!(worst < 2e-5, "{worst}");
+    }
+
+    #[test]
+    fn what_was_measured_is_told_without_the_standard_heads_share_and_freedom_narrows() {
+        let mut shape = HeadShape::standard(3);
+        (shape.seen, shape.offset) = (vec![0.5, 1.0, 12.0], vec![0.001, 0.001, 0.003]);
+        assert_eq!(shape.measured(0), None);
+        // Of five frames' worth one was seen; of sixteen twelve.
+        assert!((shape.measured(1).unwrap() - 0.005).abs() < 1e-8);
+        assert!((shape.measured(2).unwrap() - 0.004).abs() < 1e-8);
+        for (frames, sigma) in [(0.0, 0.06), (30.0, 0.03), (1e6, 0.004)] {
+            shape.frames = frames;
+            assert!((shape.scale_sigma() - sigma).abs() < 1e-12);
+        }
+        (shape.log_scale, shape.frames) = (0.1, 9.0);
+        shape.forget();
+        assert_eq!((shape.log_scale, shape.frames), (0.0, 0.0));
+        assert!(shape.offset.iter().chain(&shape.seen).all(|v| *v == 0.0));
+    }
+
+    #[test]
+    fn a_bump_that_is_seen_is_learned_and_a_size_is_a_mean() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let mut shape = HeadShape::standard(anchor.points.len());
+        let pose = Rigid::translation(0.0, 0.0, -0.7);
+        // The tip of a nose is 4 mm longer than the standard one, over 2 cm.
+        let bump = |p: &Point| 0.004 * (-p.coords.xy().norm_squared() / 2e-4).exp();
+        let all = anchor.points.iter().zip(&anchor.normals);
+        let cloud: Vec<Point> = all
+            .map(|(p, n)| pose.inverse() * (p + n * bump(p)))
+            .collect();
+        let fit = |scale| PlaneFit {
+            head_from_sensor: pose,
+            scale,
+            agreement: 1.0,
+            support: 1.0,
+            residual: 0.0,
+            agreeing: 1000,
+        };
+        for _ in 0..60 {
+            shape.learn(&anchor, &cloud, &fit(1.0));
+        }
+        let tip = (0..anchor.points.len())
+            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
+            .min_by(|&a, &b| {
+                let aside = |k: usize| anchor.points[k].coords.xy().norm();
+                aside(a).total_cmp(&aside(b))
+            })
+            .unwrap();
+        let learned = shape.measured(tip).unwrap();
+        assert!((0.0025..0.0045).contains(&learned), "{learned}");
+        let beside = (0..anchor.points.len())
+            .filter(|&i| anchor.bare[i] && bump(&anchor.points[i]) < 1e-5 && shape.seen[i] > 9.0)
+            .map(|i| shape.offset[i].abs());
+        assert!(beside.clone().count() > 50 && beside.fold(0.0, f32::max) < 0.0015);
+        // One of the size before, one a tenth larger in all: the mean of the logarithms.
+        let mut shape = HeadShape::standard(anchor.points.len());
+        shape.learn(&anchor, &[], &fit(1.0));
+        shape.learn(&anchor, &[], &fit(1.1));
+        assert!((shape.log_scale - 0.5 * 1.1f64.ln()).abs() < 1e-6);
     }
 }

@@ -187,4 +187,61 @@ mod tests {
         assert!(Likeness::read(format!("{short} 7").split_ascii_whitespace()).is_none());
         assert!(Likeness::read(format!("{short} NaN").split_ascii_whitespace()).is_none());
     }
+
+    #[test]
+    fn lengths_are_those_of_the_face_and_differences_weigh_as_they_say() {
+        let mut head = [Point::origin(); LANDMARKS];
+        for (i, x, y, z) in [
+            (36, -0.05, 0.0, 0.02),
+            (39, -0.02, 0.0, 0.0),
+            (42, 0.02, 0.0, 0.0),
+            (45, 0.05, 0.0, 0.02),
+            (27, 0.0, 0.0, -0.01),
+            (30, 0.0, 0.03, -0.01),
+            (33, 0.0, 0.04, 0.0),
+            (19, -0.04, -0.02, 0.0),
+            (24, 0.04, -0.02, 0.0),
+            (2, -0.07, 0.0, 0.05),
+            (14, 0.07, 0.0, 0.05),
+        ] {
+            head[i] = Point::new(x, y, z);
+        }
+        let eye = f32::hypot(0.03, 0.02);
+        let ridge = f32::hypot(0.04, 0.01);
+        let expected = [
+            0.04, 0.1, eye, 0.02, ridge, 0.03, 0.04, -0.01, -0.02, -0.02, 0.14,
+        ];
+        for (k, (found, expected)) in lengths(&head).into_iter().zip(expected).enumerate() {
+            assert!((found - expected).abs() < 1e-6, "length {k}: {found}");
+        }
+        // A mean of two frames, then of many.
+        let mut face = FaceLengths::default();
+        face.see(&head);
+        face.see(&head.map(|p| p * 1.5));
+        assert!((face.mean[1] - 0.125).abs() < 1e-6 && face.frames == 2.0);
+        for _ in 0..400 {
+            face.see(&head);
+        }
+        assert!(face.frames == 150.0 && (face.mean[1] - 0.1).abs() < 2e-3);
+        // One spread of the size, one of the first length, and a surface of one: the root of the weighted mean.
+        let person = |first: f32| {
+            let mut face = face;
+            face.mean[0] += first;
+            Likeness {
+                head: nothing_seen(),
+                face,
+            }
+        };
+        let heads = Difference {
+            surface: 1.0,
+            log_size: -0.02,
+        };
+        let found = person(0.0).apart(&person(SIGMA_M[0]), heads);
+        assert!((found - f32::sqrt((8.0 + 2.0 + 0.5) / (10.0 + 5.5))).abs() < 1e-4);
+        let unseen = Likeness {
+            head: nothing_seen(),
+            face: FaceLengths::default(),
+        };
+        assert!((person(0.0).apart(&unseen, heads) - 1.0).abs() < 1e-6);
+    }
 }

@@ -159,4 +159,45 @@ mod tests {
         let later = Some(place.expected(at(500)));
         assert_eq!(assign(&[later, None, None, None], &far)[0], Some(0));
     }
+
+    #[test]
+    fn a_place_is_expected_by_its_speed_within_a_reach_that_grows() {
+        let point = |x: f32| Point::new(x, 0.0, 0.8);
+        let mut place = Place::new(point(0.0), Vector::zeros(), at(0));
+        // 0.1 m in 0.25 s is 0.4 m/s, of which half is believed at first: 0.25/(0.25 + 0.25).
+        place.see(point(0.1), Vector::x() * 0.1, at(250));
+        for (ms, x, reach) in [
+            (250, 0.1, 0.14),
+            (450, 0.14, 0.24),
+            (650, 0.18, 0.34),
+            (1250, 0.3, 0.36),
+            (3250, 0.3, 0.36),
+        ] {
+            let (centre, within) = place.expected(at(ms));
+            assert!(
+                (centre.x - x).abs() < 1e-5 && (within - reach).abs() < 1e-5,
+                "{ms}"
+            );
+        }
+        // A jump counts as two metres a second, a second away as standing still.
+        place.see(point(3.0), Vector::x() * 3.0, at(500));
+        assert!((place.expected(at(600)).0.x - 3.11).abs() < 1e-4);
+        place.see(point(3.1), Vector::x() * 3.1, at(1500));
+        assert!((place.expected(at(1600)).0.x - 3.1).abs() < 1e-6);
+        assert_eq!(place.centre(), point(3.1));
+    }
+
+    #[test]
+    fn the_nearest_pair_comes_first_and_nobody_has_two_heads() {
+        let point = |x: f32| Point::new(x, 0.0, 0.8);
+        let users = [Some((point(0.0), 0.2)), Some((point(0.1), 0.2)), None, None];
+        // The first is 0.04 off the head that is exactly where the second is expected.
+        assert_eq!(assign(&users, &[point(0.1)]), [None, Some(0), None, None]);
+        let both = [point(0.1), point(0.14)];
+        assert_eq!(assign(&users, &both), [Some(1), Some(0), None, None]);
+        // At the end of the reach is within it.
+        let users = [Some((Point::origin(), 0.25)), None, None, None];
+        assert_eq!(assign(&users, &[Point::new(0.25, 0.0, 0.0)])[0], Some(0));
+        assert_eq!(assign(&users, &[])[0], None);
+    }
 }

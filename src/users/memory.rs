@@ -81,3 +81,94 @@ impl Memory {
             .min_by_key(|&slot| owner(slot).map_or(0, |age| age + 1))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capacity::LEARNT_MEASURES;
+    use crate::expression::range::Range;
+    use crate::pose::signature::Signature;
+    use crate::users::likeness::FaceLengths;
+
+    fn gone(slot: usize, left_s: u64) -> Gone {
+        let mut words = core::iter::once("0").chain(core::iter::repeat("-"));
+        Gone {
+            slot,
+            likeness: Likeness {
+                head: Signature::read(&mut words).expect("a head of which nothing was seen"),
+                face: FaceLengths::default(),
+            },
+            learned: Learned {
+                eye_distance_m: 0.037,
+                ranges: [Range::default(); LEARNT_MEASURES],
+            },
+            last_seen: Timestamp::from_us(left_s * 1_000_000),
+            before_s: 0.0,
+        }
+    }
+
+    fn slots(memory: &Memory) -> Vec<usize> {
+        memory.gone().iter().map(|gone| gone.slot).collect()
+    }
+
+    #[test]
+    fn of_a_slot_the_last_is_remembered_and_who_is_gone_too_long_is_forgotten() {
+        let now = |s: u64| Timestamp::from_us(s * 1_000_000);
+        let mut memory = Memory::default();
+        for (slot, left) in [(0, 10), (1, 20), (0, 30)] {
+            memory.keep(gone(slot, left));
+        }
+        assert_eq!(slots(&memory), [1, 0]);
+        memory.forget_older(now(80), 60.0);
+        assert_eq!(slots(&memory), [1, 0]);
+        memory.forget_older(now(81), 60.0);
+        assert_eq!(slots(&memory), [0]);
+        // A clock that went back tells nothing.
+        memory.forget_older(now(29), 60.0);
+        assert!(slots(&memory).is_empty());
+        // Time before this run counts.
+        let mut before = gone(2, 0);
+        before.before_s = 50.0;
+        assert!((before.away_s(now(5)) - 55.0).abs() < 1e-9);
+        memory.keep(before);
+        memory.forget_older(now(11), 60.0);
+        assert!(slots(&memory).is_empty());
+    }
+
+    #[test]
+    fn who_is_recognised_is_taken_out_and_a_newcomer_has_the_slot_least_missed() {
+        let mut memory = Memory::default();
+        assert_eq!(memory.slot_for_newcomer(&[false; USERS]), None);
+        assert_eq!(
+            memory.slot_for_newcomer(&[false, true, true, false]),
+            Some(1)
+        );
+        for (slot, left) in [(1, 10), (0, 20), (3, 30)] {
+            memory.keep(gone(slot, left));
+        }
+        // Nobody remembered had 2; without it, 1 is gone longest.
+        assert_eq!(memory.slot_for_newcomer(&[true; USERS]), Some(2));
+        assert_eq!(
+            memory.slot_for_newcomer(&[true, true, false, true]),
+            Some(1)
+        );
+        assert_eq!(
+            memory.slot_for_newcomer(&[true, false, false, true]),
+            Some(0)
+        );
+        let taken = memory.take(0).map(|gone| gone.slot);
+        assert_eq!((taken, slots(&memory)), (Some(0), vec![1, 3]));
+        assert!(memory.take(0).is_none());
+        memory.forget_slot(1);
+        assert_eq!(slots(&memory), [3]);
+    }
+
+    #[test]
+    fn when_full_the_one_gone_longest_makes_room() {
+        let mut memory = Memory::default();
+        for slot in 0..=REMEMBERED {
+            memory.keep(gone(slot, slot as u64));
+        }
+        assert_eq!(slots(&memory), (1..=REMEMBERED).collect::<Vec<_>>());
+    }
+}

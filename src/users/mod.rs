@@ -223,4 +223,26 @@ mod tests {
         let names = ["absent", "warming", "tracking", "held", "lost", "posed"];
         assert_eq!(told, core::array::from_fn(|code| (code as u8, names[code])));
     }
+
+    #[test]
+    fn the_times_of_a_loss_belong_to_what_comes_before() {
+        let at = |ms: u64| Timestamp::from_us(ms * 1000);
+        let mut presence = Presence::new(0.5, 2.0);
+        presence.seen(at(1000), true);
+        assert_eq!(presence.unseen(at(1500)), TrackingState::Held);
+        assert_eq!(presence.unseen(at(1501)), TrackingState::Lost);
+        assert_eq!(presence.unseen(at(3500)), TrackingState::Lost);
+        assert_eq!(presence.unseen(at(3501)), TrackingState::Absent);
+        // Not ready when the face was seen last: so it is on a head that is followed on.
+        presence.seen(at(4000), false);
+        assert_eq!(presence.posed(at(4070)), TrackingState::Warming);
+        assert_eq!(presence.posed(at(4080)), TrackingState::Held);
+        assert_eq!(presence.posed(at(4500)), TrackingState::Held);
+        assert_eq!(presence.posed(at(4501)), TrackingState::Posed);
+        // Another pipeline's presence goes on with what was seen, and with its own times.
+        let mut other = Presence::new(0.1, 2.0);
+        other.adopt(&presence);
+        assert_eq!(other.unseen(at(4600)), TrackingState::Held);
+        assert_eq!(other.unseen(at(4602)), TrackingState::Lost);
+    }
 }
