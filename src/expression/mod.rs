@@ -432,7 +432,13 @@ impl Expression {
         self.weights.measures = measures::scaled(&raw, divisor);
         self.correct();
         if let (Some(together), Learners::Robust(learners)) = (&mut self.together, &self.learners) {
-            together.read(&landmarks.head, divisor, &self.weights.measures, learners);
+            together.read(
+                &landmarks.head,
+                divisor,
+                &self.weights.measures,
+                learners,
+                &self.units.readings,
+            );
         }
         if learns {
             self.learn(landmarks, omega, dt);

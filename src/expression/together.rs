@@ -20,7 +20,6 @@ use crate::prelude::*;
 pub(super) struct Together {
     features: Box<[RobustLearner]>,
     units: Box<[RobustLearner]>,
-    readings: heapless::Vec<Reading, UNITS>,
     filters: [OneEuro; UNITS],
     values: [f64; FEATURES],
     departures: [f64; INPUTS],
@@ -35,13 +34,11 @@ impl Together {
         let phase = |k: usize| (k as f64 * 0.618).fract();
         let learner = |(k, prior)| RobustLearner::new(robust, prior, phase(k));
         let features = priors.iter().map(super::readings::FeaturePrior::prior);
-        let readings = heapless::Vec::from_slice(&units.readings).ok()?;
         Some(Self {
             features: features.enumerate().map(learner).collect(),
-            units: (0..readings.len())
+            units: (0..units.readings.len().min(UNITS))
                 .map(|k| learner((k, Reading::PRIOR)))
                 .collect(),
-            readings,
             filters: core::array::from_fn(|_| OneEuro::default()),
             values: [0.0; FEATURES],
             departures: [0.0; INPUTS],
@@ -61,6 +58,7 @@ impl Together {
         divisor: f32,
         measures: &[f32; MEASURES],
         learners: &[RobustLearner],
+        readings: &[Reading],
     ) {
         for (m, learner) in learners.iter().enumerate() {
             self.departures[m] = f64::from(measures[m]) - learner.range().rest;
@@ -69,7 +67,7 @@ impl Together {
             self.values[k] = f64::from(feature.raw(points) / divisor);
             self.departures[LEARNT_MEASURES + k] = self.values[k] - learner.range().rest;
         }
-        for (read, reading) in self.read.iter_mut().zip(&self.readings) {
+        for (read, reading) in self.read.iter_mut().zip(readings) {
             *read = reading.of(&self.departures);
         }
     }

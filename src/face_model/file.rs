@@ -510,7 +510,7 @@ mod tests {
             mean: floats(FEATURES),
             weights: floats(FEATURES),
             landmark: floats(LANDMARK_SIGNS * LANDMARKS),
-            face: [1.0, 2.0, 3.0, 4.0],
+            face: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
         }
         .into();
         model.standard_head = StandardHead {

@@ -908,11 +908,7 @@ mod tests {
                 .is_none()
         );
         assert!(tracker.accepted(&[], &fit(0.9, 500), 0.6).is_none());
-        let covered = |middle: f32, nose: f32| Coverage {
-            whole: 1.0,
-            middle,
-            nose,
-        };
+        let covered = |middle: f32, nose: f32| Coverage { middle, nose };
         let mut whole = head;
         whole.rect = PixelRect {
             x0: 100,

@@ -193,7 +193,8 @@ mod tests {
             let modes = head.identities.iter().zip(&c);
             modes.fold(head.neutral[v], |p, (mode, &c)| p + mode.offsets[v] * c)
         });
-        let mut expression = Expression::new(Settings::default(), Units::shipped());
+        // The priors are those of measures; readings have learnt from other faces than these.
+        let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
         let mut slow = [Vector3::zeros(); LANDMARKS];
         let keep = (-1.0f32 / 30.0 / 0.25).exp();
         let mut pairs = vec![Vec::new(); FOLLOWS.len()];

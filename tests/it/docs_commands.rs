@@ -24,7 +24,7 @@ const DOCUMENTS: [&str; 8] = [
 /// Lines of the README, at most: what does not fit belongs into a document.
 const README_LINES: usize = 200;
 /// What needs minutes: only its words are looked at.
-const LONG: [&str; 4] = ["train", "evaluate", "fit", "nrsfm"];
+const LONG: [&str; 5] = ["train", "units", "evaluate", "fit", "nrsfm"];
 /// Commands of others, or of this very run.
 const NOT_OURS: [&str; 9] = [
     "cargo", "sudo", "git", "node", "python", "cd", "npm", "apt", "export",
