@@ -415,7 +415,7 @@ mod tests {
     /// Frames of somebody who sits there, each with its cloud and where the head is in truth.
     fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
-        let camera = Camera::new(&sensor.registration());
+        let camera = Camera::new(sensor.registration());
         let mut segmenter = Segmenter::new(Settings::default().segment);
         let mut frame = Frame::default();
         for _ in 0..count {

@@ -581,7 +581,7 @@ mod tests {
         let registration = sensor.registration();
         let settings = Settings::default();
         let mut pipeline =
-            Pipeline::new(&settings, &registration, &FaceModel::shipped()).expect("a pipeline");
+            Pipeline::new(&settings, registration, &FaceModel::shipped()).expect("a pipeline");
         let mut frame = Frame::default();
         let mut follow = |pipeline: &mut Pipeline, frames: usize, is_there: bool| {
             for _ in 0..frames {
