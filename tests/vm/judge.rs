@@ -64,11 +64,16 @@ fn rows(csv: &str) -> Result<Vec<Row<'_>>> {
         .iter()
         .position(|name| name.starts_with("w_"))
         .ok_or("no weights in the CSV")?;
+    // The head's box comes after them.
+    let units = names.iter().filter(|name| name.starts_with("w_")).count();
     lines
         .map(|text| {
             let fields: Vec<&str> = text.split(',').collect();
             let seen = matches!(fields.get(3), Some(&("tracking" | "warming")));
-            let weights = seen.then(|| fields[first..].iter().map(|field| field.parse()).collect());
+            let weights = seen.then(|| {
+                let weights = fields.iter().skip(first).take(units);
+                weights.map(|field| field.parse()).collect()
+            });
             Ok(Row {
                 text,
                 frame: fields[0].parse()?,
