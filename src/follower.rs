@@ -1,6 +1,7 @@
 //! One person's stages in order: pose, landmarks, expression, and what is known of them.
 //!
 //! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
+//! One file: one person's state and how a frame changes it.
 
 use crate::capacity::UNITS;
 use crate::expression::{Expression, UnitRange};

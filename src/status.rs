@@ -4,6 +4,7 @@
 //! file system in memory (`/run`): nothing is synchronised. If they cannot be written, that is said once and tried again.
 //! Latencies are from a frame's arrival in this machine to after its last output took it, over the last 1024 frames.
 //! Nothing allocates after the first writing; memory: two latency rings of 4 kB and a text of 16 kB.
+//! One file: both files that are written, and the figures in them.
 
 use std::fmt::Write as _;
 use std::fs::{Metadata, Permissions};

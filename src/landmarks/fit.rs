@@ -8,6 +8,7 @@
 //! [`super::cascade`]. Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction
 //! (60 kB a person and 1 MB of [`Scratch`] that fitters of one pipeline share).
 //! Degenerate: a head outside the picture, or an end that is not believed, is `None`.
+//! One file: what is known of one face, and how a frame changes it.
 
 use alloc::sync::Arc;
 

@@ -11,6 +11,7 @@
 //! Head frame, metres, radians; sums in f64. Cost about 40 ns per point and iteration. Memory: none. Degenerate: too few
 //! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point belongs to a part that
 //! the anchor does not have), and so are pairs whose anchor point looks away from the camera.
+//! One file: one alignment: pairs, sums and what an end is worth.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -10,6 +10,7 @@
 //!
 //! What is not essential never stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
+//! One file: one device from opening to closing, and what happens when a stream falls silent.
 
 use core::time::Duration;
 

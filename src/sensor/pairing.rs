@@ -11,6 +11,7 @@
 //!
 //! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays where its halves
 //! waited until it is swapped for what is free elsewhere.
+//! One file: the rule beside the cases it is for.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;

@@ -224,40 +224,25 @@ impl Example {
     }
 }
 
-/// What belongs to brows and lids only, and the lids.
-const UPPER: [&str; 10] = [
-    "brow_",
-    "inner_brow_",
-    "outer_brow_",
-    "lid_",
-    "upper_lid_",
-    "lower_lid_",
-    "nostril_",
-    "nose_width",
-    "upper_lip_L",
-    "upper_lip_R",
-];
-const BROWS_AND_LIDS: [&str; 6] = [
-    "brow_",
-    "inner_brow_",
-    "outer_brow_",
-    "lid_",
-    "upper_lid_",
-    "lower_lid_",
-];
+/// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
+const BROWS: [&str; 2] = ["brow_", "inner_brow_"];
+const OUTER_BROWS: [&str; 1] = ["outer_brow_"];
 const LIDS: [&str; 3] = ["lid_", "upper_lid_", "lower_lid_"];
-const OUTER_BROWS: &str = "outer_brow_";
+const NOSE_AND_LIP: [&str; 4] = ["nostril_", "nose_width", "upper_lip_L", "upper_lip_R"];
 
 /// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, and a wrinkled nose
 /// from brows too.
 fn tells_of(unit: &str, input: usize) -> bool {
     let name = input_name(input);
     let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
+    let (outer_brows, lids) = (is(&OUTER_BROWS), is(&LIDS));
+    let brows_and_lids = is(&BROWS) || outer_brows || lids;
+    let upper = brows_and_lids || is(&NOSE_AND_LIP);
     match unit.trim_end_matches(['L', 'R']) {
-        "AU4" => is(&UPPER) && input < LEARNT_MEASURES,
-        "AU1" | "AU2" | "AU5" | "AU43" => is(&UPPER),
-        "AU9" => !is(&LIDS) && !name.starts_with(OUTER_BROWS),
-        _ => !is(&BROWS_AND_LIDS),
+        "AU4" => upper && input < LEARNT_MEASURES,
+        "AU1" | "AU2" | "AU5" | "AU43" => upper,
+        "AU9" => !lids && !outer_brows,
+        _ => !brows_and_lids,
     }
 }
 

@@ -1,4 +1,5 @@
 //! Promise: the driver says to the camera what the camera needs, survives its silence, and reads its calibration.
+//! One file: one promise in many cases of one made-up camera.
 
 use std::time::Duration;
 

@@ -1,5 +1,6 @@
 //! Promise: a recording plays as it comes: without colour (heads are then followed by depth alone), with colour now and then, with
 //! gaps, at another rate, disordered, with names of what is no file. Only what is broken is left out.
+//! One file: one promise in many cases of one recording.
 #![cfg(unix)]
 
 use std::fs;

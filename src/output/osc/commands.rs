@@ -14,6 +14,7 @@
 //! arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its datagram if that
 //! cannot be told apart. An answer goes to who asked only. Nothing allocates. Limits: of more than [`SENDERS`] senders the
 //! one unheard for longest is taken for new when it comes again.
+//! One file: every command beside what it may do, and who may send it how often.
 
 #[cfg(feature = "std")]
 use std::net::{IpAddr, SocketAddr, UdpSocket};

@@ -5,7 +5,7 @@
 
 use super::asset::{HeadAsset, Part};
 use super::body::Shape;
-use super::raster::{Corner, DepthBuffer, Window};
+use super::raster::{Corner, DepthBuffer, Window, project};
 use crate::geometry::{Point, Rigid, Rotation, Vector};
 
 /// The light of a scene.
@@ -150,15 +150,6 @@ impl HeadPainter {
         }
     }
 
-    /// Projects the placed vertices with `pixel`.
-    fn project(&mut self, pixel: impl Fn(&Point) -> [f32; 2]) {
-        for (corner, p) in self.corners.iter_mut().zip(&self.placed) {
-            let [x, y] = pixel(p);
-            let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
-            *corner = Corner { x, y, inverse };
-        }
-    }
-
     /// Draws depth, and tells where.
     pub(crate) fn draw_depth(
         &mut self,
@@ -167,7 +158,7 @@ impl HeadPainter {
         buffer: &mut DepthBuffer,
         mut drawn: impl FnMut(usize),
     ) -> Window {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         let mut window = Window::NOTHING;
         for &triangle in asset.triangles.iter() {
             let corners = self.turned(triangle).map(|k| self.corners[k]);
@@ -184,7 +175,7 @@ impl HeadPainter {
         pixel: impl Fn(&Point) -> [f32; 2],
         canvas: &mut Canvas,
     ) -> Window {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         let level = self.level(asset);
         let texture = asset.texture.get(level);
         let shrink = 1.0 / (1 << level) as f32;
@@ -294,21 +285,13 @@ impl ShapePainter {
         }
     }
 
-    fn project(&mut self, pixel: impl Fn(&Point) -> [f32; 2]) {
-        for (corner, p) in self.corners.iter_mut().zip(&self.placed) {
-            let [x, y] = pixel(p);
-            let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
-            *corner = Corner { x, y, inverse };
-        }
-    }
-
     pub(crate) fn draw_depth(
         &mut self,
         shape: &Shape,
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
     ) -> Window {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         let mut window = Window::NOTHING;
         for triangle in &shape.triangles {
             let corners = triangle.map(|k| self.corners[k as usize]);
@@ -325,7 +308,7 @@ impl ShapePainter {
         pixel: impl Fn(&Point) -> [f32; 2],
         canvas: &mut Canvas,
     ) -> Window {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
         for triangle in &shape.triangles {

@@ -6,6 +6,8 @@
 //! Pixel centres are integers. Cost: set-up of about 30 operations per triangle, then one row at a time. A triangle
 //! seen edge-on, beyond the picture or behind the camera draws nothing.
 
+use crate::geometry::Point;
+
 /// A corner on the screen.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Corner {
@@ -14,6 +16,19 @@ pub(crate) struct Corner {
     pub(crate) y: f32,
     /// 1/z, 1/metres; 0 = not drawable.
     pub(crate) inverse: f32,
+}
+
+/// Projects places in the sensor's frame, metres, with `pixel`; what is behind the camera is not drawable.
+pub(crate) fn project(
+    placed: &[Point],
+    pixel: impl Fn(&Point) -> [f32; 2],
+    corners: &mut [Corner],
+) {
+    for (corner, p) in corners.iter_mut().zip(placed) {
+        let [x, y] = pixel(p);
+        let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
+        *corner = Corner { x, y, inverse };
+    }
 }
 
 /// Part of a picture that was drawn to: columns and rows, upper ends exclusive.

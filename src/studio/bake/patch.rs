@@ -7,6 +7,7 @@
 //!
 //! Units: the file's own (metres by the standard). Limits: positions are taken as stored, before node transforms and
 //! skinning; one buffer inside the file; no compressed or quantised positions; targets carry positions only.
+//! One file: one pass over a file that must keep whatever it does not change.
 
 use std::collections::HashMap;
 

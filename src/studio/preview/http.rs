@@ -6,6 +6,7 @@
 //! here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
 //! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. Pages from elsewhere may
 //! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
+//! One file: a request from its bytes to its answer.
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};

@@ -7,6 +7,7 @@
 //! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,
 //! and only to pages on this machine. Times in seconds of the stream. Memory: see [`hub`]; the standard head is baked at the
 //! start, in about a second of processor time.
+//! One file: the order of the command, and every address it answers.
 
 pub mod http;
 pub mod hub;

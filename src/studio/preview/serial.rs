@@ -4,6 +4,7 @@
 //! A text line is believed with its checksum, a binary frame with its CRC; a plot line has none and must be all of
 //! `name:number`. Whatever else comes is counted. An absent port is tried again every second. Weights of a text or plot line
 //! are whole numbers of `full` (100 unless `serial.full` of the sender says otherwise). Memory: 4 kB.
+//! One file: three forms of one line, each beside how it is believed.
 
 use std::io::Read;
 use std::net::TcpStream;

@@ -73,7 +73,7 @@ impl Default for TrainArgs {
             offsets: None,
             modes: 44,
             starts: 4,
-            drawn: 12000,
+            drawn: 18000,
             penalty: 0.5,
             paper_pictures: 400,
             tracks: None,

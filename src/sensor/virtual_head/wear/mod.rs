@@ -16,7 +16,7 @@ pub(crate) use room::room;
 
 use super::draw::{Canvas, Light};
 use super::noise::{hash, uniform};
-use super::raster::{Corner, DepthBuffer, Window};
+use super::raster::{Corner, DepthBuffer, Window, project};
 use crate::geometry::{Point, Rigid, Vector};
 
 /// A point of the head frame, not tied to a vertex of the face.
@@ -477,14 +477,6 @@ impl OutfitPainter {
         }
     }
 
-    fn project(&mut self, pixel: impl Fn(&Point) -> [f32; 2]) {
-        for (corner, p) in self.corners.iter_mut().zip(&self.placed) {
-            let [x, y] = pixel(p);
-            let inverse = if p.z > 0.05 { 1.0 / p.z } else { 0.0 };
-            *corner = Corner { x, y, inverse };
-        }
-    }
-
     /// Draws depth, and what is there into `stuff`, one per pixel.
     pub(crate) fn draw_depth(
         &mut self,
@@ -493,7 +485,7 @@ impl OutfitPainter {
         buffer: &mut DepthBuffer,
         stuff: &mut [Stuff],
     ) {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         for &(triangle, made) in &outfit.triangles {
             let [a, b, c] = triangle.map(|k| k as usize);
             let corners = [self.corners[a], self.corners[b], self.corners[c]];
@@ -517,7 +509,7 @@ impl OutfitPainter {
         pixel: impl Fn(&Point) -> [f32; 2],
         canvas: &mut Canvas,
     ) -> Window {
-        self.project(pixel);
+        project(&self.placed, pixel, &mut self.corners);
         self.light(outfit, light);
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
