@@ -9,7 +9,7 @@ use crate::geometry::{Rigid, Vector};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
 use crate::pipeline::Stage;
-use crate::pose::{HeadPose, PoseTracker};
+use crate::pose::{HeadPose, PoseTracker, guess};
 use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
@@ -30,6 +30,8 @@ const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence of a face that depth alone tells of.
 const AWAY_CONFIDENCE: f32 = 0.25;
+/// A face as sure as this may lean the head.
+const LEANING_CONFIDENCE: f32 = 0.8;
 /// A pose is put right by the face in so many of its first frames.
 const CORRECTED_FRAMES: u64 = 3;
 /// Without a picture a head is a user's once it was surely one in so many frames in a row.
@@ -72,6 +74,8 @@ pub(crate) struct Follower {
     face: FaceLengths,
     /// Frames in a row with a pose and without a face.
     doubted: u32,
+    /// Places the face was looked for without depth; goes on from person to person.
+    guesses: usize,
     /// Learned ranges, one for each unit.
     ranges: heapless::Vec<UnitRange, UNITS>,
 }
@@ -101,6 +105,7 @@ impl Follower {
             missed: false,
             face: FaceLengths::default(),
             doubted: 0,
+            guesses: 0,
             ranges: heapless::Vec::new(),
         }
     }
@@ -141,8 +146,23 @@ impl Follower {
             None => {
                 self.rect = Some(cloud.rect);
                 self.miss_head();
+                self.spot(frame, camera, cloud);
                 false
             }
+        }
+    }
+
+    /// Looks for the face in the picture where depth does not tell of it: one place a frame.
+    fn spot(&mut self, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
+        if !frame.has_picture() {
+            return;
+        }
+        let guesses = guess::guesses(&cloud.points, self.guesses);
+        self.guesses += 1;
+        let spot = |guess| self.landmarks.spot(&frame.luma, camera, &guess);
+        let found = guesses.into_iter().flatten().filter_map(spot);
+        if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
+            self.pose.look_at(head, frame.at);
         }
     }
 
@@ -189,7 +209,13 @@ impl Follower {
             .fit(&frame.luma, &frame.depth, camera, pose, frame.at);
         after(Stage::Landmarks);
         let fitted = fitted.cloned();
-        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
+        let leant = fitted
+            .as_ref()
+            .filter(|landmarks| landmarks.confidence >= LEANING_CONFIDENCE)
+            .and_then(|_| self.landmarks.strayed())
+            .and_then(|strayed| self.pose.lean(&(pose.sensor_from_head * strayed)))
+            .unwrap_or(pose.sensor_from_head);
+        let sensor_from_head = leant * self.landmarks.turn();
         let landmarks = match fitted {
             Some(landmarks) => {
                 self.expression
@@ -212,6 +238,7 @@ impl Follower {
                 }
                 None => {
                     self.doubt();
+                    self.spot(frame, camera, cloud);
                     return false;
                 }
             },
@@ -456,6 +483,33 @@ mod tests {
         let late = &left[20..];
         let mean = late.iter().sum::<f32>() / late.len() as f32;
         assert!(mean < 0.06, "{mean} rad of 0.10 are left");
+    }
+
+    #[test]
+    fn a_face_that_depth_does_not_tell_of_is_found_in_the_picture() {
+        let mut follower = follower();
+        let mut random = fastrand::Rng::with_seed(5);
+        let (mut looked, mut off) = (0, Vec::new());
+        frames(24, |frame, camera, cloud, truth| {
+            follower.spot(frame, camera, cloud);
+            looked += 1;
+            if follower.pose.is_searching()
+                && let Some((found, _)) = follower.pose.expected(frame.at)
+            {
+                let apart = (found.translation.vector - truth.translation.vector).norm();
+                off.push((found.rotation.angle_to(&truth.rotation), apart));
+            }
+            // What nobody believes is doubted: nothing is kept of it.
+            follower.pose.reset();
+            let mut covered = frame.clone();
+            covered.luma.fill_with(|| random.u8(..));
+            follower.spot(&covered, camera, cloud);
+            assert!(!follower.pose.is_searching(), "no face in noise");
+        });
+        assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());
+        for (turned, apart) in &off {
+            assert!(*turned < 0.3 && *apart < 0.05, "{turned} rad, {apart} m");
+        }
     }
 
     #[test]

@@ -63,6 +63,9 @@ impl Default for Settings {
     }
 }
 
+/// Least confidence of a face that the picture alone tells of.
+const SPOTTED: f32 = 0.8;
+
 /// What stays of a face's turn and shift in its head with every frame it is lost.
 const FORGOTTEN: f32 = 0.5;
 
@@ -116,6 +119,14 @@ fn upright(sensor_from_head: &Rotation, place: usize) -> (Rotation, Vector) {
     (turn, MIDDLE + turn * (Vector::new(x, y, 0.0) - MIDDLE))
 }
 
+/// Turn, and shift across the line of sight in metres, of a view against the one it started from, in the axes of the face.
+fn moved(start: &View, end: &View) -> Rigid {
+    let back = start.rotation.inverse();
+    let [x, y] = [0, 1].map(|k| end.shift[k] - start.shift[k]);
+    let across = back * Vector::new(x, y, 0.0) / PIXELS_PER_METRE;
+    Rigid::from_parts(across.into(), back * end.rotation)
+}
+
 /// Fits the landmarks of one face, frame by frame.
 pub struct LandmarkFitter {
     settings: Settings,
@@ -142,6 +153,8 @@ pub struct LandmarkFitter {
     tries: usize,
     /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
     shift: Vector,
+    /// See [`Self::strayed`].
+    strayed: Rigid,
     landmarks: Landmarks,
 }
 
@@ -172,6 +185,7 @@ impl LandmarkFitter {
             turned_s: 0.0,
             tries: 0,
             shift: Vector::zeros(),
+            strayed: Rigid::identity(),
             landmarks: empty_landmarks(),
         }
     }
@@ -241,6 +255,28 @@ impl LandmarkFitter {
         self.turn
     }
 
+    /// From the head that the last fit's face tells of to the one that depth told, if the face sits in its head as it usually
+    /// does: `sensor_from_head * strayed` is what the picture says of the pose.
+    #[must_use]
+    pub fn strayed(&self) -> Rigid {
+        self.strayed
+    }
+
+    /// Whether a face is near a guess (`sensor_from_head`), whatever is known of this one: how surely, and where the head then
+    /// is. Nothing is learnt of it.
+    #[must_use]
+    pub fn spot(
+        &self,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        guess: &Rigid,
+    ) -> Option<(f32, Rigid)> {
+        let placement = Placement::of_pose(camera, guess)?;
+        let (fit, belief) = self.run(luma, &placement, &placement.start);
+        let is_sure = belief.face >= SPOTTED;
+        is_sure.then(|| (belief.face, guess * moved(&placement.start, &fit.view)))
+    }
+
     /// Where the face of the last fit is in the head that depth sees, if that is so far off that depth has the wrong pose;
     /// the next fit then starts from the pose alone.
     pub fn straighten(&mut self) -> Option<Rigid> {
@@ -292,14 +328,18 @@ impl LandmarkFitter {
         let time = (time + step_s).min(self.settings.size_time_s);
         let share = (step_s / time.max(step_s)).clamp(0.0, 1.0);
         let mean = mean + (log_size - mean) * share;
-        let start = &placement.start;
-        let [x, y] = [0, 1].map(|k| fit.view.shift[k] - start.shift[k]);
-        let across = Vector::new(x, y, 0.0) / PIXELS_PER_METRE;
-        self.shift += self.turn * (start.rotation.inverse() * across) * share;
-        let turn = start.rotation.inverse() * fit.view.rotation;
+        let moved = moved(&placement.start, &fit.view);
+        // Further off than this is no way to sit in a head.
+        let usual = Rigid::new(
+            self.shift.cap_magnitude(WRONG_M),
+            self.turn.scaled_axis().cap_magnitude(WRONG_RAD),
+        );
+        let seen = Rigid::from_parts(self.shift.into(), self.turn) * moved;
+        self.strayed = seen * usual.inverse();
+        self.shift += self.turn * moved.translation.vector * share;
         self.turned_s = (self.turned_s + step_s).min(TURN_TIME_S);
         let share = (step_s / self.turned_s.max(step_s)).clamp(0.0, 1.0);
-        self.turn *= Rotation::from_scaled_axis(turn.scaled_axis() * share);
+        self.turn *= Rotation::from_scaled_axis(moved.rotation.scaled_axis() * share);
         self.log_size = Some((mean, time));
     }
 

@@ -100,6 +100,29 @@ impl LandmarkStage {
         }
     }
 
+    /// See [`LandmarkFitter::strayed`]; nothing with the paper's method.
+    #[must_use]
+    pub fn strayed(&self) -> Option<Rigid> {
+        match self {
+            Self::Cascade(fitter) => Some(fitter.strayed()),
+            Self::Paper(_) => None,
+        }
+    }
+
+    /// See [`LandmarkFitter::spot`]; nothing with the paper's method.
+    #[must_use]
+    pub fn spot(
+        &self,
+        luma: &[u8; PIXELS],
+        camera: &Camera,
+        guess: &Rigid,
+    ) -> Option<(f32, Rigid)> {
+        match self {
+            Self::Cascade(fitter) => fitter.spot(luma, camera, guess),
+            Self::Paper(_) => None,
+        }
+    }
+
     /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.
     pub fn straighten(&mut self) -> Option<Rigid> {
         match self {

@@ -13,7 +13,9 @@
 //! One file: the order of the stage; alignment, shape, start and smoothing have their own.
 
 pub mod anchor;
+pub(crate) mod guess;
 pub mod icp;
+mod lean;
 mod plane;
 mod shape;
 pub mod signature;
@@ -21,6 +23,8 @@ pub mod smoothing;
 mod start;
 
 use alloc::sync::Arc;
+
+use nalgebra::SMatrix;
 
 use crate::capacity::{HEIGHT, WIDTH};
 use crate::geometry::{Point, Rigid, Vector};
@@ -198,6 +202,9 @@ pub struct PoseTracker {
     earlier: Option<(Rigid, Timestamp)>,
     /// What an unproven pose took the place of.
     before: Option<Before>,
+    /// The filter before the last pose, and what its alignment knows of that, to lean it.
+    unfiltered: PoseFilter,
+    known: SMatrix<f64, 6, 6>,
     /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
     middle: Option<Point>,
     moved: Vector,
@@ -213,6 +220,8 @@ pub struct PoseTracker {
     searched: Timestamp,
     /// The last frame's fit, until it has taught the shape.
     lesson: Option<PlaneFit>,
+    /// Whether the picture told where to look next.
+    is_told: bool,
     /// Frames that might have taught the shape.
     taught: u64,
 }
@@ -239,6 +248,8 @@ impl PoseTracker {
             last: None,
             earlier: None,
             before: None,
+            unfiltered: PoseFilter::new(settings.smoothing),
+            known: SMatrix::zeros(),
             middle: None,
             moved: Vector::zeros(),
             previous: None,
@@ -247,6 +258,7 @@ impl PoseTracker {
             ends: heapless::Vec::new(),
             searched: Timestamp::default(),
             lesson: None,
+            is_told: false,
             taught: 0,
         }
     }
@@ -281,15 +293,16 @@ impl PoseTracker {
         self.last = None;
         self.finalists.clear();
         self.ends.clear();
+        self.is_told = false;
         self.lesson = None;
         self.taught = 0;
         self.shape.forget();
     }
 
-    /// Whether a search goes on in the next frame.
+    /// Whether a search goes on in the next frame, or what the picture told is tried.
     #[must_use]
     pub fn is_searching(&self) -> bool {
-        !self.finalists.is_empty() || !self.ends.is_empty()
+        !self.finalists.is_empty() || !self.ends.is_empty() || self.is_told
     }
 
     fn lose(&mut self) {
@@ -334,6 +347,25 @@ impl PoseTracker {
         }
     }
 
+    /// The last pose together with the one that the picture tells of ([`lean`]), smoothed; `None` if it stays as it was.
+    pub fn lean(&mut self, told: &Rigid) -> Option<Rigid> {
+        let (depth, at) = self.last?;
+        let leant = lean::lean(&depth, &self.known, told)?;
+        self.last = Some((leant, at));
+        self.filter.clone_from(&self.unfiltered);
+        Some(self.filter.smooth(leant, at))
+    }
+
+    /// The picture shows a face where depth told of none: the next cloud is aligned from `sensor_from_head`.
+    pub fn look_at(&mut self, sensor_from_head: Rigid, at: Timestamp) {
+        self.lose();
+        self.last = Some((sensor_from_head, at));
+        (self.middle, self.moved) = (None, Vector::zeros());
+        self.finalists.clear();
+        self.ends.clear();
+        self.is_told = true;
+    }
+
     /// The middle of what was cut out as this head now, before it is followed: until the head has a speed, one who walks in
     /// by 40 mm a frame is expected where this has moved.
     pub fn meet(&mut self, middle: Point) {
@@ -366,6 +398,7 @@ impl PoseTracker {
         searches: &mut u32,
     ) -> Option<HeadPose> {
         self.lesson = None;
+        self.is_told = false;
         if let Some((_, before)) = self.last {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
@@ -411,6 +444,7 @@ impl PoseTracker {
         self.before = (!found.proven).then(|| (self.last, self.earlier, self.filter.clone()));
         self.earlier = self.last;
         self.last = Some((found.sensor_from_head, at));
+        self.unfiltered.clone_from(&self.filter);
         // What is gathered around a pose has the middle of that pose.
         self.middle = None;
         HeadPose {
@@ -546,6 +580,7 @@ impl PoseTracker {
         // What the picture's edge cuts off would bend the shape.
         let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
         self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
+        self.known = fit.known;
         HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
             confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
@@ -869,6 +904,7 @@ mod tests {
             support,
             residual: 0.0,
             agreeing: 0,
+            known: SMatrix::zeros(),
         };
         let mut best: Best<3> = Best::new();
         for support in [0.3, 0.1, 0.5, 0.2, 0.4, 0.05] {
@@ -891,6 +927,7 @@ mod tests {
             support: 1.0,
             residual: 0.0,
             agreeing,
+            known: SMatrix::zeros(),
         };
         assert!(
             tracker

@@ -53,6 +53,8 @@ pub(crate) struct PlaneFit {
     pub(crate) residual: f32,
     /// Live points on the bare face that agree.
     pub(crate) agreeing: u32,
+    /// What the live points know of turn and shift (normal matrix, head frame, radians and metres), per unit of weight.
+    pub(crate) known: SMatrix<f64, 6, 6>,
 }
 
 /// Distance along the normal of one live point in the head frame, with the anchor point it belongs to.
@@ -137,6 +139,9 @@ fn is_nose(p: &Point) -> bool {
 const EVIDENCE_M: f64 = 0.004;
 /// Live points whose errors hang together count as one; of some 1500 so many are independent.
 const INDEPENDENT: f64 = 60.0;
+/// Variance of what all live points together say, metres²: divided by that of something else that is known, it is how much of
+/// a unit of weight that is worth.
+pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
 
 /// What one round adds up over the live points.
 struct Sums {
@@ -266,6 +271,7 @@ pub(crate) fn align(
                 support: support as f32 / asked as f32,
                 residual: (squares / agreement.max(1e-9)).sqrt() as f32,
                 agreeing: agreeing * effort.stride.max(1) as u32,
+                known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
             });
         }
         for a in 0..7 {
@@ -274,9 +280,8 @@ pub(crate) fn align(
             }
         }
         if effort.scale_sigma > 0.0 {
-            // The prior in the units of the sums: one unit of weight is worth INDEPENDENT/total of an observation.
-            let strength = EVIDENCE_M * EVIDENCE_M * total
-                / (INDEPENDENT * effort.scale_sigma * effort.scale_sigma);
+            // The prior in the units of the sums.
+            let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
             h[(6, 6)] += strength;
             g[6] += strength * (log_scale - prior);
         } else {

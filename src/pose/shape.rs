@@ -228,6 +228,7 @@ mod tests {
             support: 1.0,
             residual: 0.0,
             agreeing: 1000,
+            known: nalgebra::SMatrix::zeros(),
         };
         for _ in 0..60 {
             shape.learn(&anchor, &cloud, &fit(1.0));

@@ -40,8 +40,8 @@ pub enum Smoothing {
 impl Default for Smoothing {
     fn default() -> Self {
         Self::Adaptive {
-            rest_hz: 5.0,
-            rise: 300.0,
+            rest_hz: 1.0,
+            rise: 800.0,
         }
     }
 }
@@ -268,7 +268,10 @@ mod tests {
         // 20.585 Hz takes 0.811 73 of the way. Then the head rests: 0.042 95 m/s, 17.886 Hz, 0.789 29 of what is left.
         // A turn of 0.1 rad at a lever of 0.1 m is the same path.
         let at = |k: u64| Timestamp::from_us(k * 33_333);
-        let mut filter = PoseFilter::new(Smoothing::default());
+        let mut filter = PoseFilter::new(Smoothing::Adaptive {
+            rest_hz: 5.0,
+            rise: 300.0,
+        });
         filter.smooth(pose(0.0, 0.0), at(0));
         for (k, share) in [(1, 0.811_73), (2, 0.960_33)] {
             let out = filter.smooth(pose(0.1, 0.01), at(k));

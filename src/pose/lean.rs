@@ -1,0 +1,131 @@
+//! A head leant towards where its face is: depth and picture together tell the pose.
+//!
+//! Under a fringe or beside long hair depth alone drifts, slowly and self-assured, while the 68 points stay on the face. A
+//! face sits in its head in one way ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points say where the
+//! head should be. Both count by what they know: of depth it is the normal matrix of its alignment (`known`), of the
+//! picture standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare
+//! head to a fraction of a degree; pitch has more room, because light and a moving mouth change what the points say of it.
+//!
+//! Method: one Gauss–Newton step on the sum of both quadratic forms about the depth pose, where depth's gradient is zero.
+//! Head frame, radians and metres. Degenerate: without depth's knowledge the picture's counts alone.
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::plane::WORTH_M2;
+use crate::geometry::{Rigid, Vector};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
+/// What the picture knows, standard deviations: turns about the line of sight and across it, radians, shifts across it, metres.
+const ROLL_RAD: f64 = 0.012;
+const TURN_RAD: f64 = 0.026;
+const SHIFT_M: f64 = 0.002;
+/// Differences up to these, together, are depth's to decide: turn, radians, and shift, metres.
+const FREE_RAD: f32 = 0.035;
+const FREE_M: f32 = 0.006;
+/// How much more room pitch has.
+const FREE_PITCH: f32 = 1.5;
+/// Knowledge of a direction in which depth knows nothing, per unit of weight.
+const NOTHING: f64 = 1e-6;
+
+/// The pose (`sensor_from_head`) between `depth`, whose alignment knows `known` (turn and shift in the head frame, per unit of
+/// weight), and what the picture `told`.
+pub(super) fn lean(depth: &Rigid, known: &SMatrix<f64, 6, 6>, told: &Rigid) -> Option<Rigid> {
+    let off = told.inverse() * depth;
+    let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
+    let roomy = Vector::new(turn.x / FREE_PITCH, turn.y, turn.z);
+    let far = (roomy.norm() / FREE_RAD).hypot(shift.norm() / FREE_M);
+    if far <= 1.0 {
+        return None;
+    }
+    let beyond = f64::from(1.0 - 1.0 / far);
+    let sight = depth.inverse_transform_vector(&depth.translation.vector);
+    let sight = sight.try_normalize(1e-6)?.cast::<f64>();
+    let along = sight * sight.transpose();
+    let across = Matrix3::identity() - along;
+    let square = |sigma: f64| WORTH_M2 / (sigma * sigma);
+    let mut picture = SMatrix::<f64, 6, 6>::zeros();
+    let turns = across * square(TURN_RAD) + along * square(ROLL_RAD);
+    picture.fixed_view_mut::<3, 3>(0, 0).copy_from(&turns);
+    let shifts = across * square(SHIFT_M);
+    picture.fixed_view_mut::<3, 3>(3, 3).copy_from(&shifts);
+    let wanted = turn.iter().chain(shift.iter());
+    let wanted =
+        SVector::<f64, 6>::from_iterator(wanted.map(|component| f64::from(*component) * beyond));
+    let depths = known + SMatrix::<f64, 6, 6>::identity() * NOTHING;
+    let step = (depths + picture).cholesky()?.solve(&(picture * wanted));
+    let [a, b, c, x, y, z] = core::array::from_fn(|k| step[k] as f32);
+    let step = Rigid::new(Vector::new(x, y, z), Vector::new(a, b, c));
+    Some(depth * step.inverse())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Rotation, rotation_from_yaw_pitch_roll};
+
+    fn depth() -> Rigid {
+        Rigid::from_parts(
+            Vector::new(0.05, -0.02, 0.8).into(),
+            rotation_from_yaw_pitch_roll(0.2, -0.1, 0.05),
+        )
+    }
+
+    /// As much as the picture knows of a turn about the line of sight, in every direction.
+    fn equal() -> SMatrix<f64, 6, 6> {
+        let mut known = SMatrix::identity() * (WORTH_M2 / (ROLL_RAD * ROLL_RAD));
+        for k in 3..6 {
+            known[(k, k)] = WORTH_M2 / (SHIFT_M * SHIFT_M);
+        }
+        known
+    }
+
+    #[test]
+    fn what_both_know_equally_well_is_met_half_way_beyond_what_is_depths() {
+        let depth = depth();
+        let sight = depth.translation.vector.normalize();
+        let turn = 0.2;
+        let told = Rigid::from_parts(
+            depth.translation,
+            Rotation::new(sight * turn) * depth.rotation,
+        );
+        let leant = lean(&depth, &equal(), &told).expect("far apart");
+        let moved = (leant.rotation * depth.rotation.inverse()).scaled_axis();
+        let half = 0.5 * (turn - FREE_RAD);
+        assert!((moved - sight * half).norm() < 0.004, "{moved} {half}");
+        assert!((leant.translation.vector - depth.translation.vector).norm() < 1e-4);
+    }
+
+    #[test]
+    fn where_depth_knows_nothing_the_picture_decides_and_never_how_far_off_a_head_is() {
+        let depth = depth();
+        let told = depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0));
+        let leant = lean(&depth, &SMatrix::zeros(), &told).expect("far apart");
+        assert!(leant.rotation.angle_to(&told.rotation) < FREE_RAD + 0.005);
+        let along = depth.translation.vector.normalize();
+        let moved = leant.translation.vector - depth.translation.vector;
+        assert!(moved.dot(&along).abs() < 1e-3, "{moved}");
+        // What depth knows a hundred times better stays as it is.
+        let leant = lean(&depth, &(equal() * 100.0), &told).expect("far apart");
+        assert!(leant.rotation.angle_to(&depth.rotation) < 0.01);
+    }
+
+    #[test]
+    fn small_differences_are_depths() {
+        let depth = depth();
+        let near = |turn: Vector, shift: Vector| depth * Rigid::new(shift, turn);
+        let none = Vector::zeros();
+        for (turn, shift, is_left) in [
+            (Vector::y() * 0.033, none, true),
+            (Vector::y() * 0.037, none, false),
+            (Vector::x() * 0.050, none, true),
+            (Vector::x() * 0.055, none, false),
+            (none, Vector::x() * 0.0055, true),
+            (none, Vector::x() * 0.0065, false),
+            (Vector::y() * 0.030, Vector::x() * 0.005, false),
+        ] {
+            let leant = lean(&depth, &equal(), &near(turn, shift));
+            assert_eq!(leant.is_none(), is_left, "{turn} {shift}");
+        }
+    }
+}
