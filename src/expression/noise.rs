@@ -63,6 +63,66 @@ impl Noise {
     }
 }
 
+/// How far a reading strays slowly while nothing is expressed: with the light, with the head, with what else the face does.
+///
+/// Differences from frame to frame do not see that. What stays low and hardly moves is taken for it, and a quantile of that is
+/// followed by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SlowNoise {
+    level: f64,
+    /// The reading, low-passed.
+    slow: f64,
+    /// Seconds of what was taken.
+    taken_s: f64,
+}
+
+/// So much of the time a resting unit is below its slow noise.
+const QUANTILE: f64 = 0.85;
+/// Of the quantile, what an expression must rise above; and most of it.
+const ABOVE: f64 = 1.2;
+const MOST: f64 = 0.3;
+/// Step of the level, a second; the first seconds count more often, and fewer and fewer times over this long.
+const STEP_PER_S: f64 = 0.02;
+const EARLY_STEPS: f64 = 6.0;
+const EARLY_S: f64 = 2.0;
+/// What moves by no more against its own mean over this many seconds hardly moves.
+const STILL: f64 = 0.04;
+const STILL_S: f64 = 0.33;
+/// From here on it is an expression, moving or not.
+const EXPRESSED: f64 = 0.5;
+
+impl SlowNoise {
+    pub(super) const fn new() -> Self {
+        Self {
+            level: 0.03,
+            slow: 0.0,
+            taken_s: 0.0,
+        }
+    }
+
+    /// Takes in how far the reading is from rest, as a share of the range.
+    pub(super) fn observe(&mut self, share: f64, dt: f64) {
+        self.slow += (share - self.slow) * (dt / STILL_S).min(1.0);
+        if (share - self.slow).abs() >= STILL || share >= EXPRESSED {
+            return;
+        }
+        let early = EARLY_STEPS * (-self.taken_s / EARLY_S).exp();
+        self.taken_s += dt;
+        let step = STEP_PER_S * dt * early.max(1.0);
+        let up = if share > self.level {
+            QUANTILE
+        } else {
+            QUANTILE - 1.0
+        };
+        self.level = (self.level + step * up).max(0.0);
+    }
+
+    /// What an expression must rise above, a share of the range.
+    pub(super) fn dead_share(&self) -> f64 {
+        (ABOVE * self.level).min(MOST)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,5 +153,43 @@ mod tests {
             noise.observe(0.4);
         }
         assert!((noise.sigma() - 0.0003).abs() < 1e-9);
+    }
+
+    #[test]
+    fn slow_straying_is_followed_and_an_expression_is_not() {
+        let mut random = fastrand::Rng::with_seed(3);
+        let dt = 1.0 / 30.0;
+        let mut noise = SlowNoise::new();
+        let act =
+            |noise: &mut SlowNoise, random: &mut fastrand::Rng, seconds: u32, amplitude: f64| {
+                for frame in 0..seconds * 30 {
+                    // Strays evenly between 0 and 0.2; a full expression of one second in five.
+                    let t = f64::from(frame) * dt;
+                    let stray = (t * 0.1).fract() * 2.0;
+                    let stray = 0.2 * stray.min(2.0 - stray);
+                    let acted = if t % 5.0 > 4.0 { amplitude } else { 0.0 };
+                    noise.observe(stray + acted + 0.004 * normal(random), dt);
+                }
+            };
+        act(&mut noise, &mut random, 120, 0.0);
+        let quiet = noise.dead_share();
+        assert!((quiet - 1.2 * 0.85 * 0.2).abs() < 0.03, "{quiet}");
+        act(&mut noise, &mut random, 120, 0.8);
+        let acted = noise.dead_share();
+        assert!((acted - quiet).abs() < 0.05, "{quiet} {acted}");
+        // What is steady again is soon heard again.
+        for _ in 0..60 * 30 {
+            noise.observe(0.01 * normal(&mut random), dt);
+        }
+        assert!(noise.dead_share() < 0.04, "{}", noise.dead_share());
+    }
+
+    #[test]
+    fn no_straying_hides_more_than_three_tenths() {
+        let mut noise = SlowNoise::new();
+        for _ in 0..30 * 60 {
+            noise.observe(0.45, 1.0 / 30.0);
+        }
+        assert!((noise.dead_share() - 0.3).abs() < 1e-12);
     }
 }

@@ -26,13 +26,6 @@ pub struct FeaturePrior {
 }
 
 impl FeaturePrior {
-    /// Of nothing known.
-    pub const NONE: Self = Self {
-        rest: 0.0,
-        rest_sd: 1.0,
-        span: 1.0,
-    };
-
     /// As a learner takes it.
     #[must_use]
     pub fn prior(&self) -> Prior {

@@ -3,6 +3,7 @@
 //! Memory: a [`RobustLearner`] for each feature and each unit, about 90 KiB; nothing is allocated after [`Together::new`].
 
 use super::features;
+use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
 use super::robust::RobustLearner;
@@ -15,11 +16,17 @@ use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
+/// Units that are told from rest well and whose small amounts matter: speech moves the lips all the time and leaves no quiet to
+/// measure, and most smiles are slight.
+const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
+
 /// Readings of one person.
 #[derive(Clone, Debug)]
 pub(super) struct Together {
     features: Box<[RobustLearner]>,
     units: Box<[RobustLearner]>,
+    /// None for [`SLIGHT`] ones.
+    strays: [Option<SlowNoise>; UNITS],
     filters: [OneEuro; UNITS],
     values: [f64; FEATURES],
     departures: [f64; INPUTS],
@@ -39,6 +46,10 @@ impl Together {
             units: (0..units.readings.len().min(UNITS))
                 .map(|k| learner((k, Reading::PRIOR)))
                 .collect(),
+            strays: core::array::from_fn(|k| {
+                let reading = units.readings.get(k)?;
+                (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::new)
+            }),
             filters: core::array::from_fn(|_| OneEuro::default()),
             values: [0.0; FEATURES],
             departures: [0.0; INPUTS],
@@ -90,8 +101,13 @@ impl Together {
             }
         }
         if expressions {
-            for (learner, &read) in self.units.iter_mut().zip(&self.read) {
+            let learners = self.units.iter_mut().zip(&mut self.strays);
+            for ((learner, strays), &read) in learners.zip(&self.read) {
                 learner.observe(read, omega, dt, true);
+                let range = learner.range();
+                if let Some(strays) = strays {
+                    strays.observe((read - range.rest) / (range.high - range.rest), dt);
+                }
             }
         }
     }
@@ -106,7 +122,9 @@ impl Together {
             settings.smoothing_hz,
             dt,
         );
-        let dead_zone = settings.dead_zone * learner.sigma();
+        let strays = self.strays[reading].map_or(0.0, |strays| strays.dead_share());
+        let strays = strays * (range.high - range.rest);
+        let dead_zone = (settings.dead_zone * learner.sigma()).max(strays);
         (
             range.weight(read, Kind::Rising, dead_zone),
             learner.readiness().0,
@@ -134,6 +152,9 @@ impl Together {
     pub(super) fn reset(&mut self) {
         self.features.iter_mut().for_each(RobustLearner::reset);
         self.units.iter_mut().for_each(RobustLearner::reset);
+        for strays in self.strays.iter_mut().flatten() {
+            *strays = SlowNoise::new();
+        }
         self.filters.iter_mut().for_each(OneEuro::reset);
     }
 

@@ -227,13 +227,11 @@ fn features(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError>
             });
         }
     }
-    if priors.iter().any(Option::is_none) {
-        return Err(UnitsError::Reading {
-            unit: "any".into(),
-            expected: "one [[feature]] with rest, rest_sd and span for each that readings use",
-        });
-    }
-    Ok(priors.map(|prior| prior.unwrap_or(FeaturePrior::NONE)))
+    let known: heapless::Vec<FeaturePrior, FEATURES> = priors.into_iter().flatten().collect();
+    known.into_array().map_err(|_| UnitsError::Reading {
+        unit: "any".into(),
+        expected: "one [[feature]] with rest, rest_sd and span for each that readings use",
+    })
 }
 
 #[derive(Deserialize)]
@@ -397,6 +395,12 @@ impl Units {
         }
         let readings = table.reading.iter().map(ReadingRow::reading);
         let readings = readings.collect::<Result<Vec<_>, _>>()?;
+        if readings.len() > UNITS {
+            return Err(UnitsError::Reading {
+                unit: "all".into(),
+                expected: "no more of them than there are units",
+            });
+        }
         let features = (!readings.is_empty() || !table.feature.is_empty())
             .then(|| features(&table.feature))
             .transpose()?;
