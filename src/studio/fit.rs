@@ -47,6 +47,25 @@ pub struct FaceBox {
     pub height: f32,
 }
 
+impl FaceBox {
+    /// The box of points.
+    #[must_use]
+    pub fn around(points: &[[f32; 2]; LANDMARKS]) -> Self {
+        let [(left, right), (top, bottom)] = [0, 1].map(|axis| {
+            let along = points.iter().map(|p| p[axis]);
+            along.fold((f32::MAX, f32::MIN), |(low, high), v| {
+                (low.min(v), high.max(v))
+            })
+        });
+        Self {
+            x: left,
+            y: top,
+            width: right - left,
+            height: bottom - top,
+        }
+    }
+}
+
 /// What to fit.
 #[derive(Clone, Debug, Default)]
 pub struct FitArgs {

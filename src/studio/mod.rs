@@ -17,6 +17,7 @@ pub mod priors;
 pub mod readings;
 pub mod record;
 pub mod sessions;
+mod smiles;
 pub mod split;
 pub mod text;
 pub mod train;

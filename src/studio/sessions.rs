@@ -15,6 +15,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector4};
 use rayon::prelude::*;
 
 use super::acted::Acted;
+use super::fit::FitError;
 use super::heads::{HeadsError, PersonHead, textured_heads};
 use super::split::Split;
 use super::train::dataset::DatasetError;
@@ -46,6 +47,9 @@ pub enum SessionsError {
     /// Still pictures.
     #[error(transparent)]
     Pictures(#[from] DatasetError),
+    /// Fitting them.
+    #[error(transparent)]
+    Fit(#[from] FitError),
     /// Kept examples.
     #[error("cannot read or write {path}: {source}; give another place with --examples")]
     Examples {

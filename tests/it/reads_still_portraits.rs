@@ -20,19 +20,11 @@ use crate::common;
 
 /// The box of points, moved by a share of its width and grown, so that a fit does not start at its answer.
 fn box_of(points: &[[f32; 2]; LANDMARKS], moved: f32, grown: f32) -> FaceBox {
-    let range = |axis: usize| {
-        points
-            .iter()
-            .map(|p| p[axis])
-            .fold((f32::MAX, f32::MIN), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
-    };
-    let ((left, right), (top, bottom)) = (range(0), range(1));
-    let (width, height) = (right - left, bottom - top);
+    let exact = FaceBox::around(points);
+    let FaceBox { width, height, .. } = exact;
     FaceBox {
-        x: left + width * (moved - 0.5 * (grown - 1.0)),
-        y: top + width * moved - height * 0.5 * (grown - 1.0),
+        x: exact.x + width * (moved - 0.5 * (grown - 1.0)),
+        y: exact.y + width * moved - height * 0.5 * (grown - 1.0),
         width: width * grown,
         height: height * grown,
     }
