@@ -247,29 +247,48 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
     }
 }
 
-#[test]
-fn what_is_followed() {
+fn pipeline() -> Pipeline {
+    let (registration, model) = (Default::default(), FaceModel::shipped());
+    Pipeline::new(&Settings::default(), &registration, &model).expect("a pipeline")
+}
+
+fn followed(scene: Scene, seconds: &[[u64; 2]]) {
     let mut lines = Vec::new();
-    for (scene, seconds) in [
-        (Scene::Leaving, &[[5, 9], [12, 17]][..]),
-        (Scene::Wide, &[[4, 10]]),
-        (Scene::Demo, &[[0, 4]]),
-        (Scene::Fast, &[[0, 3]]),
-        (Scene::Hand, &[[4, 7]]),
-        (Scene::Swap, &[[4, 9], [12, 16]]),
-    ] {
-        let mut pipeline = Pipeline::new(
-            &Settings::default(),
-            &Default::default(),
-            &FaceModel::shipped(),
-        )
-        .expect("a pipeline");
-        follow(&mut pipeline, scene, seconds, &mut lines);
-        if scene == Scene::Wide {
-            pipeline.obey(Command::Neutral(0));
-            pipeline.obey(Command::Forget(0));
-            follow(&mut pipeline, Scene::Wide, &[[10, 11]], &mut lines);
-        }
-    }
-    hold("followed", &lines);
+    follow(&mut pipeline(), scene, seconds, &mut lines);
+    hold(&format!("followed_{scene:?}").to_lowercase(), &lines);
+}
+
+#[test]
+fn who_is_followed_away_and_back() {
+    followed(Scene::Leaving, &[[5, 9], [12, 17]]);
+}
+
+#[test]
+fn who_is_followed_acting() {
+    followed(Scene::Demo, &[[0, 4]]);
+}
+
+#[test]
+fn who_is_followed_looking_from_side_to_side() {
+    followed(Scene::Fast, &[[0, 3]]);
+}
+
+#[test]
+fn who_is_followed_behind_a_hand() {
+    followed(Scene::Hand, &[[4, 7]]);
+}
+
+#[test]
+fn who_is_followed_in_place_of_another() {
+    followed(Scene::Swap, &[[4, 9], [12, 16]]);
+}
+
+#[test]
+fn who_is_followed_far_round_and_forgotten() {
+    let (mut pipeline, mut lines) = (pipeline(), Vec::new());
+    follow(&mut pipeline, Scene::Wide, &[[4, 10]], &mut lines);
+    pipeline.obey(Command::Neutral(0));
+    pipeline.obey(Command::Forget(0));
+    follow(&mut pipeline, Scene::Wide, &[[10, 11]], &mut lines);
+    hold("followed_wide", &lines);
 }
