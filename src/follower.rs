@@ -563,4 +563,16 @@ mod tests {
             assert_eq!(first, somebody_after, "{confidence} {coverage}");
         }
     }
+
+    #[test]
+    fn who_is_known_is_doubted_at_the_third_frame_without_a_face_who_is_not_at_once() {
+        let mut follower = follower();
+        for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
+            follower.frames = frames;
+            for count in counts {
+                follower.doubt();
+                assert_eq!(follower.doubted, count, "{frames} frames");
+            }
+        }
+    }
 }
