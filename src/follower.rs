@@ -446,9 +446,12 @@ mod tests {
         let mut left = Vec::new();
         frames(40, |frame, camera, cloud, truth| {
             let given = pose(truth * wrong);
-            if follower.look(frame, camera, cloud, &given, &mut |_| {})
-                && let Some(head) = follower.head
-            {
+            let mut done = Vec::new();
+            let seen = follower.look(frame, camera, cloud, &given, &mut |stage| done.push(stage));
+            if seen {
+                assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
+            }
+            if seen && let Some(head) = follower.head {
                 left.push(head.rotation.angle_to(&truth.rotation));
             }
         });

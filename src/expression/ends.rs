@@ -228,4 +228,13 @@ mod tests {
         assert_eq!(found, upper(&now, 0.5));
         assert!((found.evidence - 1.0).abs() < 1e-9, "{found:?}");
     }
+
+    #[test]
+    fn two_fifths_of_the_range_are_not_yet_an_expression() {
+        // 0.4 of 0.625 is a quarter, to the last bit.
+        let mut nodes = rested(10.0);
+        nodes.push(1.25, 2.0, 2.0);
+        assert_eq!(upper(&nodes, 0.625).evidence, 0.0);
+        assert!(upper(&nodes, 0.6).evidence > 3.9);
+    }
 }
