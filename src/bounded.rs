@@ -9,8 +9,15 @@ use std::path::Path;
 /// # Errors
 /// If it cannot be read, or has more than `most` bytes.
 pub(crate) fn read(path: &Path, most: usize) -> Result<Vec<u8>> {
+    all(File::open(path)?, most)
+}
+
+/// The bytes of an open file.
+///
+/// # Errors
+/// As [`read`].
+pub(crate) fn all(file: File, most: usize) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let file = File::open(path)?;
     file.take(most as u64 + 1).read_to_end(&mut bytes)?;
     if bytes.len() > most {
         return Err(ErrorKind::FileTooLarge.into());

@@ -473,9 +473,12 @@ mod tests {
         let mut left = Vec::new();
         frames(40, |frame, camera, cloud, truth| {
             let given = pose(truth * wrong);
-            if follower.look(frame, camera, cloud, &given, &mut |_| {})
-                && let Some(head) = follower.head
-            {
+            let mut done = Vec::new();
+            let seen = follower.look(frame, camera, cloud, &given, &mut |stage| done.push(stage));
+            if seen {
+                assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
+            }
+            if seen && let Some(head) = follower.head {
                 left.push(head.rotation.angle_to(&truth.rotation));
             }
         });
@@ -615,6 +618,18 @@ mod tests {
                 }
             });
             assert_eq!(first, somebody_after, "{confidence} {coverage}");
+        }
+    }
+
+    #[test]
+    fn who_is_known_is_doubted_at_the_third_frame_without_a_face_who_is_not_at_once() {
+        let mut follower = follower();
+        for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
+            follower.frames = frames;
+            for count in counts {
+                follower.doubt();
+                assert_eq!(follower.doubted, count, "{frames} frames");
+            }
         }
     }
 }

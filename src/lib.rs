@@ -63,6 +63,8 @@ pub mod doctor;
 mod few;
 #[cfg(feature = "std")]
 mod follower;
+#[cfg(all(test, feature = "std"))]
+mod golden;
 #[cfg(feature = "std")]
 mod live;
 #[cfg(feature = "std")]

@@ -9,8 +9,10 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write};
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use nix::poll::{PollFd, PollFlags, poll};
 
@@ -27,6 +29,32 @@ pub(crate) struct Pipe {
 }
 
 impl Pipe {
+    /// An empty file at `path`. A pipe of that name is waited for until somebody reads it.
+    ///
+    /// # Errors
+    /// If there can be none, or `stop` ends the waiting.
+    pub(crate) fn create(path: &Path, stop: &AtomicBool) -> io::Result<Self> {
+        let mut mode = File::options();
+        let mode = mode.write(true).create(true).truncate(true);
+        // A plain opening would wait for the reader, whatever the signal.
+        let mode = mode.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
+        let mut told = false;
+        loop {
+            match mode.open(path) {
+                Err(error)
+                    if error.raw_os_error() == Some(libc::ENXIO)
+                        && !stop.load(Ordering::Relaxed) =>
+                {
+                    if !std::mem::replace(&mut told, true) {
+                        tracing::info!("{}: waiting until somebody reads it", path.display());
+                    }
+                    std::thread::sleep(Duration::from_millis(LOOK_MS as u64));
+                }
+                opened => return opened.and_then(Self::of),
+            }
+        }
+    }
+
     /// What `stream` writes to.
     ///
     /// # Errors

@@ -1,7 +1,6 @@
 //! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
 //! One file: the order of a run from its start to its end.
 
-use std::fs::File;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -212,11 +211,13 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let mut source = open(&name, no_kinect, settings.sensor.kinect)?;
     let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
     let signals = Signals::watch()?;
-    let mut csv = run
-        .csv
-        .as_ref()
-        .map(|to| table(to, &signals, &source, &pipeline))
-        .transpose()?;
+    let csv = run.csv.as_ref();
+    let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
+    let mut csv = match csv.transpose() {
+        // Nobody came to read it.
+        Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(()),
+        csv => csv?,
+    };
     let mut wires = wires::open(&settings, &pipeline.unit_names())?;
     let mut status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
     let mut people = people(&settings, &source);
@@ -416,6 +417,14 @@ fn reload(
     source: &Source,
     model: &FaceModel,
 ) -> Result<Option<Standing>, Failure> {
+    let path = run.config.as_deref().unwrap_or(Path::new(SYSTEM_CONFIG));
+    // What a pipe would give is not waited for.
+    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+        return Err(Failure::Settings(SettingsError::Unreadable {
+            path: path.into(),
+            reason: "it is no file".to_owned(),
+        }));
+    }
     let new = self::settings(run.config.as_deref())?;
     if new == *settings {
         return Ok(None);
@@ -443,7 +452,7 @@ fn table(
     let live = matches!(source, Source::Kinect(_));
     let rows = match to {
         CsvTarget::StandardOutput => Pipe::of(io::stdout()),
-        CsvTarget::File(path) => File::create(path).and_then(Pipe::of),
+        CsvTarget::File(path) => Pipe::create(path, &signals.stop),
     };
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, live));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;

@@ -213,4 +213,28 @@ mod tests {
         let expected = ((8.0 * 0.5f64.ln() + 0.6 * 0.5f64.ln()) / 8.6).exp();
         assert!((found.range - expected).abs() < 1e-9, "{found:?}");
     }
+
+    #[test]
+    fn what_is_counted_in_later_seconds_is_worth_less_now() {
+        // A growth of 4: every second of a node is a quarter of one now.
+        let nodes = |each: f64| {
+            let mut nodes = rested(40.0 * each);
+            nodes.push(1.3, 0.4 * each, 0.4 * each);
+            nodes.push(1.4, 0.1 * each, 0.1 * each);
+            nodes
+        };
+        let (now, later) = (nodes(1.0), nodes(4.0));
+        let found = side(later.as_slice(), 4.0, true, 1.0, 0.0, 0.5, 0.5, 8.0);
+        assert_eq!(found, upper(&now, 0.5));
+        assert!((found.evidence - 1.0).abs() < 1e-9, "{found:?}");
+    }
+
+    #[test]
+    fn two_fifths_of_the_range_are_not_yet_an_expression() {
+        // 0.4 of 0.625 is a quarter, to the last bit.
+        let mut nodes = rested(10.0);
+        nodes.push(1.25, 2.0, 2.0);
+        assert_eq!(upper(&nodes, 0.625).evidence, 0.0);
+        assert!(upper(&nodes, 0.6).evidence > 3.9);
+    }
 }

@@ -474,4 +474,27 @@ pub(crate) mod tests {
         w.reset();
         assert!((w.get() - 0.031).abs() < 1e-7);
     }
+
+    #[test]
+    fn a_measure_is_as_certain_as_its_landmarks_on_average() {
+        let mut face = Landmarks {
+            head: toy_face(),
+            pixels: [[0.0; 2]; LANDMARKS],
+            point_confidence: [0.5; LANDMARKS],
+            cheeks: [0.0; 2],
+            confidence: 0.75,
+        };
+        let corners = Measure::MouthWidth.landmarks();
+        face.point_confidence[corners[0]] = 0.9;
+        let expected = 0.5 + 0.4 / corners.len() as f32;
+        let found = confidence(Measure::MouthWidth, &face);
+        assert!((found - expected).abs() < 1e-6, "{found} and {expected}");
+        assert!((confidence(Measure::BrowL, &face) - 0.5).abs() < 1e-6);
+        // What no landmark is behind is as certain as the face.
+        for measure in Measure::ALL {
+            if measure.landmarks().is_empty() {
+                assert_eq!(confidence(measure, &face), 0.75, "{}", measure.name());
+            }
+        }
+    }
 }

@@ -144,4 +144,18 @@ mod tests {
             assert!(!Newcomer::default().observe(&values, 0.5, DT, |_| Some(1.0), |_| 0.1));
         }
     }
+
+    #[test]
+    fn half_of_the_rests_known_are_too_few() {
+        let values = [2.0; LEARNT_MEASURES];
+        for (known, noticed) in [
+            (LEARNT_MEASURES / 2, false),
+            (LEARNT_MEASURES / 2 + 1, true),
+        ] {
+            let mut newcomer = Newcomer::default();
+            let rest = |m: usize| (m < known).then_some(1.0);
+            let found = (0..900).any(|_| newcomer.observe(&values, 0.95, DT, rest, |_| 0.1));
+            assert_eq!(found, noticed, "{known}");
+        }
+    }
 }

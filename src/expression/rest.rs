@@ -142,4 +142,21 @@ mod tests {
             "1.6 is three deviations away"
         );
     }
+
+    #[test]
+    fn a_window_has_both_its_ends() {
+        // All of it exact in binary: ends at 0.75 and 1.25 about 1.
+        let mut nodes: Nodes<64> = Nodes::new();
+        for value in [0.75, 1.0, 1.25] {
+            nodes.push(value, 2.0, 2.0);
+        }
+        let mode = mode(nodes.as_slice(), nodes.growth(), 0.25, &PRIOR, 1.0);
+        assert_eq!(
+            mode,
+            Mode {
+                value: 1.0,
+                seconds: 6.0
+            }
+        );
+    }
 }

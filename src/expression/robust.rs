@@ -462,4 +462,16 @@ mod tests {
             "held to people: {range:?}"
         );
     }
+
+    #[test]
+    fn nothing_reaches_across_a_doubtful_frame() {
+        let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
+        for (g, omega) in [(1.0, 1.0), (1.0, 1.0), (1.0, 0.1), (2.0, 1.0)] {
+            learner.observe(g, omega, DT, true);
+        }
+        // Of three the median would still be 1.
+        let last = learner.nodes().as_slice().last().map(|node| node.value);
+        assert!(last.is_some_and(|value| value > 1.9), "{last:?}");
+        assert_eq!(learner.frames, 1);
+    }
 }

@@ -239,4 +239,11 @@ pub(crate) mod tests {
         ]);
         assert!(set.samples().is_empty() && set.mean().is_none());
     }
+
+    #[test]
+    fn what_is_cleared_is_empty() {
+        let mut set = set::<4>(&[(0.0, 1.0), (3.0, 3.0)]);
+        set.clear();
+        assert!(set.samples().is_empty());
+    }
 }

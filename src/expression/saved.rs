@@ -147,4 +147,22 @@ mod tests {
             let _ = Learned::read(&whole[..end]);
         }
     }
+
+    #[test]
+    fn a_range_may_end_at_rest_and_reach_as_far_as_any() {
+        let whole = text();
+        for (range, fits) in [
+            ("0 0 0.5", true),
+            ("-0.125 0 0", true),
+            ("-20 0 20", true),
+            ("-20.1 0 20", false),
+            ("-20 0 20.1", false),
+            ("0.1 0 0.5", false),
+            ("0 0.6 0.5", false),
+        ] {
+            let line = whole.lines().nth(1).expect("the first measure");
+            let text = whole.replacen(line, &format!("lip_gap {range}"), 1);
+            assert_eq!(Learned::read(&text).is_ok(), fits, "{range} in {text}");
+        }
+    }
 }

@@ -263,3 +263,104 @@ fn every_column_answers_to_its_own_movement() {
         play(&mut expression, &grin(0.0), 60);
     }
 }
+
+/// A face of its own for each frame, everything moved by up to 4 mm.
+fn restless(random: &mut fastrand::Rng) -> Landmarks {
+    let mut head = toy_face();
+    for point in &mut head {
+        for axis in 0..3 {
+            point[axis] += 8e-3 * (random.f32() - 0.5);
+        }
+    }
+    landmarks(head)
+}
+
+#[test]
+fn who_is_forgotten_is_met_as_if_never_seen() {
+    let new = || Expression::new(Settings::default(), Units::shipped());
+    let (mut met, mut new) = (new(), new());
+    let mut random = fastrand::Rng::with_seed(4);
+    for n in 0..300 {
+        met.observe(&restless(&mut random), &facing(), frame(n));
+    }
+    assert_ne!(met.ranges(), new.ranges());
+    met.reset();
+    assert_eq!(met.ranges(), new.ranges());
+    assert!(met.weights().warming);
+    // How long ago the last frame was, whoever was in it, is no matter of who is met.
+    new.last_at = met.last_at;
+    for n in 300..600 {
+        let face = restless(&mut random);
+        let [was, is] =
+            [&mut met, &mut new].map(|one| one.observe(&face, &facing(), frame(n)).clone());
+        assert_eq!(was.units(), is.units(), "frame {n}");
+        assert_eq!(was.readiness(), is.readiness(), "frame {n}");
+        assert_eq!(was.warming, is.warming, "frame {n}");
+    }
+}
+
+#[test]
+fn after_a_gap_nothing_is_smoothed_into_what_was_before() {
+    for units in [Units::shipped(), Units::shipped().by_measure()] {
+        let mut smooth = Expression::new(Settings::default(), units.clone());
+        let mut raw = Expression::new(
+            Settings {
+                smoothing_hz: 0.0,
+                ..Settings::default()
+            },
+            units,
+        );
+        let faces = |n: u64| {
+            let mut head = grin(if n % 60 < 30 { 0.0 } else { 6.0 });
+            head.head[8].y += if n % 60 < 30 { 0.0 } else { 0.01 };
+            head
+        };
+        let mut apart = |n: u64, at: u64| {
+            let [smooth, raw] = [&mut smooth, &mut raw].map(|one| {
+                let weights = one.observe(&faces(n), &facing(), frame(at));
+                weights.units().to_vec()
+            });
+            let apart = smooth.iter().zip(&raw).map(|(a, b)| (a - b).abs());
+            apart.fold(0.0, f32::max)
+        };
+        for n in 0..330 {
+            apart(n, n);
+        }
+        // A step from frame to frame is smoothed, one over half a second without frames is not.
+        let (step, gap) = (apart(330, 330), apart(360, 346));
+        assert!(step > 0.05 && gap < 1e-6, "{step} and {gap}");
+    }
+}
+
+#[test]
+fn what_measures_are_divided_by_is_as_told() {
+    let larger = landmarks(toy_face().map(|p| Point::from(p.coords * 1.2)));
+    for (scale, method, per_frame) in [
+        (Scale::Frame, Method::Robust, true),
+        (Scale::Learnt, Method::Robust, false),
+        (Scale::ByMethod, Method::Robust, false),
+        (Scale::ByMethod, Method::Paper, true),
+        (Scale::Learnt, Method::Paper, false),
+    ] {
+        let settings = Settings {
+            method,
+            scale,
+            ..Settings::default()
+        };
+        let mut expression = Expression::new(settings, Units::shipped());
+        for n in 0..300 {
+            expression.observe(&grin(0.0), &facing(), frame(n));
+        }
+        let jaw = Measure::JawDrop as usize;
+        let before = expression
+            .observe(&grin(0.0), &facing(), frame(300))
+            .measures[jaw];
+        let after = expression.observe(&larger, &facing(), frame(301)).measures[jaw];
+        let expected = if per_frame { 1.0 } else { 1.2 };
+        assert!((before - 3.0).abs() < 0.01, "{scale:?}: {before}");
+        assert!(
+            (after / before - expected).abs() < 0.01,
+            "{scale:?} {method:?}: {before} {after}"
+        );
+    }
+}

@@ -105,4 +105,17 @@ mod tests {
             None
         );
     }
+
+    #[test]
+    fn a_side_without_a_width_is_none() {
+        assert!(nodes(&set::<3>(&[(1.0, 1.0), (2.0, 1.0), (3.0, 1.0)])).is_some());
+        assert_eq!(
+            nodes(&set::<3>(&[(1.0, 1.0), (1.0, 1.0), (3.0, 1.0)])),
+            None
+        );
+        assert_eq!(
+            nodes(&set::<3>(&[(1.0, 1.0), (3.0, 1.0), (3.0, 1.0)])),
+            None
+        );
+    }
 }

@@ -520,4 +520,78 @@ mod tests {
             assert!(message.contains(expected), "{message}");
         }
     }
+
+    #[test]
+    fn numbers_are_refused_from_their_bounds_on() {
+        // Of the first unit, the first feature or the head of the table; what is last inside, and what is outside.
+        let cases = [
+            ("rest = 0.02\n", "rest = 9.9\n", "rest = 10.0\n"),
+            ("rest = 0.02\n", "rest = -9.9\n", "rest = -10.0\n"),
+            ("rest_sd = 0.03\n", "rest_sd = 9.9\n", "rest_sd = 10.0\n"),
+            ("rest_sd = 0.03\n", "rest_sd = 0.001\n", "rest_sd = 0.0\n"),
+            ("rest_sd = 0.03\n", "rest_sd = 0.001\n", "rest_sd = -0.1\n"),
+            ("up = 0.80", "up = 9.9", "up = 10.0"),
+            ("up = 0.80", "up = 0.001", "up = 0.0"),
+            ("share = -0.21", "share = -9.0", "share = inf"),
+            (
+                "by = \"jaw_drop\", share = -0.21",
+                "by = \"jaw_drop\", share = 0.0",
+                "by = \"mouth_width\", share = 0.1",
+            ),
+            (
+                "eye_distance_sd_m = 0.003",
+                "eye_distance_sd_m = 0.0199",
+                "eye_distance_sd_m = 0.02",
+            ),
+            (
+                "eye_distance_sd_m = 0.003",
+                "eye_distance_sd_m = 0.0005",
+                "eye_distance_sd_m = 0.0004",
+            ),
+            (
+                "eye_distance_m = 0.037",
+                "eye_distance_m = 0.015",
+                "eye_distance_m = 0.06",
+            ),
+        ];
+        for (shipped, inside, outside) in cases {
+            assert!(SHIPPED.contains(shipped), "{shipped}");
+            let with = |other: &str| Units::read(&SHIPPED.replacen(shipped, other, 1));
+            assert!(with(inside).is_ok(), "{inside}: {:?}", with(inside).err());
+            assert!(with(outside).is_err(), "{outside}");
+        }
+        // Of a feature, in whatever numbers it is.
+        let at = SHIPPED.find("\n[[feature]]").expect("features");
+        let (before, after) = SHIPPED.split_at(at);
+        let row = after
+            .lines()
+            .find(|line| line.starts_with("rest = "))
+            .expect("its rest");
+        for (rest, fits) in [("rest = 9.9", true), ("rest = 10.0", false)] {
+            let text = format!("{before}{}", after.replacen(row, rest, 1));
+            assert_eq!(Units::read(&text).is_ok(), fits, "{rest}");
+        }
+        for (key, value) in [("rest_sd", "0.0"), ("span", "0.0")] {
+            let row = after.lines().find(|line| line.starts_with(key)).expect(key);
+            let text = format!(
+                "{before}{}",
+                after.replacen(row, &format!("{key} = {value}"), 1)
+            );
+            assert!(Units::read(&text).is_err(), "{key}");
+        }
+    }
+
+    #[test]
+    fn readings_need_features_and_features_alone_do_no_harm() {
+        let table: String = SHIPPED[..SHIPPED.find("\n[[feature]]").expect("features")].to_owned();
+        assert!(Units::read(&table).expect("units alone").features.is_none());
+        let reading = "\n[[reading]]\nunit = \"AU25\"\nfrom = [[\"lip_gap\", 1.0, 0.0]]\n";
+        let refused = Units::read(&(table.clone() + reading))
+            .unwrap_err()
+            .to_string();
+        assert!(refused.contains("[[feature]]"), "{refused}");
+        let end = SHIPPED.find("\n[[reading]]").expect("readings");
+        let features = Units::read(&SHIPPED[..end]).expect("features alone");
+        assert!(features.features.is_some() && features.readings.is_empty());
+    }
 }

@@ -321,4 +321,20 @@ pub(crate) mod tests {
             assert_eq!(bare(&Point::new(x, y, z)), is_bare, "{x} {y} {z}");
         }
     }
+
+    #[test]
+    fn the_bare_face_ends_at_its_bounds() {
+        for (inside, outside) in [
+            ([0.0, -0.049, 0.0], [0.0, -0.050, 0.0]),
+            ([0.0, 0.079, 0.0], [0.0, 0.080, 0.0]),
+            ([0.0, 0.0, 0.039], [0.0, 0.0, 0.040]),
+            ([0.061, 0.0, 0.0], [0.062, 0.0, 0.0]),
+            ([-0.061, 0.0, 0.0], [-0.062, 0.0, 0.0]),
+        ] {
+            assert!(
+                bare(&inside.into()) && !bare(&outside.into()),
+                "{outside:?}"
+            );
+        }
+    }
 }

@@ -385,4 +385,30 @@ mod tests {
             .is_none()
         );
     }
+
+    #[test]
+    fn as_many_pairs_are_kept_as_told() {
+        let head = scattered();
+        let target = Target::new(&head).unwrap();
+        let mut rng = fastrand::Rng::with_seed(8);
+        // Every other point a few millimetres off.
+        let mut moving = head.clone();
+        for point in moving.iter_mut().step_by(2) {
+            *point += random_point(&mut rng, 0.008).coords;
+        }
+        let mut residual = |keep: f32| {
+            let settings = Settings {
+                keep,
+                ..Settings::default()
+            };
+            let mut scratch = Scratch::default();
+            let found = align(&target, &moving, Rigid::identity(), &settings, &mut scratch);
+            found.expect("an alignment").residual
+        };
+        let [half, most, all] = [0.45, 0.85, 1.0].map(&mut residual);
+        assert!(
+            half < 0.3 * most && most < 0.95 * all,
+            "{half} {most} {all}"
+        );
+    }
 }

@@ -408,4 +408,20 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn the_middle_and_the_nose_end_at_their_bounds() {
+        for (x, y, middle, nose) in [
+            (0.039, 0.0, true, false),
+            (0.040, 0.0, false, false),
+            (0.0, -0.030, true, false),
+            (0.0, 0.070, false, false),
+            (0.009, 0.010, true, true),
+            (0.010, 0.010, true, false),
+            (0.0, 0.045, true, false),
+        ] {
+            let p = Point::new(x, y, 0.0);
+            assert_eq!((is_middle(&p), is_nose(&p)), (middle, nose), "{x} {y}");
+        }
+    }
 }

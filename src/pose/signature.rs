@@ -185,3 +185,31 @@ impl Signature {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::anchor::tests::half_egg;
+
+    #[test]
+    fn twice_as_far_apart_is_four_times_the_square() {
+        let anchor = Anchor::new(&half_egg()).expect("a head");
+        let mut rng = fastrand::Rng::with_seed(2);
+        let pattern: [f32; PLACES] = core::array::from_fn(|_| 1e-3 * (rng.f32() - 0.5));
+        let head = |times: f32| Signature {
+            log_size: 0.0,
+            patches: pattern.map(|offset| Some(times * offset)),
+        };
+        let apart = |times: f32| {
+            head(times)
+                .differ(&head(0.0), &anchor)
+                .expect("enough")
+                .surface
+        };
+        let (once, twice) = (apart(1.0), apart(2.0));
+        assert!(
+            once > 0.1 && (twice / once - 4.0).abs() < 0.01,
+            "{once} {twice}"
+        );
+    }
+}

@@ -399,4 +399,25 @@ mod tests {
             assert!((85..=95).contains(&first), "{first}");
         }
     }
+
+    #[test]
+    fn three_quarters_of_a_period_are_still_this_pictures() {
+        let period = TICKS_PER_PICTURE.cast_signed();
+        let learned = |offset: i32, miss: i32| {
+            let mut pairing = Pairing {
+                offset,
+                ..Pairing::default()
+            };
+            pairing.learn(miss);
+            pairing.offset
+        };
+        let edge = period * 3 / 4;
+        for side in [-1, 1] {
+            assert_eq!(learned(side * edge, 0), side * edge);
+            assert_eq!(
+                learned(side * edge, side * SLOWNESS),
+                side * (edge + 1 - period)
+            );
+        }
+    }
 }

@@ -28,6 +28,7 @@ use std::path::{Path, PathBuf};
 
 use super::camera::Registration;
 use super::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
+use crate::bounded;
 use crate::capacity::PIXELS;
 use index::{Entry, Index};
 
@@ -35,6 +36,8 @@ use index::{Entry, Index};
 const INDEX_NAME: &str = "INDEX.txt";
 /// Name of the file with the sensor's calibration.
 const DEVICE_NAME: &str = "device.json";
+/// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
+const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
 /// Longest header of a picture we look at, bytes.
 const HEADER_BYTES: usize = 64;
 /// Up to this many skipped frames are each told in full; then only when their number has doubled.
@@ -127,11 +130,16 @@ impl Recording {
     /// If there is no index, or none that names a depth picture, or `device.json` is there and unusable.
     pub fn open(directory: &Path) -> Result<Self, RecordingError> {
         let path = directory.join(INDEX_NAME);
-        let mut text = Vec::new();
-        open_file(&path)
-            .and_then(|mut file| file.read_to_end(&mut text))
+        let text = open_file(&path)
+            .and_then(|file| bounded::all(file, INDEX_MOST[0]))
+            .and_then(|text| {
+                let text = String::from_utf8_lossy(&text).into_owned();
+                let many = index::names(&text).count() > INDEX_MOST[1];
+                let text = (!many).then_some(text);
+                text.ok_or(ErrorKind::FileTooLarge.into())
+            })
             .map_err(|error| match error.kind() {
-                ErrorKind::Other => RecordingError::File {
+                ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::File {
                     path: path.clone(),
                     source: error,
                 },
@@ -140,7 +148,7 @@ impl Recording {
                     kind,
                 },
             })?;
-        let index = Index::parse(&String::from_utf8_lossy(&text));
+        let index = Index::parse(&text);
         if index.depth.is_empty() {
             return Err(RecordingError::NoDepth { path });
         }

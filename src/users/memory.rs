@@ -171,4 +171,13 @@ mod tests {
         }
         assert_eq!(slots(&memory), (1..=REMEMBERED).collect::<Vec<_>>());
     }
+
+    #[test]
+    fn who_leaves_in_this_very_moment_is_remembered_and_who_left_after_it_is_not() {
+        let mut memory = Memory::default();
+        memory.keep(gone(0, 5));
+        memory.keep(gone(1, 6));
+        memory.forget_older(Timestamp::from_us(5_000_000), 0.0);
+        assert_eq!(slots(&memory), [0]);
+    }
 }

@@ -237,4 +237,54 @@ mod tests {
         assert!(People::at(&path).load().is_empty());
         assert!(folder.path().join("people.ranges.damaged").exists());
     }
+
+    #[test]
+    fn who_is_written_is_read_again_and_who_is_damaged_is_counted() {
+        let words = core::iter::once("0.125").chain(core::iter::repeat("-"));
+        let all = (0..512).map(|count| Likeness::read(words.clone().take(count)));
+        let likeness = all
+            .flatten()
+            .next()
+            .expect("a head that nothing is known of but its size");
+        let one = |slot: usize, before_s: f64| Gone {
+            slot,
+            likeness: likeness.clone(),
+            learned: Learned {
+                eye_distance_m: 0.03 + 0.001 * slot as f32,
+                ranges: Default::default(),
+            },
+            last_seen: Timestamp::from_us(4_000_000),
+            before_s,
+        };
+        let people = [one(2, 0.0), one(0, 90.0)];
+        let (at, clock) = (
+            Timestamp::from_us(14_000_000),
+            SystemTime::UNIX_EPOCH + Duration::from_secs(5000),
+        );
+        let mut text = String::new();
+        write(people.iter(), (at, clock), &mut text).unwrap();
+        let found = read(&text, clock + Duration::from_secs(20)).unwrap();
+        let said: Vec<_> = found
+            .iter()
+            .map(|gone| (gone.slot, gone.before_s, gone.learned.eye_distance_m))
+            .collect();
+        // Gone for ten seconds then, or a hundred, and for twenty since.
+        assert_eq!(said, [(2, 30.0, 0.032), (0, 120.0, 0.03)]);
+        for (number, broken) in [(1, "lip_gap x"), (2, "lip_gap x")] {
+            let at = text
+                .match_indices("lip_gap")
+                .nth(number - 1)
+                .expect("one each")
+                .0;
+            let mut damaged = text.clone();
+            damaged.replace_range(at..at + broken.len(), broken);
+            let end = damaged.trim_end().rfind('\n').map_or(0, |at| at + 1);
+            damaged.truncate(end);
+            damaged += &format!("checksum {:08x}\n", crc32(damaged.as_bytes()));
+            match read(&damaged, clock) {
+                Err(PeopleError::Ranges(found, _)) => assert_eq!(found, number),
+                other => panic!("{:?}", other.map(|people| people.len())),
+            }
+        }
+    }
 }

@@ -1,7 +1,7 @@
-//! Writes what every parser is fed with first: files and messages as our own tools make them, into `<folder>/<parser>/`.
+//! What every parser is fed with first: files and messages as our own tools make them, into `<folder>/<parser>/`.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::SystemTime;
 
@@ -61,8 +61,8 @@ fn report(ms: u64) -> Report<'static> {
     }
 }
 
-fn main() {
-    let folder = std::env::args_os().nth(1).expect("seeds FOLDER");
+/// Writes them.
+pub fn write(folder: &Path) {
     let corpus = Corpus(folder.into());
 
     corpus.add("settings", "defaults", Settings::default().to_toml());
@@ -103,6 +103,9 @@ fn main() {
     let names: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
     let cells = ",1.5,2".repeat(68);
     corpus.add("landmarks", "csv", format!("file{names}\na.pgm{cells}\n"));
+
+    corpus.add("controls", "two", "shape,vertex,dx,dy,dz\njawOpen,5,0,-.5,-.1\njawOpen,6,0,-1e-3,0\n\nmouthA,6,0,0,1,more\n");
+    corpus.add("numbers", "four", "# right to left\n0\n17\n\n 63\n18446744073709551615\n");
 
     let (mesh, shapes) = head();
     corpus.add("obj", "sheet", obj::emit(&mesh));
@@ -150,7 +153,7 @@ fn recording(corpus: &Corpus) {
 }
 
 fn usb(corpus: &Corpus) {
-    let registration = Registration::nominal();
+    let registration = Registration::default();
     for (name, block) in [
         ("const_shift", Block::ConstShift),
         ("padding", Block::Padding),

@@ -1,7 +1,7 @@
 //! A run under a service manager: it says when it is ready, feeds the watchdog, reads its configuration again, and stops;
 //! and what others do to its ports, its configuration and its standard output does not end or stop it.
 
-use std::io::{PipeReader, PipeWriter, Read, Write};
+use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::net::UdpSocket;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -184,6 +184,55 @@ fn outputs_that_cannot_open_leave_the_old_ones_for_this_reload_and_every_later_o
     let said = std::fs::read_to_string(said).unwrap();
     let stays = said.matches("; the old configuration stays").count();
     assert!(stays == 5 && said.contains("\"AU5L\""), "{said}");
+}
+
+/// A named pipe with nobody at its other end.
+fn make_pipe(path: &Path) {
+    let _before = std::fs::remove_file(path);
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
+
+#[test]
+fn a_configuration_that_has_become_a_pipe_is_not_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let (socket, target) = receiver();
+    let config = format!("[osc]\ntarget = {target:?}\n[status]\npath = \"\"\n");
+    let mut service = Service::start(folder.path(), &config);
+    assert_eq!(service.next_but(&["STATUS="]), "READY=1");
+    make_pipe(&folder.path().join("mien.toml"));
+    service.signal("-HUP");
+    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "RELOADING=1");
+    assert_eq!(service.next_but(&["WATCHDOG=", "STATUS="]), "READY=1");
+    hear_frames(&socket, 3);
+    assert_eq!(service.stop(), Some(0));
+}
+
+#[test]
+fn a_table_whose_pipe_nobody_opens_ends_with_the_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("table.csv");
+    make_pipe(&table);
+    let words = ["--fast", "--frames", "3", "--csv", table.to_str().unwrap()];
+    let started = || {
+        let (said, log) = std::io::pipe().unwrap();
+        let service = Service::start_with(folder.path(), "", &words, Stdio::null(), log);
+        let mut lines = BufReader::new(said).lines().map(Result::unwrap);
+        assert!(lines.any(|line| line.contains("table.csv: waiting until somebody reads it")));
+        service
+    };
+    let mut service = started();
+    let id = service.child.id().to_string();
+    assert!(Command::new("kill").arg(&id).status().unwrap().success());
+    assert_eq!(service.child.wait().unwrap().code(), Some(0));
+
+    // Who comes late gets it whole.
+    let mut service = started();
+    let text = std::fs::read_to_string(&table).unwrap();
+    assert!(
+        text.starts_with("frame,") && text.lines().count() >= 4,
+        "{text}"
+    );
+    assert_eq!(service.child.wait().unwrap().code(), Some(0));
 }
 
 #[test]

@@ -413,6 +413,21 @@ fn a_pipe_is_not_waited_for() {
 }
 
 #[test]
+fn an_index_without_an_end_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let index = folder.path().join("INDEX.txt");
+    let refused = || {
+        let said = Recording::open(folder.path()).err().unwrap().to_string();
+        assert!(said.contains("INDEX.txt: file too large"), "{said}");
+    };
+    // A file of nothing costs no disk, and a name of a picture that is none no letters.
+    fs::File::create(&index).unwrap().set_len(1 << 40).unwrap();
+    refused();
+    fs::write(&index, "d-\n".repeat(3 << 20)).unwrap();
+    refused();
+}
+
+#[test]
 fn a_stamp_far_ahead_costs_its_own_frame() {
     for side in 0..2 {
         let mut lines = lines(|_| Some(true));

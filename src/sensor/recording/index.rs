@@ -61,6 +61,12 @@ fn sorted(keys: impl Iterator<Item = (Option<i64>, usize)>) -> Vec<(Option<i64>,
     keys.collect::<BinaryHeap<_>>().into_sorted_vec()
 }
 
+/// The lines of an index that name pictures.
+pub(super) fn names(text: &str) -> impl Iterator<Item = &str> {
+    let lines = text.lines().map(str::trim);
+    lines.filter(|line| line.starts_with("d-") || line.starts_with("r-"))
+}
+
 /// All pictures of a recording.
 pub(super) struct Index {
     text: String,
@@ -77,11 +83,11 @@ impl Index {
             depth: Vec::new(),
             colour: Vec::new(),
         };
-        for line in text.lines().map(str::trim) {
-            let (list, ending) = match line.get(..2) {
-                Some("d-") => (&mut index.depth, ".pgm"),
-                Some("r-") => (&mut index.colour, ".ppm"),
-                _ => continue,
+        for line in names(text) {
+            let (list, ending) = if line.starts_with('d') {
+                (&mut index.depth, ".pgm")
+            } else {
+                (&mut index.colour, ".ppm")
             };
             let start = line.as_ptr() as usize - text.as_ptr() as usize;
             let (wall, ticks) = stamps_of(line, ending).unzip();

@@ -158,9 +158,12 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
         .map_err(failed)
 }
 
-fn landmarks(path: &Path) -> Result<Vec<u64>, BakeError> {
-    read(path)?
-        .lines()
+/// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a remark.
+///
+/// # Errors
+/// At the first line that is none.
+pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
+    text.lines()
         .enumerate()
         .filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
         .map(|(k, line)| {
@@ -200,7 +203,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let numbers = if request.landmarks.as_os_str() == "auto" {
         found(request, &mesh, foreign.as_ref())?
     } else {
-        let numbers = landmarks(&request.landmarks)?;
+        let numbers = landmarks(&read(&request.landmarks)?, &request.landmarks)?;
         match &foreign {
             Some(foreign) => foreign.landmarks(&numbers),
             None => numbers,

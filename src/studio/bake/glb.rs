@@ -135,13 +135,13 @@ impl Glb {
     /// # Errors
     /// If it does not exist or claims more.
     pub fn count(&self, accessor: usize) -> Result<usize, GlbError> {
-        let count = self.json["accessors"][accessor]["count"].as_u64();
+        let count = &self.json["accessors"][accessor]["count"];
         let most = self.bin.len() / 12;
-        match count.and_then(|count| usize::try_from(count).ok()) {
+        match count.as_u64().and_then(|count| usize::try_from(count).ok()) {
             Some(count) if count <= most => Ok(count),
             _ => Err(GlbError::Content {
                 expected: "a count of rows that the data could hold",
-                found: format!("accessor {accessor}: {count:?} of at most {most}"),
+                found: format!("accessor {accessor}: {count} of at most {most}"),
             }),
         }
     }

@@ -40,6 +40,6 @@ mod skin;
 pub mod solve;
 pub mod sparse;
 pub mod surroundings;
-mod table;
+pub mod table;
 mod vrm;
 mod weld;

@@ -16,7 +16,23 @@ const SHAPES: usize = 1024;
 
 /// Targets from a table of controls.
 pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
-    let text = read(path)?;
+    let mut targets = targets(&read(path)?, path, head.mesh.positions.len(), derive)?;
+    for target in &mut targets {
+        target.jaw = jaw_of(head, &target.controls);
+    }
+    Ok(targets)
+}
+
+/// Targets from the text of the table at `path` for a mesh of so many vertices, without a jaw.
+///
+/// # Errors
+/// At the first line that is no control of this mesh.
+pub fn targets(
+    text: &str,
+    path: &Path,
+    vertices: usize,
+    derive: bool,
+) -> Result<Vec<Target>, BakeError> {
     let refuse = |line: usize, expected, found: &str| BakeError::Controls {
         path: path.into(),
         line: line + 1,
@@ -51,10 +67,7 @@ pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target
         for c in 0..3 {
             d[c] = cell(2 + c)?.parse().map_err(|_| refuse(k, ROW, line))?;
         }
-        if vertex >= head.mesh.positions.len()
-            || !d.iter().all(|x: &f64| x.is_finite())
-            || name.is_empty()
-        {
+        if vertex >= vertices || !d.iter().all(|x: &f64| x.is_finite()) || name.is_empty() {
             return Err(refuse(k, ROW, line));
         }
         // Rows of one shape stand together in practice; look from the end.
@@ -81,9 +94,6 @@ pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target
             }
         };
         target.controls.push((vertex as u32, d));
-    }
-    for target in &mut targets {
-        target.jaw = jaw_of(head, &target.controls);
     }
     Ok(targets)
 }
