@@ -45,10 +45,10 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            iterations: 40,
+            iterations: 400,
             max_distance_m: 0.03,
             keep: 0.85,
-            stop_m: 2e-5,
+            stop_m: 5e-6,
         }
     }
 }

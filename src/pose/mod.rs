@@ -71,7 +71,14 @@ pub struct Settings {
     pub min_agreement: f32,
     /// Whether size and shape of the user's head are learned (plane method).
     pub learn_shape: bool,
+    /// Frames of [`Smoothing::Window`].
+    pub window_frames: u32,
+    /// Rounds of an alignment at most (paper's method).
+    pub rounds: u32,
 }
+
+/// Frames of the window unless told.
+pub const WINDOW_FRAMES: u32 = 5;
 
 impl Default for Settings {
     fn default() -> Self {
@@ -80,6 +87,8 @@ impl Default for Settings {
             smoothing: Smoothing::default(),
             min_agreement: 0.45,
             learn_shape: true,
+            window_frames: WINDOW_FRAMES,
+            rounds: 400,
         }
     }
 }
@@ -201,7 +210,8 @@ pub struct PoseTracker {
     /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
     middle: Option<Point>,
     moved: Vector,
-    /// Paper's method: the last frame's cloud, and the pairs' room.
+    /// Paper's method: the standard head's surface, the last frame's cloud, and the pairs' room.
+    standard: Option<Arc<icp::Target>>,
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
     /// Anchor points that a cloud reaches.
@@ -226,15 +236,21 @@ impl PoseTracker {
         let anchor = Anchor::new(standard_head).ok_or(PoseError::StandardHead {
             found: standard_head.len(),
         })?;
-        Ok(Self::over(settings, Arc::new(anchor)))
+        let standard = (settings.method == Method::Paper).then(|| anchor.fine_target());
+        let standard = standard.flatten().map(Arc::new);
+        Ok(Self::over(settings, Arc::new(anchor), standard))
     }
 
-    fn over(settings: Settings, anchor: Arc<Anchor>) -> Self {
+    fn over(settings: Settings, anchor: Arc<Anchor>, standard: Option<Arc<icp::Target>>) -> Self {
         Self {
+            standard,
             shape: HeadShape::standard(anchor.points.len()),
             hit: vec![false; anchor.points.len()],
             anchor,
-            filter: PoseFilter::new(settings.smoothing),
+            filter: PoseFilter::new(match settings.smoothing {
+                Smoothing::Window(_) => Smoothing::Window(settings.window_frames as usize),
+                other => other,
+            }),
             settings,
             last: None,
             earlier: None,
@@ -254,7 +270,11 @@ impl PoseTracker {
     /// A tracker of another head, with the same settings and standard head, which is kept once.
     #[must_use]
     pub fn another(&self) -> Self {
-        Self::over(self.settings, Arc::clone(&self.anchor))
+        Self::over(
+            self.settings,
+            Arc::clone(&self.anchor),
+            self.standard.clone(),
+        )
     }
 
     /// Frames that told about the shape of this head.
@@ -628,7 +648,10 @@ impl PoseTracker {
     }
 
     fn track_points(&mut self, cloud: &[Point], searches: &mut u32) -> Option<HeadPose> {
-        let to_frame = icp::Settings::default();
+        let to_frame = icp::Settings {
+            iterations: self.settings.rounds,
+            ..icp::Settings::default()
+        };
         let start = match (&self.previous, self.last) {
             (Some(previous), Some((last, _))) => {
                 let step = icp::align(
@@ -649,14 +672,9 @@ impl PoseTracker {
             keep: 0.8,
             ..to_frame
         };
-        let found = icp::align(
-            &self.anchor.target,
-            cloud,
-            start,
-            &to_anchor,
-            &mut self.scratch,
-        )
-        .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
+        let standard = self.standard.as_deref().unwrap_or(&self.anchor.target);
+        let found = icp::align(standard, cloud, start, &to_anchor, &mut self.scratch)
+            .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
         Some(HeadPose {
             sensor_from_head: found.target_from_moving.inverse(),

@@ -12,7 +12,7 @@ use crate::prelude::*;
 /// Points of a 2D shape.
 pub type Shape2 = [[f32; 2]; LANDMARKS];
 /// Distance of the mean shape's pixels, window pixels: about 4000 of them in a face 100 px wide.
-pub const STEP: f32 = 1.4;
+pub const STEP: f32 = 1.7;
 
 /// Delaunay triangles of the points.
 #[must_use]
