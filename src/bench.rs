@@ -157,6 +157,16 @@ impl Times {
             }
             writeln!(out, "{:>9}", times.len())?;
         }
+        // As the paper's Table 1 has it.
+        let frames = &self.of[FRAME];
+        if let (Some(least), Some(most)) = (frames.first(), frames.last()) {
+            let mean = frames.iter().sum::<f32>() / frames.len() as f32;
+            let rate = 1e3 / mean;
+            writeln!(
+                out,
+                "a frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} a second"
+            )?;
+        }
         Ok(())
     }
 }

@@ -566,6 +566,29 @@ mod tests {
         model
     }
 
+    #[cfg(feature = "studio")]
+    #[test]
+    fn one_section_is_replaced_and_the_others_stay_byte_for_byte() {
+        let bytes = include_bytes!("../../config/face.model");
+        let grafted = with_section(bytes, *b"PAAM", &[7; 33]).unwrap();
+        assert_eq!(parse(&grafted).unwrap().paper_aam.as_ref(), [7; 33]);
+        let (mut same, mut other) = (0, 0);
+        for (before, after) in sections(bytes).unwrap().zip(sections(&grafted).unwrap()) {
+            assert_eq!(before.0, after.0);
+            if before.0 == b"PAAM" {
+                other += 1;
+            } else {
+                assert_eq!(before.1, after.1);
+                same += 1;
+            }
+        }
+        assert_eq!((same, other), (7, 1));
+        // With its own bytes it is the file it was.
+        let own = parse(bytes).unwrap().paper_aam;
+        assert_eq!(with_section(bytes, *b"PAAM", &own).unwrap(), bytes);
+        assert!(with_section(&bytes[..100], *b"PAAM", &[]).is_err());
+    }
+
     #[test]
     fn what_is_written_is_read() {
         let model = example();

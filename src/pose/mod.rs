@@ -1,7 +1,7 @@
 //! Head cloud to `sensor_from_head`: rigid ICP, anchored, smoothed (paper section 1.1, steps 2 and 3).
 //!
 //! Two methods. [`Method::Paper`]: point-to-point ICP ([`icp`]) against the standard head in the first frame, from frame to
-//! frame afterwards, then a few more rounds against the standard head from there, because frame-to-frame motion alone
+//! frame afterwards, then to convergence against the standard head from there, because frame-to-frame motion alone
 //! drifts. [`Method::Plane`], the default: point-to-plane against the standard head ([`plane`]), whose size and shape are
 //! learned for the user ([`shape`]), from a constant-velocity prediction. Both find the first pose among several starts
 //! ([`start`]), which may be spread over two frames, and give what they find to the same filter ([`smoothing`]).
@@ -138,6 +138,9 @@ const STEP_M: f32 = 0.1;
 const FORGET_S: f64 = 2.0;
 /// Share of the least agreement down to which a followed head may be proven by its face instead.
 const UNPROVEN: f32 = 0.7;
+/// Share of the pairs with the standard head that is kept, nearest first. More lets in what is no face, less drops the cheek
+/// that tells a turn: mean error on two development people 1.5° at 0.80, 1.1° at 0.90, 1.0° at 0.93, 1.1° at 0.95, 3.7° at 1.
+const KEPT: f32 = 0.92;
 /// Least share of the pairs that the paper's method must keep.
 const MIN_PAIRED: f32 = 0.35;
 /// Least share of the middle of the face that the cloud must lie on: of a head that is followed, which a hand may cover half,
@@ -669,7 +672,7 @@ impl PoseTracker {
             }
         };
         let to_anchor = icp::Settings {
-            keep: 0.8,
+            keep: KEPT,
             ..to_frame
         };
         let standard = self.standard.as_deref().unwrap_or(&self.anchor.target);

@@ -9,7 +9,7 @@ use crate::landmarks::window::WINDOW;
 use crate::vectors::wide;
 
 /// Surroundings: half the side of a square, averaged twice.
-const AROUND: usize = 9;
+const AROUND: usize = 6;
 /// Against the sensor's noise: half the side of a square.
 const SMOOTH: usize = 1;
 /// Spread that is noise, squared grey values.

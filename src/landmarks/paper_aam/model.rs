@@ -277,3 +277,40 @@ impl PaperAam {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn the_shipped_block_reads_back_and_a_cut_or_spoilt_one_is_refused() {
+        let bytes = FaceModel::shipped().paper_aam;
+        let model = PaperAam::parse(&bytes).unwrap();
+        assert_eq!(model.to_bytes(), bytes.as_ref());
+        for cut in [0, 3, 4, 20, bytes.len() - 1] {
+            assert!(PaperAam::parse(&bytes[..cut]).is_err());
+        }
+        let mut other = bytes.to_vec();
+        other[3] = b'1';
+        assert_eq!(PaperAam::parse(&other).unwrap_err(), PaperAamError::Magic);
+        // The first deviation of a shape mode.
+        let at = 4 + 8 + 4 * 3 * LANDMARKS;
+        let mut other = bytes.to_vec();
+        other[at..at + 4].copy_from_slice(&(-1.0_f32).to_le_bytes());
+        let message = PaperAam::parse(&other).unwrap_err().to_string();
+        assert!(message.contains("a deviation of a head mode is -1, expected above 0"));
+    }
+
+    #[test]
+    fn shape_bases_are_orthonormal() {
+        let model = PaperAam::parse(&FaceModel::shipped().paper_aam).unwrap();
+        for (k, mode) in model.head_modes.iter().enumerate() {
+            for (l, other) in model.head_modes.iter().enumerate() {
+                let product: f32 = mode.iter().zip(other).map(|(a, b)| a.dot(b)).sum();
+                let expected = f32::from(u8::from(k == l));
+                assert!((product - expected).abs() < 1e-3, "modes {k}, {l}");
+            }
+        }
+    }
+}

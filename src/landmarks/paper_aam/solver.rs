@@ -30,7 +30,7 @@ use crate::vectors::wide;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Neighbouring pixels err together: so many count as one observation.
-const PIXELS_PER_OBSERVATION: f32 = 20.0;
+const PIXELS_PER_OBSERVATION: f32 = 18.0;
 /// How far the depth pose may be off, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
 /// A step that moves the points less than this, window pixels, ends the fit.
@@ -406,7 +406,7 @@ impl Solver {
 
     /// Brings view and shape to the points.
     #[cfg(test)]
-    fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
+    pub(crate) fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
         for _ in 0..20 {
             let motions = self.motions(fit);
             let size = self.slopes.nrows();

@@ -11,8 +11,8 @@ use crate::prelude::*;
 
 /// Points of a 2D shape.
 pub type Shape2 = [[f32; 2]; LANDMARKS];
-/// Distance of the mean shape's pixels, window pixels: about 4000 of them in a face 100 px wide.
-pub const STEP: f32 = 1.7;
+/// Distance of the base shape's pixels, window pixels: about 2900 of them in a face 100 px wide.
+pub const STEP: f32 = 1.5;
 
 /// Delaunay triangles of the points.
 #[must_use]

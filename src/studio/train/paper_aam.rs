@@ -482,3 +482,59 @@ fn correlation(pairs: &[[f32; 2]]) -> f32 {
     }
     ab / (aa * bb).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::face_model::FaceModel;
+    use crate::studio::heads::textured_heads;
+
+    /// The bases of the shipped block on somebody they were not made from: what they can show of every acted expression when
+    /// they are laid on the true points. The block before could not open its mouth.
+    #[test]
+    fn shape_bases_span_the_measures_of_a_stranger() {
+        let data = std::env::var_os("MIEN_DATA").map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+            std::path::PathBuf::from,
+        );
+        if !data.join("faces_frl189").is_dir() {
+            println!("skipped: no faces_frl189 under MIEN_DATA");
+            return;
+        }
+        // Every fifth person is one of the test; dressing a head takes longer than drawing it.
+        let heads = textured_heads(&data, |person| person == 30).unwrap();
+        let asset = heads.first().expect("person 30").asset.clone();
+        let mut simulator = Simulator::new(asset, Scene::Acted, 3);
+        let camera = simulator.camera().clone();
+        let model = PaperAam::parse(&FaceModel::shipped().paper_aam).unwrap();
+        let solver = Solver::new(model);
+        let mut frame = Frame::default();
+        let mut pairs: [Vec<[f32; 2]>; TOLD.len()] = Default::default();
+        let mut off = 0.0;
+        for k in 0..TRACK_FRAMES {
+            let ticks = (k as f64 * ACT_S / TRACK_FRAMES as f64 * 60e6) as i64;
+            let truth = simulator
+                .draw(timestamp_from_ticks(ticks), &mut frame)
+                .unwrap();
+            let placement = Placement::of_pose(&camera, &truth.sensor_from_head).unwrap();
+            let points = truth.landmarks_px.map(|p| placement.window_pixel(p));
+            let mut fit = solver.cold(&placement.start);
+            solver.fit_points(&points, &mut fit, &placement.start);
+            let eyes = OUTER_EYE_CORNERS.map(|i| points[i]);
+            let size = (eyes[0][0] - eyes[1][0]).hypot(eyes[0][1] - eyes[1][1]);
+            let apart = points.iter().zip(&fit.shape);
+            let sum: f32 = apart.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
+            off += 100.0 * sum / (LANDMARKS * TRACK_FRAMES) as f32 / size;
+            let both = [told(&solver.head(&fit)), told(&truth.landmarks_head)];
+            for (m, pairs) in pairs.iter_mut().enumerate() {
+                pairs.push(both.map(|b| b[m]));
+            }
+        }
+        let follows = pairs.each_ref().map(|pairs| correlation(pairs));
+        println!(
+            "left {off:.2} % of the outer-eye distance; correlation of {TOLD:?} {follows:.3?}"
+        );
+        assert!(off < 2.0, "{off}");
+        assert!(follows.iter().all(|r| *r > 0.85), "{follows:?}");
+    }
+}
