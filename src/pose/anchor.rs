@@ -280,6 +280,26 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn the_fine_surface_has_no_holes_between_neighbours() {
+        let head = half_egg();
+        let anchor = Anchor::new(&head).unwrap();
+        let fine = anchor.fine_target().unwrap();
+        let coarse = |p: &Point| anchor.target.nearest(p).1.sqrt();
+        let mut furthest = [0.0_f32; 2];
+        for (i, beside) in anchor.neighbours.iter().enumerate() {
+            let j = usize::from(beside[0]);
+            let between = nalgebra::center(&anchor.points[i], &anchor.points[j]);
+            furthest[0] = furthest[0].max(fine.nearest(&between).1.sqrt());
+            furthest[1] = furthest[1].max(coarse(&between));
+        }
+        // Within a cell of the fine surface; between the standard head's own points there is nothing.
+        assert!(
+            furthest[0] < 1.8 * FINE_M && furthest[1] > 1.8 * FINE_M,
+            "{furthest:?}"
+        );
+    }
+
+    #[test]
     fn the_grid_finds_what_the_tree_finds() {
         let head = half_egg();
         let anchor = Anchor::new(&head).unwrap();

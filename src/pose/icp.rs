@@ -12,11 +12,12 @@
 //! 5. move C2, repeat until the step is below [`Settings::stop_m`] or the iterations are used up.
 //!
 //! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
-//! Cost: n log n per iteration (n² without `std`, which the tree needs) and 20 to 60 iterations, as convergence along the
-//! surface is slow. Memory: a tree per target
-//! and one pair per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
+//! Cost: n log n per iteration (n² without `std`, which the tree needs) and some tens of iterations: along the surface
+//! convergence is slow, so steps that lead the same way are summed up ahead ([`Way`]). Memory: a tree per target and one pair
+//! per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
+//! One file: one loop and what it is made of, with its known answers.
 
 #[cfg(feature = "std")]
 use kiddo::{ImmutableKdTree, SquaredEuclidean};

@@ -10,6 +10,7 @@
 //! How far a residual is believed is learnt from fits of people not trained on. Window pixels, metres. Seeded.
 //! Cost: drawing the pictures, two structure from motions, a subspace iteration. Limit: orthographic recovery of perspective
 //! pictures.
+//! One file: what is drawn, learnt and told of one section of the model.
 
 use std::path::Path;
 
