@@ -31,9 +31,6 @@ use crate::prelude::*;
 use crate::sensor::camera::Camera;
 use crate::time::Timestamp;
 
-/// A face that is followed is tried afresh every so many frames.
-const AFRESH_FRAMES: u32 = 5;
-
 /// Settings of the method.
 #[derive(Clone, Copy, Debug)]
 pub struct PaperAamSettings {
@@ -62,8 +59,6 @@ pub struct PaperAamFitter {
     window: Vec<f32>,
     /// The last frame's fit, and the view its depth pose said.
     last: Option<(AamFit, View)>,
-    /// Frames since the mean face tried.
-    since_afresh: u32,
     landmarks: Landmarks,
 }
 
@@ -78,7 +73,6 @@ impl PaperAamFitter {
             solver: Solver::new(PaperAam::parse(bytes)?),
             window: vec![0.0; WINDOW * WINDOW],
             last: None,
-            since_afresh: 0,
             landmarks: empty_landmarks(),
         })
     }
@@ -105,20 +99,8 @@ impl PaperAamFitter {
         let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
         let warm = self.last.take().map(|(last, depth)| {
             let first = self.solver.warm(&last, &depth, &start);
-            let fit = self
-                .solver
-                .run(&self.window, first, &start, self.settings.warm_steps);
-            // A shape that has lost its footing keeps it lost: now and then the mean face tries from where this one is.
-            self.since_afresh += 1;
-            if self.since_afresh < AFRESH_FRAMES {
-                return fit;
-            }
-            self.since_afresh = 0;
-            let first = self.solver.afresh(&fit);
-            let other = self
-                .solver
-                .run(&self.window, first, &start, self.settings.cold_steps);
-            if other.cost < fit.cost { other } else { fit }
+            self.solver
+                .run(&self.window, first, &start, self.settings.warm_steps)
         });
         let fit = match warm {
             Some(fit) if believed(&fit) => fit,

@@ -53,8 +53,6 @@ pub struct AamFit {
     pub head: [f32; MOST_HEAD_MODES],
     /// Root mean square of what the appearance leaves, in standard deviations of grey.
     pub residual: f32,
-    /// What the fit lessens: picture, pose and people.
-    pub cost: f32,
     /// 0…1.
     pub confidence: f32,
     /// 0…1 per landmark.
@@ -187,19 +185,12 @@ impl Solver {
         fit
     }
 
-    /// The mean face where another fit is.
-    #[must_use]
-    pub fn afresh(&self, fit: &AamFit) -> AamFit {
-        self.cold(&fit.view)
-    }
-
     fn at(&self, view: View, head: [f32; MOST_HEAD_MODES]) -> AamFit {
         let mut fit = AamFit {
             shape: self.model.base,
             view,
             head,
             residual: f32::INFINITY,
-            cost: f32::INFINITY,
             confidence: 0.0,
             point_confidence: [0.0; LANDMARKS],
         };
@@ -245,7 +236,6 @@ impl Solver {
         }
         self.descend_to_rest(&mut fit, depth, steps);
         if self.look(&mut fit).is_some() {
-            fit.cost = self.cost(&fit, depth);
             self.believe(&mut fit);
         } else {
             fit.residual = f32::INFINITY;
@@ -437,20 +427,6 @@ impl Solver {
                 break;
             }
         }
-    }
-
-    /// The cost of the module header, after [`Self::look`].
-    fn cost(&self, fit: &AamFit, depth: &View) -> f32 {
-        let off = fit.view.step_from(depth);
-        let pose: f32 = off
-            .iter()
-            .zip(POSE_SPREAD)
-            .map(|(off, spread)| (off / spread).powi(2))
-            .sum();
-        let people: f32 = fit.head.iter().map(|p| p * p).sum();
-        // With the appearance integrated out the picture's part is what is left, along the values.
-        let picture = self.left.dot(&self.values) / (self.model.noise * PIXELS_PER_OBSERVATION);
-        picture + pose + people
     }
 
     /// Confidence of the face from its residual, of each point from the residual around it.
