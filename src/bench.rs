@@ -157,6 +157,16 @@ impl Times {
             }
             writeln!(out, "{:>9}", times.len())?;
         }
+        // As the paper's Table 1 has it.
+        let frames = &self.of[FRAME];
+        if let (Some(least), Some(most)) = (frames.first(), frames.last()) {
+            let mean = frames.iter().sum::<f32>() / frames.len() as f32;
+            let rate = 1e3 / mean;
+            writeln!(
+                out,
+                "a frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} a second"
+            )?;
+        }
         Ok(())
     }
 }
@@ -169,7 +179,7 @@ const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
 /// # Errors
 /// If a source cannot be opened or a table not written; as [`Failure`] lists.
 pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
-    let settings = service::settings(None)?;
+    let settings = service::settings(bench.config.as_deref())?;
     crate::log::start(settings.log.level);
     let frames = bench.frames.unwrap_or(FRAMES);
     let sources = match &bench.source {
@@ -266,6 +276,7 @@ mod tests {
         let bench = Bench {
             source: Some("simulated".into()),
             frames: Some(3),
+            ..Bench::default()
         };
         run(&bench, || 7, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
@@ -284,8 +295,8 @@ mod tests {
     fn without_a_source_one_person_and_four_are_timed() {
         let mut out = Vec::new();
         let bench = Bench {
-            source: None,
             frames: Some(8),
+            ..Bench::default()
         };
         run(&bench, || 7, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();

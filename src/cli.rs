@@ -14,7 +14,7 @@ mien check-config   [FILE]           exit 0, or 2 with file:line:column, what wa
 mien print-config   [--config FILE]  the effective configuration
 mien devices                         sensors and serial ports that are there
 mien doctor         [--config FILE]  one line per check: OK, WARN or FAIL, and the remedy
-mien bench          [--source S] [--frames N]  time per stage and memory, without the source's own cost
+mien bench          [--config FILE] [--source S] [--frames N]  time per stage and memory, without the source's own cost
 mien send-test      [--config FILE]  sweeps every unit 0-1-0 to every output, its name in the log
 mien help | --help | --version
 
@@ -75,6 +75,8 @@ pub struct Run {
 /// Arguments of `bench`.
 #[derive(Debug, Default, PartialEq)]
 pub struct Bench {
+    /// Configuration file.
+    pub config: Option<PathBuf>,
     /// Source of frames; else the simulated sensor.
     pub source: Option<String>,
     /// Frames that count.
@@ -121,6 +123,7 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
             let mut bench = Bench::default();
             while let Some(word) = parser.next()? {
                 match word {
+                    Long("config") => bench.config = Some(parser.value()?.into()),
                     Long("source") => bench.source = Some(parser.value()?.string()?),
                     Long("frames") => bench.frames = Some(parser.value()?.parse()?),
                     Long("help") => return Ok(Command::Help),
@@ -215,11 +218,12 @@ mod tests {
         assert_eq!(words("devices").unwrap(), Command::Devices);
         assert_eq!(words("doctor").unwrap(), Command::Doctor(None));
         let bench = Bench {
+            config: Some("a.toml".into()),
             source: Some("session".into()),
             frames: Some(60),
         };
         assert_eq!(
-            words("bench --source session --frames 60").unwrap(),
+            words("bench --config a.toml --source session --frames 60").unwrap(),
             Command::Bench(bench)
         );
         assert_eq!(

@@ -53,6 +53,7 @@ use crate::prelude::*;
 use crate::time::Timestamp;
 use measures::EyeDistance;
 use newcomer::Newcomer;
+use one_way::Scan;
 use paper::{PaperLearner, PaperSettings};
 use robust::{RobustLearner, RobustSettings};
 use smooth::OneEuro;
@@ -88,6 +89,8 @@ pub struct Settings {
     pub smoothing_hz: f64,
     /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
     pub compensation_scale: f64,
+    /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
+    pub scan: Scan,
 }
 
 impl Default for Settings {
@@ -101,6 +104,7 @@ impl Default for Settings {
             dead_zone: 1.5,
             smoothing_hz: 3.0,
             compensation_scale: 0.0,
+            scan: Scan::DEFAULT,
         }
     }
 }
@@ -223,6 +227,7 @@ impl Expression {
                 let literal = PaperSettings {
                     half_life_s: settings.half_life_s,
                     compensation_scale: settings.compensation_scale,
+                    scan: settings.scan,
                 };
                 let learner = |m: usize| {
                     let row = &units.rows[m];

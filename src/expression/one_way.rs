@@ -14,14 +14,14 @@
 
 use super::samples::Sample;
 
-/// l, k and m of section 2.5, as shares of 1.
+/// l, k and m of section 2.5, percent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scan {
-    /// Gap that cuts, as a share of the set's width.
+    /// Gap that cuts, percent of the set's width.
     pub gap: f64,
-    /// Count that ends the scan, as a share of all.
+    /// Count that ends the scan, percent of all.
     pub count: f64,
-    /// Scanned total that ends the scan, as a share of all.
+    /// Scanned total that ends the scan, percent of all.
     pub scanned: f64,
 }
 
@@ -29,9 +29,9 @@ impl Scan {
     /// The best of a grid over simulated sessions: k decides (a larger one eats into the expressions), l hardly matters
     /// with a small k, m not at all.
     pub const DEFAULT: Self = Self {
-        gap: 0.03,
-        count: 0.005,
-        scanned: 0.10,
+        gap: 3.0,
+        count: 0.5,
+        scanned: 10.0,
     };
 }
 
@@ -48,10 +48,13 @@ fn outermost(
     for i in 0..length {
         count += weight(i);
         scanned += weight(i);
-        if count >= scan.count * total || scanned >= scan.scanned * total || i + 1 == length {
+        if count >= 0.01 * scan.count * total
+            || scanned >= 0.01 * scan.scanned * total
+            || i + 1 == length
+        {
             break;
         }
-        if gap(i) > scan.gap * width {
+        if gap(i) > 0.01 * scan.gap * width {
             outermost = i + 1;
             count = 0.0;
         }
@@ -112,9 +115,9 @@ mod tests {
     }
 
     const SCAN: Scan = Scan {
-        gap: 0.1,
-        count: 0.05,
-        scanned: 0.10,
+        gap: 10.0,
+        count: 5.0,
+        scanned: 10.0,
     };
 
     #[test]

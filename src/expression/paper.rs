@@ -32,6 +32,8 @@ pub struct PaperSettings {
     pub half_life_s: f64,
     /// 0: σ literal; else σ is in units of this share of the measure's prior range.
     pub compensation_scale: f64,
+    /// l, k and m of the interval of one-way units.
+    pub scan: Scan,
 }
 
 /// Learner of one measure.
@@ -129,7 +131,7 @@ impl PaperLearner {
                 high: nodes.g_max,
             });
         }
-        let (low, high) = one_way::interval(self.samples.samples(), Scan::DEFAULT)?;
+        let (low, high) = one_way::interval(self.samples.samples(), self.settings.scan)?;
         let rest = if self.kind == Kind::Rising { low } else { high };
         Some(Range { low, rest, high })
     }
@@ -179,6 +181,7 @@ mod tests {
     const LITERAL: PaperSettings = PaperSettings {
         half_life_s: 0.0,
         compensation_scale: 0.0,
+        scan: Scan::DEFAULT,
     };
 
     #[test]
@@ -240,6 +243,7 @@ mod tests {
         let settings = PaperSettings {
             half_life_s: 300.0,
             compensation_scale: 0.25,
+            scan: Scan::DEFAULT,
         };
         let mut learner = PaperLearner::new(settings, PRIOR, Kind::TwoWay, 0.0);
         let act = |learner: &mut PaperLearner, shift: f64, frames: u32, dt: f64| {

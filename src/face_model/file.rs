@@ -397,6 +397,51 @@ fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
     out
 }
 
+/// Tags and bytes of the sections of a model file, in order.
+///
+/// # Errors
+/// If the bytes are no model.
+#[cfg(feature = "studio")]
+pub(crate) fn sections(
+    bytes: &[u8],
+) -> Result<impl Iterator<Item = (&[u8], &[u8])> + Clone, ModelError> {
+    parse(bytes)?;
+    let mut rest = &bytes[HEADER..bytes.len() - CHECKSUM];
+    Ok(core::iter::from_fn(move || {
+        let (tag, after) = rest.split_at_checked(4)?;
+        let (length, after) = after.split_first_chunk::<4>()?;
+        let (payload, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        rest = after;
+        Some((tag, payload))
+    }))
+}
+
+/// The same file with another section of this tag; all others stay byte for byte.
+///
+/// # Errors
+/// If the bytes are no model, or no longer one with it.
+#[cfg(feature = "studio")]
+pub(crate) fn with_section(
+    bytes: &[u8],
+    tag: [u8; 4],
+    payload: &[u8],
+) -> Result<Vec<u8>, ModelError> {
+    let mut out = Vec::with_capacity(bytes.len() + payload.len());
+    out.extend_from_slice(&bytes[..HEADER]);
+    for (other, kept) in sections(bytes)? {
+        let payload = if other == tag { payload } else { kept };
+        out.extend_from_slice(other);
+        put_count(&mut out, payload.len());
+        out.extend_from_slice(payload);
+    }
+    let length = (out.len() + CHECKSUM) as u64;
+    out[12..20].copy_from_slice(&length.to_le_bytes());
+    let checksum = crc32(&out);
+    out.extend_from_slice(&checksum.to_le_bytes());
+    parse(&out)?;
+    Ok(out)
+}
+
 /// Writes a model; its `id` is not written, it follows from the bytes.
 #[must_use]
 pub fn emit(model: &FaceModel) -> Vec<u8> {
@@ -519,6 +564,29 @@ mod tests {
         };
         model.paper_aam = vec![1, 2, 3].into();
         model
+    }
+
+    #[cfg(feature = "studio")]
+    #[test]
+    fn one_section_is_replaced_and_the_others_stay_byte_for_byte() {
+        let bytes = include_bytes!("../../config/face.model");
+        let grafted = with_section(bytes, *b"PAAM", &[7; 33]).unwrap();
+        assert_eq!(parse(&grafted).unwrap().paper_aam.as_ref(), [7; 33]);
+        let (mut same, mut other) = (0, 0);
+        for (before, after) in sections(bytes).unwrap().zip(sections(&grafted).unwrap()) {
+            assert_eq!(before.0, after.0);
+            if before.0 == b"PAAM" {
+                other += 1;
+            } else {
+                assert_eq!(before.1, after.1);
+                same += 1;
+            }
+        }
+        assert_eq!((same, other), (7, 1));
+        // With its own bytes it is the file it was.
+        let own = parse(bytes).unwrap().paper_aam;
+        assert_eq!(with_section(bytes, *b"PAAM", &own).unwrap(), bytes);
+        assert!(with_section(&bytes[..100], *b"PAAM", &[]).is_err());
     }
 
     #[test]

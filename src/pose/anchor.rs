@@ -25,6 +25,10 @@ pub(crate) const MARGIN_M: f32 = 0.040;
 pub(crate) const NEIGHBOURS: usize = 8;
 /// No neighbour over an angle wider than this: the surface ends there.
 const RIM_GAP_RAD: f32 = 2.2;
+/// Distance of the points of a fine surface, parts of an edge it is made of, and how far apart corners may be, metres.
+const FINE_M: f32 = 0.0015;
+const PARTS: u32 = 4;
+const NEIGHBOUR_M: f32 = 0.012;
 /// No point near.
 const NOWHERE: u16 = u16::MAX;
 
@@ -127,6 +131,36 @@ impl Anchor {
             size,
             grid,
         })
+    }
+
+    /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it slides only in leaps.
+    #[must_use]
+    pub(crate) fn fine_target(&self) -> Option<Target> {
+        let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
+        let mut fine: Vec<([i32; 3], Point)> = Vec::new();
+        let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
+        for (i, beside) in self.neighbours.iter().enumerate() {
+            let beside = beside.map(usize::from);
+            for (n, &j) in beside.iter().enumerate() {
+                for &k in &beside[n + 1..] {
+                    if !(near(i, j) && near(i, k) && near(j, k)) {
+                        continue;
+                    }
+                    let [a, b, c] = [i, j, k].map(|v| self.points[v]);
+                    for u in 0..=PARTS {
+                        for v in 0..=PARTS - u {
+                            let [u, v] = [u, v].map(|n| n as f32 / PARTS as f32);
+                            let p = a + (b - a) * u + (c - a) * v;
+                            fine.push((place(&p).into(), p));
+                        }
+                    }
+                }
+            }
+        }
+        fine.sort_by_key(|(cell, _)| *cell);
+        fine.dedup_by_key(|(cell, _)| *cell);
+        let points: Vec<Point> = fine.into_iter().map(|(_, p)| p).collect();
+        Target::new(&points)
     }
 
     /// Number of the point nearest to `q` (head frame), to within the grid's coarseness; `None` when none is near.
@@ -243,6 +277,26 @@ pub(crate) mod tests {
             }
         }
         points
+    }
+
+    #[test]
+    fn the_fine_surface_has_no_holes_between_neighbours() {
+        let head = half_egg();
+        let anchor = Anchor::new(&head).unwrap();
+        let fine = anchor.fine_target().unwrap();
+        let coarse = |p: &Point| anchor.target.nearest(p).1.sqrt();
+        let mut furthest = [0.0_f32; 2];
+        for (i, beside) in anchor.neighbours.iter().enumerate() {
+            let j = usize::from(beside[0]);
+            let between = nalgebra::center(&anchor.points[i], &anchor.points[j]);
+            furthest[0] = furthest[0].max(fine.nearest(&between).1.sqrt());
+            furthest[1] = furthest[1].max(coarse(&between));
+        }
+        // Within a cell of the fine surface; between the standard head's own points there is nothing.
+        assert!(
+            furthest[0] < 1.8 * FINE_M && furthest[1] > 1.8 * FINE_M,
+            "{furthest:?}"
+        );
     }
 
     #[test]

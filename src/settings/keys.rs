@@ -131,7 +131,6 @@ const LEVELS: [tracing::Level; 5] = [
 
 const POLICIES: [Policy; 3] = [Policy::First, Policy::Nearest, Policy::Central];
 const POSE_METHODS: [pose::Method; 2] = [pose::Method::Plane, pose::Method::Paper];
-const SMOOTHING_WINDOW: usize = 5;
 const LANDMARK_METHODS: [landmarks::Method; 2] =
     [landmarks::Method::Cascade, landmarks::Method::Paper];
 const LEARNING_METHODS: [expression::Method; 2] =
@@ -248,7 +247,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "smoothing",
-        "Filter of the pose: none, the paper's window over five frames, or adaptive.",
+        "Filter of the pose: none, the paper's window, or adaptive.",
         |s| Kind::Choice {
             value: match s.pose.smoothing {
                 Smoothing::Off => 0,
@@ -259,10 +258,32 @@ pub(super) const KEYS: &[Key] = &[
             set: |s, index| {
                 s.pose.smoothing = [
                     Smoothing::Off,
-                    Smoothing::Window(SMOOTHING_WINDOW),
+                    Smoothing::Window(pose::WINDOW_FRAMES as usize),
                     Smoothing::default(),
                 ][index]
             },
+        },
+    ),
+    key(
+        "pose",
+        "window_frames",
+        "Frames of the paper's window; its delay is a third of them (window).",
+        |s| Kind::Integer {
+            value: &mut s.pose.window_frames,
+            min: 1,
+            max: 16,
+            unit: "",
+        },
+    ),
+    key(
+        "pose",
+        "rounds",
+        "Rounds of point-to-point alignment at most; it ends where it stands still (paper).",
+        |s| Kind::Integer {
+            value: &mut s.pose.rounds,
+            min: 1,
+            max: 1000,
+            unit: "",
         },
     ),
     key(
@@ -363,6 +384,24 @@ pub(super) const KEYS: &[Key] = &[
         "compensation_scale",
         "Spread of compensating samples as a share of the range; 0 is the paper's (paper).",
         |s| double(&mut s.learning.compensation_scale, 0.0, 1.0, ""),
+    ),
+    key(
+        "learning",
+        "gap_percent",
+        "l of section 2.5: a gap that cuts the end of a range off, of its width (paper).",
+        |s| double(&mut s.learning.scan.gap, 0.0, 100.0, "%"),
+    ),
+    key(
+        "learning",
+        "count_percent",
+        "k of section 2.5: samples without a gap that end the scan, of all (paper).",
+        |s| double(&mut s.learning.scan.count, 0.0, 100.0, "%"),
+    ),
+    key(
+        "learning",
+        "scanned_percent",
+        "m of section 2.5: samples scanned at most, of all (paper).",
+        |s| double(&mut s.learning.scan.scanned, 0.0, 100.0, "%"),
     ),
     key(
         "users",

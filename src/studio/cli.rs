@@ -21,7 +21,7 @@ use super::readings;
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
-use super::train::{TrainArgs, TrainError, finish, train};
+use super::train::{TrainArgs, TrainError, finish, train, train_paper_into};
 use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
@@ -43,12 +43,21 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "train",
-        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev]",
-        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people",
+        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N]",
+        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people; with --paper-into the paper's own model alone, in a model file that is else as it was",
         example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
         options: &[
-            "images", "out", "tracks", "offsets", "data", "drawn", "starts", "seed", "refine",
+            "images",
+            "out",
+            "tracks",
+            "offsets",
+            "data",
+            "drawn",
+            "starts",
+            "seed",
+            "refine",
             "paper-of",
+            "paper-into",
         ],
         flags: &["no-paper", "hold-out-dev"],
         words: 0,
@@ -489,8 +498,12 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         .path("tracks")
         .map(|path| Tracks::read(&path))
         .transpose()?;
+    let into = words.path("paper-into");
     let args = TrainArgs {
-        images: words.paths("images")?,
+        images: match into {
+            Some(_) => Vec::new(),
+            None => words.paths("images")?,
+        },
         data: data(words),
         out: words.required("out")?,
         offsets: words.path("offsets"),
@@ -512,7 +525,9 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         hold_out_dev: words.flag("hold-out-dev"),
         ..defaults
     };
-    if let Some(path) = words.path("refine") {
+    if let Some(path) = into {
+        train_paper_into(&args, &path, &mut say)?;
+    } else if let Some(path) = words.path("refine") {
         let model = service::model(Some(&path)).map_err(|failure| service_fault(&failure))?;
         finish(&args, model, &mut say)?;
     } else {

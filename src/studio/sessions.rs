@@ -23,7 +23,7 @@ use crate::capacity::{LANDMARKS, LEARNT_MEASURES};
 use crate::expression::measures::{self, Measure};
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
-use crate::geometry::{Rigid, Vector};
+use crate::geometry::{Rigid, Vector, yaw_pitch_roll};
 use crate::landmarks::Landmarks;
 use crate::landmarks::refine::PUFFS;
 use crate::pipeline::{Pipeline, PipelineError};
@@ -219,6 +219,9 @@ pub struct Table {
     pub rotation_deg: [Spread; 2],
     /// Translation, millimetres, likewise.
     pub translation_mm: [Spread; 2],
+    /// Rotation, one offset per person out, and all points where the head is turned by 20° to the side or 12° up or down: the
+    /// ends of what the paper handles.
+    pub turned: [Spread; 2],
     /// All points, percent of the outer-eye distance.
     pub landmarks: Spread,
     /// Points 17–67.
@@ -241,6 +244,8 @@ const IDLE: f64 = 0.05;
 const ACTED: f64 = 0.5;
 const FULL: f64 = 0.8;
 const SHUT: f64 = 0.95;
+/// Yaw and pitch from which a head is turned, degrees.
+const TURNED_DEG: [f32; 2] = [20.0, 12.0];
 /// Other expressions up to which a full one counts as acted alone.
 const ALONE: f32 = 0.3;
 
@@ -392,6 +397,7 @@ fn table(played: &[Played]) -> Table {
     };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    let mut turned_deg = Vec::new();
     let mut people = Vec::new();
     for one in played {
         let before = rotations[0].len();
@@ -406,6 +412,9 @@ fn table(played: &[Played]) -> Table {
                 let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
                 rotations[k].push(f64::from(error.rotation.angle()).to_degrees());
                 translations[k].push(f64::from(error.translation.vector.norm()) * 1e3);
+            }
+            if is_turned(seen) {
+                turned_deg.extend(rotations[1].last());
             }
         }
         let lost = 1.0 - one.seen.len() as f64 / one.frames.max(1) as f64;
@@ -482,6 +491,15 @@ fn table(played: &[Played]) -> Table {
         tracked: seen as f64 / frames.max(1) as f64,
         rotation_deg: rotations.map(Spread::of),
         translation_mm: translations.map(Spread::of),
+        turned: [
+            Spread::of(turned_deg),
+            Spread::of(
+                frames_seen()
+                    .filter(|seen| is_turned(seen))
+                    .map(|seen| seen.error[0])
+                    .collect(),
+            ),
+        ],
         landmarks: all(&|seen: &Seen| seen.error[0]),
         inner: all(&|seen: &Seen| seen.error[1]),
         worst: core::array::from_fn(|k| {
@@ -492,6 +510,12 @@ fn table(played: &[Played]) -> Table {
         following,
         matrix: matrix(played),
     }
+}
+
+/// Whether the head is near an end of what the paper handles, ±25° of yaw and ±15° of pitch.
+fn is_turned(seen: &Seen) -> bool {
+    let (yaw, pitch, _) = yaw_pitch_roll(&seen.true_pose.rotation);
+    yaw.abs() > TURNED_DEG[0].to_radians() || pitch.abs() > TURNED_DEG[1].to_radians()
 }
 
 /// Mean weights while each expression, both sides of it together, is fully acted and no other is.
@@ -638,6 +662,12 @@ impl Display for Table {
             f,
             "| landmarks without the jaw | {:.2} %{of_inner} |",
             self.inner
+        )?;
+        let [turn, points] = &self.turned;
+        writeln!(
+            f,
+            "| head turned by over {}° or nodding by over {}°: rotation with the offset out, landmarks | {turn:.2}°, {points:.2} % |",
+            TURNED_DEG[0], TURNED_DEG[1]
         )?;
         writeln!(f, "| weights while nothing is acted | {:.3} |", self.rest)?;
         let [shut, open] = &self.winks;

@@ -11,13 +11,14 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Documents with commands, in the order of a reader who reads all.
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
     "docs/receivers.md",
     "docs/box.md",
     "docs/baking.md",
     "docs/workstation.md",
     "docs/results.md",
+    "docs/paper.md",
     "docs/limits.md",
     "docs/troubleshooting.md",
 ];

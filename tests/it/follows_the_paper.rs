@@ -1,35 +1,63 @@
-//! Promise: with every stage set to the paper's own method the whole chain runs, and follows a face before the sensor.
+//! Promise: the paper's own system, `config/paper.toml` as it is shipped, follows a face: pose, points and measures.
 //!
-//! Point-to-point ICP and window smoothing, the 2D+3D active appearance model on grey values, samples and ranges of sections
-//! 2.2 to 2.6. Bars are what these methods reach on the shipped head; the defaults do better, see the README's table.
+//! On the shipped head for everybody who builds, and on a person whom its model has never seen where the data sets are
+//! (`MIEN_DATA`, else `../shared/data`; a line says so if they are not). Bars are near what it reaches, so that a stage that
+//! loses its footing shows; before it had a shape model that could open its mouth, rotation was off by 8°, points by 13 %,
+//! and no measure was followed.
 
 use std::path::Path;
 
+use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
 use mien::geometry::{Rotation, Vector};
-use mien::landmarks;
 use mien::pipeline::Pipeline;
-use mien::pose;
 use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
 use mien::sensor::simulated::Simulated;
 use mien::settings::Settings;
+use mien::{expression, landmarks, pose};
 
-const FRAMES: u32 = 120;
+const FRAMES: u32 = 300;
+
+fn settings() -> Settings {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/paper.toml");
+    Settings::read(&file).expect("the shipped file")
+}
+
+fn correlation(pairs: &[[f32; 2]]) -> f32 {
+    let n = pairs.len() as f32;
+    let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f32>() / n);
+    let (mut xx, mut yy, mut xy) = (0.0, 0.0, 1e-20);
+    for pair in pairs {
+        let [x, y] = [pair[0] - mean[0], pair[1] - mean[1]];
+        (xx, yy, xy) = (xx + x * x, yy + y * y, xy + x * y);
+    }
+    xy / (xx * yy).sqrt().max(1e-20)
+}
 
 #[test]
-fn every_stage_by_the_paper_follows_the_actor() {
-    let text = "[pose]\nmethod = \"paper\"\nsmoothing = \"window\"\n[landmarks]\nmethod = \"paper\"\n\
-                [learning]\nmethod = \"paper\"\n";
-    let settings = Settings::parse(text, Path::new("paper.toml")).expect("known keys");
+fn every_stage_is_the_papers() {
+    let settings = settings();
     assert_eq!(settings.pose.method, pose::Method::Paper);
+    let window = settings.pose.smoothing;
+    assert!(matches!(window, pose::smoothing::Smoothing::Window(_)));
     assert_eq!(settings.landmarks.method, landmarks::Method::Paper);
+    assert_eq!(settings.learning.method, expression::Method::Paper);
+    // It never forgets, and σ is what the paper says.
+    assert_eq!(settings.learning.half_life_s, 0.0);
+    assert_eq!(settings.learning.compensation_scale, 0.0);
+}
+
+#[test]
+fn the_papers_system_follows_the_actor() {
     let model = FaceModel::shipped();
     let mut source = Simulated::new(Some("acted")).expect("a scene");
     let mut pipeline =
-        Pipeline::new(&settings, &Registration::default(), &model).expect("the shipped model");
+        Pipeline::new(&settings(), &Registration::default(), &model).expect("the shipped model");
     let mut frame = Frame::default();
     let (mut turns, mut off) = (Vec::new(), 0.0);
+    let told = [Measure::LipGap, Measure::JawDrop, Measure::MouthWidth];
+    let mut measured = told.map(|_| Vec::new());
     for _ in 0..FRAMES {
         source.next_frame(&mut frame);
         let truth = source.truth().expect("somebody acts");
@@ -51,6 +79,14 @@ fn every_stage_by_the_paper_follows_the_actor() {
             .map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))
             .sum();
         off += 100.0 * sum / (placed.len() as f32 * eye);
+        let both = [
+            measures::raw(&found.head),
+            measures::raw(&truth.landmarks_head),
+        ];
+        for (pairs, measure) in measured.iter_mut().zip(told) {
+            let eyes = Measure::EyeDistance as usize;
+            pairs.push(both.map(|raw| raw[measure as usize] / raw[eyes]));
+        }
         assert!(report.weights.iter().all(|w| w.is_finite() && *w >= 0.0));
     }
     // Where a head's frame sits on a face is a convention: one fixed turn is told and taken out.
@@ -61,10 +97,47 @@ fn every_stage_by_the_paper_follows_the_actor() {
         left.angle().to_degrees()
     });
     let (fixed, left, off) = (fixed.norm().to_degrees(), left.sum::<f32>() / n, off / n);
+    let follows = measured.each_ref().map(|pairs| correlation(pairs));
     println!(
         "{n} of {FRAMES} frames; rotation off by a fixed {fixed:.2} deg and {left:.2} beside it, landmarks {off:.2} % of the \
-         outer-eye distance"
+         outer-eye distance; correlation of {told:?} {follows:.3?}"
     );
     assert!(n >= 0.98 * FRAMES as f32, "{n} of {FRAMES} frames");
-    assert!(fixed < 10.0 && left < 3.0 && off < 10.0);
+    assert!(fixed < 4.0 && left < 1.5 && off < 3.5);
+    assert!(follows[0] > 0.9 && follows[1] > 0.9 && follows[2] > 0.75);
+}
+
+#[cfg(feature = "studio")]
+#[test]
+fn a_person_never_trained_on_is_followed_by_the_papers_system() {
+    use mien::studio::sessions::{Sessions, play};
+    use mien::studio::split::Split;
+
+    let Some(data) = crate::common::data() else {
+        return;
+    };
+    let sessions = Sessions {
+        people: 1,
+        seconds: 8.0,
+        split: Split::Test,
+        ..Sessions::default()
+    };
+    let table = play(&data, &FaceModel::shipped(), &settings(), &sessions).expect("the data sets");
+    println!("{table}");
+    assert!(table.tracked > 0.98, "{}", table.tracked);
+    let [_, rotation] = table.rotation_deg;
+    assert!(rotation.mean < 2.0 && rotation.p95 < 4.0, "{rotation}");
+    assert!(table.landmarks.mean < 3.5, "{}", table.landmarks);
+    // Only what is acted in eight seconds has a correlation to speak of.
+    for (measure, least) in [
+        (Measure::LipGap, 0.9),
+        (Measure::JawDrop, 0.85),
+        (Measure::MouthWidth, 0.75),
+        (Measure::LidL, 0.6),
+        (Measure::BrowL, 0.65),
+    ] {
+        let of = table.following.iter().find(|of| of.measure == measure);
+        let measured = of.expect("a unit of it").measured;
+        assert!(measured > least, "{}: {measured}", measure.name());
+    }
 }

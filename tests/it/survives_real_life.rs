@@ -13,6 +13,7 @@ use std::path::Path;
 
 use crate::common::actors::{self, ACTED, Acting, FRAME_S, Jitter, Person};
 use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::expression::one_way::Scan;
 use mien::expression::paper::{PaperLearner, PaperSettings};
 use mien::expression::robust::{RobustLearner, RobustSettings};
 use mien::expression::units::Kind;
@@ -497,6 +498,7 @@ fn a_year_of_samples() {
     let literal = PaperSettings {
         half_life_s: 300.0,
         compensation_scale: 0.0,
+        scan: Scan::DEFAULT,
     };
     let mut ours = RobustLearner::new(robust, prior, 0.0);
     let mut papers = PaperLearner::new(literal, prior, units.rows[m].paper_kind, 0.0);

@@ -1,29 +1,27 @@
 //! The paper's own landmark method (`landmarks.method = "paper"`): a 3D active appearance model (section 1.2, equations 1, 2).
 //!
-//! 2D shape `s = s0 + Σ p_i s_i` (plus four similarity modes) and appearance `A0 + Σ λ_i A_i` are fitted to the picture by
-//! simultaneous inverse compositional steps (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Baker,
-//! Gross, Matthews 2003), together with the reprojection error of a 3D shape from non-rigid structure from motion (Xiao,
-//! Baker, Matthews, Kanade, *Real-time combined 2D+3D active appearance models*, CVPR 2004). As the paper says the two
-//! alternate: given the 2D shape, the 3D shape and view that explain it best, held near the depth head pose; given those,
-//! one step of the 2D fit pulled towards their projection. The depth pose also gives the start.
+//! A 3D shape `S0 + Σ p_i S_i` from non-rigid structure from motion, seen at the head's pose, is the 2D shape; appearance is
+//! `A0 + Σ λ_i A_i`. Fitted is what makes the picture in the shape most like an appearance (Matthews and Baker, *Active
+//! appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time combined 2D+3D active appearance
+//! models*, CVPR 2004), held near the depth pose, which also gives the start: [`solver`]. 2D and 3D shape parameters are one.
 //!
-//! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are brought to zero
-//! mean and unit variance in the face. One step costs pixels x parameters² ≈ 10 M operations; some scratch is allocated per
-//! frame, unlike the default method. Known limitation: grey values generalise badly across people; this is the
-//! reference, the default is [`super::cascade`]. Degenerate: a flat window, a pose outside the picture, a shape that folds or
-//! a residual that is not believed gives `None`.
+//! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
+//! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
+//! allocated per frame, unlike the default method. Limitation: a mouth that is open when a person is first seen may be taken
+//! for a shut one until it shuts. Degenerate: a flat window, a pose outside the picture or a residual that is not believed
+//! gives `None`.
 
+mod grey;
 mod model;
 mod solver;
 pub mod warp;
 
-pub use model::{
-    MOST_APPEARANCE_MODES, MOST_HEAD_MODES, MOST_SHAPE_MODES, PaperAam, PaperAamError,
-};
+pub use model::{MOST_APPEARANCE_MODES, MOST_HEAD_MODES, PaperAam, PaperAamError};
+pub use solver::{AamFit, Solver};
 #[cfg(feature = "studio")]
-pub(crate) use solver::sample;
-pub use solver::{AamFit, Solver, similarity_modes};
+pub(crate) use {grey::normalised, solver::sample};
 
+use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
@@ -59,7 +57,8 @@ pub struct PaperAamFitter {
     settings: PaperAamSettings,
     solver: Solver,
     window: Vec<f32>,
-    last: Option<AamFit>,
+    /// The last frame's fit, and the view its depth pose said.
+    last: Option<(AamFit, View)>,
     landmarks: Landmarks,
 }
 
@@ -98,8 +97,8 @@ impl PaperAamFitter {
         placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
         let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
-        let warm = self.last.take().map(|last| {
-            let first = self.solver.warm(&last, &start);
+        let warm = self.last.take().map(|(last, depth)| {
+            let first = self.solver.warm(&last, &depth, &start);
             self.solver
                 .run(&self.window, first, &start, self.settings.warm_steps)
         });
@@ -120,7 +119,7 @@ impl PaperAamFitter {
         self.landmarks.head = self.solver.head(&fit);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
-        self.last = Some(fit);
+        self.last = Some((fit, start));
         Some(&self.landmarks)
     }
 }

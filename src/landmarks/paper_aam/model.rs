@@ -1,10 +1,9 @@
 //! What the 3D active appearance model knows, and its bytes in the model file.
 //!
 //! ```text
-//! magic "PAM1" · counts u16: shape modes n, appearance modes m, head modes k, triangles, pixels
-//! f32: mean 2D shape 136 · n deviations · n x 136 modes · m deviations · noise · residual middle, width
-//!      mean head 204 · k deviations · k x 204 modes · appearance mean (pixels)
-//! u8 triangles 3 each · per appearance mode: f32 unit, i8 values
+//! magic "PAM2" · counts u16: appearance modes m, head modes k, triangles, pixels
+//! f32: mean head 204 · k deviations · k x 204 modes · base shape 136 · noise · residual middle, width · m deviations
+//! u8 triangles 3 each · per row (trust, mean appearance, m modes): f32 unit, i8 values
 //! ```
 //! Little endian. Everything is checked: counts, finiteness, indices, and that the pixels are those the shape gives.
 
@@ -14,27 +13,29 @@ use crate::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
-/// Most 2D shape modes.
-pub const MOST_SHAPE_MODES: usize = 32;
 /// Most appearance modes.
-pub const MOST_APPEARANCE_MODES: usize = 64;
-/// Most 3D shape modes.
-pub const MOST_HEAD_MODES: usize = 24;
+pub const MOST_APPEARANCE_MODES: usize = 96;
+/// Most shape modes.
+pub const MOST_HEAD_MODES: usize = 40;
 
-/// The model; window pixels, normalised grey values, metres.
+/// The model; metres, window pixels, normalised grey values.
 #[derive(Clone, Debug)]
 pub struct PaperAam {
-    /// Mean 2D shape s0 (equation 1), window pixels.
-    pub mean: Shape2,
-    /// 2D shape modes s_i, orthonormal, free of similarities.
-    pub modes: Vec<Shape2>,
-    /// Their standard deviations, window pixels.
-    pub deviations: Vec<f32>,
-    /// Triangles of the mean.
+    /// Base shape S0, head frame, metres. s0 of equation (1) is what a view shows of it.
+    pub head: Vec<Point>,
+    /// Shape bases S_i, orthonormal. s_i of equation (1) is what a view shows of them, so that p_i is one number for both.
+    pub head_modes: Vec<Vec<Vector>>,
+    /// Their standard deviations, metres.
+    pub head_deviations: Vec<f32>,
+    /// Where appearance is compared: the base shape from the front with its lips parted, window pixels.
+    pub base: Shape2,
+    /// Triangles of it.
     pub triangles: Vec<[u8; 3]>,
-    /// Mean appearance A0 (equation 2), zero mean and unit variance.
+    /// How much each pixel counts: one over the deviation that the modes leave there, of mean square 1.
+    pub trust: Vec<f32>,
+    /// Mean appearance A0 (equation 2), of zero mean and unit variance before trust.
     pub appearance: Vec<f32>,
-    /// Appearance modes A_i, near orthonormal.
+    /// Appearance modes A_i, near orthonormal, times trust.
     pub appearance_modes: Vec<Vec<f32>>,
     /// Their standard deviations.
     pub appearance_deviations: Vec<f32>,
@@ -42,13 +43,7 @@ pub struct PaperAam {
     pub noise: f32,
     /// Residual at which a fit is believed by half, and the step from doubt to belief.
     pub belief: [f32; 2],
-    /// Mean 3D shape, head frame, metres.
-    pub head: Vec<Point>,
-    /// 3D shape bases, orthonormal.
-    pub head_modes: Vec<Vec<Vector>>,
-    /// Their standard deviations, metres.
-    pub head_deviations: Vec<f32>,
-    /// Pixels of the mean shape; not stored, they follow from mean and triangles.
+    /// Pixels of the base shape; not stored, they follow from it and the triangles.
     pub pixels: Vec<BasePixel>,
 }
 
@@ -57,7 +52,7 @@ pub struct PaperAam {
 pub enum PaperAamError {
     /// Another beginning.
     #[error(
-        "expected the paper's appearance model (PAM1), found other bytes; train the model again"
+        "expected the paper's appearance model (PAM2), found other bytes; train the model again"
     )]
     Magic,
     /// Too short or too long.
@@ -164,23 +159,13 @@ impl PaperAam {
     /// Anything that is not exactly such a model.
     pub fn parse(bytes: &[u8]) -> Result<Self, PaperAamError> {
         let mut from = Reader(bytes);
-        if from.take(4)? != b"PAM1" {
+        if from.take(4)? != b"PAM2" {
             return Err(PaperAamError::Magic);
         }
-        let n = from.count("number of shape modes", 0, MOST_SHAPE_MODES)?;
         let m = from.count("number of appearance modes", 0, MOST_APPEARANCE_MODES)?;
         let k = from.count("number of head modes", 0, MOST_HEAD_MODES)?;
         let triangle_count = from.count("number of triangles", 1, 2 * LANDMARKS)?;
         let pixel_count = from.count("number of pixels", 100, 20_000)?;
-        let mean = shape2(&from.floats(2 * LANDMARKS, "a point of the mean shape", 1e4)?);
-        let deviations = from.positive(n, "a deviation of a shape mode")?;
-        let mut modes = Vec::with_capacity(n);
-        for _ in 0..n {
-            modes.push(shape2(&from.floats(2 * LANDMARKS, "a shape mode", 2.0)?));
-        }
-        let appearance_deviations = from.positive(m, "a deviation of an appearance mode")?;
-        let noise = from.positive(1, "the appearance noise")?[0];
-        let belief = from.positive(2, "the belief")?;
         let points = |v: &[f32]| {
             v.chunks_exact(3)
                 .map(|p| Point::new(p[0], p[1], p[2]))
@@ -193,7 +178,11 @@ impl PaperAam {
             let mode = from.floats(3 * LANDMARKS, "a head mode", 2.0)?;
             head_modes.push(points(&mode).iter().map(|p| p.coords).collect());
         }
-        let appearance = from.floats(pixel_count, "the mean appearance", 100.0)?;
+        let base = shape2(&from.floats(2 * LANDMARKS, "a point of the base shape", 1e4)?);
+        let noise = from.positive(1, "the appearance noise")?[0];
+        let belief = from.positive(2, "the belief")?;
+        let belief = [belief[0], belief[1]];
+        let appearance_deviations = from.positive(m, "a deviation of an appearance mode")?;
         let triangles: Vec<[u8; 3]> = from
             .take(3 * triangle_count)?
             .chunks_exact(3)
@@ -211,19 +200,20 @@ impl PaperAam {
                 expected: "0 to 67",
             });
         }
-        let mut appearance_modes = Vec::with_capacity(m);
-        for _ in 0..m {
+        let mut row = || -> Result<Vec<f32>, PaperAamError> {
             let unit = from.positive(1, "the unit of an appearance mode")?[0];
             let values = from.take(pixel_count)?;
-            appearance_modes.push(values.iter().map(|v| f32::from(*v as i8) * unit).collect());
-        }
+            Ok(values.iter().map(|v| f32::from(*v as i8) * unit).collect())
+        };
+        let (trust, appearance) = (row()?, row()?);
+        let appearance_modes = (0..m).map(|_| row()).collect::<Result<Vec<_>, _>>()?;
         if !from.0.is_empty() {
             return Err(PaperAamError::Length {
                 expected: 0,
                 found: from.0.len(),
             });
         }
-        let pixels = base_pixels(&mean, &triangles);
+        let pixels = base_pixels(&base, &triangles);
         if pixels.len() != pixel_count {
             let found = pixels.len() as f64;
             return Err(PaperAamError::Value {
@@ -232,30 +222,27 @@ impl PaperAam {
                 expected: "as stored",
             });
         }
-        let belief = [belief[0], belief[1]];
         Ok(Self {
-            mean,
-            modes,
-            deviations,
+            head,
+            head_modes,
+            head_deviations,
+            base,
             triangles,
+            trust,
             appearance,
             appearance_modes,
             appearance_deviations,
             noise,
             belief,
-            head,
-            head_modes,
-            head_deviations,
             pixels,
         })
     }
 
-    /// The model as bytes; see the module header. Appearance modes are rounded to 8 bits.
+    /// The model as bytes; see the module header. Appearance is rounded to 8 bits.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut out = b"PAM1".to_vec();
+        let mut out = b"PAM2".to_vec();
         let counts = [
-            self.modes.len(),
             self.appearance_modes.len(),
             self.head_modes.len(),
             self.triangles.len(),
@@ -264,13 +251,7 @@ impl PaperAam {
         counts
             .iter()
             .for_each(|c| out.extend((*c as u16).to_le_bytes()));
-        let mut floats: Vec<f32> = self.mean.iter().flatten().copied().collect();
-        floats.extend(&self.deviations);
-        floats.extend(self.modes.iter().flatten().flatten());
-        floats.extend(&self.appearance_deviations);
-        floats.push(self.noise);
-        floats.extend(self.belief);
-        floats.extend(self.head.iter().flat_map(|p| [p.x, p.y, p.z]));
+        let mut floats: Vec<f32> = self.head.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
         floats.extend(&self.head_deviations);
         floats.extend(
             self.head_modes
@@ -278,15 +259,58 @@ impl PaperAam {
                 .flatten()
                 .flat_map(|v| [v.x, v.y, v.z]),
         );
-        floats.extend(&self.appearance);
+        floats.extend(self.base.iter().flatten());
+        floats.push(self.noise);
+        floats.extend(self.belief);
+        floats.extend(&self.appearance_deviations);
         floats.iter().for_each(|v| out.extend(v.to_le_bytes()));
         out.extend(self.triangles.iter().flatten());
-        for mode in &self.appearance_modes {
-            let largest = mode.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        for row in [&self.trust, &self.appearance]
+            .into_iter()
+            .chain(&self.appearance_modes)
+        {
+            let largest = row.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
             let unit = (largest / 127.0).max(f32::MIN_POSITIVE);
             out.extend(unit.to_le_bytes());
-            out.extend(mode.iter().map(|v| (v / unit).round() as i8 as u8));
+            out.extend(row.iter().map(|v| (v / unit).round() as i8 as u8));
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::face_model::FaceModel;
+
+    #[test]
+    fn the_shipped_block_reads_back_and_a_cut_or_spoilt_one_is_refused() {
+        let bytes = FaceModel::shipped().paper_aam;
+        let model = PaperAam::parse(&bytes).unwrap();
+        assert_eq!(model.to_bytes(), bytes.as_ref());
+        for cut in [0, 3, 4, 20, bytes.len() - 1] {
+            assert!(PaperAam::parse(&bytes[..cut]).is_err());
+        }
+        let mut other = bytes.to_vec();
+        other[3] = b'1';
+        assert_eq!(PaperAam::parse(&other).unwrap_err(), PaperAamError::Magic);
+        // The first deviation of a shape mode.
+        let at = 4 + 8 + 4 * 3 * LANDMARKS;
+        let mut other = bytes.to_vec();
+        other[at..at + 4].copy_from_slice(&(-1.0_f32).to_le_bytes());
+        let message = PaperAam::parse(&other).unwrap_err().to_string();
+        assert!(message.contains("a deviation of a head mode is -1, expected above 0"));
+    }
+
+    #[test]
+    fn shape_bases_are_orthonormal() {
+        let model = PaperAam::parse(&FaceModel::shipped().paper_aam).unwrap();
+        for (k, mode) in model.head_modes.iter().enumerate() {
+            for (l, other) in model.head_modes.iter().enumerate() {
+                let product: f32 = mode.iter().zip(other).map(|(a, b)| a.dot(b)).sum();
+                let expected = f32::from(u8::from(k == l));
+                assert!((product - expected).abs() < 1e-3, "modes {k}, {l}");
+            }
+        }
     }
 }

@@ -20,7 +20,7 @@ mod tracks;
 
 pub use align::{rigid_mean_shape, shape_error};
 pub use run::{OPTIONS, run};
-pub use shape_model::{ShapeBases, shape_model_from_tracks};
+pub use shape_model::{ShapeBases, shape_model_from_sequences};
 pub use tracks::{Shapes, Tracks};
 
 use em::Model;

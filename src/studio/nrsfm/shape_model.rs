@@ -1,11 +1,11 @@
 //! 3D base shape and shape bases from 2D tracks: NRSFM, then PCA of the recovered shapes (paper section 1.2).
 //!
-//! The recovered shapes are rigidly aligned to their mean frame by frame (generalised Procrustes), and the mean is brought
-//! onto a reference shape by the similarity that fits best, with the depth mirror that fits better: this gives the unit
-//! and the frame, which orthographic tracks cannot. Then PCA. Cost: one F x F eigenproblem.
+//! The recovered shapes are laid on a reference shape frame by frame, by the similarity of the points that no expression
+//! moves, with the depth mirror that fits better: this gives the unit and the frame, which orthographic tracks cannot. Then
+//! PCA. Cost: one eigenproblem of as many rows as frames.
 
 use super::align::{centred, rotation_onto};
-use super::{Error, Settings, Tracks, nrsfm};
+use super::{Error, Settings, Shapes, Tracks, nrsfm};
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.
@@ -19,100 +19,117 @@ pub struct ShapeBases {
     pub deviations: Vec<f64>,
 }
 
-/// Base shape and at most `modes` bases from tracks of the reference's points.
+/// Base shape and at most `modes` bases from several sequences of tracks of the reference's points: the base shape is the
+/// mean of the last sequence, the bases tell what departs from the mean of its own sequence in any of them. Frames are laid
+/// on the reference, in turn and size too, by the points `rigid`, which no expression moves.
 ///
 /// # Errors
 /// The tracks have another number of points than the reference.
-pub fn shape_model_from_tracks(
-    tracks: &Tracks,
+pub fn shape_model_from_sequences(
+    sequences: &[Tracks],
     reference: &[[f64; 3]],
+    rigid: &[usize],
     modes: usize,
     settings: &Settings,
 ) -> Result<ShapeBases, Error> {
-    let points = tracks.points();
-    if reference.len() != points {
+    let points = reference.len();
+    if let Some(other) = sequences.iter().find(|tracks| tracks.points() != points) {
         return Err(Error::PointCount {
-            expected: reference.len(),
-            found: points,
+            expected: points,
+            found: other.points(),
         });
     }
-    let shapes = nrsfm(tracks, settings).shapes;
-    let origin = reference
-        .iter()
-        .fold(Vector3::zeros(), |s, p| s + Vector3::from(*p))
-        / points as f64;
-    let reference = centred(reference);
-    let (mut best, mut least) = (Vec::new(), f64::INFINITY);
-    for mirror in [1.0, -1.0] {
-        let frames: Vec<Vec<Vector3<f64>>> = (0..shapes.frames())
-            .map(|t| {
-                let mut frame = centred(shapes.frame(t));
-                frame.iter_mut().for_each(|p| p.z *= mirror);
-                frame
-            })
-            .collect();
-        let (aligned, wrong) = onto_reference(frames, &reference);
-        if wrong < least {
-            (best, least) = (aligned, wrong);
-        }
-    }
-    let frames = best.len();
     let mut mean = vec![Vector3::zeros(); points];
-    for frame in &best {
-        for (m, p) in mean.iter_mut().zip(frame) {
-            *m += p / frames as f64;
+    let mut departures: Vec<Vec<Vector3<f64>>> = Vec::new();
+    for tracks in sequences {
+        let shapes = nrsfm(tracks, settings).shapes;
+        let frames = [1.0, -1.0]
+            .map(|mirror| laid_on(&shapes, mirror, reference, rigid))
+            .into_iter()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(Vec::new(), |(frames, _)| frames);
+        let count = frames.len().max(1) as f64;
+        mean = vec![Vector3::zeros(); points];
+        for frame in &frames {
+            for (m, p) in mean.iter_mut().zip(frame) {
+                *m += p / count;
+            }
         }
+        departures.extend(frames.into_iter().map(|frame| {
+            let apart = frame.iter().zip(&mean).map(|(p, m)| (p - m) / count.sqrt());
+            apart.collect()
+        }));
     }
-    let deviation = DMatrix::from_fn(3 * points, frames, |i, t| {
-        best[t][i / 3][i % 3] - mean[i / 3][i % 3]
+    let columns = DMatrix::from_fn(3 * points, departures.len(), |i, t| {
+        departures[t][i / 3][i % 3]
     });
-    let eigen = deviation.tr_mul(&deviation).symmetric_eigen();
-    let mut order: Vec<usize> = (0..frames).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
-    let (mut bases, mut deviations) = (Vec::new(), Vec::new());
-    for i in order
-        .into_iter()
-        .take(modes)
-        .filter(|i| eigen.eigenvalues[*i] > 1e-9 * largest)
-    {
-        let mode = &deviation * eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt();
-        bases.push(
-            (0..points)
-                .map(|j| [mode[3 * j], mode[3 * j + 1], mode[3 * j + 2]])
-                .collect(),
-        );
-        deviations.push((eigen.eigenvalues[i] / frames as f64).sqrt());
-    }
-    let mean = mean.iter().map(|p| <[f64; 3]>::from(p + origin)).collect();
+    let (modes, deviations) = principal(&columns, modes);
+    let mean = mean.into_iter().map(<[f64; 3]>::from).collect();
     Ok(ShapeBases {
         mean,
-        modes: bases,
+        modes,
         deviations,
     })
 }
 
-/// Frames turned onto the reference and multiplied by one common scale; and the squared distance that remains.
-fn onto_reference(
-    mut frames: Vec<Vec<Vector3<f64>>>,
-    reference: &[Vector3<f64>],
+/// Frames of recovered shapes, mirrored in depth or not, laid on the reference by similarities of its rigid points; and the
+/// squared distance of those that remains.
+fn laid_on(
+    shapes: &Shapes,
+    mirror: f64,
+    reference: &[[f64; 3]],
+    rigid: &[usize],
 ) -> (Vec<Vec<Vector3<f64>>>, f64) {
-    let (mut along, mut size) = (0.0, 0.0);
-    for frame in &mut frames {
-        let r = rotation_onto(frame, reference);
-        for (p, q) in frame.iter_mut().zip(reference) {
-            *p = r * *p;
-            along += p.dot(q);
+    let few: Vec<[f64; 3]> = rigid.iter().map(|&i| reference[i]).collect();
+    let middle = |few: &[[f64; 3]]| {
+        let sum = few
+            .iter()
+            .fold(Vector3::zeros(), |s, p| s + Vector3::from(*p));
+        sum / few.len().max(1) as f64
+    };
+    let (there, onto) = (middle(&few), centred(&few));
+    let mut wrong = 0.0;
+    let frames = (0..shapes.frames()).map(|t| {
+        let flipped = shapes.frame(t).iter().map(|p| [p[0], p[1], mirror * p[2]]);
+        let frame: Vec<[f64; 3]> = flipped.collect();
+        let few: Vec<[f64; 3]> = rigid.iter().map(|&i| frame[i]).collect();
+        let (here, from) = (middle(&few), centred(&few));
+        let turn = rotation_onto(&from, &onto);
+        let (mut along, mut size) = (0.0, f64::MIN_POSITIVE);
+        for (p, q) in from.iter().zip(&onto) {
+            along += (turn * p).dot(q);
             size += p.norm_squared();
         }
-    }
-    let scale = if size > 0.0 { along / size } else { 1.0 };
-    let mut wrong = 0.0;
-    for frame in &mut frames {
-        for (p, q) in frame.iter_mut().zip(reference) {
-            *p *= scale;
-            wrong += (*p - q).norm_squared();
+        let scale = along / size;
+        for (p, q) in from.iter().zip(&onto) {
+            wrong += (turn * p * scale - q).norm_squared();
         }
-    }
+        let laid = frame
+            .iter()
+            .map(|p| turn * (Vector3::from(*p) - here) * scale + there);
+        laid.collect()
+    });
+    let frames = frames.collect();
     (frames, wrong)
+}
+
+/// Principal directions of columns and the root of their eigenvalues, strongest first.
+fn principal(columns: &DMatrix<f64>, modes: usize) -> (Vec<Vec<[f64; 3]>>, Vec<f64>) {
+    let eigen = columns.tr_mul(columns).symmetric_eigen();
+    let mut order: Vec<usize> = (0..columns.ncols()).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
+    order
+        .into_iter()
+        .take(modes)
+        .filter(|i| eigen.eigenvalues[*i] > 1e-9 * largest)
+        .map(|i| {
+            let mode = columns * eigen.eigenvectors.column(i) / eigen.eigenvalues[i].sqrt();
+            let points = mode.as_slice().chunks_exact(3);
+            (
+                points.map(|p| [p[0], p[1], p[2]]).collect(),
+                eigen.eigenvalues[i].sqrt(),
+            )
+        })
+        .unzip()
 }

@@ -22,4 +22,4 @@ pub mod shape;
 pub mod standard_head;
 mod wear;
 
-pub use schedule::{TrainArgs, TrainError, finish, train};
+pub use schedule::{TrainArgs, TrainError, finish, train, train_paper_into};

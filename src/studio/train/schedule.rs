@@ -15,13 +15,14 @@ use rayon::prelude::*;
 use super::cascade::{Progress, StageSettings, advance, inner_error_percent, learn_stage};
 use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
+use super::paper_aam::{PaperPractice, paper_aam_block};
 use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
-use super::{confidence, paper_aam, report, shape, standard_head};
+use super::{confidence, report, shape, standard_head};
 use crate::capacity::LANDMARKS;
 use crate::face_model::{
-    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
+    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ModelError, ShapeModel, StandardHead, file,
 };
 use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
@@ -52,9 +53,9 @@ pub struct TrainArgs {
     pub drawn: usize,
     /// Penalty of the regressions.
     pub penalty: f32,
-    /// Pictures the paper's active appearance model is trained on; 0 leaves it out.
+    /// Drawn pictures the paper's active appearance model is trained on; 0 leaves it out.
     pub paper_pictures: usize,
-    /// Tracks for its 3D shape; without, they are made from the pictures.
+    /// Tracks of an actor for its 3D shape; without, one is drawn.
     pub tracks: Option<Tracks>,
     /// The paper's active appearance model of an earlier training, to be kept instead of learning it.
     pub paper_aam: Option<Cow<'static, [u8]>>,
@@ -75,7 +76,7 @@ impl Default for TrainArgs {
             starts: 4,
             drawn: 18000,
             penalty: 0.5,
-            paper_pictures: 400,
+            paper_pictures: PaperPractice::default().pictures,
             tracks: None,
             paper_aam: None,
             hold_out_dev: false,
@@ -135,6 +136,17 @@ pub enum TrainError {
         expected: usize,
         /// Number there.
         found: usize,
+    },
+    /// No model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A file cannot be read.
+    #[error("cannot read {path}: {source}; expected a face model, such as config/face.model")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
     },
     /// A file cannot be written.
     #[error("cannot write {path}: {source}; give another place with --out")]
@@ -497,16 +509,8 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     write(&args.out, &file::emit(&model))?;
     if let Some(kept) = &args.paper_aam {
         model.paper_aam = kept.clone();
-    } else if let Some(every) = pictures.train.len().checked_div(args.paper_pictures) {
-        let every = every.max(1);
-        let few: Vec<TruePicture> = pictures.train.iter().step_by(every).cloned().collect();
-        model.paper_aam =
-            paper_aam::paper_aam_block(&few, &model.shape, args.tracks.as_ref(), args.seed)?.into();
-        say(&format!(
-            "{} the paper's active appearance model: {} bytes",
-            since(&began),
-            model.paper_aam.len()
-        ));
+    } else if args.paper_pictures > 0 {
+        model.paper_aam = learn_paper(args, &model.shape, say)?.into();
     }
     if args.drawn > 0 {
         model.refinement = learn_depth(args, &model)?;
@@ -557,6 +561,55 @@ pub fn finish(
     model.refinement = learn_depth(args, &model)?;
     write(&args.out, &file::emit(&model))?;
     say(&format!("wrote {}", args.out.display()));
+    Ok(())
+}
+
+/// The paper's active appearance model.
+fn learn_paper(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<u8>, TrainError> {
+    let practice = PaperPractice {
+        pictures: args.paper_pictures,
+        seed: args.seed,
+        ..PaperPractice::default()
+    };
+    let block = paper_aam_block(&args.data, shape, args.tracks.as_ref(), &practice, say)?;
+    say(&format!(
+        "the paper's active appearance model: {} bytes",
+        block.len()
+    ));
+    Ok(block)
+}
+
+/// Trains the paper's active appearance model alone and puts it into the file of a model, where nothing else changes.
+///
+/// # Errors
+/// If the model or the data cannot be read, or the result cannot be written.
+pub fn train_paper_into(
+    args: &TrainArgs,
+    path: &PathBuf,
+    say: &mut dyn FnMut(&str),
+) -> Result<(), TrainError> {
+    let unreadable = |source| TrainError::Unreadable {
+        path: path.clone(),
+        source,
+    };
+    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let model = file::parse(&bytes)?;
+    let block = learn_paper(args, &model.shape, say)?;
+    let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
+    write(&args.out, &grafted)?;
+    let kept = file::sections(&bytes)?
+        .zip(file::sections(&grafted)?)
+        .filter(|(before, after)| before == after)
+        .count();
+    say(&format!(
+        "wrote {}: {} bytes; {kept} other sections as they were, byte for byte",
+        args.out.display(),
+        grafted.len()
+    ));
     Ok(())
 }
 
