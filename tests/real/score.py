@@ -27,7 +27,11 @@ FRONTAL = (1, 4, 7)
 # Points of a face that is where it is said to be are within this, in % of the outer-eye distance.
 RIGHT_PERCENT = 10.0
 EXPRESSIONS = ["mouth wide open", "mouth half open", "neutral", "smile", "mouth sad", "eyes closed"]
-UNITS = {"AU12": ["w_AU12L", "w_AU12R"], "AU25": ["w_AU25"], "AU26": ["w_AU26"], "AU43": ["w_AU43L", "w_AU43R"]}
+UNITS = {"AU12": ["w_AU12L", "w_AU12R"], "AU25": ["w_AU25"], "AU26": ["w_AU26"], "AU43": ["w_AU43L", "w_AU43R"],
+         "AU17": ["w_AU17"]}
+# Unit, expressions (as in EXPRESSIONS) that show it, and those it is to be told from.
+TOLD = [("AU12", (3,), (0, 1, 2, 4, 5)), ("AU25", (0, 1), (2, 3, 4, 5)), ("AU26", (0, 1), (2, 3, 4, 5)), ("AU43", (5,), (0, 1, 2, 3, 4)),
+        ("AU17", (4,), (2,))]
 # Heads of kinect_v1_pcl's five_people as sessions.py enlarges it: x0, y0, x1, y1, within about 8 px. All are seen from behind.
 PCL_HEADS = {"pcl-people": [(27, 48, 103, 122), (139, 86, 202, 150), (325, 94, 370, 145), (407, 91, 454, 144), (521, 30, 597, 122)],
              "pcl-desk": []}
@@ -328,6 +332,17 @@ def face_table(people, flips):
         these = [s for s in every if s.expression == e and s.weights]
         rows.append([EXPRESSIONS[e], str(len(these))] + [f"{mean(s.weights[u] for s in these):.2f}" for u in UNITS])
     table("kinect_v2_faces: mean weights while an expression is held", ["expression", "segments"] + list(UNITS), rows)
+    told = []
+    for unit, acted, others in TOLD:
+        held, other = ([s.weights[unit] for s in every if s.expression in which and s.weights] for which in (acted, others))
+        told.append(f"{unit} {auc(held, other):.2f} ({' or '.join(EXPRESSIONS[e] for e in acted)})")
+    print(f"\nTold from all other segments by the unit's weight (AU17 from neutral ones), area under the curve: {', '.join(told)}")
+
+
+def auc(held, other):
+    """Chance that the weight of a segment in which it is held is above that of one in which it is not."""
+    a, b = np.array(held)[:, None], np.array(other)[None, :]
+    return float(np.mean((a > b) + 0.5 * (a == b))) if a.size and b.size else math.nan
 
 
 def faces_against(on, off):
