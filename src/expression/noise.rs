@@ -6,6 +6,9 @@
 //! Limitation: it sees the white part of the noise only; [`Noise::sigma`] is that times 1.5, as correlated jitter of a
 //! face tracker is about as large as its white part.
 
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
 /// Step of the running median, per frame: half of the way in about 20 frames.
 const STEP: f64 = 0.035;
 /// From the white part to all of it.

@@ -6,6 +6,8 @@
 //! Window pixels. Cost: ten passes over the window. Degenerate: where all is alike the values are 0.
 
 use crate::landmarks::window::WINDOW;
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
 use crate::vectors::wide;
 
 /// Surroundings: half the side of a square, averaged twice.

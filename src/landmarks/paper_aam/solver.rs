@@ -432,8 +432,7 @@ impl Solver {
     /// Confidence of the face from its residual, of each point from the residual around it.
     fn believe(&self, fit: &mut AamFit) {
         let [middle, width] = self.model.belief;
-        let logistic = |residual: f32| 1.0 / (1.0 + ((residual - middle) / width).exp());
-        fit.confidence = logistic(fit.residual);
+        fit.confidence = 1.0 / (1.0 + ((fit.residual - middle) / width).exp());
         let (mut sum, mut count) = ([0.0_f32; LANDMARKS], [1e-6_f32; LANDMARKS]);
         for (pixel, left) in self.model.pixels.iter().zip(self.left.iter()) {
             for (corner, weight) in pixel.corners.iter().zip(&pixel.weights) {
