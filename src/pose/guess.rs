@@ -27,7 +27,8 @@ const PLACES: [[f32; 2]; 12] = [
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
 /// The guesses (`sensor_from_head`) of one frame: the place with number `count`, again and again through all of them.
-pub(crate) fn guesses(cloud: &[Point], count: usize) -> Option<[Rigid; 3]> {
+#[must_use]
+pub fn guesses(cloud: &[Point], count: usize) -> Option<[Rigid; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];
     let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
     for point in cloud {

@@ -13,7 +13,7 @@
 //! One file: the order of the stage; alignment, shape, start and smoothing have their own.
 
 pub mod anchor;
-pub(crate) mod guess;
+pub mod guess;
 pub mod icp;
 mod lean;
 mod plane;
