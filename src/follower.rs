@@ -30,7 +30,7 @@ const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
 const AWAY_GAP_S: f64 = 0.1;
 /// Confidence of a face that depth alone tells of.
 const AWAY_CONFIDENCE: f32 = 0.25;
-/// A face as sure as this may lean the head.
+/// Confidence from which a face may lean the head.
 const LEANING_CONFIDENCE: f32 = 0.8;
 /// A pose is put right by the face in so many of its first frames.
 const CORRECTED_FRAMES: u64 = 3;
@@ -152,7 +152,7 @@ impl Follower {
         }
     }
 
-    /// Looks for the face in the picture where depth does not tell of it: one place a frame.
+    /// Looks in the picture for a face that depth does not show: one place a frame.
     fn spot(&mut self, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
         if !frame.has_picture() {
             return;
@@ -502,7 +502,7 @@ mod tests {
                 let apart = (found.translation.vector - truth.translation.vector).norm();
                 off.push((found.rotation.angle_to(&truth.rotation), apart));
             }
-            // What nobody believes is doubted: nothing is kept of it.
+            // Noise is not believed: nothing is kept of it.
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));

@@ -1,8 +1,8 @@
-//! Sessions that nobody acted, and what the stages say of them: a change of behaviour is seen as one, wherever it comes from.
+//! Synthetic sessions and what the stages say of them, so that a change of behaviour shows, wherever it comes from.
 //!
-//! Real recordings are held so in `tests/it/replays_the_corpus.rs`; these need no data set, and their numbers are held
-//! finely enough that one constant by a tenth shows. They are what was said when somebody last looked, not the truth: that
-//! the other tests hold. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` writes `tests/golden/stages/*.txt` anew.
+//! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their numbers are held
+//! tightly enough to show one constant changed by a tenth. They are what was said when somebody last looked, not the truth,
+//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` writes `tests/golden/stages/*.txt` anew.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -20,12 +20,12 @@ use crate::sensor::{Frame, NO_DEPTH};
 use crate::settings::Settings;
 use crate::time::Timestamp;
 
-/// Numbers may differ by so much: other processors differ in the last bits.
+/// Ratio by which numbers may differ: other processors differ in the last bits.
 const WITHIN: f64 = 1.01;
-/// One line in so many may be another.
+/// One line in this many may differ.
 const ONE_IN: usize = 25;
 
-/// Holds lines to the table of a name, or writes that.
+/// Holds lines to the table with this name, or writes it.
 fn hold(name: &str, lines: &[String]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/stages");
     let path = folder.join(format!("{name}.txt"));
@@ -68,7 +68,7 @@ fn plain(line: &str) -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
-/// A face that moves all it has, each part at a pace of its own: frame `n` of somebody whose face is `longer` than usual.
+/// A face that moves every part at its own pace: frame `n` of somebody whose face is `longer` than usual.
 fn acting(n: u64, longer: f32, random: &mut fastrand::Rng) -> Landmarks {
     let seconds = n as f32 / 30.0;
     let mut head = toy_face().map(|p| Point::new(p.x, p.y * longer, p.z));
@@ -115,7 +115,7 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
     let mut expression = Expression::new(settings, units);
     let mut random = fastrand::Rng::with_seed(11);
     let mut lines = Vec::new();
-    // Frames that come: without half a second, without four, after which it is somebody else.
+    // Frames that arrive: half a second is missing, then four seconds, after which it is somebody else.
     let frames = (0..900).chain(915..1500).chain(1620..2400);
     for (k, n) in frames.enumerate() {
         let face = acting(n, if n < 1500 { 1.0 } else { 1.15 }, &mut random);
@@ -182,7 +182,7 @@ fn what_is_learned_as_in_the_paper() {
     learned("learned_as_in_the_paper", settings, Units::shipped());
 }
 
-/// Follows frames 15 times a second of a scene, from and to some seconds; what is said of each user.
+/// Follows a scene at 15 frames a second over the given spans, seconds; what is said of each user.
 fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &mut Vec<String>) {
     let people = if matches!(scene, Scene::Swap | Scene::Two) {
         2
@@ -210,7 +210,7 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
         simulator.draw(at, &mut frame);
         (frame.at, frame.index) = (at, tick);
         match tick % 90 {
-            // Nothing is seen, something is, without its colour.
+            // Nothing is seen; then something is, but without colour.
             70..74 => frame.depth.fill(NO_DEPTH),
             80..84 => frame.drop_colour(),
             _ => {}

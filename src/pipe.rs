@@ -29,14 +29,14 @@ pub(crate) struct Pipe {
 }
 
 impl Pipe {
-    /// An empty file at `path`. A pipe of that name is waited for until somebody reads it.
+    /// An empty file at `path`. If it is a pipe, waits until somebody reads it.
     ///
     /// # Errors
     /// If there can be none, or `stop` ends the waiting.
     pub(crate) fn create(path: &Path, stop: &AtomicBool) -> io::Result<Self> {
         let mut mode = File::options();
         let mode = mode.write(true).create(true).truncate(true);
-        // A plain opening would wait for the reader, whatever the signal.
+        // A plain open would wait for the reader, whatever the signal.
         let mode = mode.custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY);
         let mut told = false;
         loop {

@@ -66,29 +66,29 @@ impl Noise {
     }
 }
 
-/// How far a reading strays slowly while nothing is expressed: with the light, with the head, with what else the face does.
+/// How far a reading strays slowly while nothing is expressed: with the light, the head, and whatever else the face does.
 ///
-/// Differences from frame to frame do not see that. What stays low and hardly moves is taken for it, and a quantile of that is
-/// followed by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
+/// Differences from frame to frame do not show it. What stays low and hardly moves is taken for it, and a quantile of that
+/// is tracked by small steps up and down (stochastic approximation; Tierney 1983). Shares of the unit's range.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SlowNoise {
     level: f64,
     /// The reading, low-passed.
     slow: f64,
-    /// Seconds of what was taken.
+    /// Seconds of readings taken in.
     taken_s: f64,
 }
 
-/// So much of the time a resting unit is below its slow noise.
+/// Share of the time that a resting unit is below its slow noise.
 const QUANTILE: f64 = 0.85;
-/// Of the quantile, what an expression must rise above; and most of it.
+/// Multiple of the quantile that an expression must rise above, and the cap on that.
 const ABOVE: f64 = 1.2;
 const MOST: f64 = 0.3;
-/// Step of the level, a second; the first seconds count more often, and fewer and fewer times over this long.
+/// Step of the level, per second; the first seconds count several times over, which fades with this time constant.
 const STEP_PER_S: f64 = 0.02;
 const EARLY_STEPS: f64 = 6.0;
 const EARLY_S: f64 = 2.0;
-/// What moves by no more against its own mean over this many seconds hardly moves.
+/// A reading within this of its own mean over this many seconds hardly moves.
 const STILL: f64 = 0.04;
 const STILL_S: f64 = 0.33;
 /// From here on it is an expression, moving or not.
@@ -166,7 +166,7 @@ mod tests {
         let act =
             |noise: &mut SlowNoise, random: &mut fastrand::Rng, seconds: u32, amplitude: f64| {
                 for frame in 0..seconds * 30 {
-                    // Strays evenly between 0 and 0.2; a full expression of one second in five.
+                    // Strays evenly between 0 and 0.2; a full expression for one second in five.
                     let t = f64::from(frame) * dt;
                     let stray = (t * 0.1).fract() * 2.0;
                     let stray = 0.2 * stray.min(2.0 - stray);
@@ -180,7 +180,7 @@ mod tests {
         act(&mut noise, &mut random, 120, 0.8);
         let acted = noise.dead_share();
         assert!((acted - quiet).abs() < 0.05, "{quiet} {acted}");
-        // What is steady again is soon heard again.
+        // Once it is steady again, it is soon heard again.
         for _ in 0..60 * 30 {
             noise.observe(0.01 * normal(&mut random), dt);
         }

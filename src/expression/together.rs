@@ -16,8 +16,8 @@ use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
-/// Units that are told from rest well and whose small amounts matter: speech moves the lips all the time and leaves no quiet to
-/// measure, and most smiles are slight.
+/// Units that are easily told from rest and whose small amounts matter: speech moves the lips all the time and leaves no
+/// quiet to measure, and most smiles are slight.
 const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
 /// Readings of one person.
@@ -25,7 +25,7 @@ const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 pub(super) struct Together {
     features: Box<[RobustLearner]>,
     units: Box<[RobustLearner]>,
-    /// None for [`SLIGHT`] ones.
+    /// `None` for the [`SLIGHT`] ones.
     strays: [Option<SlowNoise>; UNITS],
     filters: [OneEuro; UNITS],
     values: [f64; FEATURES],

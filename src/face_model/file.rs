@@ -416,7 +416,7 @@ pub(crate) fn sections(
     }))
 }
 
-/// The same file with another section of this tag; all others stay byte for byte.
+/// The same file with the section of this tag replaced; all others stay the same, byte for byte.
 ///
 /// # Errors
 /// If the bytes are no model, or no longer one with it.

@@ -63,7 +63,7 @@ impl Default for Settings {
     }
 }
 
-/// Least confidence of a face that the picture alone tells of.
+/// Least confidence of a face that only the picture shows.
 const SPOTTED: f32 = 0.8;
 
 /// What stays of a face's turn and shift in its head with every frame it is lost.
@@ -255,15 +255,15 @@ impl LandmarkFitter {
         self.turn
     }
 
-    /// From the head that the last fit's face tells of to the one that depth told, if the face sits in its head as it usually
-    /// does: `sensor_from_head * strayed` is what the picture says of the pose.
+    /// From the head that the last fit's face implies to the one that depth gave, if the face sits in its head as usual:
+    /// `sensor_from_head * strayed` is what the picture says of the pose.
     #[must_use]
     pub fn strayed(&self) -> Rigid {
         self.strayed
     }
 
     /// Whether a face is near a guess (`sensor_from_head`), whatever is known of this one: how surely, and where the head then
-    /// is. Nothing is learnt of it.
+    /// is. Nothing is learnt from it.
     #[must_use]
     pub fn spot(
         &self,

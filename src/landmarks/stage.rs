@@ -100,7 +100,7 @@ impl LandmarkStage {
         }
     }
 
-    /// See [`LandmarkFitter::strayed`]; nothing with the paper's method.
+    /// See [`LandmarkFitter::strayed`]; `None` with the paper's method.
     #[must_use]
     pub fn strayed(&self) -> Option<Rigid> {
         match self {
@@ -109,7 +109,7 @@ impl LandmarkStage {
         }
     }
 
-    /// See [`LandmarkFitter::spot`]; nothing with the paper's method.
+    /// See [`LandmarkFitter::spot`]; `None` with the paper's method.
     #[must_use]
     pub fn spot(
         &self,

@@ -25,7 +25,7 @@ pub(crate) const MARGIN_M: f32 = 0.040;
 pub(crate) const NEIGHBOURS: usize = 8;
 /// No neighbour over an angle wider than this: the surface ends there.
 const RIM_GAP_RAD: f32 = 2.2;
-/// Distance of the points of a fine surface, parts of an edge it is made of, and how far apart corners may be, metres.
+/// Of the fine surface: distance between points, metres, parts each edge is cut into, how far apart corners may be, metres.
 const FINE_M: f32 = 0.0015;
 const PARTS: u32 = 4;
 const NEIGHBOUR_M: f32 = 0.012;

@@ -1,9 +1,9 @@
-//! Guesses where a face may be in a head's cloud, for the picture to decide: hair beside a face moves the box and the ends of a
-//! search to where no face is found.
+//! Guesses at where in a head's cloud the face may be, for the picture to decide: hair beside a face shifts the box, and a
+//! search then ends where no face is found.
 //!
-//! The cloud's extent is walked through in places about four centimetres apart, middle first, each with three turns about
-//! the vertical; a fit that starts so far off still ends on the face. Sensor frame, metres. Degenerate: an empty cloud has
-//! none.
+//! The guesses go through places about four centimetres apart in the cloud's extent, the middle first, each with three turns
+//! about the vertical; a fit that starts that far off still ends on the face. Sensor frame, metres. Degenerate: an empty
+//! cloud has none.
 
 use crate::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
@@ -26,7 +26,7 @@ const PLACES: [[f32; 2]; 12] = [
 ];
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
-/// The guesses (`sensor_from_head`) of one frame: the place with number `count`, again and again through all of them.
+/// The guesses (`sensor_from_head`) of one frame: those at place number `count`, round and round through all places.
 #[must_use]
 pub fn guesses(cloud: &[Point], count: usize) -> Option<[Rigid; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];

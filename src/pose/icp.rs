@@ -13,7 +13,7 @@
 //!
 //! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
 //! Cost: n log n per iteration (n² without `std`, which the tree needs) and some tens of iterations: along the surface
-//! convergence is slow, so steps that lead the same way are summed up ahead ([`Way`]). Memory: a tree per target and one pair
+//! convergence is slow, so steps that lead the same way are extrapolated ([`Way`]). Memory: a tree per target and one pair
 //! per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
@@ -159,7 +159,7 @@ pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> 
     Some(Rigid::from_parts(t.cast::<f32>().into(), rotation))
 }
 
-/// The way of one iteration: turn, radians, and the motion of the middle of the cloud, metres.
+/// The step of one iteration: turn, radians, and the motion of the middle of the cloud, metres.
 #[derive(Clone, Copy)]
 struct Way {
     turn: Vector,
@@ -168,8 +168,9 @@ struct Way {
 }
 
 impl Way {
-    /// What is still to go if every step is the same part of the one before, as along a smooth surface; `None` unless this
-    /// one leads where the last one led. The accelerated ICP of Besl and McKay 1992, by the series instead of a parabola.
+    /// What is still to go if every step is the same fraction of the one before, as along a smooth surface; `None` unless
+    /// this one leads the same way as the last. The accelerated ICP of Besl and McKay 1992, by a geometric series instead of
+    /// a parabola.
     fn rest_after(&self, last: &Self) -> Option<Rigid> {
         let six = |way: &Self| (way.turn * HEAD_RADIUS_M, way.moved);
         let ((turn, moved), (last_turn, last_moved)) = (six(self), six(last));
@@ -187,7 +188,7 @@ impl Way {
     }
 }
 
-/// Cosine of the angle within which two steps lead the same way, and the slowest series that is believed.
+/// Cosine of the angle within which two steps lead the same way, and the ratio of the slowest series that is believed.
 const ALIKE: f32 = 0.97;
 const MOST_RATIO: f32 = 0.92;
 

@@ -1,13 +1,13 @@
-//! A head leant towards where its face is: depth and picture together tell the pose.
+//! Leans a head towards where its face is: depth and picture decide the pose together.
 //!
-//! Under a fringe or beside long hair depth alone drifts, slowly and self-assured, while the 68 points stay on the face. A
+//! Under a fringe or beside long hair depth alone drifts, slowly and confidently, while the 68 points stay on the face. A
 //! face sits in its head in one way ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points say where the
-//! head should be. Both count by what they know: of depth it is the normal matrix of its alignment (`known`), of the
-//! picture standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare
-//! head to a fraction of a degree; pitch has more room, because light and a moving mouth change what the points say of it.
+//! head should be. Each is weighted by what it knows: depth by the normal matrix of its alignment (`known`), the picture by
+//! standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare head to
+//! a fraction of a degree; pitch has more room, because light and a moving mouth change what the points say of it.
 //!
-//! Method: one Gauss–Newton step on the sum of both quadratic forms about the depth pose, where depth's gradient is zero.
-//! Head frame, radians and metres. Degenerate: without depth's knowledge the picture's counts alone.
+//! Method: one Gauss–Newton step on the sum of the two quadratic forms about the depth pose, where depth's gradient is zero.
+//! Head frame, radians and metres. Degenerate: where depth knows nothing, the picture alone counts.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
@@ -16,14 +16,15 @@ use crate::geometry::{Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
-/// What the picture knows, standard deviations: turns about the line of sight and across it, radians, shifts across it, metres.
+/// What the picture knows, as standard deviations: turns about and across the line of sight, radians; shifts across it,
+/// metres.
 const ROLL_RAD: f64 = 0.012;
 const TURN_RAD: f64 = 0.026;
 const SHIFT_M: f64 = 0.002;
-/// Differences up to these, together, are depth's to decide: turn, radians, and shift, metres.
+/// Up to these differences, taken together, depth decides: turn, radians, and shift, metres.
 const FREE_RAD: f32 = 0.035;
 const FREE_M: f32 = 0.006;
-/// How much more room pitch has.
+/// Pitch has this much more room.
 const FREE_PITCH: f32 = 1.5;
 /// Knowledge of a direction in which depth knows nothing, per unit of weight.
 const NOTHING: f64 = 1e-6;
@@ -71,7 +72,7 @@ mod tests {
         )
     }
 
-    /// As much as the picture knows of a turn about the line of sight, in every direction.
+    /// In every direction as much as the picture knows of a turn about the line of sight.
     fn equal() -> SMatrix<f64, 6, 6> {
         let mut known = SMatrix::identity() * (WORTH_M2 / (ROLL_RAD * ROLL_RAD));
         for k in 3..6 {
@@ -105,7 +106,7 @@ mod tests {
         let along = depth.translation.vector.normalize();
         let moved = leant.translation.vector - depth.translation.vector;
         assert!(moved.dot(&along).abs() < 1e-3, "{moved}");
-        // What depth knows a hundred times better stays as it is.
+        // Where depth knows a hundred times more, the pose stays as it is.
         let leant = lean(&depth, &(equal() * 100.0), &told).expect("far apart");
         assert!(leant.rotation.angle_to(&depth.rotation) < 0.01);
     }

@@ -142,10 +142,11 @@ const STEP_M: f32 = 0.1;
 const FORGET_S: f64 = 2.0;
 /// Share of the least agreement down to which a followed head may be proven by its face instead.
 const UNPROVEN: f32 = 0.7;
-/// Share of the pairs with the standard head that is kept, nearest first. More lets in what is no face, less drops the cheek
-/// that tells a turn: mean error on two development people 1.5° at 0.80, 1.1° at 0.90, 1.0° at 0.93, 1.1° at 0.95, 3.7° at 1.
+/// Share of the pairs with the standard head that is kept, nearest first. More lets in what is not face, less drops the
+/// cheek that shows a turn: mean error on two development people 1.5° at 0.80, 1.1° at 0.90, 1.0° at 0.93, 1.1° at 0.95,
+/// 3.7° at 1.
 const KEPT: f32 = 0.92;
-/// Points of a cloud that are aligned, at most; more cost time and move a pose by less than its noise.
+/// At most this many points of a cloud are aligned; more cost time and move a pose by less than its noise.
 const MOST_MOVING: usize = 1200;
 /// Step at which the alignment with the frame before ends, metres.
 const FRAME_STOP_M: f32 = 1e-4;
@@ -218,7 +219,7 @@ pub struct PoseTracker {
     earlier: Option<(Rigid, Timestamp)>,
     /// What an unproven pose took the place of.
     before: Option<Before>,
-    /// The filter before the last pose, and what its alignment knows of that, to lean it.
+    /// The filter before the last pose, and what the alignment knows of that pose, to lean it by.
     unfiltered: PoseFilter,
     known: SMatrix<f64, 6, 6>,
     /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
@@ -374,7 +375,7 @@ impl PoseTracker {
         }
     }
 
-    /// The last pose together with the one that the picture tells of ([`lean`]), smoothed; `None` if it stays as it was.
+    /// The last pose combined with the one that the picture gives ([`lean`]), smoothed; `None` if it stays as it was.
     pub fn lean(&mut self, told: &Rigid) -> Option<Rigid> {
         let (depth, at) = self.last?;
         let leant = lean::lean(&depth, &self.known, told)?;
@@ -383,7 +384,7 @@ impl PoseTracker {
         Some(self.filter.smooth(leant, at))
     }
 
-    /// The picture shows a face where depth told of none: the next cloud is aligned from `sensor_from_head`.
+    /// The picture shows a face where depth found none: the next cloud is aligned from `sensor_from_head` on.
     pub fn look_at(&mut self, sensor_from_head: Rigid, at: Timestamp) {
         self.lose();
         self.last = Some((sensor_from_head, at));

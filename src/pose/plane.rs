@@ -139,8 +139,8 @@ fn is_nose(p: &Point) -> bool {
 const EVIDENCE_M: f64 = 0.004;
 /// Live points whose errors hang together count as one; of some 1500 so many are independent.
 const INDEPENDENT: f64 = 60.0;
-/// Variance of what all live points together say, metres²: divided by that of something else that is known, it is how much of
-/// a unit of weight that is worth.
+/// Variance of what all live points together say, metres²: divided by the variance of something else that is known, it gives
+/// that something's worth in units of weight.
 pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
 
 /// What one round adds up over the live points.

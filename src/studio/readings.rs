@@ -3,9 +3,10 @@
 //! People the face model may learn from act random mixtures (`Scene::Mixed`) before the simulated sensor, some of them
 //! with hair and things; the whole pipeline follows them. Of every frame in which a face is believed and rest has been
 //! learnt, the departures of all inputs and the truth of all units ([`super::acted`]) make an example, and its mirror image
-//! another; real smiles ([`super::smiles`]) join them. Ridge regression on rises and falls gives the shares. A unit is read from what its part of the face tells
-//! ([`tells_of`]): what else seems to tell of it in one world does not in another. At last a reading is stretched so that the middle one of full expressions comes to [`FULL`], by [`MOST`] at most:
-//! what is hardly seen regresses to small readings. Seeded; eye distances.
+//! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
+//! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
+//! Last, a reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is
+//! hardly seen regresses to small readings. Seeded; eye distances.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -37,8 +38,8 @@ const EVERY: i64 = 2;
 const DRESSED: usize = 5;
 /// Penalty of the regression, in examples, on inputs scaled to their deviation.
 const PENALTY: f64 = 1000.0;
-/// What real smiles weigh beside all that is practised, and what they are read as: most are slight. Of these units they tell;
-/// what else a smile does people do in their own ways.
+/// What real smiles weigh beside everything that is acted, and what they are read as: most are slight. Then the units they
+/// tell of, and those they do not move; whatever else a smile does differs from person to person.
 const SMILES: f64 = 0.03;
 const SMILE: f64 = 0.8;
 const SMILERS: [&str; 2] = ["AU12L", "AU12R"];

@@ -244,7 +244,7 @@ const IDLE: f64 = 0.05;
 const ACTED: f64 = 0.5;
 const FULL: f64 = 0.8;
 const SHUT: f64 = 0.95;
-/// Yaw and pitch from which a head is turned, degrees.
+/// Yaw and pitch from which a head counts as turned, degrees.
 const TURNED_DEG: [f32; 2] = [20.0, 12.0];
 /// Other expressions up to which a full one counts as acted alone.
 const ALONE: f32 = 0.3;

@@ -1,8 +1,8 @@
-//! What real smiles do to all inputs of the readings: portraits that smile against the same person's neutral ones, both fitted.
+//! What real smiles do to all inputs of the readings: smiling portraits against neutral ones of the same person, both fitted.
 //!
-//! The smile of a modelled head lifts the corners and does little else; people's is wider and lifts them less. People a face
-//! model may learn from; eye distances. Smiling portraits have no points, so their fit starts in the neutral one's box
-//! and once more where it ended. Cheeks, which depth tells of, stay as they are.
+//! A modelled head's smile lifts the corners of the mouth and does little else; real smiles are wider and lift them less.
+//! Uses people a face model may learn from; eye distances. Smiling portraits have no annotated points, so their fit starts in
+//! the neutral portrait's box, and again where it ended. Cheeks, which only depth tells of, stay as they are.
 
 use std::collections::BTreeMap;
 use std::path::Path;

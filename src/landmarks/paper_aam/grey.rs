@@ -1,20 +1,20 @@
-//! What of the picture is compared: grey values against their surroundings.
+//! What is compared of the picture: grey values relative to their surroundings.
 //!
 //! The paper compares pixel values. Light from one side and another person's skin change them over whole cheeks by more than
-//! an eyelid does, and a model that has never seen the person moves its points to make up for it. So every value is taken
-//! relative to the mean of its surroundings and over their spread (local normalisation).
-//! Window pixels. Cost: ten passes over the window. Degenerate: where all is alike the values are 0.
+//! an eyelid does, and a model that has never seen the person moves its points to make up for it. So the mean of its
+//! surroundings is taken from every value, which is then divided by their spread (local normalisation).
+//! Window pixels. Cost: ten passes over the window. Degenerate: where all pixels are alike the values are 0.
 
 use crate::landmarks::window::WINDOW;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use crate::vectors::wide;
 
-/// Surroundings: half the side of a square, averaged twice.
+/// Surroundings: half the side of the square, averaged twice.
 const AROUND: usize = 6;
-/// Against the sensor's noise: half the side of a square.
+/// Smoothing against the sensor's noise: half the side of the square.
 const SMOOTH: usize = 1;
-/// Spread that is noise, squared grey values.
+/// Variance that is noise, squared grey values.
 const NOISE: f32 = 9.0;
 
 /// Mean over a square of `2 radius + 1` pixels of the window, the edge repeated.
@@ -50,7 +50,7 @@ pub(crate) fn blur(plane: &mut [f32], spare: &mut [f32], radius: usize) {
     }
 }
 
-/// The window of grey values as they are compared; the two others are room to work in.
+/// The window's grey values as they are compared, into `plane`; `other` and `spare` are scratch.
 pub(crate) fn normalised(window: &[f32], plane: &mut [f32], other: &mut [f32], spare: &mut [f32]) {
     plane.copy_from_slice(window);
     blur(plane, spare, SMOOTH);

@@ -29,9 +29,9 @@ pub struct PaperAam {
     pub head_deviations: Vec<f32>,
     /// Where appearance is compared: the base shape from the front with its lips parted, window pixels.
     pub base: Shape2,
-    /// Triangles of it.
+    /// Its triangles.
     pub triangles: Vec<[u8; 3]>,
-    /// How much each pixel counts: one over the deviation that the modes leave there, of mean square 1.
+    /// Weight of each pixel: one over the deviation that the modes leave there, scaled to mean square 1.
     pub trust: Vec<f32>,
     /// Mean appearance A0 (equation 2), of zero mean and unit variance before trust.
     pub appearance: Vec<f32>,
@@ -41,7 +41,7 @@ pub struct PaperAam {
     pub appearance_deviations: Vec<f32>,
     /// Variance per pixel that the modes leave.
     pub noise: f32,
-    /// Residual at which a fit is believed by half, and the step from doubt to belief.
+    /// Residual at which a fit is half believed, and the step from doubt to belief.
     pub belief: [f32; 2],
     /// Pixels of the base shape; not stored, they follow from it and the triangles.
     pub pixels: Vec<BasePixel>,

@@ -1,4 +1,4 @@
-//! The fit of the 3D active appearance model: over view, shape parameters p and appearance parameters λ, to lessen
+//! The fit of the 3D active appearance model: minimises over view, shape parameters p and appearance parameters λ
 //!
 //! ```text
 //!   Σ_x [A0(x) + Σ λ_i A_i(x) − I(W(x; p))]² / u              image against the model's picture, equation (2)
@@ -8,11 +8,11 @@
 //!
 //! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread = [`POSE_SPREAD`]. The 2D shape that the
 //! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D parameters are one and the same,
-//! as the paper says, no unknown is added, and the reprojection error, the paper's second term, is held at zero instead of
-//! made small. (With 2D bases of their own, tied to the 3D ones, it cannot be made small: a test below has the figures.)
+//! as the paper says, no unknown is added, and the reprojection error, the paper's second term, is zero instead of small.
+//! (With separate 2D bases, tied to the 3D ones, it cannot be made small: a test below has the figures.)
 //!
 //! As in expectation maximisation the two kinds of unknowns take turns: λ is Gaussian, so given the shape its expectation is
-//! linear in the picture (E), and with λ integrated out the shape takes one Gauss-Newton step (M). Brightness and contrast
+//! linear in the picture (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
 //! are two more λ without a prior. Window pixels, metres, standard deviations. Some scratch is allocated per step.
 //! One file: both steps share the warp and its derivatives.
 
@@ -35,7 +35,7 @@ const PIXELS_PER_OBSERVATION: f32 = 18.0;
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
 /// A step that moves the points less than this, window pixels, ends the fit.
 const SETTLED_PX: f32 = 0.1;
-/// Blur of the first look at a face: half the side of a square, window pixels.
+/// Blur for the first look at a face: half the side of the square, window pixels.
 const COARSE: usize = 3;
 /// Most standard deviations of a shape mode.
 const MOST_DEVIATIONS: f32 = 3.5;
@@ -72,13 +72,13 @@ pub struct Solver {
     left: DVector<f32>,
     /// Their derivatives by the parameters, a column a pixel.
     slopes: DMatrix<f32>,
-    /// What is compared, the whole window, and its slopes along x and y.
+    /// What is compared, over the whole window, and its slopes along x and y.
     plane: Vec<f32>,
     gradient: Vec<[f32; 2]>,
     spare: [Vec<f32>; 2],
 }
 
-/// Bilinear weights of a place in the window, whose edge is repeated.
+/// Bilinear weights at a place in the window, whose edge is repeated.
 #[inline(always)]
 fn place_of([x, y]: [f32; 2]) -> (usize, [f32; 2]) {
     let most = (WINDOW - 1) as f32 - 1e-3;
@@ -87,7 +87,7 @@ fn place_of([x, y]: [f32; 2]) -> (usize, [f32; 2]) {
     (row * WINDOW + column, [x - column as f32, y - row as f32])
 }
 
-/// Bilinear value of the window.
+/// Bilinear value at a place in the window.
 #[inline(always)]
 fn value_at(window: &[f32], (at, [fx, fy]): (usize, [f32; 2])) -> f32 {
     let top = window[at] * (1.0 - fx) + window[at + 1] * fx;
@@ -106,8 +106,8 @@ fn slope_at(gradient: &[[f32; 2]], (at, [fx, fy]): (usize, [f32; 2])) -> [f32; 2
     })
 }
 
-/// What is compared, at the face's pixels: zero mean, unit variance, times trust. The factor that took the plane to that;
-/// `None` if they are all alike.
+/// What is compared, at the face's pixels: zero mean, unit variance, times trust. Returns the factor that scaled the plane;
+/// `None` if all pixels are alike.
 pub(crate) fn sample(
     model: &PaperAam,
     plane: &[f32],
@@ -127,7 +127,7 @@ pub(crate) fn sample(
     (variance > 1e-4).then_some(factor)
 }
 
-/// Takes out of a row what lies along the rows before it, and gives it unit length.
+/// Takes out of a row what lies along the rows before it, and scales it to unit length.
 fn orthonormal(rows: &mut Vec<Vec<f32>>, mut row: Vec<f32>) {
     for other in rows.iter() {
         let along: f32 = row.iter().zip(other).map(|(a, b)| a * b).sum();
@@ -222,8 +222,8 @@ impl Solver {
         self.head(fit).map(|p| project(&p))
     }
 
-    /// At most `steps` steps from `fit`; `depth` is the view the depth pose says. A fit that knows nothing yet looks at a
-    /// blurred window first.
+    /// At most `steps` steps from `fit`; `depth` is the view that the depth pose gives. A fit that knows nothing yet looks
+    /// at a blurred window first.
     #[must_use]
     pub fn run(&mut self, window: &[f32], mut fit: AamFit, depth: &View, steps: usize) -> AamFit {
         let [other, spare] = &mut self.spare;
@@ -290,7 +290,8 @@ impl Solver {
         fit.residual.is_finite().then_some(factor)
     }
 
-    /// What a unit of every parameter moves each point by, window pixels: rows of x, then of y, a row for each point.
+    /// How far a unit of each parameter moves each point, window pixels: a row for each point's x, then one for
+    /// each point's y.
     fn motions(&self, fit: &AamFit) -> [Vec<f32>; 2] {
         const EPS: f32 = 1e-2;
         let head = self.head(fit);
@@ -349,7 +350,7 @@ impl Solver {
         });
     }
 
-    /// One Gauss-Newton step of view and shape with the appearance integrated out (M); the largest motion of a point.
+    /// One Gauss–Newton step of view and shape with the appearance integrated out (M); the largest motion of a point.
     fn step(&mut self, factor: f32, fit: &mut AamFit, depth: &View) -> f32 {
         self.descend(factor, fit);
         let by_pixel = self.slopes.transpose();

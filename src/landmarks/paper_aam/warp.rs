@@ -11,7 +11,7 @@ use crate::prelude::*;
 
 /// Points of a 2D shape.
 pub type Shape2 = [[f32; 2]; LANDMARKS];
-/// Distance of the base shape's pixels, window pixels: about 2900 of them in a face 100 px wide.
+/// Distance between the base shape's pixels, window pixels: about 2900 of them in a face 100 px wide.
 pub const STEP: f32 = 1.5;
 
 /// Delaunay triangles of the points.

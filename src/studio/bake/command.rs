@@ -158,7 +158,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
         .map_err(failed)
 }
 
-/// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a remark.
+/// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
 ///
 /// # Errors
 /// At the first line that is none.

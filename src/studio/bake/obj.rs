@@ -48,7 +48,7 @@ const CORNERS: usize = 1024;
 /// Materials: each has a primitive with all shapes in glTF.
 const MATERIALS: usize = 1024;
 
-/// Numbers that can be written again: all that is written is single precision.
+/// Numbers that can be written again: everything is written in single precision.
 fn numbers<const N: usize>(words: &mut std::str::SplitAsciiWhitespace<'_>) -> Option<[f64; N]> {
     let mut out = [0.0; N];
     for value in &mut out {
@@ -79,7 +79,8 @@ fn corner(word: &str, mesh: &Mesh) -> Option<Corner> {
     Some(Corner { vertex, uv, normal })
 }
 
-/// Without what some put before a text, some twice: one that was left would hide the first line from one reader only.
+/// Without the byte order marks that some put before a text, even twice: one left over would hide the first line
+/// from one reader only.
 fn unmarked(text: &str) -> &str {
     text.trim_start_matches('\u{feff}')
 }

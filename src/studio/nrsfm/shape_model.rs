@@ -20,8 +20,8 @@ pub struct ShapeBases {
 }
 
 /// Base shape and at most `modes` bases from several sequences of tracks of the reference's points: the base shape is the
-/// mean of the last sequence, the bases tell what departs from the mean of its own sequence in any of them. Frames are laid
-/// on the reference, in turn and size too, by the points `rigid`, which no expression moves.
+/// mean of the last sequence, the bases span the departures of every sequence from its own mean. Frames are laid on the
+/// reference, in rotation and size too, by the points `rigid`, which no expression moves.
 ///
 /// # Errors
 /// The tracks have another number of points than the reference.
@@ -72,8 +72,8 @@ pub fn shape_model_from_sequences(
     })
 }
 
-/// Frames of recovered shapes, mirrored in depth or not, laid on the reference by similarities of its rigid points; and the
-/// squared distance of those that remains.
+/// Frames of recovered shapes, mirrored in depth or not, laid on the reference by similarities of its rigid points, and the
+/// squared distance that remains between those.
 fn laid_on(
     shapes: &Shapes,
     mirror: f64,
@@ -113,7 +113,7 @@ fn laid_on(
     (frames, wrong)
 }
 
-/// Principal directions of columns and the root of their eigenvalues, strongest first.
+/// Principal directions of the columns and the square roots of their eigenvalues, strongest first.
 fn principal(columns: &DMatrix<f64>, modes: usize) -> (Vec<Vec<[f64; 3]>>, Vec<f64>) {
     let eigen = columns.tr_mul(columns).symmetric_eigen();
     let mut order: Vec<usize> = (0..columns.ncols()).collect();

@@ -2,15 +2,15 @@
 //! motion of 150 frames and PCA (equation 3), appearance by PCA of grey values (equation 2).
 //!
 //! Shape: two sequences of 150 frames. In one a single actor goes through every expression while turning, as in the paper.
-//! Bases of one face do not fit others, so in the other many people are shown at rest, a view each; both are recovered by
-//! structure from motion, and one PCA of all that departs from their means gives bases of expressions and of people.
+//! Bases of one face do not fit others, so the other shows many people at rest, one view each; both are recovered by
+//! structure from motion, and one PCA of all departures from their means gives bases of expressions and of people.
 //! Appearance: drawn people with open mouths, shut lids, beards, glasses and all lights, cut to head windows at their true view
-//! and read through the true points in the frame of the base shape, whose lips are parted so that what is between them has
-//! pixels. Brightness and contrast are taken out; every pixel counts by how well the modes tell it.
+//! and warped by the true points to the base shape, whose lips are parted so that what lies between them has pixels.
+//! Brightness and contrast are taken out; every pixel is weighted by how well the modes explain it.
 //! How far a residual is believed is learnt from fits of people not trained on. Window pixels, metres. Seeded.
-//! Cost: drawing the pictures, two structure from motions, a subspace iteration. Limit: orthographic recovery of perspective
-//! pictures.
-//! One file: what is drawn, learnt and told of one section of the model.
+//! Cost: drawing the pictures, two runs of structure from motion, a subspace iteration. Limit: orthographic recovery of
+//! perspective pictures.
+//! One file: what is drawn, learnt and reported for one section of the model.
 
 use std::path::Path;
 
@@ -39,14 +39,14 @@ use crate::studio::split::Split;
 pub const TRACK_FRAMES: usize = 150;
 /// Seconds over which the actor's frames are spread: once through all expressions.
 const ACT_S: f64 = 45.0;
-/// Modes that structure from motion may find in a sequence, and its sweeps.
+/// Modes that structure from motion may find in a sequence, and the number of its sweeps.
 const RANK: usize = 14;
 const SWEEPS: usize = 120;
-/// How far the lips of the base shape are apart, metres.
+/// How far apart the lips of the base shape are, metres.
 const PARTED_M: f32 = 0.010;
 /// Rounds of the subspace iteration for appearance.
 const ROUNDS: usize = 12;
-/// Least share of a face that must be visible to teach appearance.
+/// Least share of a face that must be visible for it to teach appearance.
 const VISIBLE: f32 = 0.97;
 
 /// What is trained.
@@ -58,7 +58,7 @@ pub struct PaperPractice {
     pub shape_modes: usize,
     /// Appearance modes kept.
     pub appearance_modes: usize,
-    /// Pictures of people not trained on from which belief is learnt and whose figures are told.
+    /// Pictures of people not trained on, from which belief is learnt and whose figures are reported.
     pub strangers: usize,
     /// Seed of everything random.
     pub seed: u64,
@@ -175,7 +175,7 @@ pub fn paper_aam_block(
             .copied()
             .unwrap_or(1.0)
     };
-    // Half belief where one good fit in fifty ends.
+    // Half believed at the residual that one good fit in fifty exceeds.
     model.belief = [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)];
     let figures = PaperAamFigures::of(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
@@ -224,7 +224,7 @@ fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, nrsfm::Error> {
     Tracks::new(positions.len() / LANDMARKS, LANDMARKS, positions)
 }
 
-/// People at rest, a view each.
+/// People at rest, one view each.
 fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, nrsfm::Error> {
     let few = &drawn[..drawn.len().min(TRACK_FRAMES)];
     let positions: Vec<[f64; 2]> = few
@@ -246,7 +246,7 @@ struct Known {
     measures: [f32; TOLD.len()],
 }
 
-/// Measures whose correlation is told.
+/// Measures whose correlation is reported.
 const TOLD: [Measure; 6] = [
     Measure::LipGap,
     Measure::JawDrop,
@@ -307,7 +307,7 @@ fn learn_appearance(
     let mut columns = DMatrix::from_fn(count, people, |i, c| read[c][i]);
     drop(read);
     let mean = columns.column_mean();
-    // First without trust, to see what the modes cannot tell; then with it.
+    // First without trust, to see what the modes cannot explain; then with it.
     let mut trust = vec![1.0_f32; count];
     for round in 0..2 {
         let weighted =
@@ -491,7 +491,7 @@ mod tests {
     use crate::studio::heads::textured_heads;
 
     /// The bases of the shipped block on somebody they were not made from: what they can show of every acted expression when
-    /// they are laid on the true points. The block before could not open its mouth.
+    /// they are laid on the true points. The earlier block could not open its mouth.
     #[test]
     fn shape_bases_span_the_measures_of_a_stranger() {
         let data = std::env::var_os("MIEN_DATA").map_or_else(
@@ -502,7 +502,7 @@ mod tests {
             println!("skipped: no faces_frl189 under MIEN_DATA");
             return;
         }
-        // Every fifth person is one of the test; dressing a head takes longer than drawing it.
+        // Every fifth person is a test person; dressing a head takes longer than drawing it.
         let heads = textured_heads(&data, |person| person == 30).unwrap();
         let asset = heads.first().expect("person 30").asset.clone();
         let mut simulator = Simulator::new(asset, Scene::Acted, 3);

@@ -583,7 +583,7 @@ fn learn_paper(
     Ok(block)
 }
 
-/// Trains the paper's active appearance model alone and puts it into the file of a model, where nothing else changes.
+/// Trains the paper's active appearance model alone and puts it into a model file, where nothing else changes.
 ///
 /// # Errors
 /// If the model or the data cannot be read, or the result cannot be written.

@@ -125,7 +125,7 @@ fn slopes_are_the_derivatives_of_what_is_compared() {
         [0.5, 0.4],
     );
     solver.plane = compared(&drawn(&model, &fit.shape, 0.0));
-    // Between pixels a bilinear picture has kinks: a smoother one is read.
+    // A bilinear picture has kinks between pixels, so a smoother one is read.
     grey::blur(&mut solver.plane, &mut solver.spare[0], 2);
     solver.slope();
     let factor = sample(
@@ -207,7 +207,7 @@ fn every_step_lowers_the_whole_cost() {
     let mut costs = Vec::new();
     for _ in 0..8 {
         let factor = solver.look(&mut fit).expect("a pattern");
-        // Grey in units of the present residual, as the first steps have it.
+        // Grey values in units of the present residual, as in the first steps.
         let left = f64::from(solver.left.dot(&solver.values));
         let unit = f64::from(model.noise * PIXELS_PER_OBSERVATION);
         let off = fit.view.step_from(&depth);
@@ -224,8 +224,8 @@ fn every_step_lowers_the_whole_cost() {
     assert!(costs[7] < 0.1 * costs[0], "{costs:?}");
 }
 
-/// Why 2D bases of their own, tied one to one to the 3D ones, cannot do: a shape s0 + Σ p_i s_i of what is seen from the
-/// front, moved, turned in the picture and sized at will, against what a turned head shows of S0 + Σ p_i S_i.
+/// Why separate 2D bases, tied one to one to the 3D ones, will not do: a shape s0 + Σ p_i s_i of what is seen from the
+/// front, moved, turned in the picture and scaled at will, against what a turned head shows of S0 + Σ p_i S_i.
 #[test]
 fn tied_2d_bases_cannot_show_a_turned_head() {
     let model = PaperAam::parse(&FaceModel::shipped().paper_aam).expect("the shipped block");
@@ -259,11 +259,11 @@ fn tied_2d_bases_cannot_show_a_turned_head() {
         let which = usize::from(yaw != 0.0 || pitch != 0.0);
         worst[which] = worst[which].max(percent);
     }
-    // Alike from the front; turned by the paper's range further off than a landmark may be (3.5 %).
+    // Alike from the front; turned as far as the paper's range, further off than a landmark may be (3.5 %).
     assert!(worst[0] < 0.01 && worst[1] > 3.5, "{worst:?}");
 }
 
-/// Mean distance that the best similarity leaves.
+/// Mean distance left by the best similarity transform.
 fn left_by_similarity(from: &Shape2, onto: &Shape2) -> f32 {
     let middle =
         |s: &Shape2| [0, 1].map(|a| s.iter().map(|p| p[a]).sum::<f32>() / LANDMARKS as f32);
