@@ -267,7 +267,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "window_frames",
-        "Frames of the paper's window; its delay is a third of them (window).",
+        "Frames of the paper's window; the delay is (frames - 1) / 3 frames (window).",
         |s| Kind::Integer {
             value: &mut s.pose.window_frames,
             min: 1,
