@@ -406,7 +406,7 @@ impl Solver {
     }
 
     /// Brings view and shape to the points.
-    #[cfg(test)]
+    #[cfg(all(test, feature = "studio"))]
     pub(crate) fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
         for _ in 0..20 {
             let motions = self.motions(fit);
