@@ -37,11 +37,13 @@ pub const MEASURES: usize = 21;
 /// Measures whose range is learnt: all but the eye distance.
 pub const LEARNT_MEASURES: usize = MEASURES - 1;
 /// Lengths of the face that are no measure but tell units apart.
-pub const FEATURES: usize = 18;
+pub const LENGTHS: usize = 18;
+/// What tells units apart beside the measures: lengths, and where the eyes look, across and up.
+pub const FEATURES: usize = LENGTHS + 2;
 /// What a unit is read from: learnt measures and features.
 pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;
-/// Weight columns at most: two for every learnt measure.
-pub const UNITS: usize = 2 * LEARNT_MEASURES;
+/// Weight columns at most: two for every learnt measure, and units that are read from several.
+pub const UNITS: usize = 2 * LEARNT_MEASURES + 8;
 /// Samples kept per measure by the paper's method (16 bytes each): 64, 256 and 1024 do equally well.
 pub const PAPER_SAMPLES: usize = 128;
 /// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.

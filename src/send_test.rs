@@ -136,6 +136,7 @@ impl Sender<'_> {
             head,
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
+            eyes: None,
             confidence: 1.0,
         };
         let report = Report {

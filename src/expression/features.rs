@@ -4,7 +4,7 @@
 //! the lip: section 2.1's measures see little of it. Head frame, metres; divided by the inner-eye-corner distance like the
 //! measures. Used by [`super::readings`] only. Cost: some hundred additions a frame, no memory.
 
-use crate::capacity::{FEATURES, LANDMARKS};
+use crate::capacity::{FEATURES, LANDMARKS, LENGTHS};
 use crate::geometry::Point;
 
 /// A length between two groups of points along an axis of the head.
@@ -34,8 +34,8 @@ const fn feature(
     }
 }
 
-/// All, in the order of the inputs.
-pub const ALL: [Feature; FEATURES] = [
+/// All lengths, in the order of the inputs.
+pub const ALL: [Feature; LENGTHS] = [
     feature("brow_distance", 0, &[22], &[21]),
     feature("upper_lid_L", 1, &[42, 45], &[43, 44]),
     feature("upper_lid_R", 1, &[36, 39], &[37, 38]),
@@ -70,10 +70,18 @@ impl Feature {
     pub fn landmarks(&self) -> impl Iterator<Item = usize> + '_ {
         self.of.iter().chain(self.from).copied()
     }
+}
 
-    /// Position of a name.
-    #[must_use]
-    pub fn named(name: &str) -> Option<usize> {
-        ALL.iter().position(|feature| feature.name == name)
-    }
+/// Where the eyes look ([`super::gaze`]), after the lengths: to the subject's left, up; 1 is as far as eyes go.
+pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up"];
+
+/// Names of all features, in their order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    ALL.iter().map(|feature| feature.name).chain(GAZE)
+}
+
+/// Position of a name.
+#[must_use]
+pub fn named(name: &str) -> Option<usize> {
+    names().position(|own| own == name)
 }

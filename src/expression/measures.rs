@@ -482,6 +482,7 @@ pub(crate) mod tests {
             pixels: [[0.0; 2]; LANDMARKS],
             point_confidence: [0.5; LANDMARKS],
             cheeks: [0.0; 2],
+            eyes: None,
             confidence: 0.75,
         };
         let corners = Measure::MouthWidth.landmarks();

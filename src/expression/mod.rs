@@ -22,6 +22,7 @@
 pub mod compensate;
 pub mod ends;
 pub mod features;
+pub mod gaze;
 pub mod measures;
 pub mod newcomer;
 pub mod nodes;
@@ -154,7 +155,7 @@ impl Weights {
     }
 }
 
-/// What is known of a unit, in units of its measure.
+/// What is known of a unit, in units of its measure, or of its reading if it has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitRange {
     /// Where the measure is with the full falling expression; rest, if there is none.
@@ -199,6 +200,8 @@ pub struct Expression {
     settings: Settings,
     units: Units,
     names: heapless::Vec<UnitName, UNITS>,
+    /// See [`Units::further`].
+    further: heapless::Vec<usize, UNITS>,
     scale: EyeDistance,
     learners: Learners,
     filters: [OneEuro; LEARNT_MEASURES],
@@ -242,6 +245,7 @@ impl Expression {
             .flatten();
         Self {
             together,
+            further: units.further().take(UNITS).collect(),
             scale: EyeDistance::new(units.eye_distance_m),
             learners,
             filters: Default::default(),
@@ -333,8 +337,18 @@ impl Expression {
             };
             core::iter::repeat_n(unit, usize::from(kind.rises()) + usize::from(kind.falls()))
         });
+        let further = self.together.iter().flat_map(|together| {
+            let ranges = self.further.iter().map(|&reading| together.range(reading));
+            ranges.map(|range| UnitRange {
+                low: range.rest as f32,
+                rest: range.rest as f32,
+                high: range.high as f32,
+                ..UnitRange::default()
+            })
+        });
         let readiness = self.weights.readiness();
         columns
+            .chain(further)
             .zip(readiness)
             .map(|(unit, &readiness)| UnitRange { readiness, ..unit })
             .collect()
@@ -438,7 +452,8 @@ impl Expression {
         self.correct();
         if let (Some(together), Learners::Robust(learners)) = (&mut self.together, &self.learners) {
             together.read(
-                &landmarks.head,
+                landmarks,
+                &sensor_from_head.rotation,
                 divisor,
                 &self.weights.measures,
                 learners,
@@ -581,7 +596,8 @@ impl Expression {
             if let Some(together) = &mut self.together {
                 let read = [&row.rises, &row.falls].map(|unit| {
                     let reading = self.units.reading(unit.as_ref())?;
-                    Some(together.weigh(reading, &self.settings, dt))
+                    let absolute = self.units.readings[reading].absolute;
+                    Some(together.weigh(reading, absolute, &self.settings, dt))
                 });
                 for (side, read) in sides.iter_mut().zip(read) {
                     if let Some((weight, readiness)) = read {
@@ -598,6 +614,15 @@ impl Expression {
                 self.weights.units[column] = (weight.max(0.0) * fade) as f32;
                 self.weights.readiness[column] = readiness as f32;
                 column += 1;
+            }
+        }
+        if let Some(together) = &mut self.together {
+            let columns = column..self.weights.columns;
+            for (column, &reading) in columns.zip(&self.further) {
+                let absolute = self.units.readings[reading].absolute;
+                let (weight, readiness) = together.weigh(reading, absolute, &self.settings, dt);
+                self.weights.units[column] = (weight.max(0.0) * fade) as f32;
+                self.weights.readiness[column] = readiness as f32;
             }
         }
         rests.sort_unstable_by(f64::total_cmp);

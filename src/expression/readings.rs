@@ -10,6 +10,7 @@
 //! Memory: fixed, [`INPUTS`] shares a unit. Cost: a thousand multiplications a frame. Degenerate: a table without readings
 //! gives each unit from its own measure.
 
+use super::features;
 use super::measures::Measure;
 use super::units::{Kind, Prior, UnitName};
 use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
@@ -46,6 +47,8 @@ pub struct Reading {
     pub unit: UnitName,
     /// By input: weight per rise, weight per fall.
     pub shares: [[f32; 2]; INPUTS],
+    /// The reading is the weight: of a direction, which has no full expression of this person's.
+    pub absolute: bool,
 }
 
 impl Reading {
@@ -76,7 +79,9 @@ pub fn input_name(input: usize) -> &'static str {
     if input < LEARNT_MEASURES {
         Measure::ALL[input].name()
     } else {
-        super::features::ALL[input - LEARNT_MEASURES].name
+        features::names()
+            .nth(input - LEARNT_MEASURES)
+            .unwrap_or_default()
     }
 }
 
@@ -99,6 +104,7 @@ mod tests {
         let reading = Reading {
             unit: UnitName::try_from("AU12L").unwrap(),
             shares,
+            absolute: false,
         };
         let mut departures = [0.0; INPUTS];
         assert_eq!(reading.of(&departures), 0.0);
@@ -125,7 +131,7 @@ mod tests {
             };
             for (input, shares) in reading.shares.iter().enumerate() {
                 // What points to a side rises on one as it falls on the other.
-                if input_name(input).ends_with("_shift") {
+                if input_name(input).ends_with("_shift") || input_name(input) == "gaze_left" {
                     continue;
                 }
                 let mirrored = input_named(&swapped(input_name(input))).unwrap_or(input);

@@ -11,6 +11,7 @@ fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
         pixels: [[0.0; 2]; LANDMARKS],
         point_confidence: [1.0; LANDMARKS],
         cheeks: [0.0; 2],
+        eyes: None,
         confidence: 1.0,
     }
 }

@@ -3,6 +3,8 @@
 //! Memory: a [`RobustLearner`] for each feature and each unit, about 90 KiB; nothing is allocated after [`Together::new`].
 
 use super::features;
+use super::gaze::Gaze;
+use super::measures::Measure;
 use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
@@ -10,8 +12,8 @@ use super::robust::RobustLearner;
 use super::smooth::OneEuro;
 use super::units::{Kind, Units};
 use super::{LEAST_CONFIDENCE, Settings};
-use crate::capacity::{FEATURES, INPUTS, LANDMARKS, LEARNT_MEASURES, MEASURES, UNITS};
-use crate::geometry::Point;
+use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
+use crate::geometry::Rotation;
 use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
@@ -19,6 +21,9 @@ use crate::prelude::*;
 /// Units that are easily told from rest and whose small amounts matter: speech moves the lips all the time and leaves no
 /// quiet to measure, and most smiles are slight.
 const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
+
+/// Share of its resting gap from which an eye counts as open.
+const OPEN: f64 = 0.55;
 
 /// Readings of one person.
 #[derive(Clone, Debug)]
@@ -31,6 +36,9 @@ pub(super) struct Together {
     values: [f64; FEATURES],
     departures: [f64; INPUTS],
     read: [f64; UNITS],
+    gaze: Option<Gaze>,
+    /// Whether the eyes were seen open in the last frame.
+    sees: bool,
 }
 
 impl Together {
@@ -54,6 +62,8 @@ impl Together {
             values: [0.0; FEATURES],
             departures: [0.0; INPUTS],
             read: [0.0; UNITS],
+            gaze: units.gaze.clone(),
+            sees: false,
         })
     }
 
@@ -62,10 +72,11 @@ impl Together {
         &self.departures
     }
 
-    /// Takes a frame: points in the head frame (metres), what they are divided by, measures and who learns their rest.
+    /// Takes a frame: the face, its turn, what its points are divided by (metres), measures and who learns their rest.
     pub(super) fn read(
         &mut self,
-        points: &[Point; LANDMARKS],
+        landmarks: &Landmarks,
+        sensor_from_head: &Rotation,
         divisor: f32,
         measures: &[f32; MEASURES],
         learners: &[RobustLearner],
@@ -74,9 +85,30 @@ impl Together {
         for (m, learner) in learners.iter().enumerate() {
             self.departures[m] = f64::from(measures[m]) - learner.range().rest;
         }
-        for (k, (feature, learner)) in features::ALL.iter().zip(&self.features).enumerate() {
-            self.values[k] = f64::from(feature.raw(points) / divisor);
-            self.departures[LEARNT_MEASURES + k] = self.values[k] - learner.range().rest;
+        for (value, feature) in self.values.iter_mut().zip(&features::ALL) {
+            *value = f64::from(feature.raw(&landmarks.head) / divisor);
+        }
+        // Behind closed lids eyes look ahead.
+        let open = |lid: Measure| {
+            let rest = learners[lid as usize].range().rest;
+            f64::from(measures[lid as usize]) > OPEN * rest
+        };
+        let eyes = landmarks.eyes.as_ref();
+        let eyes = eyes.filter(|_| open(Measure::LidL) && open(Measure::LidR));
+        self.sees = false;
+        if let (Some(gaze), Some(eyes)) = (&self.gaze, eyes) {
+            let looks = gaze.of(eyes, sensor_from_head);
+            for (value, looks) in self.values[LENGTHS..].iter_mut().zip(looks) {
+                *value = f64::from(looks);
+            }
+            self.sees = true;
+        }
+        let departures = self.departures[LEARNT_MEASURES..].iter_mut();
+        for ((departure, value), learner) in departures.zip(self.values).zip(&self.features) {
+            *departure = value - learner.range().rest;
+        }
+        if !self.sees {
+            self.departures[LEARNT_MEASURES + LENGTHS..].fill(0.0);
         }
         for (read, reading) in self.read.iter_mut().zip(readings) {
             *read = reading.of(&self.departures);
@@ -85,11 +117,15 @@ impl Together {
 
     /// Learns from the frame that was read; `expressions`: whether departures are expressions yet.
     pub(super) fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, expressions: bool) {
-        for ((feature, learner), &g) in features::ALL
-            .iter()
-            .zip(&mut self.features)
-            .zip(&self.values)
-        {
+        let (lengths, gaze) = self.features.split_at_mut(LENGTHS);
+        for (learner, &g) in gaze.iter_mut().zip(&self.values[LENGTHS..]) {
+            if self.sees && g.is_finite() {
+                learner.observe(g, omega, dt, true);
+            } else {
+                learner.interrupt();
+            }
+        }
+        for ((feature, learner), &g) in features::ALL.iter().zip(lengths).zip(&self.values) {
             let points = feature.landmarks();
             let (sum, count) = points.fold((0.0, 0.0), |(sum, count), i| {
                 (sum + landmarks.point_confidence[i], count + 1.0)
@@ -113,8 +149,19 @@ impl Together {
     }
 
     /// Weight and readiness of a reading.
-    pub(super) fn weigh(&mut self, reading: usize, settings: &Settings, dt: f64) -> (f64, f64) {
+    pub(super) fn weigh(
+        &mut self,
+        reading: usize,
+        absolute: bool,
+        settings: &Settings,
+        dt: f64,
+    ) -> (f64, f64) {
         let learner = &self.units[reading];
+        if absolute {
+            let weight =
+                self.filters[reading].filter(self.read[reading], 1.0, settings.smoothing_hz, dt);
+            return (weight, learner.readiness().0);
+        }
         let range = learner.range();
         let read = self.filters[reading].filter(
             self.read[reading],
@@ -129,6 +176,11 @@ impl Together {
             range.weight(read, Kind::Rising, dead_zone),
             learner.readiness().0,
         )
+    }
+
+    /// Range of a reading.
+    pub(super) fn range(&self, reading: usize) -> Range {
+        self.units[reading].range()
     }
 
     /// Takes the last frame's face for rest.

@@ -8,7 +8,8 @@
 
 use serde::Deserialize;
 
-use super::features::Feature;
+use super::features;
+use super::gaze::{Gaze, GazeRow};
 use super::measures::Measure;
 use super::readings::{FeaturePrior, Reading, input_named};
 use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, UNITS};
@@ -122,6 +123,8 @@ pub struct Units {
     pub features: Option<[FeaturePrior; FEATURES]>,
     /// How units are read from all measures together; a unit without is read from its own.
     pub readings: Vec<Reading>,
+    /// How the picture of the eyes tells where they look; without it they look ahead.
+    pub gaze: Option<Gaze>,
 }
 
 /// Why a table of units is refused.
@@ -174,6 +177,7 @@ struct Table {
     feature: Vec<FeatureRow>,
     #[serde(default)]
     reading: Vec<ReadingRow>,
+    gaze: Option<GazeRow>,
 }
 
 #[derive(Deserialize)]
@@ -189,6 +193,8 @@ struct FeatureRow {
 #[serde(deny_unknown_fields)]
 struct ReadingRow {
     unit: String,
+    #[serde(default)]
+    absolute: bool,
     /// Input, weight per rise, weight per fall.
     from: Vec<(String, f32, f32)>,
 }
@@ -199,8 +205,7 @@ impl ReadingRow {
             unit: self.unit.chars().take(16).collect(),
             expected,
         };
-        let unit = UnitName::try_from(self.unit.as_str())
-            .map_err(|_| refuse("a unit's name of at most 8 letters"))?;
+        let unit = unit_name(&self.unit).ok_or_else(|| refuse("a name such as AU12 or AU12L"))?;
         let mut shares = [[0.0; 2]; INPUTS];
         for (name, rise, fall) in &self.from {
             let input =
@@ -210,16 +215,20 @@ impl ReadingRow {
             }
             shares[input] = [*rise, *fall];
         }
-        Ok(Reading { unit, shares })
+        Ok(Reading {
+            unit,
+            shares,
+            absolute: self.absolute,
+        })
     }
 }
 
 /// Priors of all features, in their order.
-fn features(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError> {
+fn feature_priors(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError> {
     let mut priors = [None; FEATURES];
     for row in rows {
         let sound = row.rest.abs() < 10.0 && row.rest_sd > 0.0 && row.span > 0.0;
-        if let Some(at) = Feature::named(&row.name).filter(|_| sound) {
+        if let Some(at) = features::named(&row.name).filter(|_| sound) {
             priors[at] = Some(FeaturePrior {
                 rest: row.rest,
                 rest_sd: row.rest_sd,
@@ -259,6 +268,12 @@ struct ExplainedRow {
     share: f64,
 }
 
+/// A name that wires and columns can carry.
+fn unit_name(name: &str) -> Option<UnitName> {
+    let fits = name.starts_with("AU") && name.bytes().all(|b| b.is_ascii_alphanumeric());
+    UnitName::try_from(name).ok().filter(|_| fits)
+}
+
 fn measure_named(name: &str) -> Result<Measure, UnitsError> {
     Measure::named(name)
         .filter(|&measure| measure != Measure::EyeDistance)
@@ -276,10 +291,8 @@ impl Row {
         };
         let name = |name: &Option<String>| -> Result<Option<UnitName>, UnitsError> {
             let Some(name) = name else { return Ok(None) };
-            let fits = name.starts_with("AU") && name.bytes().all(|b| b.is_ascii_alphanumeric());
-            let name = UnitName::try_from(name.as_str()).ok().filter(|_| fits);
-            name.map(Some)
-                .ok_or_else(|| refuse("unit names such as AU12 or AU12L"))
+            let name = unit_name(name).map(Some);
+            name.ok_or_else(|| refuse("unit names such as AU12 or AU12L"))
         };
         let side = |range: Option<f64>, active: bool, needs| match range {
             Some(range) if active && range > 0.0 && range < 10.0 => Ok(range),
@@ -401,8 +414,26 @@ impl Units {
                 expected: "no more of them than there are units",
             });
         }
+        for (at, reading) in readings.iter().enumerate() {
+            if readings[..at]
+                .iter()
+                .any(|other| other.unit == reading.unit)
+            {
+                return Err(UnitsError::Reading {
+                    unit: reading.unit.as_str().into(),
+                    expected: "one of each unit",
+                });
+            }
+        }
+        let gaze = table.gaze.as_ref().map(|row| {
+            row.gaze().ok_or(UnitsError::Reading {
+                unit: "gaze".into(),
+                expected: "as many finite weights as an eye has cells",
+            })
+        });
+        let gaze = gaze.transpose()?;
         let features = (!readings.is_empty() || !table.feature.is_empty())
-            .then(|| features(&table.feature))
+            .then(|| feature_priors(&table.feature))
             .transpose()?;
         Ok(Self {
             rows,
@@ -410,6 +441,7 @@ impl Units {
             eye_distance_sd_m: table.eye_distance_sd_m,
             features,
             readings,
+            gaze,
         })
     }
 
@@ -418,6 +450,7 @@ impl Units {
     pub fn by_measure(mut self) -> Self {
         self.features = None;
         self.readings.clear();
+        self.gaze = None;
         self
     }
 
@@ -427,7 +460,17 @@ impl Units {
         unit.and_then(|unit| self.readings.iter().position(|one| one.unit == *unit))
     }
 
-    /// Names of the weight columns, by row, the rising unit first. With `paper`, only what the paper's method delivers.
+    /// Readings of units that no measure is named after, in their order: columns of their own after those of the rows.
+    pub fn further(&self) -> impl Iterator<Item = usize> + '_ {
+        let of_a_row = |unit: &UnitName| {
+            let mut rows = self.rows.iter();
+            rows.any(|row| row.rises.as_ref() == Some(unit) || row.falls.as_ref() == Some(unit))
+        };
+        (0..self.readings.len()).filter(move |&at| !of_a_row(&self.readings[at].unit))
+    }
+
+    /// Names of the weight columns: by row, the rising unit first, then [`Self::further`] ones. With `paper`, only what the
+    /// paper's method delivers.
     #[must_use]
     pub fn columns(&self, paper: bool) -> heapless::Vec<UnitName, UNITS> {
         let mut columns = heapless::Vec::new();
@@ -439,6 +482,10 @@ impl Units {
                 // There are at most two names a row, and UNITS is twice the rows.
                 let _ = columns.push(name.clone());
             }
+        }
+        for reading in self.further().filter(|_| !paper) {
+            // No more readings than UNITS, as `read` sees to; those without room have no column.
+            let _ = columns.push(self.readings[reading].unit.clone());
         }
         columns
     }
@@ -466,7 +513,11 @@ mod tests {
     fn the_shipped_table_names_the_contracts_units() {
         let units = Units::shipped();
         let expected = "AU25 AU20 AU18 AU30L AU30R AU29 AU22 AU28 AU2L AU4L AU2R AU4R AU5L AU43L AU5R AU43R AU9L AU9R AU26 AU17 AU12L AU12R AU1L AU1R AU10L AU10R AU34L AU34R";
-        assert_eq!(units.columns(false).join(" "), expected);
+        let further = " AU14L AU14R AU15L AU15R AU61 AU62 AU63 AU64";
+        assert_eq!(
+            units.columns(false).join(" "),
+            expected.to_owned() + further
+        );
         let paper = units.columns(true).join(" ");
         let two_way_only = ["AU5L ", "AU5R ", "AU17 "];
         let one_way = two_way_only
@@ -578,6 +629,28 @@ mod tests {
                 after.replacen(row, &format!("{key} = {value}"), 1)
             );
             assert!(Units::read(&text).is_err(), "{key}");
+        }
+    }
+
+    #[test]
+    fn a_unit_read_twice_or_under_no_name_and_a_gaze_of_too_few_cells_are_refused() {
+        let again = "\n[[reading]]\nunit = \"AU14L\"\nfrom = []\n";
+        for (text, expected) in [
+            (
+                SHIPPED.replace("\n[gaze]", &format!("{again}\n[gaze]")),
+                "one of each unit",
+            ),
+            (
+                SHIPPED.replace("\"AU14L\"", "\"dimple\""),
+                "a name such as AU12",
+            ),
+            (
+                SHIPPED.replace("\n[gaze]\nleft = [", "\n[gaze]\nleft = [1.0, "),
+                "as many finite weights",
+            ),
+        ] {
+            let message = Units::read(&text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         }
     }
 

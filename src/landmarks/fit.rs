@@ -13,6 +13,7 @@
 use alloc::sync::Arc;
 
 use super::cascade::{Belief, FaceFit, Solver};
+use super::eyes;
 use super::features::OrientationMaps;
 use super::refine::{self, Inputs, Refinement};
 use super::steady::{ShapeFilter, Steadiness};
@@ -226,7 +227,7 @@ impl LandmarkFitter {
         };
         self.settle(&placement, &fit, step_s);
         let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head, step_s);
-        self.report(&placement, &fit, &shape, &belief, at);
+        self.report(luma, &placement, &fit, &shape, &belief, at);
         Some(&self.landmarks)
     }
 
@@ -391,6 +392,7 @@ impl LandmarkFitter {
 
     fn report(
         &mut self,
+        luma: &[u8; PIXELS],
         placement: &Placement,
         fit: &FaceFit,
         shape: &[f32; MAX_MODES],
@@ -406,6 +408,7 @@ impl LandmarkFitter {
         for (pixel, point) in self.landmarks.pixels.iter_mut().zip(&self.landmarks.head) {
             *pixel = placement.picture_pixel(project(point));
         }
+        self.landmarks.eyes = eyes::cut(&sensor_picture(luma), &self.landmarks.pixels);
         self.shape
             .shape(&refined.follow(shape, at), &mut self.landmarks.head);
         let size = self.size();

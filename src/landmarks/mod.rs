@@ -1,6 +1,7 @@
 //! Luma and head pose to 68 landmarks in the head frame, with confidence (paper section 1.2).
 
 pub mod cascade;
+pub mod eyes;
 pub mod features;
 pub mod fit;
 pub mod paper_aam;
@@ -31,6 +32,8 @@ pub struct Landmarks {
     pub confidence: f32,
     /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
     pub cheeks: [f32; refine::PUFFS],
+    /// The eyes as the picture shows them; none if they cannot be seen.
+    pub eyes: Option<eyes::Eyes>,
 }
 
 impl Landmarks {
@@ -50,5 +53,6 @@ fn empty_landmarks() -> Landmarks {
         point_confidence: [0.0; LANDMARKS],
         confidence: 0.0,
         cheeks: [0.0; refine::PUFFS],
+        eyes: None,
     }
 }

@@ -7,7 +7,7 @@ use crate::expression::measures::{self, Measure};
 use crate::sensor::virtual_head::{HeadAsset, Truth};
 
 /// Units and the expressions they stand for.
-pub(crate) const UNITS: [(&str, &[&str]); 28] = [
+pub(crate) const UNITS: [(&str, &[&str]); 40] = [
     ("AU25", &[]),
     ("AU20", &["mouthStretch_L", "mouthStretch_R"]),
     ("AU18", &["mouthPucker"]),
@@ -36,6 +36,18 @@ pub(crate) const UNITS: [(&str, &[&str]); 28] = [
     ("AU10R", &["mouthUpperUp_R"]),
     ("AU34L", &["cheekPuff_L"]),
     ("AU34R", &["cheekPuff_R"]),
+    ("AU6L", &["cheekSquint_L"]),
+    ("AU6R", &["cheekSquint_R"]),
+    ("AU7L", &["eyeSquint_L"]),
+    ("AU7R", &["eyeSquint_R"]),
+    ("AU14L", &["mouthDimple_L"]),
+    ("AU14R", &["mouthDimple_R"]),
+    ("AU15L", &["mouthFrown_L"]),
+    ("AU15R", &["mouthFrown_R"]),
+    ("AU16L", &["mouthLowerDown_L"]),
+    ("AU16R", &["mouthLowerDown_R"]),
+    ("AU24L", &["mouthPress_L"]),
+    ("AU24R", &["mouthPress_R"]),
 ];
 
 /// Reads the truth of a head.

@@ -7,6 +7,7 @@ pub mod bars;
 pub mod cli;
 pub mod default_head;
 pub mod fit;
+mod glances;
 pub mod head_scenes;
 pub mod heads;
 pub mod ict;

@@ -223,6 +223,7 @@ mod tests {
                 pixels: [[0.0; 2]; LANDMARKS],
                 point_confidence: [1.0; LANDMARKS],
                 cheeks: [0.0; 2],
+                eyes: None,
                 confidence: 1.0,
             };
             expression.observe(&landmarks, &pose, Timestamp::from_us(n * 33_333));

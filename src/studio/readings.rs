@@ -15,12 +15,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::acted::{Acted, UNITS};
+use super::glances::{self, Glance, looks};
 use super::heads::{PersonHead, textured_heads};
 use super::sessions::{SessionsError, lighting, seed_of};
 use super::split::Split;
-use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
-use crate::expression::features;
+use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
 use crate::expression::readings::{input_name, input_named};
+use crate::expression::{Units, features};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
 use crate::sensor::virtual_head::{Look, Scene, Sensor, Simulator};
@@ -36,6 +37,8 @@ const SETTLED_S: f64 = 6.0;
 const EVERY: i64 = 2;
 /// One person of so many wears hair and things: they take four times as long to draw.
 const DRESSED: usize = 5;
+/// One person of so many has the eyes of the photograph, all others drawn ones.
+const PHOTOGRAPHED: usize = 4;
 /// Penalty of the regression, in examples, on inputs scaled to their deviation.
 const PENALTY: f64 = 1000.0;
 /// What real smiles weigh beside everything that is acted, and what they are read as: most are slight. Then the units they
@@ -47,6 +50,10 @@ const NOT_SMILING: [&str; 5] = ["AU20", "AU18", "AU29", "AU9L", "AU9R"];
 /// What the middle one of full expressions is read as, and the most a reading is stretched for it.
 const FULL: f64 = 0.95;
 const MOST: f64 = 2.0;
+/// Lids that open wide hardly move: read from little, they are stretched by this at most.
+const MOST_OF_LIDS: f64 = 6.0;
+/// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
+const LEAST_R: f64 = 0.45;
 /// Truth from which an expression is full.
 const FULLY: f64 = 0.8;
 
@@ -74,11 +81,12 @@ impl Default for Practice {
     }
 }
 
-/// Departures of all inputs, truth of all units in the order of [`UNITS`].
+/// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
 #[derive(Clone)]
-struct Example {
-    departures: [f64; INPUTS],
-    truth: [f64; UNITS.len()],
+pub(super) struct Example {
+    pub(super) departures: [f64; INPUTS],
+    pub(super) truth: [f64; UNITS.len()],
+    pub(super) glance: Glance,
 }
 
 /// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.
@@ -111,6 +119,8 @@ pub fn learn(
     if let (Some(path), None) = (&practice.examples, kept) {
         std::fs::write(path, written(&examples)).map_err(|e| at(path, e))?;
     }
+    let gaze = glances::learn(&mut examples);
+    say(&gaze.say);
     let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
     say(&format!(
         "{} examples, {} real smiles",
@@ -123,6 +133,7 @@ pub fn learn(
         let smile = Example {
             departures,
             truth: [0.0; UNITS.len()],
+            glance: Glance::NONE,
         };
         [smile.mirrored(), smile]
     });
@@ -132,10 +143,20 @@ pub fn learn(
         .into_par_iter()
         .map(|k| regress(&examples, &smiles, k))
         .collect();
-    for ((unit, _), (shares, line)) in UNITS.iter().zip(learnt) {
-        say(&format!("{unit:6} {line}"));
-        write_reading(&mut text, unit, &shares);
+    let measured = Units::shipped().by_measure().columns(false);
+    for ((unit, _), (shares, r, line)) in UNITS.iter().zip(learnt) {
+        let further = !measured.iter().any(|name| name == unit);
+        let left_out = if further && r < LEAST_R {
+            ", left out"
+        } else {
+            ""
+        };
+        say(&format!("{unit:6} r {r:.3}, {line}{left_out}"));
+        if left_out.is_empty() {
+            write_reading(&mut text, unit, &shares);
+        }
     }
+    text.push_str(&gaze.text);
     Ok(text)
 }
 
@@ -153,6 +174,7 @@ fn written(examples: &[Example]) -> String {
         for value in example.departures.iter().chain(&example.truth) {
             let _ = write!(text, "{value:.4} ");
         }
+        example.glance.write(&mut text);
         text.push('\n');
     }
     text
@@ -165,17 +187,19 @@ fn read(text: &str) -> Vec<Example> {
             .split_whitespace()
             .filter_map(|v| v.parse().ok())
             .collect();
-        let (departures, truth) = values.split_at_checked(INPUTS)?;
+        let (departures, rest) = values.split_at_checked(INPUTS)?;
+        let (truth, glance) = rest.split_at_checked(UNITS.len())?;
         Some(Example {
             departures: departures.try_into().ok()?,
             truth: truth.try_into().ok()?,
+            glance: Glance::read(glance)?,
         })
     };
     text.lines().filter_map(example).collect()
 }
 
 fn practise(
-    head: PersonHead,
+    mut head: PersonHead,
     number: usize,
     model: &FaceModel,
     settings: &Settings,
@@ -183,6 +207,9 @@ fn practise(
 ) -> Result<Vec<Example>, SessionsError> {
     let seed = seed_of(practice.seed, head.person);
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
+    if number % PHOTOGRAPHED != 1 {
+        super::heads::eyes::paint(&mut head.asset, seed);
+    }
     let acted = Acted::new(&head.asset);
     let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).lit(light, exposure);
     if number % DRESSED == 1 {
@@ -193,6 +220,7 @@ fn practise(
                 ..Sensor::default()
             });
     }
+    let look = looks(simulator.asset());
     let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
     let mut frame = Frame::default();
     let mut examples = Vec::new();
@@ -210,8 +238,11 @@ fn practise(
         let Some(&departures) = pipeline.expression(0).departures() else {
             continue;
         };
+        let report = pipeline.report();
+        let eyes = report.landmarks.and_then(|face| face.eyes);
         examples.push(Example {
             departures,
+            glance: Glance::at(number, eyes, report.sensor_from_head, look(&shown)),
             truth: core::array::from_fn(|k| acted.of(UNITS[k].0, &shown).unwrap_or(0.0)),
         });
     }
@@ -228,7 +259,7 @@ fn other_side(name: &str) -> String {
 }
 
 /// Inputs that change their sign in a mirror.
-const LATERAL: [&str; 2] = ["lip_shift", "upper_lip_shift"];
+const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
 
 impl Example {
     fn mirrored(&self) -> Self {
@@ -239,6 +270,7 @@ impl Example {
                 let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
                 sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
             }),
+            glance: Glance::NONE,
             truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
         }
     }
@@ -247,11 +279,11 @@ impl Example {
 /// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
 const BROWS: [&str; 2] = ["brow_", "inner_brow_"];
 const OUTER_BROWS: [&str; 1] = ["outer_brow_"];
-const LIDS: [&str; 3] = ["lid_", "upper_lid_", "lower_lid_"];
+const LIDS: [&str; 4] = ["lid_", "upper_lid_", "lower_lid_", "gaze_"];
 const NOSE_AND_LIP: [&str; 4] = ["nostril_", "nose_width", "upper_lip_L", "upper_lip_R"];
 
-/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, and a wrinkled nose
-/// from brows too.
+/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, a wrinkled nose from
+/// brows too, and a wide eye from lids and gaze alone: lids follow a glance.
 fn tells_of(unit: &str, input: usize) -> bool {
     let name = input_name(input);
     let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
@@ -260,14 +292,20 @@ fn tells_of(unit: &str, input: usize) -> bool {
     let upper = brows_and_lids || is(&NOSE_AND_LIP);
     match unit.trim_end_matches(['L', 'R']) {
         "AU4" => upper && input < LEARNT_MEASURES,
-        "AU1" | "AU2" | "AU5" | "AU43" => upper,
+        "AU5" => lids,
+        "AU1" | "AU2" | "AU7" | "AU43" => upper,
+        "AU6" => true,
         "AU9" => !lids && !outer_brows,
         _ => !brows_and_lids,
     }
 }
 
-/// Shares by input and side of one unit, and what to say of them.
-fn regress(examples: &[Example], smiles: &[Example], unit: usize) -> ([[f64; 2]; INPUTS], String) {
+/// Shares by input and side of one unit, their correlation with the truth, and what to say of them.
+fn regress(
+    examples: &[Example],
+    smiles: &[Example],
+    unit: usize,
+) -> ([[f64; 2]; INPUTS], f64, String) {
     let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
     let inputs = (0..INPUTS).filter(|&i| tells_of(UNITS[unit].0, i));
     let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
@@ -316,28 +354,38 @@ fn regress(examples: &[Example], smiles: &[Example], unit: usize) -> ([[f64; 2];
         .collect();
     full.sort_by(f64::total_cmp);
     let middle = full.get(full.len() / 2).copied().unwrap_or(FULL);
-    let stretch = (FULL / middle.max(1e-3)).clamp(1.0, MOST);
+    let most = if name.starts_with("AU5") {
+        MOST_OF_LIDS
+    } else {
+        MOST
+    };
+    let stretch = (FULL / middle.max(1e-3)).clamp(1.0, most);
     for share in shares.iter_mut().flatten() {
         *share *= stretch;
     }
-    // Correlation, over all people.
-    let n = examples.len() as f64;
     let pairs = examples
         .iter()
         .map(|e| (read(e, &shares).max(0.0), e.truth[unit]));
+    let r = correlation(pairs);
+    let line = format!("full {middle:.2}, stretched by {stretch:.2}");
+    (shares, r, line)
+}
+
+/// Pearson's, over all people.
+pub(super) fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut n = 0.0;
     let [mut a, mut b, mut aa, mut bb, mut ab] = [0.0; 5];
     for (x, y) in pairs {
+        n += 1.0;
         (a, b, aa, bb, ab) = (a + x, b + y, aa + x * x, bb + y * y, ab + x * y);
     }
-    let r = (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt();
-    let line = format!("r {r:.3}, full {middle:.2}, stretched by {stretch:.2}");
-    (shares, line)
+    (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt()
 }
 
 /// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.
 fn feature_priors(heads: &[PersonHead]) -> String {
-    let mut rests = vec![Vec::new(); FEATURES];
-    let mut spans = [0.0f64; FEATURES];
+    let mut rests = vec![Vec::new(); LENGTHS];
+    let mut spans = [0.0f64; LENGTHS];
     for head in heads {
         let asset = &head.asset;
         let mut vertices = asset.neutral.clone();
@@ -377,6 +425,9 @@ fn feature_priors(heads: &[PersonHead]) -> String {
             feature.name,
             0.5 * span
         );
+    }
+    for name in features::GAZE {
+        text.push_str(&glances::prior(name));
     }
     text
 }

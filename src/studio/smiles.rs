@@ -27,7 +27,9 @@ fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
     let scaled = measures::scaled(&raw, w);
     core::array::from_fn(|input| match input.checked_sub(LEARNT_MEASURES) {
         None => f64::from(scaled[input]),
-        Some(feature) => f64::from(features::ALL[feature].raw(head) / w),
+        Some(feature) => features::ALL
+            .get(feature)
+            .map_or(0.0, |length| f64::from(length.raw(head) / w)),
     })
 }
 

@@ -45,6 +45,7 @@ impl Session {
             pixels: [[0.0; 2]; LANDMARKS],
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
+            eyes: None,
             confidence: 1.0,
         };
         let at = Timestamp::from_us((from_frame + self.frame) * 33_333);

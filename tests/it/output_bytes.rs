@@ -29,6 +29,7 @@ fn landmarks() -> Landmarks {
         pixels: std::array::from_fn(|i| [i as f32 + 0.5, -0.00001 * i as f32]),
         point_confidence: [0.75; LANDMARKS],
         cheeks: [0.0; 2],
+        eyes: None,
         confidence: 0.9,
     }
 }

@@ -122,6 +122,7 @@ impl Scene {
                 pixels: [[0.0; 2]; LANDMARKS],
                 point_confidence: [1.0; LANDMARKS],
                 cheeks: [0.0; 2],
+                eyes: None,
                 confidence: 1.0,
             };
             change(t, &mut truth, &mut appears, &mut landmarks);

@@ -276,6 +276,7 @@ fn a_week_of_visitors() {
             pixels: [[320.0, 240.0]; LANDMARKS],
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
+            eyes: None,
             confidence: 1.0,
         },
         error: [0.0; 2],

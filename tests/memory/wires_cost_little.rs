@@ -88,6 +88,7 @@ fn all_wires_at_once_cost_no_memory() {
         pixels: [[320.0, 240.0]; LANDMARKS],
         point_confidence: [1.0; LANDMARKS],
         cheeks: [0.0; 2],
+        eyes: None,
         confidence: 1.0,
     };
     let mut random = fastrand::Rng::with_seed(1);

@@ -527,6 +527,7 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
             }
         }
     }
+    gaze(seed, t, set);
     let blink = (t / 1.9) as u64;
     let since = t % 1.9 - 0.3 - 1.2 * share(0x65, blink);
     let closed = ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32));
@@ -534,6 +535,30 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     if closed > 0.0 {
         set("eyeBlink_L", if lean < -0.5 { 0.0 } else { closed });
         set("eyeBlink_R", if lean > 0.5 { 0.0 } else { closed });
+    }
+}
+
+/// Looks about: eyes rest on a place for a second and jump to the next.
+fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
+    /// Seconds a glance, and of the jump to it; how far it goes, of the full expression, across and up or down.
+    const GLANCE_S: f32 = 1.1;
+    const JUMP_S: f32 = 0.06;
+    const FAR: [f32; 2] = [0.5, 0.35];
+    let glance = (t / GLANCE_S) as u64;
+    let there = ramp(t % GLANCE_S, 0.0, JUMP_S);
+    let [left, up] = [(0x67, FAR[0]), (0x68, FAR[1])].map(|(channel, far)| {
+        let [from, to] = [glance, glance + 1].map(|k| far * uniform(seed ^ channel, k));
+        from + (to - from) * there
+    });
+    set("eyeLookOut_L", left.max(0.0));
+    set("eyeLookIn_R", left.max(0.0));
+    set("eyeLookOut_R", (-left).max(0.0));
+    set("eyeLookIn_L", (-left).max(0.0));
+    for side in ["eyeLookUp_L", "eyeLookUp_R"] {
+        set(side, up.max(0.0));
+    }
+    for side in ["eyeLookDown_L", "eyeLookDown_R"] {
+        set(side, (-up).max(0.0));
     }
 }
 
@@ -583,15 +608,22 @@ mod tests {
             let mut on = 0;
             Scene::Mixed.play(3, frame as f32 / 15.0, |name, w| {
                 assert!((0.0..=1.0).contains(&w), "{name} {w}");
-                on += usize::from(w > 0.3);
+                on += usize::from(w > 0.3 && !name.starts_with("eyeLook"));
                 let seen = most.entry(name.to_owned()).or_default();
                 *seen = seen.max(w);
             });
             both += usize::from(on > 2);
         }
-        // Both lids more, and the rolled lips are two others of the list.
-        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2 - 1);
-        assert!(most.values().all(|w| *w > 0.5), "{most:?}");
+        // Both lids more, four directions of each eye, and the rolled lips are two others of the list.
+        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2 + 8 - 1);
+        let far = |(name, w): (&String, &f32)| {
+            *w > if name.starts_with("eyeLook") {
+                0.3
+            } else {
+                0.5
+            }
+        };
+        assert!(most.iter().all(far), "{most:?}");
         assert!(both > 900, "{both} frames with more than one");
     }
 

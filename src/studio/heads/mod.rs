@@ -6,6 +6,7 @@
 pub mod average;
 pub mod dress;
 pub mod expressions;
+pub(crate) mod eyes;
 pub mod fit;
 pub mod portraits;
 pub mod reduce;

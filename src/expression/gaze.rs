@@ -1,0 +1,120 @@
+//! Where the eyes look, from their picture (FACS AU61 to AU64).
+//!
+//! A linear map from the two eyes as [`crate::landmarks::eyes`] cuts them, learnt by ridge regression from drawn eyes
+//! (`mien-studio units`). Both eyes look at one place, and a face is its own mirror: what tells of left is the difference of the
+//! mirrored eyes, what tells of up is their sum, so each needs the weights of one eye only. A turned head shows its eyes from the
+//! side, which one more weight takes out. The person's own constant is for a learner to take away, as with lengths.
+//! Memory: 290 weights. Degenerate: closed eyes look nowhere.
+
+use serde::Deserialize;
+
+use crate::geometry::Rotation;
+use crate::geometry::Vector;
+use crate::landmarks::eyes::{CELLS, Eyes};
+#[cfg(not(feature = "std"))]
+use crate::prelude::*;
+
+/// Weights by cell of one eye, and of the head's turn.
+#[derive(Clone, Debug)]
+struct Weights {
+    cells: [f32; CELLS],
+    turn: f32,
+}
+
+/// The map. 1 is as far as eyes go, about 30°.
+#[derive(Clone, Debug)]
+pub struct Gaze {
+    left: Weights,
+    up: Weights,
+}
+
+/// As in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct GazeRow {
+    left: Vec<f32>,
+    up: Vec<f32>,
+}
+
+impl GazeRow {
+    /// None if the numbers are not as many as they should be, or not finite.
+    pub(super) fn gaze(&self) -> Option<Gaze> {
+        let weights = |numbers: &[f32]| {
+            let (&turn, cells) = numbers.split_last()?;
+            let finite = numbers.iter().all(|w| w.is_finite());
+            let cells = cells.try_into().ok().filter(|_| finite)?;
+            Some(Weights { cells, turn })
+        };
+        Some(Gaze {
+            left: weights(&self.left)?,
+            up: weights(&self.up)?,
+        })
+    }
+}
+
+impl Gaze {
+    /// To the subject's left and up, plus a constant of the person.
+    #[must_use]
+    pub fn of(&self, [right, left]: &Eyes, sensor_from_head: &Rotation) -> [f32; 2] {
+        let ahead = sensor_from_head * Vector::z();
+        let sum = |weights: &Weights, sign: f32, turn: f32| {
+            let eyes = left.iter().zip(right).zip(&weights.cells);
+            let cells: f32 = eyes.map(|((l, r), w)| w * (l + sign * r)).sum();
+            cells + weights.turn * turn
+        };
+        [sum(&self.left, -1.0, ahead.x), sum(&self.up, 1.0, ahead.y)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rotation_from_yaw_pitch_roll;
+
+    fn planted() -> Gaze {
+        let weights = |turn: f32, sign: f32| {
+            let mut weights: Vec<f32> = (0..CELLS).map(|k| sign * (k % 7) as f32 * 0.01).collect();
+            weights.push(turn);
+            weights
+        };
+        let row = GazeRow {
+            left: weights(2.0, 1.0),
+            up: weights(3.0, -1.0),
+        };
+        row.gaze().expect("as many as cells and one")
+    }
+
+    #[test]
+    fn a_mirrored_face_looks_the_other_way_and_as_far_up() {
+        let gaze = planted();
+        let eye = |seed: f32| core::array::from_fn(|k| (k as f32 * seed).sin());
+        let (a, b) = (eye(0.37), eye(0.91));
+        let straight = Rotation::identity();
+        let [left, up] = gaze.of(&[a, b], &straight);
+        let [mirrored, same] = gaze.of(&[b, a], &straight);
+        assert!(left.abs() > 0.01 && (left + mirrored).abs() < 1e-5);
+        assert!((up - same).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_heads_own_turn_counts_by_its_sine() {
+        let gaze = planted();
+        let eyes = [[0.0; CELLS]; 2];
+        let turned = rotation_from_yaw_pitch_roll(0.3, 0.0, 0.0);
+        let ahead = turned * Vector::z();
+        let [left, up] = gaze.of(&eyes, &turned);
+        assert!((left - 2.0 * ahead.x).abs() < 1e-6 && up.abs() < 1e-6);
+        assert!((left.abs() - 2.0 * 0.3f32.sin()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_wrong_number_of_weights_is_refused() {
+        let row = |n: usize, value: f32| GazeRow {
+            left: vec![value; n],
+            up: vec![0.0; CELLS + 1],
+        };
+        assert!(row(CELLS + 1, 0.5).gaze().is_some());
+        assert!(row(CELLS, 0.5).gaze().is_none());
+        assert!(row(CELLS + 1, f32::NAN).gaze().is_none());
+    }
+}
