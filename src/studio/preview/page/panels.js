@@ -8,7 +8,7 @@ const FACS = {
   9: "nose wrinkler", 10: "upper lip raiser", 11: "nasolabial deepener", 12: "lip corner puller", 14: "dimpler",
   15: "lip corner depressor", 16: "lower lip depressor", 17: "chin raiser", 18: "lip pucker", 20: "lip stretcher", 22: "lip funneler",
   23: "lip tightener", 24: "lip pressor", 25: "lips part", 26: "jaw drop", 27: "mouth stretch", 28: "lip suck", 29: "jaw thrust",
-  30: "jaw sideways", 34: "cheek puff", 43: "eye closure",
+  30: "jaw sideways", 34: "cheek puff", 43: "eye closure", 61: "eyes left", 62: "eyes right", 63: "eyes up", 64: "eyes down",
 };
 const SIDES = { L: ", subject's left", R: ", subject's right", "": "" };
 const COLOURS = ["#4cb0ff", "#ff8a5c", "#57c785", "#d77cff", "#ffd24c", "#5ce0d8", "#ff6f91", "#a8b8c8"];
