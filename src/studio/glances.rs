@@ -210,3 +210,77 @@ fn regress(seen: &[Seen]) -> Vec<f64> {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capacity::INPUTS;
+
+    #[test]
+    fn a_planted_map_is_learnt_over_people_who_rest_differently_and_blink() {
+        let mut random = fastrand::Rng::with_seed(9);
+        let mut normal = || (0..6).map(|_| random.f64() - 0.5).sum::<f64>();
+        let shut = UNITS
+            .iter()
+            .position(|(unit, _)| *unit == "AU43L")
+            .expect("a lid");
+        let mut examples = Vec::new();
+        for who in 0..4 {
+            let constant: Vec<f64> = (0..2 * CELLS).map(|_| normal()).collect();
+            for frame in 0..200 {
+                let looks = [normal() * 0.4, normal() * 0.3];
+                let closed = frame % 9 == 0;
+                // The third cell of each eye follows the glance; the rest is the person and noise.
+                let mut eyes: Eyes = [[0.0; CELLS]; 2];
+                for (side, eye) in eyes.iter_mut().enumerate() {
+                    let toward = if side == 0 { -looks[0] } else { looks[0] };
+                    for (k, cell) in eye.iter_mut().enumerate() {
+                        let told = if k == 3 {
+                            toward
+                        } else if k == 40 {
+                            looks[1]
+                        } else {
+                            0.0
+                        };
+                        *cell = (constant[side * CELLS + k] + told + 0.05 * normal()) as f32;
+                    }
+                }
+                let pose = Rigid::identity();
+                let mut truth = [0.0; UNITS.len()];
+                truth[shut] = if closed { 1.0 } else { 0.0 };
+                let looks = if closed { [9.0, 9.0] } else { looks };
+                examples.push(Example {
+                    departures: [0.0; INPUTS],
+                    truth,
+                    glance: Glance::at(who, Some(eyes), Some(&pose), looks),
+                });
+            }
+        }
+        let learnt = learn(&mut examples);
+        let open = |e: &&Example| e.truth[shut] == 0.0;
+        for axis in 0..2 {
+            let pairs = examples.iter().filter(open).map(|e| {
+                let looks = f64::from(e.glance.0[LOOKS + axis]);
+                (e.departures[LEARNT_MEASURES + LENGTHS + axis], looks)
+            });
+            let r = correlation(pairs);
+            assert!(r > 0.9, "axis {axis}: {r}");
+        }
+        assert!(learnt.text.contains("unit = \"AU64\"\nabsolute = true"));
+        // Kept and read again, it is the same.
+        let mut text = String::new();
+        examples[1].glance.write(&mut text);
+        let numbers: Vec<f64> = text
+            .split_whitespace()
+            .filter_map(|v| v.parse().ok())
+            .collect();
+        let again = Glance::read(&numbers).expect("as many numbers");
+        let far = again
+            .0
+            .iter()
+            .zip(&examples[1].glance.0)
+            .map(|(a, b)| (a - b).abs());
+        assert!(far.fold(0.0, f32::max) < 1e-4);
+        assert!(Glance::read(&numbers[1..]).is_none());
+    }
+}
