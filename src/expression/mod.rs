@@ -596,8 +596,7 @@ impl Expression {
             if let Some(together) = &mut self.together {
                 let read = [&row.rises, &row.falls].map(|unit| {
                     let reading = self.units.reading(unit.as_ref())?;
-                    let absolute = self.units.readings[reading].absolute;
-                    Some(together.weigh(reading, absolute, &self.settings, dt))
+                    Some(together.weigh(reading, &self.settings, dt))
                 });
                 for (side, read) in sides.iter_mut().zip(read) {
                     if let Some((weight, readiness)) = read {
@@ -619,8 +618,7 @@ impl Expression {
         if let Some(together) = &mut self.together {
             let columns = column..self.weights.columns;
             for (column, &reading) in columns.zip(&self.further) {
-                let absolute = self.units.readings[reading].absolute;
-                let (weight, readiness) = together.weigh(reading, absolute, &self.settings, dt);
+                let (weight, readiness) = together.weigh(reading, &self.settings, dt);
                 self.weights.units[column] = (weight.max(0.0) * fade) as f32;
                 self.weights.readiness[column] = readiness as f32;
             }

@@ -25,10 +25,18 @@ const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 /// Share of its resting gap from which an eye counts as open.
 const OPEN: f64 = 0.55;
 
+/// Of a reading that is the weight.
+const ABSOLUTE: Range = Range {
+    low: 0.0,
+    rest: 0.0,
+    high: 1.0,
+};
+
 /// Readings of one person.
 #[derive(Clone, Debug)]
 pub(super) struct Together {
     features: Box<[RobustLearner]>,
+    /// Of the readings that are not absolute, which come first.
     units: Box<[RobustLearner]>,
     /// `None` for the [`SLIGHT`] ones.
     strays: [Option<SlowNoise>; UNITS],
@@ -52,6 +60,7 @@ impl Together {
         Some(Self {
             features: features.enumerate().map(learner).collect(),
             units: (0..units.readings.len().min(UNITS))
+                .filter(|&k| !units.readings[k].absolute)
                 .map(|k| learner((k, Reading::PRIOR)))
                 .collect(),
             strays: core::array::from_fn(|k| {
@@ -149,19 +158,14 @@ impl Together {
     }
 
     /// Weight and readiness of a reading.
-    pub(super) fn weigh(
-        &mut self,
-        reading: usize,
-        absolute: bool,
-        settings: &Settings,
-        dt: f64,
-    ) -> (f64, f64) {
-        let learner = &self.units[reading];
-        if absolute {
-            let weight =
-                self.filters[reading].filter(self.read[reading], 1.0, settings.smoothing_hz, dt);
-            return (weight, learner.readiness().0);
-        }
+    pub(super) fn weigh(&mut self, reading: usize, settings: &Settings, dt: f64) -> (f64, f64) {
+        let Some(learner) = self.units.get(reading) else {
+            let read = self.read[reading];
+            let weight = self.filters[reading].filter(read, 1.0, settings.smoothing_hz, dt);
+            let gaze = &self.features[LENGTHS..];
+            let ready = gaze.iter().map(RobustLearner::rest_readiness);
+            return (weight, ready.fold(1.0, f64::min));
+        };
         let range = learner.range();
         let read = self.filters[reading].filter(
             self.read[reading],
@@ -180,7 +184,9 @@ impl Together {
 
     /// Range of a reading.
     pub(super) fn range(&self, reading: usize) -> Range {
-        self.units[reading].range()
+        self.units
+            .get(reading)
+            .map_or(ABSOLUTE, RobustLearner::range)
     }
 
     /// Takes the last frame's face for rest.
@@ -218,8 +224,12 @@ impl Together {
                 (&row.falls, range.rest - range.low, row.prior.down),
             ];
             for (unit, own, usual) in sides {
-                if let Some(reading) = units.reading(unit.as_ref()).filter(|_| usual > 0.0) {
-                    self.units[reading].restore(Range {
+                if let Some(learner) = units
+                    .reading(unit.as_ref())
+                    .filter(|_| usual > 0.0)
+                    .and_then(|reading| self.units.get_mut(reading))
+                {
+                    learner.restore(Range {
                         low: 0.0,
                         rest: 0.0,
                         high: own / usual,

@@ -407,7 +407,9 @@ impl Units {
             });
         }
         let readings = table.reading.iter().map(ReadingRow::reading);
-        let readings = readings.collect::<Result<Vec<_>, _>>()?;
+        let mut readings = readings.collect::<Result<Vec<_>, _>>()?;
+        // Those that have no range come last and need no learner.
+        readings.sort_by_key(|reading| reading.absolute);
         if readings.len() > UNITS {
             return Err(UnitsError::Reading {
                 unit: "all".into(),

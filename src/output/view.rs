@@ -87,8 +87,13 @@ pub fn is_name(text: &str) -> bool {
     !text.is_empty() && text.len() <= LONGEST_NAME && text.chars().all(plain)
 }
 
-/// `AU12R` for `AU12L`; `None` for a unit without sides.
+/// `AU12R` for `AU12L`, and eyes that look right for those that look left; `None` for a unit without sides.
 fn other_side(unit: &str) -> Option<String> {
+    match unit {
+        "AU61" => return Some("AU62".into()),
+        "AU62" => return Some("AU61".into()),
+        _ => {}
+    }
     let (stem, other) = if let Some(stem) = unit.strip_suffix('L') {
         (stem, 'R')
     } else {
@@ -121,14 +126,18 @@ mod tests {
                 gain: 2.0,
             }],
         };
-        let units = ["AU26", "AU12L", "AU12R", "AU9L"];
+        let units = ["AU26", "AU12L", "AU12R", "AU9L", "AU62", "AU61", "AU63"];
         let sources: Vec<_> = view
             .channels(&units)
             .iter()
             .map(|c| (c.source, c.gain))
             .collect();
         // The gain belongs to what is shown; a side without its other stays.
-        assert_eq!(sources, [(0, 1.0), (2, 2.0), (1, 1.0), (3, 1.0)]);
+        let [mouth, eyes] = [
+            [(0, 1.0), (2, 2.0), (1, 1.0), (3, 1.0)].as_slice(),
+            &[(5, 1.0), (4, 1.0), (6, 1.0)],
+        ];
+        assert_eq!(sources, [mouth, eyes].concat());
         assert_eq!(units.map(|unit| view.name(unit))[1], "smile");
     }
 

@@ -29,7 +29,10 @@ ARKIT = {
     "jawOpen": "AU26", "mouthRollLower": "AU28", "mouthRollUpper": "AU28", "jawForward": "AU29",
     "jawLeft": "AU30L", "jawRight": "AU30R", "eyeBlinkLeft": "AU43L", "eyeBlinkRight": "AU43R",
     "mouthUpperUpLeft": "AU10L", "mouthUpperUpRight": "AU10R", "mouthSmileLeft": "AU12L", "mouthSmileRight": "AU12R",
-    "mouthShrugLower": "AU17",
+    "mouthShrugLower": "AU17", "mouthDimpleLeft": "AU14L", "mouthDimpleRight": "AU14R",
+    "mouthFrownLeft": "AU15L", "mouthFrownRight": "AU15R", "eyeLookOutLeft": "AU61", "eyeLookInRight": "AU61",
+    "eyeLookInLeft": "AU62", "eyeLookOutRight": "AU62", "eyeLookUpLeft": "AU63", "eyeLookUpRight": "AU63",
+    "eyeLookDownLeft": "AU64", "eyeLookDownRight": "AU64",
 }
 ARKIT = {name: (lambda w, unit=unit: w[unit]) for name, unit in ARKIT.items()}
 ARKIT["browInnerUp"] = lambda w: max(w["AU1L"], w["AU1R"])
@@ -39,15 +42,20 @@ VRM1 = {
     "ou": lambda w: w["AU18"] - 0.5 * w["AU26"], "ee": lambda w: 0.5 * w["AU20"] + 0.5 * w["AU25"] - w["AU18"],
     "oh": lambda w: w["AU22"], "happy": lambda w: max(w["AU12L"], w["AU12R"]), "angry": lambda w: max(w["AU4L"], w["AU4R"]),
     "surprised": lambda w: 0.5 * max(w["AU2L"], w["AU2R"]) + 0.5 * max(w["AU5L"], w["AU5R"]),
-    "blinkLeft": lambda w: w["AU43L"], "blinkRight": lambda w: w["AU43R"],
+    "blinkLeft": lambda w: w["AU43L"], "blinkRight": lambda w: w["AU43R"], "sad": lambda w: max(w["AU15L"], w["AU15R"]),
+    "lookLeft": lambda w: w["AU61"], "lookRight": lambda w: w["AU62"], "lookUp": lambda w: w["AU63"], "lookDown": lambda w: w["AU64"],
 }
 UNIFIED = {
     "EyeLidLeft": lambda w: 0.75 - 0.75 * w["AU43L"] + 0.25 * w["AU5L"],
     "EyeLidRight": lambda w: 0.75 - 0.75 * w["AU43R"] + 0.25 * w["AU5R"],
     "BrowExpressionLeft": lambda w: max(w["AU1L"], w["AU2L"]) - w["AU4L"],
     "BrowExpressionRight": lambda w: max(w["AU1R"], w["AU2R"]) - w["AU4R"],
-    "SmileFrownLeft": lambda w: w["AU12L"], "SmileFrownRight": lambda w: w["AU12R"],
-    "SmileSadLeft": lambda w: w["AU12L"] - w["AU20"], "SmileSadRight": lambda w: w["AU12R"] - w["AU20"],
+    "EyeLeftX": lambda w: w["AU62"] - w["AU61"], "EyeRightX": lambda w: w["AU62"] - w["AU61"],
+    "EyeLeftY": lambda w: w["AU63"] - w["AU64"], "EyeRightY": lambda w: w["AU63"] - w["AU64"],
+    "MouthDimpleLeft": lambda w: w["AU14L"], "MouthDimpleRight": lambda w: w["AU14R"],
+    "SmileFrownLeft": lambda w: w["AU12L"] - w["AU15L"], "SmileFrownRight": lambda w: w["AU12R"] - w["AU15R"],
+    "SmileSadLeft": lambda w: w["AU12L"] - max(w["AU15L"], w["AU20"]),
+    "SmileSadRight": lambda w: w["AU12R"] - max(w["AU15R"], w["AU20"]),
     "MouthUpperUp": lambda w: max(w["AU10L"], w["AU10R"]), "MouthRaiserLower": lambda w: w["AU17"],
     "CheekPuffSuckLeft": lambda w: w["AU34L"], "CheekPuffSuckRight": lambda w: w["AU34R"],
     "JawOpen": lambda w: w["AU26"], "JawX": lambda w: w["AU30R"] - w["AU30L"], "JawZ": lambda w: w["AU29"],
@@ -56,7 +64,8 @@ UNIFIED = {
     "LipSuckUpper": lambda w: w["AU28"], "LipSuckLower": lambda w: w["AU28"],
     "NoseSneer": lambda w: max(w["AU9L"], w["AU9R"]),
 }
-SIGNED = ("BrowExpressionLeft", "BrowExpressionRight", "JawX", "SmileSadLeft", "SmileSadRight")
+SIGNED = ("BrowExpressionLeft", "BrowExpressionRight", "JawX", "SmileSadLeft", "SmileSadRight", "SmileFrownLeft",
+          "SmileFrownRight", "EyeLeftX", "EyeRightX", "EyeLeftY", "EyeRightY")
 SWITCHES = ("EyeTrackingActive", "ExpressionTrackingActive", "LipTrackingActive")
 
 

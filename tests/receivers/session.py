@@ -33,7 +33,7 @@ class Row:
 
 
 def other_side(unit, units):
-    other = {"L": unit[:-1] + "R", "R": unit[:-1] + "L"}.get(unit[-1])
+    other = {"AU61": "AU62", "AU62": "AU61"}.get(unit) or {"L": unit[:-1] + "R", "R": unit[:-1] + "L"}.get(unit[-1])
     return other if other in units else unit
 
 
