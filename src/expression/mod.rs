@@ -607,3 +607,5 @@ impl Expression {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod units_bounds;
