@@ -606,6 +606,6 @@ impl Expression {
 }
 
 #[cfg(test)]
-mod tests;
+mod known_answers;
 #[cfg(test)]
-mod units_bounds;
+mod tests;
