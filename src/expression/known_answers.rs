@@ -67,7 +67,7 @@ fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
 fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
     // Frozen, so that nothing is learned of it either.
     let shown_after = |first_mm: f32| {
-        let mut expression = Expression::new(Settings::default(), Units::shipped());
+        let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
         expression.freeze(true);
         let mut shown = Vec::new();
         for k in 0..60_u64 {
