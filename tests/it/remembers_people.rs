@@ -120,22 +120,6 @@ fn a_damaged_file_is_refused_and_set_aside() {
 }
 
 #[test]
-fn a_file_longer_than_any_of_ours_is_set_aside_unread_and_a_pipe_is_not_waited_for() {
-    let folder = tempfile::tempdir().expect("temporary folder");
-    let path = folder.path().join("people.ranges");
-    // More than there is memory: a hole that takes no place on the disk.
-    let file = std::fs::File::create(&path).expect("writable");
-    file.set_len(1 << 38).expect("a file with a hole");
-    assert!(People::at(&path).load().is_empty());
-    assert!(!path.exists() && folder.path().join("people.ranges.damaged").exists());
-
-    let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo");
-    assert!(made.success());
-    assert!(People::at(&path).load().is_empty());
-    assert!(path.exists(), "what is no file is left where it is");
-}
-
-#[test]
 fn a_simulation_saves_nobody() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let people = folder.path().join("people.ranges");
