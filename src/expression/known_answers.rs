@@ -90,7 +90,7 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
             let at = Timestamp::from_us(k * 33_333);
             expression.observe(&landmarks, &Rigid::translation(0.0, 0.0, 0.7), at);
             assert!(k > 6 || hidden, "frame {k} is shown");
-            shown.push(expression.weights().units.clone());
+            shown.push(expression.weights().units);
         }
         shown
     };
