@@ -632,4 +632,28 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn a_covered_face_is_followed_from_the_thirtieth_frame_of_a_head_on() {
+        for (frames_before, followed) in [(29, false), (30, true)] {
+            let mut looked = false;
+            frames(6, |frame, camera, cloud, truth| {
+                let faces =
+                    (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
+                if looked || faces < AWAY_FACING.end {
+                    return;
+                }
+                looked = true;
+                let mut hidden = frame.clone();
+                for (k, luma) in hidden.luma.iter_mut().enumerate() {
+                    *luma = (k % 251) as u8;
+                }
+                let mut follower = follower();
+                follower.frames = frames_before;
+                let found = follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {});
+                assert_eq!(found, followed, "{frames_before} frames");
+            });
+            assert!(looked);
+        }
+    }
 }

@@ -629,4 +629,6 @@ impl Expression {
 }
 
 #[cfg(test)]
+mod known_answers;
+#[cfg(test)]
 mod tests;

@@ -391,4 +391,17 @@ pub(crate) mod tests {
             );
         }
     }
+
+    #[test]
+    fn the_fewest_points_make_a_head_and_one_fewer_does_not() {
+        // Spread over all of it, or no motion could be told from another.
+        let head = half_egg();
+        let spread = |count: usize| -> Vec<(Point, Vector)> {
+            (0..count)
+                .map(|k| head[k * head.len() / count + head.len() / (2 * count)])
+                .collect()
+        };
+        assert!(Anchor::new(&spread(12)).is_some());
+        assert!(Anchor::new(&spread(11)).is_none());
+    }
 }

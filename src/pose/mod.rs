@@ -1002,4 +1002,24 @@ mod tests {
         tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
         assert!(tracker.lesson.is_none(), "cut off at the side");
     }
+
+    #[test]
+    fn the_best_ends_are_kept_best_first_and_of_equals_the_first() {
+        let fit = |support: f32, name: f32| PlaneFit {
+            head_from_sensor: Rigid::identity(),
+            scale: 1.0,
+            agreement: name,
+            support,
+            residual: 0.0,
+            agreeing: 0,
+            known: nalgebra::SMatrix::zeros(),
+        };
+        let mut best = Best::<3>::new();
+        best.offer(None);
+        for (support, name) in [(0.5, 1.0), (0.7, 2.0), (0.5, 3.0), (0.7, 4.0), (0.2, 5.0)] {
+            best.offer(Some(fit(support, name)));
+        }
+        let kept: Vec<f32> = best.0.iter().map(|fit| fit.agreement).collect();
+        assert_eq!(kept, [2.0, 4.0, 1.0]);
+    }
 }

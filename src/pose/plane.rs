@@ -424,4 +424,31 @@ mod tests {
             assert_eq!((is_middle(&p), is_nose(&p)), (middle, nose), "{x} {y}");
         }
     }
+
+    #[test]
+    fn a_cloud_beside_the_face_agrees_with_nothing_and_says_so_in_a_number() {
+        let head = half_egg();
+        let anchor = Anchor::new(&head).expect("a head");
+        let shape = HeadShape::standard(anchor.points.len());
+        let pose = Rigid::translation(0.0, 0.0, -0.75);
+        let fit = |belongs: fn(&Point) -> bool| {
+            let cloud: Vec<Point> = head
+                .iter()
+                .filter(|(p, _)| belongs(p))
+                .map(|(p, _)| pose.inverse() * p)
+                .collect();
+            let effort = Effort {
+                cutoffs_m: &[0.01],
+                stride: 1,
+                beside: 1.0,
+                scale_sigma: 0.0,
+            };
+            align(&anchor, &shape, &cloud, pose, &effort).expect("enough points")
+        };
+        let hair = fit(|p| p.y < -0.06);
+        assert_eq!((hair.agreement, hair.agreeing), (0.0, 0));
+        assert!(hair.support > 0.5, "{}", hair.support);
+        let face = fit(|p| p.y.abs() < 0.04 && p.x.abs() < 0.05);
+        assert!(face.agreement > 0.9, "{}", face.agreement);
+    }
 }

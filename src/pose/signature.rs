@@ -212,4 +212,27 @@ mod tests {
             "{once} {twice}"
         );
     }
+
+    #[test]
+    fn patches_are_numbered_as_one_reads_and_end_with_the_area() {
+        let [left, top, right, bottom] = AREA_M;
+        let at = |column: f32, row: f32| {
+            let (x, y) = (
+                left + (right - left) * column / 6.0,
+                top + (bottom - top) * row / 6.0,
+            );
+            patch(&Point::new(x, y, 0.0))
+        };
+        let mut number = 0;
+        for row in 0..6 {
+            for column in 0..6 {
+                let middle = at(column as f32 + 0.5, row as f32 + 0.5);
+                assert_eq!(middle, Some(number), "row {row}, column {column}");
+                number += 1;
+            }
+        }
+        for (column, row) in [(-0.1, 3.0), (6.1, 3.0), (3.0, -0.1), (3.0, 6.1)] {
+            assert_eq!(at(column, row), None);
+        }
+    }
 }

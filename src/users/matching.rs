@@ -200,4 +200,17 @@ mod tests {
         assert_eq!(assign(&users, &[Point::new(0.25, 0.0, 0.0)])[0], Some(0));
         assert_eq!(assign(&users, &[])[0], None);
     }
+
+    #[test]
+    fn who_is_seen_twice_at_one_moment_stands_still() {
+        let mut place = Place::new(Point::new(0.0, 0.0, 0.8), Vector::zeros(), at(0));
+        place.see(
+            Point::new(0.02, 0.0, 0.8),
+            Vector::new(0.02, 0.0, 0.0),
+            at(0),
+        );
+        let (expected, reach) = place.expected(at(33));
+        assert_eq!(expected, Point::new(0.02, 0.0, 0.8));
+        assert!(reach.is_finite());
+    }
 }

@@ -10,12 +10,14 @@ then all of this at once:
     letter a second; how many of the pages come that are asked for in between is told, not judged.
 
 What is held: the run goes on; memory within a megabyte of where the attack began (after its first tenth); processor time for
-a frame, and the 99th of a hundred frame times as status.json has them, at most twice the calm ones; every table ends with a
+a frame at most twice the calm one, and so the 99th of a hundred frame times, which every frame tells of itself (from the
+sensor to its being sent); every table ends with a
 whole row and every run without room for its table says so. Where the machine is the run's own (27 frames a second of 30
 when left alone) also: every second some frame, and the 99th of a hundred gaps between frames as they arrive at a receiver at
 most twice the calm one. Elsewhere gaps are the scheduler's; they are told, with the time that the run was ready and had no
 processor, and the end is 2 where nothing else is wrong: neither held nor broken.
 """
+import ctypes
 import os
 import random
 import re
@@ -79,8 +81,17 @@ def datagrams():
     return [rng.choice(rng.choice((good, bad, noise))) for _ in range(4096)]
 
 
+def latency(data):
+    """What a frame tells of itself, ms: the fifth of number, time, state, confidence and latency. NaN while there is none yet."""
+    types = data.index(b",", data.index(b"/frame\0"))
+    end = data.index(b"\0", types)
+    if data[types:end][:6] != b",iiiff":
+        return float("nan")
+    return struct.unpack_from(">f", data, (end // 4 + 1) * 4 + 16)[0]
+
+
 class Frames(threading.Thread):
-    """Receives the run's frames; when each came."""
+    """Receives the run's frames; when each came, and how long it took by its own word, ms."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -95,25 +106,18 @@ class Frames(threading.Thread):
             data = self.socket.recv(65536)
             # Once a frame.
             if b"/frame\0" in data:
-                self.came.append(time.monotonic())
+                self.came.append((time.monotonic(), latency(data)))
 
     def between(self, begin, end):
-        came = [at for at in self.came if begin <= at < end]
-        return came, sorted((b - a) * 1e3 for a, b in zip(came, came[1:]))
+        """When they came, the sorted gaps between them and the sorted times they took, ms."""
+        found = [one for one in self.came if begin <= one[0] < end]
+        came = [at for at, _ in found]
+        took = sorted(ms for _, ms in found if ms > 0)
+        return came, sorted((b - a) * 1e3 for a, b in zip(came, came[1:])), took
 
 
 def p99(values):
     return sorted(values)[min(len(values) - 1, int(0.99 * len(values)))] if values else float("nan")
-
-
-def status():
-    """Median and p99 of frame times (ms) and frames, of the last thousand frames or since the last reload."""
-    try:
-        with open(f"{WORK}/status.json") as f:
-            found = re.search(r'"latency_ms": {"median": ([\d.]+), "p99": ([\d.]+), "max": ([\d.]+), "frames": (\d+)', f.read())
-        return [float(word) for word in found.groups()]
-    except (OSError, AttributeError):
-        return None
 
 
 def scheduled(pid):
@@ -149,23 +153,45 @@ def config(commands, frames, extra="", style="both"):
     )
 
 
+class Piece(ctypes.Structure):
+    _fields_ = [("base", ctypes.c_char_p), ("length", ctypes.c_size_t)]
+
+
+class Message(ctypes.Structure):
+    """struct mmsghdr of sendmmsg(2) on a connected socket."""
+
+    _fields_ = [("name", ctypes.c_void_p), ("name_length", ctypes.c_uint32), ("pieces", ctypes.POINTER(Piece)),
+                ("count", ctypes.c_size_t), ("control", ctypes.c_void_p), ("control_length", ctypes.c_size_t),
+                ("flags", ctypes.c_int), ("sent", ctypes.c_uint)]
+
+
 def throw(port, sent):
     things, rng = datagrams(), random.Random(2)
+    # A thousand go into one call; one by one Python would throw a tenth of them.
+    burst = RATE // 100
+    pieces = (Piece * (len(things) + burst))(*((thing, len(thing)) for thing in things + things[:burst]))
+    messages = (Message * len(pieces))()
+    for k, message in enumerate(messages):
+        message.pieces, message.count = ctypes.pointer(pieces[k]), 1
+    sendmmsg = ctypes.CDLL(None).sendmmsg
     senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(SENDERS)]
     for one in senders:
         one.connect(("127.0.0.1", port))
         one.setblocking(False)
     start = time.monotonic()
     while not stop.is_set():
-        # A hundredth of a second at a time; what cannot be thrown in time is not made up for.
+        # A hundredth of a second at a time; a tenth may be made up for, what is later is not thrown.
         one, k = senders[rng.randrange(SENDERS)], rng.randrange(len(things))
-        for thing in (things + things)[k : k + RATE // 100]:
-            try:
-                one.send(thing)
-                sent[0] += 1
-            except OSError:
-                pass
-        start = max(start + 0.01, time.monotonic() - 0.05)
+        begin, end = k, k + burst
+        while begin < end:
+            done = sendmmsg(one.fileno(), ctypes.byref(messages[begin]), min(1024, end - begin), socket.MSG_DONTWAIT)
+            if done < 0:
+                # Nobody listens (a reload opens the port anew), or no room: that one is not thrown.
+                begin += 1
+            else:
+                sent[0] += done
+                begin += max(1, done)
+        start = max(start + 0.01, time.monotonic() - 0.1)
         time.sleep(max(0.0, start - time.monotonic()))
 
 
@@ -295,11 +321,8 @@ def main():
     time.sleep(5)
     begin = time.monotonic()
     calm_spent = scheduled(run.pid)
-    calm_times = []
-    while time.monotonic() < begin + CALM:
-        time.sleep(1)
-        calm_times.append(status())
-    calm_came, calm_gaps = frames.between(begin, time.monotonic())
+    time.sleep(CALM)
+    calm_came, calm_gaps, calm_times = frames.between(begin, time.monotonic())
     calm_memory = resident(run.pid)
     spent = scheduled(run.pid)
     calm_spent = [after - before for before, after in zip(calm_spent, spent)]
@@ -318,15 +341,14 @@ def main():
     for one in threads:
         one.start()
     begin = time.monotonic()
-    times, memory, last_spent = [], [], spent
+    memory, last_spent = [], spent
     while time.monotonic() < begin + SECONDS and run.poll() is None:
         time.sleep(1)
-        times.append(status())
         if run.poll() is None:
             memory.append(resident(run.pid))
             last_spent = scheduled(run.pid)
     end = time.monotonic()
-    came, gaps = frames.between(begin, end)
+    came, gaps, times = frames.between(begin, end)
     spent = [after - before for before, after in zip(spent, last_spent)]
     alive = run.poll() is None
     stop.set()
@@ -350,20 +372,19 @@ def main():
         page.terminate()
         page.wait(20)
 
-    figure = lambda rows, k: p99([row[k] for row in rows if row])
-    mean = lambda rows, k: sum(row[k] for row in rows if row) / max(1, sum(1 for row in rows if row))
+    median = lambda ordered: ordered[len(ordered) // 2] if ordered else float("nan")
     took = end - begin
     settled = memory[len(memory) // 10 :] or [calm_memory]
     per_second = [sum(1 for at in came if begin + k <= at < begin + k + 1) for k in range(int(took))]
     gap_ratio = p99(gaps) / p99(calm_gaps)
-    time_ratio = mean(times, 1) / mean(calm_times, 1)
+    time_ratio = p99(times) / p99(calm_times)
     print(f"{'':34}{'calm':>10}{'attacked':>10}{'ratio':>8}")
     row = lambda what, one, other: print(f"{what:34}{one:10.2f}{other:10.2f}{other / one if one else float('nan'):8.2f}")
     row("seconds", CALM, took)
     row("frames a second", len(calm_came) / CALM, len(came) / took)
-    row("frame time, median, ms", mean(calm_times, 0), mean(times, 0))
-    row("frame time, p99, ms", mean(calm_times, 1), mean(times, 1))
-    row("gap between frames, median, ms", calm_gaps[len(calm_gaps) // 2], gaps[len(gaps) // 2])
+    row("frame time, median, ms", median(calm_times), median(times))
+    row("frame time, p99, ms", p99(calm_times), p99(times))
+    row("gap between frames, median, ms", median(calm_gaps), median(gaps))
     row("gap between frames, p99, ms", p99(calm_gaps), p99(gaps))
     row("gap between frames, longest, ms", calm_gaps[-1], gaps[-1])
     own = [calm_spent[0] * 1e3 / max(1, len(calm_came)), spent[0] * 1e3 / max(1, len(came))]
@@ -381,7 +402,9 @@ def main():
     hold(code == 0, f"told to end it ended with {code}")
     hold(max(settled) - min(settled) <= FLAT, "memory is not flat")
     hold(own[1] <= RATIO * own[0], f"a frame takes {own[1] / own[0]:.2f} times the calm processor time")
-    hold(time_ratio <= RATIO, f"the frame time is {time_ratio:.2f} times the calm one")
+    verdict = "held" if time_ratio <= RATIO else "not held"
+    print(f"p99 of the frame time: {time_ratio:.2f} times the calm one, at most {RATIO:.0f}: {verdict}")
+    hold(time_ratio <= RATIO, f"the p99 of the frame time is {time_ratio:.2f} times the calm one")
     hold(disks[0] > 0, "no run has met the full disk")
     shared = len(calm_came) < 27 * CALM
     if not shared:

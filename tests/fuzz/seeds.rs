@@ -61,15 +61,52 @@ fn report(ms: u64) -> Report<'static> {
     }
 }
 
+/// Lines of a TOML file that say something.
+fn bare(text: &str) -> String {
+    let lines = text.lines().filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
+    lines.flat_map(|line| [line.split("  #").next().unwrap_or_default().trim_end(), "\n"]).collect()
+}
+
+/// A text cut where each of its parts begins.
+fn parts(text: &str, begin: &str) -> Vec<String> {
+    let mut parts: Vec<String> = text.split(begin).map(|part| format!("{part}\n")).collect();
+    parts.iter_mut().skip(1).for_each(|part| part.insert_str(0, &begin[1..]));
+    parts
+}
+
 /// Writes them.
 pub fn write(folder: &Path) {
     let corpus = Corpus(folder.into());
 
-    corpus.add("settings", "defaults", Settings::default().to_toml());
-    corpus.add("units", "shipped", include_str!("../../config/units.toml"));
-    let shapes: Vec<&str> = recipe::SHIPPED.split("\n\n").collect();
-    corpus.add("recipe", "shipped", recipe::SHIPPED);
-    corpus.add("recipe", "start", shapes[..shapes.len().min(6)].join("\n\n"));
+    // What takes a millisecond to read is not read ten million times: texts come in parts, without their comments. All of the
+    // settings are printed and read again besides.
+    let defaults = bare(&Settings::default().to_toml());
+    for (k, section) in parts(&defaults, "\n[").iter().enumerate() {
+        corpus.add("settings", &format!("section{k}"), section);
+    }
+    // A table needs a row for every measure; a feature and a reading or two are as good as all.
+    let units = bare(include_str!("../../config/units.toml"));
+    let kept = |kind: &str, most: usize| {
+        let of_kind = parts(&units, "\n[[").into_iter().filter(move |part| part.starts_with(kind));
+        of_kind.take(most).collect::<String>()
+    };
+    let rows = kept("eye_distance", 1) + &kept("[[unit]]", usize::MAX);
+    corpus.add("units", "rows", &rows);
+    corpus.add("units", "readings", rows + &kept("[[feature]]", usize::MAX) + &kept("[[reading]]", 2));
+    // Shapes of every kind: those that bring a key none before them has.
+    let mut keys = Vec::new();
+    for (k, shape) in parts(&bare(recipe::SHIPPED), "\n[[").iter().enumerate() {
+        let known = keys.len();
+        for line in shape.lines() {
+            let key = line.split(['=', ',']).next().unwrap_or_default().trim().to_owned();
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        if keys.len() > known {
+            corpus.add("recipe", &format!("shape{k}"), shape);
+        }
+    }
     let mut text = String::new();
     saved::write(std::iter::empty(), (Timestamp::default(), SystemTime::UNIX_EPOCH), &mut text)
         .expect("a string takes everything");

@@ -1,6 +1,7 @@
 //! Promise: the driver says to the camera what the camera needs, survives its silence, and reads its calibration.
 //! One file: one promise in many cases of one made-up camera.
 
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use mien::sensor::camera::{Registration, RegistrationTable};
@@ -304,6 +305,33 @@ fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<
     delivered
 }
 
+/// Keeps what is logged.
+struct Said(Arc<Mutex<Vec<String>>>);
+
+impl tracing::Subscriber for Said {
+    fn enabled(&self, _: &tracing::Metadata<'_>) -> bool {
+        true
+    }
+    fn event(&self, event: &tracing::Event<'_>) {
+        struct Words(String);
+        impl tracing::field::Visit for Words {
+            fn record_debug(&mut self, _: &tracing::field::Field, value: &dyn std::fmt::Debug) {
+                self.0 += &format!("{value:?}");
+            }
+        }
+        let mut words = Words(format!("{}: ", event.metadata().level()));
+        event.record(&mut words);
+        self.0.lock().unwrap().push(words.0);
+    }
+    fn new_span(&self, _: &tracing::span::Attributes<'_>) -> tracing::span::Id {
+        tracing::span::Id::from_u64(1)
+    }
+    fn record(&self, _: &tracing::span::Id, _: &tracing::span::Record<'_>) {}
+    fn record_follows_from(&self, _: &tracing::span::Id, _: &tracing::span::Id) {}
+    fn enter(&self, _: &tracing::span::Id) {}
+    fn exit(&self, _: &tracing::span::Id) {}
+}
+
 #[test]
 fn a_dead_colour_stream_leaves_depth() {
     let mut source = sick(Model::Xbox1414);
@@ -342,7 +370,15 @@ fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
     let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
     let mut kinect = Kinect::open(source, Settings::default()).unwrap();
     kinect.start().unwrap();
-    let first = delivered(&mut kinect, 4900);
+    let said = Arc::default();
+    let mut first =
+        tracing::subscriber::with_default(Said(Arc::clone(&said)), || delivered(&mut kinect, 2000));
+    let said = said.lock().unwrap().join("\n");
+    assert!(
+        said.contains("WARN: for 1 s no colour picture has belonged to a depth picture"),
+        "within two seconds: {said}"
+    );
+    first.extend(delivered(&mut kinect, 2900));
     assert!(
         first[0].0 < 2000 && first.len() > 110,
         "{:?}, {}",

@@ -18,12 +18,16 @@ const TOP: u32 = 1 << 24;
 const LENGTH_NODES: usize = 32;
 const NODES: usize = LENGTH_NODES + (DIGITS + 1) * (1 << LEARNT);
 
-/// What has been learnt, the same on both sides.
+/// Where every probability begins.
+const HALF: u16 = 1 << (ONE_BITS - 1);
+
+/// What has been learnt, the same on both sides: probabilities, exclusive or [`HALF`], so that memory that was never
+/// touched is a bit of which nothing is known.
 struct Bits(Vec<u16>);
 
 impl Bits {
     fn new() -> Self {
-        Self(vec![1 << (ONE_BITS - 1); CONTEXTS * NODES])
+        Self(vec![0; CONTEXTS * NODES])
     }
 }
 
@@ -86,17 +90,18 @@ impl<'a> Decoder<'a> {
     pub(super) fn number(&mut self, context: usize) -> i32 {
         let mut bits = std::mem::take(&mut self.bits.0);
         let folded = walk(context, 0, |node, _| {
-            let p = &mut bits[node];
-            let bound = (self.range >> ONE_BITS) * u32::from(*p);
+            let mut p = bits[node] ^ HALF;
+            let bound = (self.range >> ONE_BITS) * u32::from(p);
             let bit = u32::from(self.code >= bound);
             if bit == 0 {
                 self.range = bound;
-                *p += ((1 << ONE_BITS) - *p) >> RATE;
+                p += ((1 << ONE_BITS) - p) >> RATE;
             } else {
                 self.range -= bound;
                 self.code -= bound;
-                *p -= *p >> RATE;
+                p -= p >> RATE;
             }
+            bits[node] = p ^ HALF;
             if self.range < TOP {
                 self.range <<= 8;
                 self.code = self.code << 8 | self.byte();
@@ -147,16 +152,17 @@ impl Encoder {
         let folded = ((value << 1) ^ (value >> 31)).cast_unsigned();
         let mut bits = std::mem::take(&mut self.bits.0);
         walk(context, folded, |node, bit| {
-            let p = &mut bits[node];
-            let bound = (self.range >> ONE_BITS) * u32::from(*p);
+            let mut p = bits[node] ^ HALF;
+            let bound = (self.range >> ONE_BITS) * u32::from(p);
             if bit == 0 {
                 self.range = bound;
-                *p += ((1 << ONE_BITS) - *p) >> RATE;
+                p += ((1 << ONE_BITS) - p) >> RATE;
             } else {
                 self.low += u64::from(bound);
                 self.range -= bound;
-                *p -= *p >> RATE;
+                p -= p >> RATE;
             }
+            bits[node] = p ^ HALF;
             if self.range < TOP {
                 self.range <<= 8;
                 self.shift();

@@ -346,4 +346,27 @@ mod tests {
             assert!(inspect(Path::new("s.obj"), broken).is_err(), "{broken}");
         }
     }
+
+    #[test]
+    fn targets_beyond_what_the_file_accounts_for_are_refused() {
+        let refused = |vertices: usize, targets: usize| {
+            let accessor = serde_json::json!({"bufferView": 0, "componentType": 5126, "count": vertices, "type": "VEC3"});
+            let targets = vec![serde_json::json!({"POSITION": 0}); targets];
+            let glb = Glb {
+                json: serde_json::json!({
+                    "bufferViews": [{"buffer": 0, "byteLength": 12 * vertices}],
+                    "accessors": [accessor],
+                    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "targets": targets}]}],
+                }),
+                bin: vec![0; 12 * vertices],
+            };
+            read_glb(&glb).err().map(|problem| problem.to_string())
+        };
+        assert_eq!(refused(3, 1024), None);
+        // Three hundred large ones, all of the same data; and more than anybody draws.
+        let large = refused(120_000, 300).expect("refused");
+        assert!(large.contains("size of the file accounts for"), "{large}");
+        let many = refused(3, 1025).expect("refused");
+        assert!(many.contains("more than 1024"), "{many}");
+    }
 }

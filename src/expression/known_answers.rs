@@ -1,0 +1,104 @@
+//! Known answers: bounds of a table of units, edges of a window, the first weights shown.
+
+use super::measures::tests::toy_face;
+use super::nodes::Nodes;
+use super::units::{Kind, Prior};
+use super::{Expression, Settings, Units, rest};
+use crate::capacity::LANDMARKS;
+use crate::geometry::Rigid;
+use crate::landmarks::Landmarks;
+use crate::time::Timestamp;
+
+const SHIPPED: &str = include_str!("../../config/units.toml");
+
+#[test]
+fn a_wrong_name_is_quoted_by_its_first_letters() {
+    let long = "AU25_abcdefghijklmnopqrstuvwxyz";
+    let text = SHIPPED.replacen(
+        "[[reading]]\nunit = \"AU",
+        &format!("[[reading]]\nunit = \"{long}"),
+        1,
+    );
+    let message = Units::read(&text).unwrap_err().to_string();
+    assert!(
+        message.contains(&long[..16]) && !message.contains(&long[..17]),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_measure_is_explained_by_up_to_four_others() {
+    let with = |count: usize| {
+        let rows = ["jaw_drop", "corner_L", "corner_R", "brow_L", "brow_R"];
+        let rows: String = rows[..count]
+            .iter()
+            .map(|by| format!("{{ by = \"{by}\", share = 0.1 }},"))
+            .collect();
+        let text = SHIPPED.replacen(
+            "measure = \"lip_gap\"\n",
+            &format!("measure = \"lip_gap\"\nexplained = [{rows}]\n"),
+            1,
+        );
+        Units::read(&text).map(|units| units.rows[0].explained.len())
+    };
+    assert_eq!(with(4).ok(), Some(4));
+    let refused = with(5).unwrap_err().to_string();
+    assert!(refused.contains("lip_gap"), "{refused}");
+}
+
+#[test]
+fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
+    let prior = Prior {
+        kind: Kind::TwoWay,
+        rest: 1.0,
+        rest_sd: 0.2,
+        up: 0.5,
+        down: 0.2,
+    };
+    // All of it exact in binary: the second is just within a quarter of the first.
+    let mut nodes: Nodes<64> = Nodes::new();
+    nodes.push(1.0, 2.0, 2.0);
+    nodes.push(1.25, 2.0, 2.0);
+    let mode = rest::mode(nodes.as_slice(), nodes.growth(), 0.25, &prior, 1.0);
+    assert_eq!((mode.value, mode.seconds), (1.125, 4.0));
+}
+
+#[test]
+fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
+    // Frozen, so that nothing is learned of it either.
+    let shown_after = |first_mm: f32| {
+        let mut expression = Expression::new(Settings::default(), Units::shipped().by_measure());
+        expression.freeze(true);
+        let mut shown = Vec::new();
+        for k in 0..60_u64 {
+            let hidden = expression
+                .weights()
+                .units
+                .iter()
+                .all(|&weight| weight == 0.0);
+            let mut head = toy_face();
+            let mm = if k < 6 { first_mm } else { 8.0 };
+            head[54].x += 0.5e-3 * mm;
+            head[48].x -= 0.5e-3 * mm;
+            let landmarks = Landmarks {
+                head,
+                pixels: [[0.0; 2]; LANDMARKS],
+                point_confidence: [1.0; LANDMARKS],
+                cheeks: [0.0; 2],
+                confidence: 1.0,
+            };
+            let at = Timestamp::from_us(k * 33_333);
+            expression.observe(&landmarks, &Rigid::translation(0.0, 0.0, 0.7), at);
+            assert!(k > 6 || hidden, "frame {k} is shown");
+            shown.push(expression.weights().units);
+        }
+        shown
+    };
+    let (grinning, calm) = (shown_after(40.0), shown_after(8.0));
+    assert!(
+        calm[59].iter().any(|&weight| weight > 0.05),
+        "{:?}",
+        calm[59]
+    );
+    assert_eq!(grinning, calm);
+}
