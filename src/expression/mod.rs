@@ -20,6 +20,7 @@
 //! One file: the order of the stage; every method has its own.
 
 pub mod compensate;
+mod covered;
 pub mod ends;
 pub mod features;
 pub mod gaze;
@@ -52,6 +53,7 @@ use crate::landmarks::Landmarks;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 use crate::time::Timestamp;
+use covered::CoveredMouth;
 use measures::EyeDistance;
 use newcomer::Newcomer;
 use one_way::Scan;
@@ -88,6 +90,8 @@ pub struct Settings {
     pub dead_zone: f64,
     /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
     pub smoothing_hz: f64,
+    /// Whether units of a covered mouth are inferred from time (robust).
+    pub infer_covered: bool,
     /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
     pub compensation_scale: f64,
     /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
@@ -104,6 +108,7 @@ impl Default for Settings {
             range_prior: 8.0,
             dead_zone: 1.5,
             smoothing_hz: 3.0,
+            infer_covered: true,
             compensation_scale: 0.0,
             scan: Scan::DEFAULT,
         }
@@ -207,6 +212,9 @@ pub struct Expression {
     filters: [OneEuro; LEARNT_MEASURES],
     together: Option<Together>,
     newcomer: Newcomer,
+    mouth: CoveredMouth,
+    /// By column.
+    is_mouth: [bool; UNITS],
     last_at: Option<Timestamp>,
     present_s: f64,
     corrected: [f64; LEARNT_MEASURES],
@@ -250,6 +258,8 @@ impl Expression {
             learners,
             filters: Default::default(),
             newcomer: Newcomer::default(),
+            mouth: CoveredMouth::default(),
+            is_mouth: units.of_mouth(),
             last_at: None,
             present_s: 0.0,
             corrected: [0.0; LEARNT_MEASURES],
@@ -389,6 +399,7 @@ impl Expression {
         }
         self.scale.reset();
         self.newcomer = Newcomer::default();
+        self.mouth = CoveredMouth::default();
         self.present_s = 0.0;
         self.weights.warming = true;
     }
@@ -460,10 +471,16 @@ impl Expression {
                 &self.units.readings,
             );
         }
+        let infers = self.settings.infer_covered && self.settings.method == Method::Robust;
+        let mouth_seen = !infers || self.mouth.look(landmarks, dt as f32);
         if learns {
-            self.learn(landmarks, omega, dt);
+            self.learn(landmarks, omega, dt, mouth_seen);
         }
         self.weigh(dt);
+        if infers {
+            let units = &mut self.weights.units[..self.weights.columns];
+            self.mouth.weigh(units, &self.is_mouth, dt as f32);
+        }
         &self.weights
     }
 
@@ -478,6 +495,7 @@ impl Expression {
             }
         }
         self.filters.iter_mut().for_each(OneEuro::reset);
+        self.mouth.interrupt();
     }
 
     /// Takes cross-talk out (robust): what one measure does because another expression is on.
@@ -507,9 +525,11 @@ impl Expression {
         }
     }
 
-    fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64) {
-        let certain =
-            |row: &units::Unit| measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE;
+    fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, mouth_seen: bool) {
+        let certain = |row: &units::Unit| {
+            measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE
+                && (mouth_seen || !covered::is_of_mouth(row.measure))
+        };
         match &mut self.learners {
             Learners::Robust(learners) => {
                 for ((learner, row), &g) in learners

@@ -447,6 +447,18 @@ impl Units {
         })
     }
 
+    /// Of each column of the robust method, whether its measure is the mouth's.
+    pub(crate) fn of_mouth(&self) -> [bool; UNITS] {
+        let mut of_mouth = [false; UNITS];
+        let sides = |row: &Unit| [row.prior.kind.rises(), row.prior.kind.falls()];
+        let columns = self.rows.iter().flat_map(|row| {
+            let is = super::covered::is_of_mouth(row.measure);
+            sides(row).into_iter().filter(|side| *side).map(move |_| is)
+        });
+        of_mouth.iter_mut().zip(columns).for_each(|(k, is)| *k = is);
+        of_mouth
+    }
+
     /// The same table with every unit read from its own measure alone.
     #[must_use]
     pub fn by_measure(mut self) -> Self {

@@ -381,6 +381,14 @@ pub(super) const KEYS: &[Key] = &[
     ),
     key(
         "learning",
+        "infer_covered",
+        "Whether the units of a covered mouth are inferred from how it was and for how long, instead of read (robust).",
+        |s| Kind::Bool {
+            value: &mut s.learning.infer_covered,
+        },
+    ),
+    key(
+        "learning",
         "compensation_scale",
         "Spread of compensating samples as a share of the range; 0 is the paper's (paper).",
         |s| double(&mut s.learning.compensation_scale, 0.0, 1.0, ""),

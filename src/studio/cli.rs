@@ -10,6 +10,7 @@ use lexopt::prelude::*;
 
 use super::bars;
 use super::default_head;
+use super::figures;
 use super::fit::{self, FitArgs};
 use super::head_scenes;
 use super::head_scenes::wild;
@@ -21,7 +22,7 @@ use super::readings;
 use super::record;
 use super::sessions::{self, Sessions};
 use super::split::Split;
-use super::train::{TrainArgs, TrainError, finish, train, train_paper_into};
+use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::service::{self, NoKinect};
 
@@ -43,8 +44,8 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "train",
-        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N]",
-        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people; with --paper-into the paper's own model alone, in a model file that is else as it was",
+        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N] | --person SESSION --out FILE [--paper-into MODEL] [--seed N]",
+        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people; with --paper-into the paper's own model alone, in a model file that is else as it was; with --person that of the one person in a recording, who goes through all expressions there",
         example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
         options: &[
             "images",
@@ -58,6 +59,7 @@ const COMMANDS: &[Command] = &[
             "refine",
             "paper-of",
             "paper-into",
+            "person",
         ],
         flags: &["no-paper", "hold-out-dev"],
         words: 0,
@@ -105,11 +107,12 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "evaluate",
-        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...] | --wild [--pictures DIR]]",
-        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, with --heads scenes of one and several heads, hands and rooms, or with --wild people with hair, clothes and things before a sensor with a real one's faults; one table",
+        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...] | --wild [--pictures DIR] | --figures DIR [--rows NAME,...]]",
+        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, with --heads scenes of one and several heads, hands and rooms, or with --wild people with hair, clothes and things before a sensor with a real one's faults; one table; with --figures the figures of docs/paper.md, the paper's system beside the default",
         example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
         options: &[
             "data", "model", "config", "people", "seconds", "split", "seed", "rows", "pictures",
+            "figures",
         ],
         flags: &["landmarks", "heads", "wild"],
         words: 0,
@@ -139,7 +142,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "bake",
-        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|laplacian] [--derive-controls] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
+        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
         about: "67 blendshapes onto a neutral head",
         example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
         options: &[
@@ -415,21 +418,18 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
         bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
         return Ok(());
     }
+    if let Some(folder) = words.path("figures") {
+        let length = (
+            words.value("people")?.unwrap_or(1),
+            words.value("seconds")?.unwrap_or(20.0),
+        );
+        let only = rows(words, &figures::FIGURES)?;
+        let data = data(words);
+        figures::draw(&data, &model, &settings, length, &folder, &only, &mut say)?;
+        return Ok(());
+    }
     if words.flag("heads") {
-        let rows: Vec<String> = words
-            .value::<String>("rows")?
-            .map_or_else(Vec::new, |rows| {
-                rows.split(',').map(str::to_owned).collect()
-            });
-        if let Some(unknown) = rows
-            .iter()
-            .find(|row| !head_scenes::ROWS.contains(&row.as_str()))
-        {
-            return Err(Fault::Usage(format!(
-                "--rows {unknown} is not one of {}",
-                head_scenes::ROWS.join(", ")
-            )));
-        }
+        let rows = rows(words, &head_scenes::ROWS)?;
         let sessions = Sessions {
             people: words.value("people")?.unwrap_or(head_scenes::PEOPLE),
             seconds: words.value("seconds")?.unwrap_or(head_scenes::SECONDS),
@@ -462,6 +462,21 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
         sessions::play(&data(words), &model, &settings, &sessions)?
     );
     Ok(())
+}
+
+/// What `--rows` chooses of these; all if it is not given.
+fn rows(words: &Words, names: &[&str]) -> Result<Vec<String>, Fault> {
+    let rows = words.value::<String>("rows")?;
+    let rows: Vec<String> = rows.map_or_else(Vec::new, |rows| {
+        rows.split(',').map(str::to_owned).collect()
+    });
+    match rows.iter().find(|row| !names.contains(&row.as_str())) {
+        Some(unknown) => Err(Fault::Usage(format!(
+            "--rows {unknown} is not one of {}",
+            names.join(", ")
+        ))),
+        None => Ok(rows),
+    }
 }
 
 #[expect(clippy::print_stdout, reason = "the door's answer")]
@@ -499,8 +514,9 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         .map(|path| Tracks::read(&path))
         .transpose()?;
     let into = words.path("paper-into");
+    let session = words.path("person");
     let args = TrainArgs {
-        images: match into {
+        images: match into.as_ref().or(session.as_ref()) {
             Some(_) => Vec::new(),
             None => words.paths("images")?,
         },
@@ -525,7 +541,9 @@ fn run_train(words: &Words) -> Result<(), Fault> {
         hold_out_dev: words.flag("hold-out-dev"),
         ..defaults
     };
-    if let Some(path) = into {
+    if let Some(session) = session {
+        train_person(&args, &session, into.as_ref(), &mut say)?;
+    } else if let Some(path) = into {
         train_paper_into(&args, &path, &mut say)?;
     } else if let Some(path) = words.path("refine") {
         let model = service::model(Some(&path)).map_err(|failure| service_fault(&failure))?;
@@ -608,14 +626,11 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
         obj: words.path("obj"),
         report: words.path("report"),
         metres: metres.transpose()?,
-        laplacian: match method.as_deref() {
-            None | Some("aoi") => false,
-            Some("laplacian") => true,
-            Some(other) => {
-                return Err(Fault::Usage(format!(
-                    "--method {other} is not aoi or laplacian"
-                )));
-            }
+        method: match method.as_deref() {
+            None => bake::rig::Method::default(),
+            Some(name) => bake::rig::Method::named(name).ok_or_else(|| {
+                Fault::Usage(format!("--method {name} is not aoi, paper or laplacian"))
+            })?,
         },
         derive: words.flag("derive-controls"),
         dense: words.flag("dense"),

@@ -6,6 +6,7 @@ pub mod bake;
 pub mod bars;
 pub mod cli;
 pub mod default_head;
+pub mod figures;
 pub mod fit;
 mod glances;
 pub mod head_scenes;

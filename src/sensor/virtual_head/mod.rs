@@ -117,7 +117,7 @@ impl Sensor {
 }
 
 /// Focal length of the colour camera, pixels: only for its distortion.
-const COLOUR_FOCAL_PX: f32 = 525.0;
+pub(crate) const COLOUR_FOCAL_PX: f32 = 525.0;
 
 /// Raw depth as a function of 1/z, which it is linear in: the simulator needs no more of the camera's tables.
 fn depth_reading(camera: &Camera) -> DepthReading {

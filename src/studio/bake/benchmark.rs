@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::influence::{self, Field};
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Vec3};
+use super::recipe::Target;
 use super::solve::{self, Settings, System};
 use super::{obj, sparse::Singular};
 
@@ -92,6 +93,25 @@ impl Truth {
             landmarks,
             shapes,
         })
+    }
+
+    /// The true motion of the landmarks in shape `s`, to bake.
+    #[must_use]
+    pub fn target(&self, s: usize) -> Target {
+        let (name, d) = &self.shapes[s];
+        Target {
+            name: name.clone(),
+            unit: None,
+            upon: None,
+            controls: self.landmarks.iter().map(|&v| (v, d[v as usize])).collect(),
+            exact: true,
+            derive: false,
+            close: [None; 2],
+            gaze: [None; 2],
+            jaw: None,
+            tongue: None,
+            undo: None,
+        }
     }
 
     /// Error of a baked shape against shape `s`.

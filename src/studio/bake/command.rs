@@ -13,7 +13,7 @@ use super::obj::{self, ObjError};
 use super::patch::Foreign;
 use super::recipe::{Recipe, RecipeError, SHIPPED};
 use super::request::Request;
-use super::rig::{self, Method, Shape};
+use super::rig::{self, Shape};
 use super::solve::Settings;
 use super::sparse::Singular;
 use super::table::table;
@@ -254,11 +254,6 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             most: SHAPES_MOST,
         });
     }
-    let method = if request.laplacian {
-        Method::Laplacian
-    } else {
-        Method::Aoi
-    };
     let count = AtomicUsize::new(0);
     let terminal = std::io::stderr().is_terminal();
     let total = targets.len();
@@ -274,7 +269,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             let _ = std::io::stderr().flush();
         }
     };
-    let shapes = rig::bake(&head, &targets, &Settings::default(), method, &done)?;
+    let shapes = rig::bake(&head, &targets, &Settings::default(), request.method, &done)?;
     if terminal {
         eprintln!();
     }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::rig::Method;
+
 /// The options of `mien-studio bake`, explained.
 pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
                --out gets the shapes and keeps everything else
@@ -11,7 +13,7 @@ pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coor
   --out        glTF with one morph target per shape
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
-  --method     laplacian: plain least squares, for comparison
+  --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
   --derive-controls  with --controls: ten more points on cheeks and forehead, moved as skin slides between the 68. A
                recipe names how they move and has them always
   --unit       unit of the mesh; default: told from the distance of the eyes
@@ -39,8 +41,8 @@ pub struct Request {
     pub report: Option<PathBuf>,
     /// Metres per unit of the mesh.
     pub metres: Option<f64>,
-    /// Plain least squares.
-    pub laplacian: bool,
+    /// What places the skin.
+    pub method: Method,
     /// Points of the tool's own.
     pub derive: bool,
     /// Targets in full.

@@ -14,13 +14,13 @@ use super::contact::Contacts;
 use super::derive;
 use super::goals::goals;
 use super::head::{Follow, Head};
-use super::influence::Field;
+use super::influence::{self, Field};
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::recipe::Target;
 use super::relax::relax;
 use super::skin::{Solved, skin};
-use super::solve::{self, Settings};
+use super::solve::{self, Settings, System};
 use super::sparse::Singular;
 use super::surroundings::Surroundings;
 
@@ -28,13 +28,36 @@ use super::surroundings::Surroundings;
 const NOTHING: f64 = 1e-6;
 
 /// Which method places the skin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// AOI-constrained Laplacian deformation.
+    #[default]
     Aoi,
+    /// The paper's Procedure 1 with its printed Laplacian, equations (10) to (13), on the whole skin.
+    Paper,
     /// Plain Laplacian least squares, for comparison.
     Laplacian,
 }
+
+impl Method {
+    /// The method that `--method` calls so.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "aoi" => Self::Aoi,
+            "paper" => Self::Paper,
+            "laplacian" => Self::Laplacian,
+            _ => return None,
+        })
+    }
+}
+
+/// Procedure 1 as printed: ω of control points and steps of equation (12), s of (13) in eye distances, rounds. The paper leaves
+/// all four open; s is the best of the three of [`super::benchmark`].
+const PRINTED_WEIGHT: f64 = 10.0;
+const PRINTED_STEPS: usize = 100;
+const PRINTED_FACTOR: f64 = 30.0;
+const PRINTED_ROUNDS: usize = 7;
 
 /// One baked shape.
 #[derive(Clone, Debug)]
@@ -100,14 +123,15 @@ pub fn bake(
     }
     let around = Surroundings::new(head);
     let contacts = Contacts::new(head);
-    let plain = match method {
+    let whole = match method {
         Method::Aoi => None,
+        Method::Paper => Some(printed(head, targets)?),
         Method::Laplacian => Some(plain(head, targets)?),
     };
     let one = |k: usize, base: Option<&[Vec3]>| {
         let start = Instant::now();
         let target = &targets[k];
-        let solved = match &plain {
+        let solved = match &whole {
             Some(all) => Solved {
                 d: all[k].clone(),
                 area: head.skin.clone(),
@@ -205,6 +229,34 @@ fn plain(head: &Head, targets: &[Target]) -> Result<Vec<Vec<Vec3>>, Singular> {
             let shape: Vec<Vec3> = goal.values().copied().collect();
             let baked = solve::plain(&operator, &head.skin, &held, &vertices, &[shape], 100.0)?;
             Ok(baked.into_iter().next().unwrap_or_default())
+        })
+        .collect()
+}
+
+/// Procedure 1 as printed on the whole skin.
+fn printed(head: &Head, targets: &[Target]) -> Result<Vec<Vec<Vec3>>, Singular> {
+    let operator = head.operator.printed();
+    let positions = &head.mesh.positions;
+    targets
+        .par_iter()
+        .map(|target| {
+            let goal = goals(head, target);
+            let controls: Vec<(u32, Vec3)> = goal.iter().map(|(&v, &d)| (v, d)).collect();
+            let system = System::new(&operator, &head.skin, goal.keys().copied())?;
+            let spread = influence::propagate(
+                &head.rings,
+                positions,
+                &controls,
+                PRINTED_WEIGHT,
+                PRINTED_STEPS,
+            );
+            let delta = |v: usize| (spread[v].norm() * PRINTED_FACTOR / head.eye_distance).min(1.0);
+            let mut d = vec![Vec3::zeros(); positions.len()];
+            for (v, displacement) in controls {
+                d[v as usize] = displacement;
+            }
+            system.deform(&operator, positions, &mut d, delta, PRINTED_ROUNDS);
+            Ok(d)
         })
         .collect()
 }

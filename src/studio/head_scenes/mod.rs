@@ -9,6 +9,7 @@
 //! Everything is seeded. Cost: some minutes; `--people` and `--seconds` shorten it.
 //! One file: every scene of the table with its figure; how they are measured has its own.
 
+mod covered;
 mod measure;
 pub mod wild;
 
@@ -50,9 +51,9 @@ const LOOKS: [(usize, f32); 2] = [
 const TIMED: usize = 3;
 
 /// Names of the groups of rows.
-pub const ROWS: [&str; 11] = [
-    "acted", "wide", "fast", "still", "first", "several", "known", "hand", "nobody", "pose",
-    "times",
+pub const ROWS: [&str; 12] = [
+    "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
+    "pose", "times",
 ];
 
 /// The table.
@@ -466,6 +467,18 @@ pub fn play(
             "hand before the face",
             "held, lost, back in 5 frames",
             format!("{}; back in {worst} frames at most", uncovered(&hands[0]).1),
+        );
+    }
+    if wanted("mouth") {
+        let films: Vec<covered::Errors> = people
+            .clone()
+            .into_par_iter()
+            .map(|k| covered::play(&cast, k))
+            .collect::<Result<_, _>>()?;
+        row(
+            "hand over the mouth for 1 s: error of its units against holding's",
+            "half",
+            covered::figure(&films),
         );
     }
     if wanted("nobody") {

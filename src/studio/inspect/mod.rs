@@ -13,7 +13,7 @@ mod ranges;
 mod recording;
 mod run;
 
-pub(in crate::studio) use recording::depth_picture;
+pub(in crate::studio) use recording::{colour_picture, depth_picture, draw_axes};
 
 use std::path::{Path, PathBuf};
 
@@ -163,7 +163,7 @@ fn name_of(path: &Path) -> String {
 }
 
 /// Pairs of landmarks that a drawing of a face connects.
-fn face_lines() -> impl Iterator<Item = [usize; 2]> {
+pub(in crate::studio) fn face_lines() -> impl Iterator<Item = [usize; 2]> {
     let open = [0..17, 17..22, 22..27, 27..31, 31..36]
         .into_iter()
         .flat_map(|run| (run.start..run.end - 1).map(|i| [i, i + 1]));

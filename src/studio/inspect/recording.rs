@@ -52,7 +52,8 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
     }
 }
 
-fn colour_picture(frame: &Frame) -> RgbImage {
+/// The colour picture.
+pub(in crate::studio) fn colour_picture(frame: &Frame) -> RgbImage {
     let mut rgb = vec![0; 3 * PIXELS];
     colour::rgb_from_bayer(&frame.bayer, &mut rgb);
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
@@ -74,7 +75,11 @@ fn draw_landmarks(picture: &mut RgbImage, landmarks: &Landmarks) {
 }
 
 /// Red x, green y, blue outwards (−z), 5 cm each.
-fn draw_axes(picture: &mut RgbImage, sensor_from_head: &Rigid, pixel: impl Fn(&Point) -> [f32; 2]) {
+pub(in crate::studio) fn draw_axes(
+    picture: &mut RgbImage,
+    sensor_from_head: &Rigid,
+    pixel: impl Fn(&Point) -> [f32; 2],
+) {
     const LENGTH_M: f32 = 0.05;
     let origin = pixel(&(sensor_from_head * Point::origin()));
     for (tip, colour) in [

@@ -11,7 +11,7 @@
 //! a camera that hardly turns leaves depth to the prior; shapes of different frames share one object frame only up to
 //! what modes and cameras can exchange, hence errors are stated with each frame rigidly aligned.
 
-mod align;
+pub(in crate::studio) mod align;
 mod cameras;
 mod em;
 mod run;

@@ -11,6 +11,7 @@ pub mod dataset;
 pub mod evaluate;
 mod hair;
 pub mod paper_aam;
+pub mod person;
 pub mod points;
 pub mod refine;
 pub mod render;
@@ -22,4 +23,4 @@ pub mod shape;
 pub mod standard_head;
 mod wear;
 
-pub use schedule::{TrainArgs, TrainError, finish, train, train_paper_into};
+pub use schedule::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};

@@ -17,6 +17,7 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::person::Seen;
 use super::render::{Renderer, TrainingSample};
 use super::samples::{Disturbance, NEAR, TruePicture};
 use super::schedule::TrainError;
@@ -30,9 +31,9 @@ use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver, normalised, sample};
 use crate::landmarks::view::View;
 use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
-use crate::sensor::virtual_head::{HeadAsset, Scene, Simulator};
+use crate::sensor::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
-use crate::studio::nrsfm::{self, Tracks, shape_model_from_sequences};
+use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::split::Split;
 
 /// Frames of a sequence for the 3D shape, as in the paper.
@@ -62,6 +63,18 @@ pub struct PaperPractice {
     pub strangers: usize,
     /// Seed of everything random.
     pub seed: u64,
+}
+
+impl PaperPractice {
+    /// For one person: fewer modes say all of one face.
+    #[must_use]
+    pub fn person() -> Self {
+        Self {
+            shape_modes: 14,
+            appearance_modes: 30,
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for PaperPractice {
@@ -125,12 +138,36 @@ pub fn paper_aam_block(
         per_point_mm(bases.deviations.first()),
         per_point_mm(bases.deviations.last())
     ));
+    let mut model = unlearnt(&bases);
+    let as_true = |sample: &TrainingSample| TruePicture::drawn(sample, &camera, shape);
+    learn_appearance(&mut model, &drawn, as_true, practice);
+    say(&format!(
+        "{} pixels, {} appearance modes, {:.3} of the variance left",
+        model.pixels.len(),
+        model.appearance_modes.len(),
+        model.noise
+    ));
+    drop(drawn);
+    // As it will be read back.
+    let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
+    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev)?;
+    let strangers = renderer.samples(0..practice.strangers as u64, practice.seed + 1);
+    let strangers = pictures_of(&strangers, shape, &camera);
+    let fits = fits(&model, &strangers, NEAR, practice.seed);
+    model.belief = belief(&fits);
+    let figures = PaperAamFigures::of(&model, &fits, &strangers);
+    say(&format!("strangers, drawn: {figures}"));
+    Ok(model.to_bytes())
+}
+
+/// A model with these bases that has not seen a picture yet.
+fn unlearnt(bases: &ShapeBases) -> PaperAam {
     let head: Vec<Point> = bases.mean.iter().map(|p| point(*p)).collect();
     let base = parted(&head);
     let triangles = triangulate(&base);
     let pixels = base_pixels(&base, &triangles);
     let count = pixels.len();
-    let mut model = PaperAam {
+    PaperAam {
         head_modes: bases
             .modes
             .iter()
@@ -147,39 +184,7 @@ pub fn paper_aam_block(
         noise: 1.0,
         belief: [1.0, 0.1],
         pixels,
-    };
-    learn_appearance(&mut model, &drawn, shape, &camera, practice);
-    say(&format!(
-        "{} pixels, {} appearance modes, {:.3} of the variance left",
-        model.pixels.len(),
-        model.appearance_modes.len(),
-        model.noise
-    ));
-    drop(drawn);
-    // As it will be read back.
-    let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let renderer = Renderer::new(data, |person| Split::of(person) == Split::Dev)?;
-    let strangers = renderer.samples(0..practice.strangers as u64, practice.seed + 1);
-    let strangers = pictures_of(&strangers, shape, &camera);
-    let fits = fits(&model, &strangers, NEAR, practice.seed);
-    let mut residuals: Vec<f32> = fits
-        .iter()
-        .filter(|fit| fit.errors[1] < 0.08)
-        .map(|fit| fit.fit.residual)
-        .collect();
-    residuals.sort_by(f32::total_cmp);
-    let at = |share: f32| {
-        let last = residuals.len().saturating_sub(1);
-        residuals
-            .get((last as f32 * share) as usize)
-            .copied()
-            .unwrap_or(1.0)
-    };
-    // Half believed at the residual that one good fit in fifty exceeds.
-    model.belief = [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)];
-    let figures = PaperAamFigures::of(&model, &fits, &strangers);
-    say(&format!("strangers, drawn: {figures}"));
-    Ok(model.to_bytes())
+    }
 }
 
 fn per_point_mm(deviation: Option<&f64>) -> f64 {
@@ -210,18 +215,22 @@ fn parted(head: &[Point]) -> Shape2 {
     })
 }
 
-/// One actor through all expressions: the true points as tracks, colour pixels.
-fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, nrsfm::Error> {
+/// One actor through all expressions, [`TRACK_FRAMES`] frames.
+pub(in crate::studio) fn acted(actor: &HeadAsset, seed: u64) -> Vec<Truth> {
     let mut simulator = Simulator::new(actor.clone(), Scene::Acted, seed);
     let mut frame = Frame::default();
-    let mut positions = Vec::with_capacity(TRACK_FRAMES * LANDMARKS);
-    for k in 0..TRACK_FRAMES {
-        let ticks = (k as f64 * ACT_S / TRACK_FRAMES as f64 * 60e6) as i64;
-        if let Some(truth) = simulator.draw(timestamp_from_ticks(ticks), &mut frame) {
-            positions.extend(truth.landmarks_px.iter().map(|p| p.map(f64::from)));
-        }
-    }
-    Tracks::new(positions.len() / LANDMARKS, LANDMARKS, positions)
+    let ticks = |k: usize| (k as f64 * ACT_S / TRACK_FRAMES as f64 * 60e6) as i64;
+    (0..TRACK_FRAMES)
+        .filter_map(|k| simulator.draw(timestamp_from_ticks(ticks(k)), &mut frame))
+        .collect()
+}
+
+/// Their true points as tracks, colour pixels.
+fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, nrsfm::Error> {
+    let truths = acted(actor, seed);
+    let points = truths.iter().flat_map(|truth| truth.landmarks_px);
+    let positions = points.map(|p| p.map(f64::from)).collect();
+    Tracks::new(truths.len(), LANDMARKS, positions)
 }
 
 /// People at rest, one view each.
@@ -281,16 +290,15 @@ fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
 }
 
 /// Equation 2: mean, modes and deviations of appearance, trust and the noise they leave.
-fn learn_appearance(
+fn learn_appearance<T: Sync>(
     model: &mut PaperAam,
-    drawn: &[TrainingSample],
-    shape: &ShapeModel,
-    camera: &Camera,
+    drawn: &[T],
+    as_true: impl Fn(&T) -> Option<TruePicture> + Sync,
     practice: &PaperPractice,
 ) {
     let count = model.trust.len();
-    let read = |sample_of: &TrainingSample| -> Option<Vec<f32>> {
-        let picture = TruePicture::drawn(sample_of, camera, shape)?;
+    let read = |one: &T| -> Option<Vec<f32>> {
+        let picture = as_true(one)?;
         let seen = picture.visible.iter().filter(|v| **v).count();
         if (seen as f32) < VISIBLE * LANDMARKS as f32 {
             return None;
@@ -410,6 +418,66 @@ fn fits(model: &PaperAam, pictures: &[Known], range: Disturbance, seed: u64) -> 
         .collect()
 }
 
+/// The model of one person from what the default pipeline saw of them: bases from `tracks`, appearance from every second
+/// picture, belief from the others. Returns its bytes for the model file.
+///
+/// # Errors
+/// The tracks do not suffice.
+pub(super) fn person_block(
+    shape: &ShapeModel,
+    tracks: Tracks,
+    seen: &[&Seen],
+    practice: &PaperPractice,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<u8>, TrainError> {
+    let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
+    let settings = nrsfm::Settings {
+        rank: Some(RANK),
+        sweeps: SWEEPS,
+        ..nrsfm::Settings::default()
+    };
+    let modes = practice.shape_modes;
+    let bases = shape_model_from_sequences(&[tracks], &reference, &STABLE, modes, &settings)?;
+    let mut model = unlearnt(&bases);
+    let of = |odd: usize| -> Vec<&Seen> { seen.iter().copied().skip(odd).step_by(2).collect() };
+    let as_true = |seen: &&Seen| Some(seen.picture.clone());
+    learn_appearance(&mut model, &of(0), as_true, practice);
+    let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
+    let known = |seen: &&Seen| Known {
+        picture: seen.picture.clone(),
+        measures: told(&seen.head),
+    };
+    let others: Vec<Known> = of(1).iter().map(known).collect();
+    let fits = fits(&model, &others, NEAR, practice.seed);
+    model.belief = belief(&fits);
+    let figures = PaperAamFigures::of(&model, &fits, &others);
+    say(&format!(
+        "{} shape and {} appearance modes; frames between, against the default's points: {figures}",
+        model.head_modes.len(),
+        model.appearance_modes.len()
+    ));
+    Ok(model.to_bytes())
+}
+
+/// Where half a fit is believed, and how fast belief falls.
+fn belief(fits: &[Ended]) -> [f32; 2] {
+    let mut residuals: Vec<f32> = fits
+        .iter()
+        .filter(|fit| fit.errors[1] < 0.08)
+        .map(|fit| fit.fit.residual)
+        .collect();
+    residuals.sort_by(f32::total_cmp);
+    let at = |share: f32| {
+        let last = residuals.len().saturating_sub(1);
+        residuals
+            .get((last as f32 * share) as usize)
+            .copied()
+            .unwrap_or(1.0)
+    };
+    // Half believed at the residual that one good fit in fifty exceeds.
+    [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
+}
+
 /// What a model reaches on pictures: errors in outer-eye distances.
 #[derive(Clone, Copy, Debug)]
 pub struct PaperAamFigures {
@@ -471,7 +539,7 @@ impl PaperAamFigures {
     }
 }
 
-fn correlation(pairs: &[[f32; 2]]) -> f32 {
+pub(super) fn correlation(pairs: &[[f32; 2]]) -> f32 {
     let n = pairs.len().max(1) as f32;
     let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f32>() / n);
     let (mut ab, mut aa, mut bb) = (0.0, 1e-20, 1e-20);

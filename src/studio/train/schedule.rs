@@ -6,7 +6,7 @@
 //! One file: the order of a training from pictures to figures; each step has its own file.
 
 use std::borrow::Cow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -16,6 +16,7 @@ use super::cascade::{Progress, StageSettings, advance, inner_error_percent, lear
 use super::dataset::{DatasetError, read_folder};
 use super::evaluate::{Errors, differences, mean_offsets};
 use super::paper_aam::{PaperPractice, paper_aam_block};
+use super::person::learn_session;
 use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
@@ -28,7 +29,9 @@ use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::refine::Refinement;
 use crate::landmarks::window::WINDOW;
+use crate::pipeline::PipelineError;
 use crate::sensor::camera::Camera;
+use crate::sensor::recording::RecordingError;
 use crate::studio::heads::HeadsError;
 use crate::studio::ict::{IctError, IctHead};
 use crate::studio::nrsfm::{self, Tracks};
@@ -132,6 +135,22 @@ pub enum TrainError {
         "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
     )]
     TooFew {
+        /// Least number.
+        expected: usize,
+        /// Number there.
+        found: usize,
+    },
+    /// A recording.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The stages that follow it.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+    /// Too little of a face in it.
+    #[error(
+        "expected at least {expected} frames of one face that is surely found, found {found}; record for longer, near and facing the sensor"
+    )]
+    TooShort {
         /// Least number.
         expected: usize,
         /// Number there.
@@ -322,9 +341,9 @@ fn measured(
     (errors, all)
 }
 
-fn write(path: &PathBuf, bytes: &[u8]) -> Result<(), TrainError> {
+fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     std::fs::write(path, bytes).map_err(|source| TrainError::Unwritable {
-        path: path.clone(),
+        path: path.to_owned(),
         source,
     })
 }
@@ -592,22 +611,54 @@ pub fn train_paper_into(
     path: &PathBuf,
     say: &mut dyn FnMut(&str),
 ) -> Result<(), TrainError> {
-    let unreadable = |source| TrainError::Unreadable {
-        path: path.clone(),
-        source,
-    };
-    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let bytes = model_bytes(path)?;
     let model = file::parse(&bytes)?;
     let block = learn_paper(args, &model.shape, say)?;
-    let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
-    write(&args.out, &grafted)?;
-    let kept = file::sections(&bytes)?
+    write_paper(&args.out, &bytes, &block, say)
+}
+
+/// As [`train_paper_into`], for the one person of a recording, whom the default pipeline with the model of `path` follows.
+///
+/// # Errors
+/// If the model or the recording cannot be read, the recording shows too little, or the result cannot be written.
+pub fn train_person(
+    args: &TrainArgs,
+    session: &Path,
+    path: Option<&PathBuf>,
+    say: &mut dyn FnMut(&str),
+) -> Result<(), TrainError> {
+    let bytes = match path {
+        Some(path) => model_bytes(path)?,
+        None => crate::face_model::SHIPPED.to_vec(),
+    };
+    let model = file::parse(&bytes)?;
+    let block = learn_session(session, &model, args.seed, say)?;
+    write_paper(&args.out, &bytes, &block, say)
+}
+
+fn model_bytes(path: &PathBuf) -> Result<Vec<u8>, TrainError> {
+    std::fs::read(path).map_err(|source| TrainError::Unreadable {
+        path: path.clone(),
+        source,
+    })
+}
+
+/// Writes a model file with this section instead of its own.
+fn write_paper(
+    out: &Path,
+    bytes: &[u8],
+    block: &[u8],
+    say: &mut dyn FnMut(&str),
+) -> Result<(), TrainError> {
+    let grafted = file::with_section(bytes, *b"PAAM", block)?;
+    write(out, &grafted)?;
+    let kept = file::sections(bytes)?
         .zip(file::sections(&grafted)?)
         .filter(|(before, after)| before == after)
         .count();
     say(&format!(
         "wrote {}: {} bytes; {kept} other sections as they were, byte for byte",
-        args.out.display(),
+        out.display(),
         grafted.len()
     ));
     Ok(())

@@ -166,6 +166,8 @@ pub enum Held {
     Cup,
     /// At the ear.
     Phone,
+    /// Nothing: it is laid over the mouth.
+    Mouth,
 }
 
 /// A person's looks, apart from the head itself.
@@ -604,7 +606,7 @@ impl std::fmt::Display for Look {
             HairStyle::Bun => write!(f, "{shade}bun")?,
             style => write!(f, "{shade}{} hair", format!("{style:?}").to_lowercase())?,
         }
-        let things: [(bool, &str); 13] = [
+        let things: [(bool, &str); 14] = [
             (self.beard == Beard::Stubble, "stubble"),
             (self.beard == Beard::Full, "full beard"),
             (self.rims_m > 0.0, "glasses"),
@@ -617,6 +619,7 @@ impl std::fmt::Display for Look {
             (self.held == Held::Paper, "sheet of paper"),
             (self.held == Held::Cup, "cup"),
             (self.held == Held::Phone, "phone"),
+            (self.held == Held::Mouth, "hand over the mouth"),
             (self.chair, "chair"),
         ];
         for (_, thing) in things.iter().filter(|(worn, _)| *worn) {

@@ -528,6 +528,20 @@ impl Outfit {
                     |i, p, turn| china.knot(p, [turn, i as f32], 1.0),
                 );
             }
+            Held::Mouth => {
+                // The palm across the mouth, the fingers over the other cheek.
+                let knuckle = Cloth::new(Stuff::Skin, SKIN, 0.0);
+                fist(side * 0.045, 0.012, -0.012);
+                outfit.ball(
+                    [side * 0.012, 0.008, -0.014],
+                    [0.046, 0.036, 0.016],
+                    &knuckle,
+                );
+                for k in 0..4 {
+                    let up = -0.018 + 0.017 * k as f32;
+                    outfit.ball([-side * 0.046, up, -0.004], [0.034, 0.009, 0.010], &knuckle);
+                }
+            }
             Held::Phone => {
                 fist(side * 0.100, 0.045, 0.045);
                 let case = Cloth::new(Stuff::Gloss, [24.0, 24.0, 28.0], 0.0);
@@ -564,15 +578,20 @@ impl Held {
         let place = match self {
             Self::None => return None,
             Self::Chin => Point::new(0.0, 0.112, -0.030),
-            Self::Cup => Point::new(0.0, 0.066, -0.030),
+            Self::Cup | Self::Mouth => Point::new(0.0, 0.066, -0.030),
             Self::Phone => Point::new(0.0, 0.0, 0.030),
             Self::Paper => Point::new(0.0, 0.0, 0.0),
         };
-        // Comes every nine seconds; a cup stays for as long as a sip takes.
-        let stays = if self == Self::Cup { 1.2 } else { 3.5 };
-        let phase = t % 9.0;
+        // Comes every nine seconds; a cup stays for as long as a sip takes, a hand over the mouth for a second and soon again.
+        let (every, comes, takes, stays) = match self {
+            Self::Cup => (9.0, 3.0, 0.7, 1.2),
+            Self::Mouth => (4.3, 2.6, 0.3, 1.0),
+            _ => (9.0, 3.0, 0.7, 3.5),
+        };
+        let (phase, goes) = (t % every, comes + takes + stays);
         let smooth = |f: f32| f * f * (3.0 - 2.0 * f);
-        let up = smooth(slope(phase, 3.0, 3.7)) - smooth(slope(phase, 3.7 + stays, 4.4 + stays));
+        let up =
+            smooth(slope(phase, comes, comes + takes)) - smooth(slope(phase, goes, goes + takes));
         (up > 0.0).then(|| Point::new(place.x, place.y + 0.55 * (1.0 - up), place.z))
     }
 }

@@ -1,0 +1,274 @@
+//! The paper's active appearance model of one person, from a recording of them, as such models were once made.
+//!
+//! The default pipeline follows the recording and says where the 68 points are; nobody marks anything. 150 of its frames,
+//! evenly spread, give the 3D shape bases by structure from motion (equation 3), a few hundred the appearance (equation 2), and the
+//! frames between them tell how far a residual is believed. The model fits this person and hardly anybody else.
+//!
+//! Who goes through all expressions in the recording, turning the head a little, teaches most: what was not shown is not in
+//! the bases. Limits: what the default pipeline gets wrong is learnt.
+
+use std::path::Path;
+
+use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
+use super::render::TrainingSample;
+use super::samples::TruePicture;
+use super::schedule::TrainError;
+use crate::face_model::{FaceModel, ShapeModel};
+use crate::geometry::Rigid;
+use crate::landmarks::Landmarks;
+use crate::pipeline::Pipeline;
+use crate::sensor::Frame;
+use crate::sensor::camera::{Camera, Registration};
+use crate::sensor::recording::Recording;
+use crate::settings::Settings;
+use crate::studio::nrsfm::Tracks;
+use crate::users::TrackingState;
+
+/// Confidence from which a frame's points teach.
+const SURE: f32 = 0.8;
+/// Pictures for appearance and, between them, for belief.
+const PICTURES: usize = 450;
+
+/// A frame that teaches.
+pub(super) struct Seen {
+    /// Its surroundings of the face, with the points.
+    pub(super) picture: TruePicture,
+    /// The points, colour pixels.
+    pub(super) points: [[f64; 2]; crate::capacity::LANDMARKS],
+    /// The points in the head frame.
+    pub(super) head: [crate::geometry::Point; crate::capacity::LANDMARKS],
+}
+
+/// What is learnt of the person in a recording: the bytes of the model file's section.
+///
+/// # Errors
+/// The recording cannot be read, or shows too little of a face.
+pub fn learn_session(
+    session: &Path,
+    model: &FaceModel,
+    seed: u64,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<u8>, TrainError> {
+    let mut recording = Recording::open(session)?;
+    let registration = recording.registration().clone();
+    learn_frames(
+        &mut |frame| recording.next_frame(frame),
+        &registration,
+        model,
+        seed,
+        say,
+    )
+}
+
+/// As [`learn_session`], from whatever fills frames; `false` at the end.
+///
+/// # Errors
+/// As there.
+pub fn learn_frames(
+    next: &mut dyn FnMut(&mut Frame) -> bool,
+    registration: &Registration,
+    model: &FaceModel,
+    seed: u64,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<u8>, TrainError> {
+    let mut pipeline = Pipeline::new(&Settings::default(), registration, model)?;
+    let camera = Camera::new(registration);
+    let mut frame = Frame::default();
+    let (mut seen, mut frames, mut every) = (Vec::new(), 0usize, 1);
+    while next(&mut frame) {
+        pipeline.follow(&frame);
+        frames += 1;
+        let report = pipeline.report();
+        let (TrackingState::Tracking, Some(pose), Some(points)) =
+            (report.state, report.sensor_from_head, report.landmarks)
+        else {
+            continue;
+        };
+        if points.confidence < SURE || !frames.is_multiple_of(every) {
+            continue;
+        }
+        seen.extend(taught(&frame, points, pose, &camera, &model.shape));
+        if seen.len() >= 4 * PICTURES {
+            // Half as dense, evenly over the whole recording.
+            let mut odd = false;
+            seen.retain(|_| {
+                odd = !odd;
+                odd
+            });
+            every *= 2;
+        }
+    }
+    say(&format!(
+        "{frames} frames, {} of them to learn from",
+        seen.len()
+    ));
+    if seen.len() < TRACK_FRAMES {
+        return Err(TrainError::TooShort {
+            expected: TRACK_FRAMES,
+            found: seen.len(),
+        });
+    }
+    let spread = |count: usize| {
+        let all = seen.len();
+        (0..count).map(move |k| k * all / count)
+    };
+    let points = spread(TRACK_FRAMES).flat_map(|k| seen[k].points);
+    let tracks = Tracks::new(TRACK_FRAMES, crate::capacity::LANDMARKS, points.collect())?;
+    let chosen: Vec<&Seen> = spread(seen.len().min(2 * PICTURES))
+        .map(|k| &seen[k])
+        .collect();
+    let practice = PaperPractice {
+        seed,
+        ..PaperPractice::person()
+    };
+    person_block(&model.shape, tracks, &chosen, &practice, say)
+}
+
+fn taught(
+    frame: &Frame,
+    points: &Landmarks,
+    pose: &Rigid,
+    camera: &Camera,
+    shape: &ShapeModel,
+) -> Option<Seen> {
+    let sample = TrainingSample {
+        width: crate::capacity::WIDTH,
+        height: crate::capacity::HEIGHT,
+        luma: frame.luma.to_vec(),
+        origin: [0.0; 2],
+        points: points.pixels,
+        head: points.head,
+        neutral: points.head,
+        visible: [true; crate::capacity::LANDMARKS],
+        sensor_from_head: *pose,
+        weights: Vec::new(),
+        person: 0,
+    };
+    Some(Seen {
+        picture: TruePicture::drawn(&sample, camera, shape)?,
+        points: points.pixels.map(|p| p.map(f64::from)),
+        head: points.head,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::{Measure, measures};
+    use crate::landmarks::paper_aam::{PaperAamFitter, PaperAamSettings};
+    use crate::sensor::timestamp_from_ticks;
+    use crate::sensor::virtual_head::{Scene, Simulator};
+
+    /// Frames of the session that is learnt from, and of another one that is judged.
+    const LEARNT: i64 = 900;
+    const JUDGED: i64 = 600;
+
+    /// The bar: the model of one person follows their lips, lids and mouth corners in another session of theirs.
+    #[test]
+    #[ignore = "minutes; MIEN_DATA, cargo test --release --features studio --lib follows_its_person -- --ignored --nocapture"]
+    fn a_model_of_one_person_follows_its_person() {
+        let Some(head) = stranger() else { return };
+        let simulator = |seed| Simulator::new(head.clone(), Scene::Acted, seed);
+        let model = FaceModel::shipped();
+        let mut practice = simulator(5);
+        let registration = practice.camera().registration().clone();
+        let mut n = 0;
+        let mut next = |frame: &mut Frame| {
+            // Every third frame: the act takes 43 s.
+            practice.draw(timestamp_from_ticks(n * 3_000_000), frame);
+            n += 1;
+            n <= LEARNT
+        };
+        let mut say = |words: &str| println!("{words}");
+        let block = learn_frames(&mut next, &registration, &model, 1, &mut say).unwrap();
+        for (whose, block) in [("own", &block[..]), ("shipped", &model.paper_aam[..])] {
+            let mut fitter = PaperAamFitter::new(PaperAamSettings::default(), block).unwrap();
+            let follows = follow(&mut fitter, simulator(99));
+            println!("{whose}: {follows:.3?}");
+            if whose == "own" {
+                let [gap, lid_left, lid_right, width, ..] = follows;
+                assert!(gap > 0.95 && width > 0.90, "{follows:?}");
+                assert!(lid_left > 0.8 && lid_right > 0.8, "{follows:?}");
+            }
+        }
+    }
+
+    fn stranger() -> Option<crate::sensor::virtual_head::HeadAsset> {
+        let data = std::env::var_os("MIEN_DATA").map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+            std::path::PathBuf::from,
+        );
+        if !data.join("faces_frl189").is_dir() {
+            println!("skipped: no faces_frl189 under MIEN_DATA");
+            return None;
+        }
+        let heads = crate::studio::heads::textured_heads(&data, |person| person == 30).unwrap();
+        heads.first().map(|head| head.asset.clone())
+    }
+
+    /// Correlations of lip gap, lids, mouth width and jaw drop, at the pose the default pipeline has.
+    fn follow(fitter: &mut PaperAamFitter, mut simulator: Simulator) -> [f32; 5] {
+        const TOLD: [Measure; 5] = [
+            Measure::LipGap,
+            Measure::LidL,
+            Measure::LidR,
+            Measure::MouthWidth,
+            Measure::JawDrop,
+        ];
+        let camera = simulator.camera().clone();
+        let model = FaceModel::shipped();
+        let mut pipeline =
+            Pipeline::new(&Settings::default(), camera.registration(), &model).unwrap();
+        let mut pairs: [Vec<[f32; 2]>; 5] = Default::default();
+        let mut frame = Frame::default();
+        for n in 0..JUDGED {
+            let truth = simulator
+                .draw(timestamp_from_ticks(n * 4_000_000), &mut frame)
+                .unwrap();
+            pipeline.follow(&frame);
+            let Some(pose) = pipeline.report().sensor_from_head else {
+                continue;
+            };
+            let pose = crate::pose::HeadPose {
+                sensor_from_head: *pose,
+                confidence: 1.0,
+                residual: 0.0,
+                coverage: 1.0,
+                proven: true,
+            };
+            let Some(found) = fitter.fit(&frame.luma, &camera, &pose, frame.at) else {
+                continue;
+            };
+            let both = [
+                measures::raw(&found.head),
+                measures::raw(&truth.landmarks_head),
+            ];
+            for (pairs, measure) in pairs.iter_mut().zip(TOLD) {
+                pairs.push(both.map(|raw| raw[measure as usize]));
+            }
+        }
+        assert!(
+            pairs[0].len() > JUDGED as usize * 9 / 10,
+            "{}",
+            pairs[0].len()
+        );
+        pairs.map(|pairs| super::super::paper_aam::correlation(&pairs))
+    }
+
+    #[test]
+    fn a_recording_without_a_face_is_refused_with_what_it_needs() {
+        let model = FaceModel::shipped();
+        let registration = Registration::default();
+        let mut left = 3;
+        let mut next = |_: &mut Frame| {
+            left -= 1;
+            left > 0
+        };
+        let refused = learn_frames(&mut next, &registration, &model, 1, &mut |_| {});
+        let words = refused.unwrap_err().to_string();
+        assert!(
+            words.contains("150 frames") && words.contains("found 0"),
+            "{words}"
+        );
+    }
+}
