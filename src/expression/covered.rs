@@ -211,6 +211,7 @@ mod tests {
             point_confidence: [0.95; LANDMARKS],
             confidence: 1.0,
             cheeks: [0.0; 2],
+            eyes: None,
         };
         landmarks.point_confidence[MOUTH].fill(mouth);
         landmarks
