@@ -47,6 +47,8 @@ const SWEEPS: usize = 120;
 const PARTED_M: f32 = 0.010;
 /// Rounds of the subspace iteration for appearance.
 const ROUNDS: usize = 12;
+/// How much larger residuals are in another session than between the frames of the one that was learnt from.
+const OTHER_SESSION: f32 = 1.6;
 /// Least share of a face that must be visible for it to teach appearance.
 const VISIBLE: f32 = 0.97;
 
@@ -449,7 +451,8 @@ pub(super) fn person_block(
     };
     let others: Vec<Known> = of(1).iter().map(known).collect();
     let fits = fits(&model, &others, NEAR, practice.seed);
-    model.belief = belief(&fits);
+    // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
+    model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
     let figures = PaperAamFigures::of(&model, &fits, &others);
     say(&format!(
         "{} shape and {} appearance modes; frames between, against the default's points: {figures}",
