@@ -447,7 +447,7 @@ impl Units {
         })
     }
 
-    /// Of each column of the robust method, whether its measure is the mouth's.
+    /// Of each column of the robust method, whether its measure is the mouth's, or it is read from the lips.
     pub(crate) fn of_mouth(&self) -> [bool; UNITS] {
         let mut of_mouth = [false; UNITS];
         let sides = |row: &Unit| [row.prior.kind.rises(), row.prior.kind.falls()];
@@ -455,6 +455,11 @@ impl Units {
             let is = super::covered::is_of_mouth(row.measure);
             sides(row).into_iter().filter(|side| *side).map(move |_| is)
         });
+        let further = self.further().map(|reading| {
+            let shares = self.readings[reading].shares[Measure::LipGap as usize];
+            shares != [0.0; 2]
+        });
+        let columns = columns.chain(further);
         of_mouth.iter_mut().zip(columns).for_each(|(k, is)| *k = is);
         of_mouth
     }
@@ -644,6 +649,18 @@ mod tests {
             );
             assert!(Units::read(&text).is_err(), "{key}");
         }
+    }
+
+    #[test]
+    fn dimples_are_the_mouths_and_glances_are_not() {
+        let units = Units::shipped();
+        let of_mouth = units.of_mouth();
+        let is = |name: &str| {
+            let column = units.columns(false).iter().position(|unit| unit == name);
+            of_mouth[column.expect("a column")]
+        };
+        assert!(is("AU25") && is("AU12L") && is("AU14L") && is("AU15R"));
+        assert!(!is("AU43L") && !is("AU61") && !is("AU64"));
     }
 
     #[test]
