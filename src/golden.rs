@@ -108,6 +108,7 @@ fn acting(n: u64, longer: f32, random: &mut fastrand::Rng) -> Landmarks {
         point_confidence,
         cheeks: [0.001 * (seconds * 0.7).sin(); 2],
         eyes: None,
+        mouth_hidden: 0.0,
         confidence: if n % 200 < 190 { 0.9 } else { 0.2 },
     }
 }

@@ -137,6 +137,7 @@ impl Sender<'_> {
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
             eyes: None,
+            mouth_hidden: 0.0,
             confidence: 1.0,
         };
         let report = Report {

@@ -86,6 +86,7 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
                 point_confidence: [1.0; LANDMARKS],
                 cheeks: [0.0; 2],
                 eyes: None,
+                mouth_hidden: 0.0,
                 confidence: 1.0,
             };
             let at = Timestamp::from_us(k * 33_333);

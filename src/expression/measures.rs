@@ -483,6 +483,7 @@ pub(crate) mod tests {
             point_confidence: [0.5; LANDMARKS],
             cheeks: [0.0; 2],
             eyes: None,
+            mouth_hidden: 0.0,
             confidence: 0.75,
         };
         let corners = Measure::MouthWidth.landmarks();

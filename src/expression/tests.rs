@@ -12,6 +12,7 @@ fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
         point_confidence: [1.0; LANDMARKS],
         cheeks: [0.0; 2],
         eyes: None,
+        mouth_hidden: 0.0,
         confidence: 1.0,
     }
 }

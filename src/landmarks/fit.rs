@@ -16,10 +16,11 @@ use super::cascade::{Belief, FaceFit, Solver};
 use super::eyes;
 use super::features::OrientationMaps;
 use super::refine::{self, Inputs, Refinement};
+use super::relief;
 use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
-use super::{Landmarks, empty_landmarks};
+use super::{Landmarks, MOUTH, empty_landmarks};
 use crate::capacity::PIXELS;
 use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
 use crate::geometry::{Rigid, Rotation, Vector};
@@ -228,6 +229,12 @@ impl LandmarkFitter {
         self.settle(&placement, &fit, step_s);
         let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head, step_s);
         self.report(luma, &placement, &fit, &shape, &belief, at);
+        let face = pose.sensor_from_head * Rigid::from_parts(self.shift.into(), self.turn);
+        let mouth = &self.landmarks.head[MOUTH];
+        let hidden = mouth
+            .iter()
+            .filter(|p| relief::is_hidden(depth, camera, &face, p));
+        self.landmarks.mouth_hidden = hidden.count() as f32 / MOUTH.len() as f32;
         Some(&self.landmarks)
     }
 

@@ -19,6 +19,9 @@ use crate::capacity::LANDMARKS;
 use crate::geometry::{Point, Rigid};
 use crate::sensor::camera::Camera;
 
+/// Points of the mouth.
+pub(crate) const MOUTH: core::ops::Range<usize> = 48..LANDMARKS;
+
 /// The 68 points of one face in one frame.
 #[derive(Clone, Debug)]
 pub struct Landmarks {
@@ -32,6 +35,8 @@ pub struct Landmarks {
     pub confidence: f32,
     /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
     pub cheeks: [f32; refine::PUFFS],
+    /// Share of the mouth's points before which depth sees something else: a hand, a cup, a sheet of paper.
+    pub mouth_hidden: f32,
     /// The eyes as the picture shows them; none if they cannot be seen.
     pub eyes: Option<eyes::Eyes>,
 }
@@ -53,6 +58,7 @@ fn empty_landmarks() -> Landmarks {
         point_confidence: [0.0; LANDMARKS],
         confidence: 0.0,
         cheeks: [0.0; refine::PUFFS],
+        mouth_hidden: 0.0,
         eyes: None,
     }
 }

@@ -66,6 +66,31 @@ pub fn height(
     Some(sum / count)
 }
 
+/// Nearer to the camera than a place of the face by this much is something else, metres.
+const BEFORE_M: f32 = 0.02;
+
+/// Whether something stands before `place` of the head frame.
+#[must_use]
+pub fn is_hidden(
+    depth: &[u16; PIXELS],
+    camera: &Camera,
+    sensor_from_head: &Rigid,
+    place: &Point,
+) -> bool {
+    let seen = sensor_from_head * place;
+    if seen.z < 0.2 {
+        return false;
+    }
+    let [col, row] = camera.depth_pixel(&seen).map(f32::round);
+    let inside = (0.0..WIDTH as f32).contains(&col) && (0.0..HEIGHT as f32).contains(&row);
+    if !inside {
+        return false;
+    }
+    let z = camera.depth_m(depth[row as usize * WIDTH + col as usize]);
+    // Nothing measured is no distance at all.
+    z > 0.2 && z < seen.z - BEFORE_M
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -224,6 +224,7 @@ mod tests {
                 point_confidence: [1.0; LANDMARKS],
                 cheeks: [0.0; 2],
                 eyes: None,
+                mouth_hidden: 0.0,
                 confidence: 1.0,
             };
             expression.observe(&landmarks, &pose, Timestamp::from_us(n * 33_333));

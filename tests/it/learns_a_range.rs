@@ -46,6 +46,7 @@ impl Session {
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
             eyes: None,
+            mouth_hidden: 0.0,
             confidence: 1.0,
         };
         let at = Timestamp::from_us((from_frame + self.frame) * 33_333);

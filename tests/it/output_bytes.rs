@@ -30,6 +30,7 @@ fn landmarks() -> Landmarks {
         point_confidence: [0.75; LANDMARKS],
         cheeks: [0.0; 2],
         eyes: None,
+        mouth_hidden: 0.0,
         confidence: 0.9,
     }
 }

@@ -123,6 +123,7 @@ impl Scene {
                 point_confidence: [1.0; LANDMARKS],
                 cheeks: [0.0; 2],
                 eyes: None,
+                mouth_hidden: 0.0,
                 confidence: 1.0,
             };
             change(t, &mut truth, &mut appears, &mut landmarks);

@@ -277,6 +277,7 @@ fn a_week_of_visitors() {
             point_confidence: [1.0; LANDMARKS],
             cheeks: [0.0; 2],
             eyes: None,
+            mouth_hidden: 0.0,
             confidence: 1.0,
         },
         error: [0.0; 2],

@@ -89,6 +89,7 @@ fn all_wires_at_once_cost_no_memory() {
         point_confidence: [1.0; LANDMARKS],
         cheeks: [0.0; 2],
         eyes: None,
+        mouth_hidden: 0.0,
         confidence: 1.0,
     };
     let mut random = fastrand::Rng::with_seed(1);

@@ -53,7 +53,7 @@ impl Method {
 }
 
 /// Procedure 1 as printed: ω of control points and steps of equation (12), s of (13) in eye distances, rounds. The paper leaves
-/// all four open; s is the best of the three of [`super::benchmark`].
+/// all four open; these are ours.
 const PRINTED_WEIGHT: f64 = 10.0;
 const PRINTED_STEPS: usize = 100;
 const PRINTED_FACTOR: f64 = 30.0;
