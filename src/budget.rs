@@ -13,8 +13,8 @@
 //! | landmarks | 1,000,192 | window, orientation maps, features: shared by all |
 //! | model | 510,000 | shape modes, scales, biases; the update matrices stay in the binary |
 //! | anchor | 700,000 | the standard head, prepared |
-//! | people | 5 × 300,000 | four users and the one at the door |
-//! | **stages** | **5,282,496** | of 8 MiB |
+//! | people | 5 × 305,000 | four users and the one at the door |
+//! | **stages** | **5,307,496** | of 8 MiB |
 //! | waiting frames | 2 × 729,600 | in the ring or being unpacked |
 //! | pairing | 729,600 | one picture per stream |
 //! | assembling | 729,600 | one picture per stream |
@@ -42,7 +42,7 @@ pub const MODEL: usize = 510_000;
 /// The built-in standard head prepared for the pose stage, at most.
 pub const ANCHOR: usize = 700_000;
 /// One person's stages, at most.
-pub const PERSON: usize = 300_000;
+pub const PERSON: usize = 305_000;
 /// All stages.
 pub const STAGES: usize =
     FRAME + SEGMENT + CAMERA + LANDMARKS + MODEL + ANCHOR + (USERS + 1) * PERSON;
