@@ -9,6 +9,8 @@
 //! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
 //! One file: who gets which head, from door to memory, is one decision.
 
+use alloc::sync::Arc;
+
 use crate::capacity::{HEADS, REMEMBERED, USERS};
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
@@ -119,11 +121,12 @@ impl Pipeline {
         let anchor = model.standard_head.oriented();
         let pose = PoseTracker::new(settings.pose, &anchor)?;
         let scratch = Shared::default();
+        let units = Arc::new(Units::shipped());
         let follower = |_| {
             Ok(Follower::new(
                 pose.another(),
                 LandmarkStage::new(settings.landmarks, model, &scratch)?,
-                Expression::new(settings.learning.clone(), Units::shipped()),
+                Expression::new(settings.learning.clone(), units.clone()),
                 Presence::new(settings.users.hold_s, settings.users.forget_s),
             ))
         };

@@ -47,6 +47,8 @@ pub use range::Range;
 pub use saved::Learned;
 pub use units::{UnitName, Units};
 
+use alloc::sync::Arc;
+
 use crate::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
 use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
@@ -203,7 +205,8 @@ enum Learners {
 #[derive(Clone, Debug)]
 pub struct Expression {
     settings: Settings,
-    units: Units,
+    /// The same for everybody.
+    units: Arc<Units>,
     names: heapless::Vec<UnitName, UNITS>,
     /// See [`Units::further`].
     further: heapless::Vec<usize, UNITS>,
@@ -225,7 +228,8 @@ pub struct Expression {
 impl Expression {
     /// A person nobody has seen yet.
     #[must_use]
-    pub fn new(settings: Settings, units: Units) -> Self {
+    pub fn new(settings: Settings, units: impl Into<Arc<Units>>) -> Self {
+        let units = units.into();
         let paper = settings.method == Method::Paper;
         let phase = |m: usize| m as f64 / LEARNT_MEASURES as f64;
         let learners = match settings.method {
