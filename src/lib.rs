@@ -1,18 +1,29 @@
 //! mien: facial expression from a Kinect v1, as FACS action-unit weights.
 //!
 //! ```text
-//! sensor ──► segment ──► pose ──► landmarks ──► expression ──────────────► output
-//! frame      head cloud  sensor_   68 points    measures → samples →       CSV, serial, OSC
-//! (depth,    per user    from_head in head      ranges → unit weights
-//!  luma, t)                        frame
-//!                      face_model (read at start-up) ◄── studio/train (shape, appearance, NRSFM)
+//!                    appliance                                    studio
+//!     command line, settings, service, status         train, evaluate, bake, preview
+//!                        │                                           │
+//!                        ▼                                           │
+//!                    pipeline ◄──────────────────────────────────────┤
+//!        the stages in order, for every person                       │
+//!                        │                                           ▼
+//!  sensor ─► segment ─► pose ─► landmarks ─► expression ─► users ─► output      simulator
+//!  frame     head       sensor  68 points    measures,     who is   CSV, OSC,   heads, rooms and a
+//!  (depth,   clouds     from    in the       ranges,       who      serial      virtual Kinect: frames
+//!   luma, t)            head    head frame   weights                            as a sensor gives them
+//!                                 ▲
+//!                            face_model
+//!
+//!  base: capacities, geometry, time
 //! ```
 //!
-//! Dependencies point left and down only: a stage uses [`geometry`], [`capacity`], [`time`] and the output types of the
-//! stages to its left. Never a stage to its right, never [`settings`], never [`pipeline`]. [`studio`] may use everything
-//! and nothing uses it; it exists only with the feature `studio`.
+//! Dependencies point down and to the left only, room by room; `tests/it/keeps_its_rooms_apart.rs` holds it:
+//! [`base`], [`sensor`], [`simulator`], [`segment`], [`pose`], [`face_model`], [`landmarks`], [`expression`], [`users`],
+//! [`output`], [`pipeline`], [`appliance`], [`studio`]. Inside a room no two files use each other. `studio` exists only
+//! with the feature `studio`.
 //!
-//! Inside: metres, radians, seconds or [`time::Timestamp`]. Anything else only at a border, with the unit in the name
+//! Inside: metres, radians, seconds or [`base::time::Timestamp`]. Anything else only at a border, with the unit in the name
 //! (`_mm`, `_deg`, `_px`, `_us`).
 //!
 //! Without the feature `std` the library is what needs no files, clocks, sockets or ports: packets to pictures, the stages,
@@ -22,17 +33,11 @@
 
 extern crate alloc;
 
-#[cfg(not(feature = "std"))]
-mod prelude;
-
-pub mod capacity;
-pub mod checksum;
-pub mod geometry;
-pub mod shared;
-pub mod time;
-pub mod vectors;
+pub mod base;
 
 pub mod sensor;
+
+pub mod simulator;
 
 pub mod segment;
 
@@ -48,45 +53,10 @@ pub mod users;
 
 pub mod output;
 
-#[cfg(feature = "std")]
-pub mod bench;
-#[cfg(feature = "std")]
-mod bounded;
-pub mod budget;
-#[cfg(feature = "std")]
-pub mod cli;
-#[cfg(feature = "std")]
-pub mod devices;
-#[cfg(feature = "std")]
-pub mod doctor;
-#[cfg(feature = "std")]
-mod few;
-#[cfg(feature = "std")]
-mod follower;
-#[cfg(all(test, feature = "std"))]
-mod golden;
-#[cfg(feature = "std")]
-mod live;
-#[cfg(feature = "std")]
-pub mod log;
-#[cfg(feature = "std")]
-pub mod memory;
-#[cfg(feature = "std")]
-mod pipe;
-#[cfg(feature = "std")]
 pub mod pipeline;
+
 #[cfg(feature = "std")]
-pub mod send_test;
-#[cfg(feature = "std")]
-pub mod service;
-#[cfg(feature = "std")]
-pub mod service_manager;
-#[cfg(feature = "std")]
-pub mod settings;
-#[cfg(feature = "std")]
-pub mod status;
-#[cfg(feature = "std")]
-mod wires;
+pub mod appliance;
 
 #[cfg(feature = "studio")]
 pub mod studio;

@@ -24,7 +24,7 @@
 //! method does without compensation: it brought nothing there.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Weights under this make a sample invalid.
 pub const LEAST_WEIGHT: f64 = 1.0 / 3.0;

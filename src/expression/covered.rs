@@ -17,10 +17,10 @@
 //! always hard to see, as under a beard or a mask, counts as covered only where it is harder to see than usual.
 
 use super::measures::Measure;
-use crate::capacity::UNITS;
-use crate::landmarks::{Landmarks, MOUTH};
+use crate::base::capacity::UNITS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::landmarks::{Landmarks, MOUTH};
 
 /// Points of brows, nose and eyes.
 const OTHERS: core::ops::Range<usize> = 17..48;
@@ -208,8 +208,8 @@ impl CoveredMouth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capacity::LANDMARKS;
-    use crate::geometry::Point;
+    use crate::base::capacity::LANDMARKS;
+    use crate::base::geometry::Point;
 
     const DT: f32 = 1.0 / 30.0;
 

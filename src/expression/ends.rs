@@ -7,7 +7,7 @@
 
 use super::nodes::Node;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Seconds that must lie beyond an end, at least.
 const BEYOND_S: f64 = 0.25;

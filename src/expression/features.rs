@@ -4,8 +4,8 @@
 //! the lip: section 2.1's measures see little of it. Head frame, metres; divided by the inner-eye-corner distance like the
 //! measures. Used by [`super::readings`] only. Cost: some hundred additions a frame, no memory.
 
-use crate::capacity::{FEATURES, LANDMARKS, LENGTHS};
-use crate::geometry::Point;
+use crate::base::capacity::{FEATURES, LANDMARKS, LENGTHS};
+use crate::base::geometry::Point;
 
 /// A length between two groups of points along an axis of the head.
 #[derive(Clone, Copy, Debug)]

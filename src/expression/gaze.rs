@@ -8,11 +8,11 @@
 
 use serde::Deserialize;
 
-use crate::geometry::Rotation;
-use crate::geometry::Vector;
-use crate::landmarks::eyes::{CELLS, Eyes};
+use crate::base::geometry::Rotation;
+use crate::base::geometry::Vector;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::landmarks::eyes::{CELLS, Eyes};
 
 /// Weights by cell of one eye, and of the head's turn.
 #[derive(Clone, Debug)]
@@ -69,7 +69,7 @@ impl Gaze {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
 
     fn planted() -> Gaze {
         let weights = |turn: f32, sign: f32| {

@@ -4,10 +4,10 @@ use super::measures::tests::toy_face;
 use super::nodes::Nodes;
 use super::units::{Kind, Prior};
 use super::{Expression, Settings, Units, rest};
-use crate::capacity::LANDMARKS;
-use crate::geometry::Rigid;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Rigid;
+use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-use crate::time::Timestamp;
 
 const SHIPPED: &str = include_str!("../../config/units.toml");
 

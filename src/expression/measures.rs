@@ -15,8 +15,8 @@
 //! by nothing but a one-sided error of the corners by half of that error.
 //! One file: every measure beside its formula and its place in the order.
 
-use crate::capacity::{LANDMARKS, MEASURES};
-use crate::geometry::Point;
+use crate::base::capacity::{LANDMARKS, MEASURES};
+use crate::base::geometry::Point;
 use crate::landmarks::Landmarks;
 use crate::landmarks::refine::PUFFS;
 
@@ -303,7 +303,7 @@ impl EyeDistance {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::geometry::Vector;
+    use crate::base::geometry::Vector;
 
     /// A flat toy face with round numbers: eye corners 30 mm apart.
     pub(crate) fn toy_face() -> [Point; LANDMARKS] {

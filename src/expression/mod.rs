@@ -49,12 +49,12 @@ pub use units::{UnitName, Units};
 
 use alloc::sync::Arc;
 
-use crate::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
-use crate::geometry::Rigid;
-use crate::landmarks::Landmarks;
+use crate::base::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
+use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::landmarks::Landmarks;
 use covered::CoveredMouth;
 use measures::EyeDistance;
 use newcomer::Newcomer;

@@ -10,7 +10,7 @@
 //! that are not known yet say nothing.
 //! Limitation: a person with the same proportions goes unnoticed, and harmlessly so.
 
-use crate::capacity::LEARNT_MEASURES;
+use crate::base::capacity::LEARNT_MEASURES;
 
 const SLOTS: usize = 32;
 /// Seconds between two samples: 32 cover ten seconds.

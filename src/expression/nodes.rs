@@ -11,7 +11,7 @@
 //! Policy when full: merge; total weights and the mean stay. Degenerate: the caller hands in finite values only.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// A value and how long it was seen, in grown seconds; see [`Nodes::advance`].
 #[derive(Clone, Copy, Debug, Default)]

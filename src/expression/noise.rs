@@ -7,7 +7,7 @@
 //! face tracker is about as large as its white part.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Step of the running median, per frame: half of the way in about 20 frames.
 const STEP: f64 = 0.035;

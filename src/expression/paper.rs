@@ -14,9 +14,9 @@ use super::range::Range;
 use super::samples::{Sample, SampleSet};
 use super::two_way;
 use super::units::{Kind, Prior};
-use crate::capacity::PAPER_SAMPLES;
+use crate::base::capacity::PAPER_SAMPLES;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Seconds of presence until the prior has faded out.
 const PRIOR_FADES_S: f64 = 10.0;

@@ -13,7 +13,7 @@
 use super::features;
 use super::measures::Measure;
 use super::units::{Kind, Prior, UnitName};
-use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
 
 /// What is assumed about a feature before a person has been seen; in eye distances.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@
 use super::nodes::Node;
 use super::units::Prior;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Seconds that the population's mass is worth.
 const PRIOR_S: f64 = 0.3;

@@ -22,9 +22,9 @@ use super::noise::Noise;
 use super::range::Range;
 use super::rest;
 use super::units::Prior;
-use crate::capacity::RANGE_NODES;
+use crate::base::capacity::RANGE_NODES;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// White noise assumed at first, in w: 0.25 % of the outer eye-corner distance.
 const ASSUMED_NOISE: f64 = 0.006;

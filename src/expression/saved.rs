@@ -12,7 +12,7 @@ use core::fmt::Write;
 
 use super::measures::Measure;
 use super::range::Range;
-use crate::capacity::LEARNT_MEASURES;
+use crate::base::capacity::LEARNT_MEASURES;
 
 const HEADER: &str = "mien-ranges 1";
 /// No measure of a face is larger, in eye distances.

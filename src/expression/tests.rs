@@ -2,8 +2,8 @@
 
 use super::measures::tests::toy_face;
 use super::*;
-use crate::capacity::LANDMARKS;
-use crate::geometry::Point;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
 
 fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
     Landmarks {
@@ -137,7 +137,7 @@ fn frozen_and_doubtful_frames_teach_nothing() {
     // Turned away: ω < 1/3.
     let away = Rigid::from_parts(
         nalgebra::Translation3::new(0.0, 0.0, 0.7),
-        crate::geometry::rotation_from_yaw_pitch_roll(1.5, 0.0, 0.0),
+        crate::base::geometry::rotation_from_yaw_pitch_roll(1.5, 0.0, 0.0),
     );
     for n in 100..200 {
         expression.observe(&grin(5.0), &away, frame(n));

@@ -12,11 +12,11 @@ use super::robust::RobustLearner;
 use super::smooth::OneEuro;
 use super::units::{Kind, Units};
 use super::{LEAST_CONFIDENCE, Settings};
-use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
-use crate::geometry::Rotation;
-use crate::landmarks::Landmarks;
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
+use crate::base::geometry::Rotation;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::landmarks::Landmarks;
 
 /// Units that are easily told from rest and whose small amounts matter: speech moves the lips all the time and leaves no
 /// quiet to measure, and most smiles are slight.

@@ -12,9 +12,9 @@ use super::features;
 use super::gaze::{Gaze, GazeRow};
 use super::measures::Measure;
 use super::readings::{FeaturePrior, Reading, input_named};
-use crate::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, UNITS};
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, UNITS};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// FACS unit with its side, such as `AU12L`.
 pub type UnitName = heapless::String<8>;

@@ -6,9 +6,9 @@
 //! Our reading: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
 //! picture's edge that looks at the camera counts as facing it.
 
-use crate::geometry::{Rigid, face_normal};
+use crate::base::geometry::{Rigid, face_normal};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Fall of ω_t per metre from the best distance, equation (4).
 const FALL_PER_M: f64 = 0.2;
@@ -42,7 +42,7 @@ pub fn sample_weight(sensor_from_head: &Rigid, z_opt: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
     use nalgebra::Translation3;
 
     fn pose(z: f32, yaw_deg: f32) -> Rigid {

@@ -12,9 +12,9 @@
 
 use alloc::borrow::Cow;
 
-use crate::capacity::LANDMARKS;
-use crate::checksum::crc32;
-use crate::geometry::{Point, Vector};
+use crate::base::capacity::LANDMARKS;
+use crate::base::checksum::crc32;
+use crate::base::geometry::{Point, Vector};
 use crate::landmarks::refine::Refinement;
 
 use super::{
@@ -22,7 +22,7 @@ use super::{
     LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
 };
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// First bytes of a model file.
 pub const MAGIC: [u8; 8] = *b"MIENFACE";

@@ -1,6 +1,6 @@
 //! The face model: 3D shape modes, the fitting cascade, the standard head; one file, read at start-up.
 //!
-//! **Shape.** `X = mean + Σ b_i σ_i m_i`: 68 points in the head frame of [`crate::geometry`], metres, rigid motion and size
+//! **Shape.** `X = mean + Σ b_i σ_i m_i`: 68 points in the head frame of [`crate::base::geometry`], metres, rigid motion and size
 //! removed on the [`scheme::STABLE`] points; modes `m_i` orthonormal over all 204 coordinates, `σ_i` their standard
 //! deviation in the training population, `b_i` therefore about N(0, 1). The population holds every face with its mirror
 //! image, so each mode is even or odd under left-right mirroring. Principal component analysis of 3D shape as in the combined
@@ -19,12 +19,12 @@ pub use file::ModelError;
 use alloc::borrow::Cow;
 use alloc::sync::Arc;
 
-use crate::capacity::LANDMARKS;
-use crate::geometry::{Point, Vector};
-use crate::landmarks::refine::Refinement;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::wide;
+use crate::base::prelude::*;
+use crate::base::vectors::wide;
+use crate::landmarks::refine::Refinement;
 
 /// Most shape modes a model may have.
 pub const MAX_MODES: usize = 48;

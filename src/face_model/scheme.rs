@@ -4,9 +4,9 @@
 
 use core::ops::Range;
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Right ear to left ear along the jaw; 8 is the chin. Fixed points of the head, not the silhouette.
 pub const JAW: Range<usize> = 0..17;

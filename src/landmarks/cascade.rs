@@ -11,15 +11,15 @@
 
 use super::features::OrientationMaps;
 use super::view::View;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::vectors::{NO_FRACTION, wide};
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, LANDMARK_SIGNS, MAX_MODES, MAX_PARAMETERS,
     PATCH, ShapeModel, VIEW_PARAMETERS,
 };
-use crate::geometry::Point;
-#[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::{NO_FRACTION, wide};
 
 /// Farthest a shape coefficient may go, in standard deviations.
 pub const MOST_DEVIATIONS: f32 = 4.0;

@@ -6,9 +6,9 @@
 //! Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels wide, or without contrast, is not seen.
 
 use super::window::Picture;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Cells of an eye, across and down.
 pub const ACROSS: usize = 16;
@@ -84,7 +84,7 @@ fn level(eye: &mut [f32; CELLS]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+    use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
     /// A face whose eyes are 40 and 80 pixels right of column 200, turned about (250, 200), with a dark disc in each eye.
     fn face(turn: f32, aside: f32, width: f32) -> (Vec<u8>, [[f32; 2]; LANDMARKS]) {

@@ -12,11 +12,11 @@
 use core::ops::Range;
 
 use super::window::{Region, WINDOW};
-use crate::capacity::LANDMARKS;
-use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
+use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::wide;
+use crate::base::prelude::*;
+use crate::base::vectors::wide;
+use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
 
 /// Cells along one side of the maps.
 pub const MAP: usize = WINDOW / 2;

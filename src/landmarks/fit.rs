@@ -21,15 +21,15 @@ use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, MOUTH, empty_landmarks};
-use crate::capacity::PIXELS;
-use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
-use crate::geometry::{Rigid, Rotation, Vector};
-use crate::pose::HeadPose;
+use crate::base::capacity::PIXELS;
+use crate::base::geometry::{Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::shared_cell::Shared;
+use crate::base::time::Timestamp;
+use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel};
+use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
-use crate::shared::Shared;
-use crate::time::Timestamp;
 
 /// Time that a first frame, or one after a loss, stands for, seconds.
 const FIRST_STEP_S: f32 = 0.1;
@@ -115,7 +115,7 @@ const BESIDE: [[f32; 2]; 6] = [
 
 /// Turn and shift of an upright face in a head that is found leaning or beside it.
 fn upright(sensor_from_head: &Rotation, place: usize) -> (Rotation, Vector) {
-    let (_, _, roll) = crate::geometry::yaw_pitch_roll(sensor_from_head);
+    let (_, _, roll) = crate::base::geometry::yaw_pitch_roll(sensor_from_head);
     let turn = Rotation::from_axis_angle(&Vector::z_axis(), -roll);
     let [x, y] = BESIDE[place];
     (turn, MIDDLE + turn * (Vector::new(x, y, 0.0) - MIDDLE))
@@ -430,7 +430,7 @@ impl LandmarkFitter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+    use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
     use crate::sensor::camera::Registration;
 
     fn fitter() -> LandmarkFitter {

@@ -15,8 +15,8 @@ pub mod window;
 pub use fit::{LandmarkFitter, Scratch, Settings};
 pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};
 
-use crate::capacity::LANDMARKS;
-use crate::geometry::{Point, Rigid};
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rigid};
 use crate::sensor::camera::Camera;
 
 /// Points of the mouth.

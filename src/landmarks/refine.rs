@@ -11,12 +11,12 @@
 //! Head frame, metres at the model's size, standard deviations. Memory: one matrix of 30 kB. Cost: some 60 patches of
 //! depth and 5000 multiplications. Degenerate: a place without depth counts as the mean; inputs are held to ±[`MOST`].
 
-use crate::capacity::{LANDMARKS, PIXELS};
-use crate::face_model::{MAX_MODES, ModelError};
-use crate::geometry::{Point, Rigid, Vector};
-use crate::landmarks::relief;
+use crate::base::capacity::{LANDMARKS, PIXELS};
+use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::face_model::{MAX_MODES, ModelError};
+use crate::landmarks::relief;
 use crate::sensor::camera::Camera;
 
 /// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.

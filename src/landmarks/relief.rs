@@ -5,10 +5,10 @@
 //! steps (2 mm at 0.8 m) by a factor of ten. Units: metres, head frame. No memory. Cost: one look-up and one rotation
 //! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.
 
-use crate::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::geometry::{Point, Rigid, Vector};
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use crate::sensor::camera::Camera;
 
 /// Half the width of a window, metres.

@@ -2,15 +2,15 @@
 
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
 use super::{LandmarkFitter, Landmarks, Scratch, Settings};
-use crate::capacity::PIXELS;
-use crate::face_model::FaceModel;
-use crate::geometry::{Rigid, Rotation};
-use crate::pose::HeadPose;
+use crate::base::capacity::PIXELS;
+use crate::base::geometry::{Rigid, Rotation};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::shared_cell::Shared;
+use crate::base::time::Timestamp;
+use crate::face_model::FaceModel;
+use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
-use crate::shared::Shared;
-use crate::time::Timestamp;
 
 /// How landmarks are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

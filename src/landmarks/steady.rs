@@ -5,8 +5,8 @@
 //! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
 //! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter starts anew.
 
+use crate::base::time::Timestamp;
 use crate::face_model::MAX_MODES;
-use crate::time::Timestamp;
 
 /// Longest gap the filter bridges, seconds.
 const GAP_S: f64 = 0.5;

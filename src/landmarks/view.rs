@@ -5,10 +5,10 @@
 //! half a metre the nose is a fifth nearer than the ears. `q` is known from depth and not fitted.
 //! Degenerate: points behind the camera (`1 + q z <= 0.2`) are projected as if at that limit.
 
-use crate::face_model::VIEW_PARAMETERS;
-use crate::geometry::{Point, Rotation, Vector};
+use crate::base::geometry::{Point, Rotation, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::face_model::VIEW_PARAMETERS;
 
 /// Size of one unit of each view parameter: log scale, rotation (3, radians), shift (2, window pixels).
 pub const UNITS: [f32; VIEW_PARAMETERS] = [0.05, 0.1, 0.1, 0.1, 5.0, 5.0];
@@ -85,7 +85,7 @@ mod tests {
     fn a_step_is_undone_by_its_reading() {
         let view = View {
             log_scale: 6.5,
-            rotation: crate::geometry::rotation_from_yaw_pitch_roll(0.3, -0.2, 0.05),
+            rotation: crate::base::geometry::rotation_from_yaw_pitch_roll(0.3, -0.2, 0.05),
             shift: [90.0, 70.0],
             inverse_distance: 1.4,
         };

@@ -12,12 +12,12 @@ use core::ops::Range;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::view::View;
-use crate::capacity::{HEIGHT, WIDTH};
-use crate::geometry::{Point, Rigid, Rotation, Vector};
+use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::vectors::{NO_FRACTION, wide};
 use crate::sensor::camera::Camera;
-use crate::vectors::{NO_FRACTION, wide};
 
 /// Side of the window, pixels.
 pub const WINDOW: usize = 184;
@@ -301,7 +301,7 @@ impl Placement {
 
 /// The whole colour picture of the sensor as a [`Picture`].
 #[must_use]
-pub fn sensor_picture(luma: &[u8; crate::capacity::PIXELS]) -> Picture<'_> {
+pub fn sensor_picture(luma: &[u8; crate::base::capacity::PIXELS]) -> Picture<'_> {
     Picture {
         luma,
         width: WIDTH,
@@ -312,7 +312,7 @@ pub fn sensor_picture(luma: &[u8; crate::capacity::PIXELS]) -> Picture<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
 
     #[test]
     fn the_window_shows_the_points_where_the_camera_does() {

@@ -10,10 +10,10 @@ use std::io::Write;
 #[cfg(feature = "std")]
 use super::{Output, OutputError, Tally};
 use super::{Report, TrackingState};
-use crate::capacity::LANDMARKS;
-use crate::landmarks::Landmarks;
+use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::landmarks::Landmarks;
 
 /// Decimals of lengths in metres, quaternions, measures and weights: 1 µm, and finer than any of them is known.
 const FINE: usize = 6;

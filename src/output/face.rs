@@ -4,8 +4,8 @@
 use super::view::{Channel, View};
 use super::{Report, TrackingState, unit_range};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 
 /// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.
 #[derive(Clone, Copy, Debug, PartialEq)]

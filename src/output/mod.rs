@@ -10,13 +10,13 @@ pub mod osc;
 pub mod serial;
 mod view;
 
-use crate::expression::UnitRange;
-use crate::geometry::Rigid;
-use crate::landmarks::Landmarks;
+use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::expression::UnitRange;
+use crate::landmarks::Landmarks;
 use crate::segment::PixelRect;
-use crate::time::Timestamp;
 pub use crate::users::TrackingState;
 pub use face::LossPolicy;
 use face::{OneFace, WireWeights};
@@ -32,7 +32,7 @@ pub struct Report<'a> {
     pub frame: u64,
     /// Capture time of the frame.
     pub at: Timestamp,
-    /// Slot of the user, below [`crate::capacity::USERS`]; `None` if nobody is there.
+    /// Slot of the user, below [`crate::base::capacity::USERS`]; `None` if nobody is there.
     pub user: Option<usize>,
     /// What is known of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
     pub state: TrackingState,

@@ -33,10 +33,10 @@ use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
     WireWeights, unit_range,
 };
-use crate::capacity::USERS;
+use crate::base::capacity::USERS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 #[cfg(feature = "std")]
 use commands::{Commands, Request};
 use packet::Argument;

@@ -37,7 +37,7 @@ use super::{
     LossPolicy, OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
 };
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use frame::Frame;
 pub use line::Line;
 #[cfg(feature = "std")]

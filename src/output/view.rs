@@ -4,9 +4,9 @@
 //! replaces `AU26` in addresses, headers and plots. Mirrored, left and right change places and the head moves as its
 //! reflection: for a person who looks at their own avatar. The CSV shows the units as they are.
 
-use crate::geometry::{Rigid, Rotation};
+use crate::base::geometry::{Rigid, Rotation};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Longest name of a unit on a wire, bytes.
 pub(super) const LONGEST_NAME: usize = 24;
@@ -114,7 +114,7 @@ fn mirrored(pose: &Rigid) -> Rigid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{rotation_from_yaw_pitch_roll, yaw_pitch_roll};
+    use crate::base::geometry::{rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 
     #[test]
     fn a_mirror_swaps_the_sides_and_leaves_the_rest() {

@@ -13,9 +13,9 @@ use nalgebra::SMatrix;
 
 use super::icp::{MIN_PAIRS, Target};
 use super::signature::Patches;
-use crate::geometry::{Point, Vector};
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Side of a grid cell, metres.
 const CELL_M: f32 = 0.004;

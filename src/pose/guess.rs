@@ -5,9 +5,9 @@
 //! about the vertical; a fit that starts that far off still ends on the face. Sensor frame, metres. Degenerate: an empty
 //! cloud has none.
 
-use crate::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
+use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Places in the extent of the cloud, 0…1 to the right and downwards; heads reach lower than faces.
 const PLACES: [[f32; 2]; 12] = [
@@ -78,7 +78,7 @@ mod tests {
         }
         let yaws: Vec<f32> = all[..3]
             .iter()
-            .map(|guess| crate::geometry::yaw_pitch_roll(&guess.rotation).0)
+            .map(|guess| crate::base::geometry::yaw_pitch_roll(&guess.rotation).0)
             .collect();
         assert!(yaws.iter().any(|y| *y > 0.4) && yaws.iter().any(|y| *y < -0.4));
         assert_eq!(guesses(&cloud, 0), guesses(&cloud, 12));

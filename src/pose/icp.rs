@@ -23,9 +23,9 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use crate::geometry::{Point, Rigid, Rotation, Vector};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Fewer pairs than this do not fix a rigid motion reliably.
 pub const MIN_PAIRS: usize = 12;
@@ -271,7 +271,7 @@ const HEAD_RADIUS_M: f32 = 0.1;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
 
     fn random_point(rng: &mut fastrand::Rng, scale: f32) -> Point {
         Point::new(rng.f32() - 0.5, rng.f32() - 0.5, rng.f32() - 0.5) * scale

@@ -12,9 +12,9 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::plane::WORTH_M2;
-use crate::geometry::{Rigid, Vector};
+use crate::base::geometry::{Rigid, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// What the picture knows, as standard deviations: turns about and across the line of sight, radians; shifts across it,
 /// metres.
@@ -63,7 +63,7 @@ pub(super) fn lean(depth: &Rigid, known: &SMatrix<f64, 6, 6>, told: &Rigid) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Rotation, rotation_from_yaw_pitch_roll};
+    use crate::base::geometry::{Rotation, rotation_from_yaw_pitch_roll};
 
     fn depth() -> Rigid {
         Rigid::from_parts(

@@ -26,12 +26,12 @@ use alloc::sync::Arc;
 
 use nalgebra::SMatrix;
 
-use crate::capacity::{HEIGHT, WIDTH};
-use crate::geometry::{Point, Rigid, Vector};
+use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 use crate::segment::{CELL_PX, HeadCloud, PixelRect};
-use crate::time::Timestamp;
 use anchor::Anchor;
 use plane::{Coverage, Effort, PlaneFit};
 use shape::HeadShape;
@@ -502,7 +502,7 @@ impl PoseTracker {
         let shift = (last.translation.vector - earlier.translation.vector) * ratio;
         let sensor_from_head = Rigid::from_parts(
             (last.translation.vector + shift).into(),
-            crate::geometry::Rotation::new(turn) * last.rotation,
+            crate::base::geometry::Rotation::new(turn) * last.rotation,
         );
         Some(sensor_from_head.inverse())
     }
@@ -761,7 +761,7 @@ impl PoseTracker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
     use anchor::tests::half_egg;
 
     fn cloud(sensor_from_head: &Rigid, noise: f32, seed: u64) -> HeadCloud {

@@ -17,10 +17,10 @@ use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
 use super::shape::HeadShape;
-use crate::geometry::{Point, Rigid, Vector};
+use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::wide;
+use crate::base::prelude::*;
+use crate::base::vectors::wide;
 
 /// Fewer weighted pairs than this do not fix a pose.
 const MIN_USED: f64 = 40.0;

@@ -19,9 +19,9 @@ use nalgebra::SVector;
 
 use super::anchor::Anchor;
 use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
-use crate::geometry::Point;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Largest learned offset, metres.
 const MAX_OFFSET_M: f32 = 0.015;
@@ -149,7 +149,7 @@ impl HeadShape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Rigid;
+    use crate::base::geometry::Rigid;
     use crate::pose::anchor::tests::half_egg;
     use crate::pose::signature::Signature;
 
@@ -160,7 +160,8 @@ mod tests {
             let mut shape = HeadShape::standard(anchor.points.len());
             shape.log_scale = log_scale;
             shape.seen.fill(MEMORY_FRAMES);
-            let grown = |(a, n): (&Point, &crate::geometry::Vector)| n.dot(&a.coords) * growth;
+            let grown =
+                |(a, n): (&Point, &crate::base::geometry::Vector)| n.dot(&a.coords) * growth;
             let grown = anchor.points.iter().zip(&anchor.normals).map(grown);
             let share = MEMORY_FRAMES / (MEMORY_FRAMES + PRIOR_FRAMES);
             shape.offset = grown.map(|offset| offset * share).collect();

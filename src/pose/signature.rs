@@ -14,9 +14,9 @@ use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
 use super::shape::HeadShape;
-use crate::geometry::Point;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Columns and rows of patches over the face.
 const GRID: [usize; 2] = [6, 6];

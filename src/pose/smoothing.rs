@@ -9,8 +9,8 @@
 //! sensor frame, metres and radians. Memory: [`MAX_WINDOW`] poses. Degenerate: after a gap of [`GAP_S`] or time running
 //! backwards the filter starts anew. Limitation: constant delay models only; no prediction.
 
-use crate::geometry::{Rigid, Rotation, Vector};
-use crate::time::Timestamp;
+use crate::base::geometry::{Rigid, Rotation, Vector};
+use crate::base::time::Timestamp;
 
 /// Poses a window can hold.
 pub const MAX_WINDOW: usize = 16;
@@ -139,7 +139,7 @@ impl PoseFilter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
 
     fn pose(yaw: f32, x: f32) -> Rigid {
         Rigid::from_parts(

@@ -9,7 +9,7 @@
 
 use super::anchor::Anchor;
 use super::plane::FACING;
-use crate::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 
 const YAWS_DEG: [f32; 5] = [0.0, -25.0, 25.0, -52.0, 52.0];
 const PITCHES_DEG: [f32; 5] = [0.0, -22.0, 22.0, -40.0, 40.0];

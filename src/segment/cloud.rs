@@ -10,10 +10,10 @@
 use super::cut::Head;
 use super::regions::{CELL_PX, COLUMNS, Regions};
 use super::{HeadCloud, PixelRect};
-use crate::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
-use crate::geometry::{Point, Rigid};
+use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
+use crate::base::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 

@@ -11,7 +11,7 @@
 
 use super::PixelRect;
 use super::regions::{CELL_PX, COLUMNS, ROWS, Regions};
-use crate::capacity::HEADS;
+use crate::base::capacity::HEADS;
 
 /// Rows of cells a head can be high: 0.3 m at 0.4 m.
 const MAX_PROFILE: usize = 110;

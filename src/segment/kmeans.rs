@@ -11,9 +11,9 @@
 //! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything as it was.
 //! Limitation: a local optimum, as ever with Lloyd; starting anew when a layer runs empty keeps it useful.
 
-use crate::capacity::RAW_DEPTH_VALUES;
+use crate::base::capacity::RAW_DEPTH_VALUES;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Layers of distance.
 pub const LAYERS: usize = 4;

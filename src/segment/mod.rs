@@ -19,10 +19,10 @@ mod cut;
 pub mod kmeans;
 mod regions;
 
-use crate::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
-use crate::geometry::{Point, Rigid};
+use crate::base::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
+use crate::base::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use cut::Head;

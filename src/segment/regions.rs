@@ -7,9 +7,9 @@
 //! Raw depth in, metres inside. Memory: 0.2 MB. Cost: linear in pixels read and cells. Degenerate: more regions than
 //! [`MAX_REGIONS`] in one picture: later ones stay unlabelled, which costs specks, not heads.
 
-use crate::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 

@@ -1,7 +1,7 @@
 //! Synthetic pictures; heads of the simulated sensor are in `tests/it/tracks_a_head.rs`.
 
 use super::*;
-use crate::capacity::{HEIGHT, WIDTH};
+use crate::base::capacity::{HEIGHT, WIDTH};
 
 /// Nearest surface of simple solids along each pixel's ray.
 struct World {

@@ -7,7 +7,7 @@
 use super::camera::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 use super::device::Model;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Which block of [`super::command::Command::AlgorithmParameters`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

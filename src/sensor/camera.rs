@@ -9,7 +9,7 @@
 //! * [`RegistrationTable`]: the driver's fixed-point table, entry for entry; the yardstick of the continuous form, and what
 //!   lays colour over depth in a picture.
 //!
-//! Frames and units: sensor frame in metres ([`crate::geometry`]); pixel centres are integers; `_mm` where millimetres.
+//! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers; `_mm` where millimetres.
 //! Memory: [`Camera`] 12 kB, [`RegistrationTable`] 1.9 MB, both on the heap, built once. Cost: `colour_pixel` about 40
 //! multiplications. Degenerate: a raw value without a distance gives 0; a point at z ≤ 0 projects to nothing useful (the
 //! result may be infinite). Limitation: no lens distortion beyond what the device's polynomial holds.
@@ -20,10 +20,10 @@ mod registration;
 pub use mapping::RegistrationTable;
 pub use registration::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 
-use crate::capacity::RAW_DEPTH_VALUES;
-use crate::geometry::Point;
+use crate::base::capacity::RAW_DEPTH_VALUES;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use mapping::{Axis, Cubic};
 
 /// Distances are delivered below this, millimetres; what lies farther is no measurement.
@@ -188,7 +188,7 @@ fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capacity::{HEIGHT, WIDTH};
+    use crate::base::capacity::{HEIGHT, WIDTH};
 
     #[test]
     fn raw_values_are_the_reference_distances() {

@@ -8,8 +8,8 @@
 //! [`luma_of`] of [`rgb_from_bayer`], value for value: what is recorded as RGB replays as the same luma.
 //! Layout: even rows G R G R…, odd rows B G B G…. Memory: four rows on the stack. Cost of luma: below 0.1 ms per picture.
 
-use crate::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::vectors::wide;
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::base::vectors::wide;
 use core::num::Wrapping;
 
 /// Bytes of an RGB picture.

@@ -7,7 +7,7 @@
 //! ```
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Bytes of the header.
 pub const HEADER: usize = 8;

@@ -4,7 +4,7 @@
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use core::time::Duration;
 
 /// One of the two isochronous streams.

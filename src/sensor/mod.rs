@@ -5,38 +5,27 @@ pub mod camera;
 pub mod colour;
 pub mod command;
 pub mod device;
-pub mod faults;
 #[cfg(feature = "std")]
 pub mod kinect;
 #[cfg(feature = "std")]
-pub mod live;
+pub mod live_kinect;
 pub mod motor;
 pub mod packet;
 pub mod pairing;
 pub mod picture_clock;
 #[cfg(feature = "std")]
 pub mod recording;
-#[cfg(feature = "std")]
-pub mod simulated;
-#[cfg(feature = "std")]
-mod source;
 pub mod stream;
 pub mod unpack;
 #[cfg(feature = "std")]
 pub mod usb;
 #[cfg(feature = "std")]
 pub mod usb_devices;
-#[cfg(feature = "std")]
-pub mod virtual_head;
-#[cfg(feature = "std")]
-pub mod virtual_kinect;
 
-use crate::capacity::PIXELS;
+use crate::base::capacity::PIXELS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
-#[cfg(feature = "std")]
-pub use source::{Pacer, Source, SourceError, SourceName};
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;

@@ -5,7 +5,7 @@
 //! nothing beyond ±31° is ever sent.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Largest tilt either way, degrees.
 pub const TILT_LIMIT_DEG: f32 = 31.0;
@@ -98,7 +98,7 @@ pub fn emit_posture(posture: &Posture) -> [u8; 10] {
 pub mod audio {
     use super::{Light, Posture, limited};
     #[cfg(not(feature = "std"))]
-    use crate::prelude::*;
+    use crate::base::prelude::*;
 
     const MAGIC: u32 = 0x0602_2009;
     const STATUS_MAGIC: u32 = 0x0a6f_e000;

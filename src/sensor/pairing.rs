@@ -16,9 +16,9 @@
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
 use super::stream::Layout;
-use crate::capacity::UNPAIRED_PICTURES as SLOTS;
+use crate::base::capacity::UNPAIRED_PICTURES as SLOTS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
 /// The offset follows a difference by one part in this many: a second or so.

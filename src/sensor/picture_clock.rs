@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::packet::TICKS_PER_SECOND;
 use super::timestamp_from_ticks;
-use crate::time::Timestamp;
+use crate::base::time::Timestamp;
 
 /// Tells the depth pictures' time since the first one. It goes on across the counter's wrap and a restart of the camera.
 #[derive(Clone, Debug, Default)]

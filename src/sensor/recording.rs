@@ -28,8 +28,8 @@ use std::path::{Path, PathBuf};
 
 use super::camera::Registration;
 use super::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
-use crate::bounded;
-use crate::capacity::PIXELS;
+use crate::base::bounded_read;
+use crate::base::capacity::PIXELS;
 use index::{Entry, Index};
 
 /// Name of the file that lists a recording's pictures.
@@ -131,7 +131,7 @@ impl Recording {
     pub fn open(directory: &Path) -> Result<Self, RecordingError> {
         let path = directory.join(INDEX_NAME);
         let text = open_file(&path)
-            .and_then(|file| bounded::all(file, INDEX_MOST[0]))
+            .and_then(|file| bounded_read::all(file, INDEX_MOST[0]))
             .and_then(|text| {
                 let text = String::from_utf8_lossy(&text).into_owned();
                 let many = index::names(&text).count() > INDEX_MOST[1];

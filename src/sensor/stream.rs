@@ -12,9 +12,9 @@
 use super::device::Stream;
 use super::packet::{HEADER, Header, NotAPacket, Place};
 use super::unpack::PACKED_DEPTH;
-use crate::capacity::PIXELS;
+use crate::base::capacity::PIXELS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// How a stream's pictures are cut into packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //! Method: four pixels are 44 bits of one word, which are drawn apart to 4 × 16 bits in two steps, halves and quarters at
 //! once. Reads 422 kB, writes 614 kB per picture, allocates nothing. Cost: 0.1 ms per picture.
 
-use crate::capacity::PIXELS;
+use crate::base::capacity::PIXELS;
 
 /// Bytes of a packed depth picture.
 pub const PACKED_DEPTH: usize = PIXELS * 11 / 8;

@@ -31,7 +31,7 @@ use rusb::{Context, DeviceHandle, UsbContext};
 use super::device::{DeviceError, Model, PacketSource, Received, Stream};
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, plain};
-use crate::capacity::{PACKETS, TRANSFERS};
+use crate::base::capacity::{PACKETS, TRANSFERS};
 
 /// Cancelled transfers come back within this.
 const DRAIN: Duration = Duration::from_secs(2);

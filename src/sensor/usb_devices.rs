@@ -195,7 +195,7 @@ impl Bus {
                     .then(|| (device, descriptor.product_id(), release))
             })
             .collect();
-        crate::few::sort_by_key(&mut devices, |(device, ..)| {
+        crate::base::insertion_sort::sort_by_key(&mut devices, |(device, ..)| {
             (device.bus_number(), device.address())
         });
         Ok(Self { context, devices })

@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 use super::bake::command::{BakeError, write};
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
-use super::text::{self, decoded};
-use crate::bounded;
+use crate::base::bounded_read;
+use crate::studio::text_files::{self, decoded};
 
 /// The options of `mien-studio animate`, explained.
 pub const OPTIONS: &str =
@@ -240,7 +240,7 @@ pub fn animate(
     user: Option<&str>,
 ) -> Result<(), AnimateError> {
     let read = |path: &Path| {
-        bounded::read(path, text::MOST).map_err(|source| AnimateError::Read {
+        bounded_read::read(path, text_files::MOST).map_err(|source| AnimateError::Read {
             path: path.into(),
             source,
         })

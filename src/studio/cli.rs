@@ -8,23 +8,23 @@ use std::str::FromStr;
 
 use lexopt::prelude::*;
 
-use super::bars;
-use super::default_head;
-use super::figures;
 use super::fit::{self, FitArgs};
-use super::head_scenes;
-use super::head_scenes::wild;
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
 use super::preview;
-use super::readings;
 use super::record;
-use super::sessions::{self, Sessions};
-use super::split::Split;
 use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
-use crate::service::{self, NoKinect};
+use crate::appliance::service::{self, NoKinect};
+use crate::studio::evaluate::figures;
+use crate::studio::evaluate::head_scenes;
+use crate::studio::evaluate::head_scenes::wild;
+use crate::studio::evaluate::landmark_bars;
+use crate::studio::evaluate::sessions::{self, Sessions};
+use crate::studio::heads::default_head;
+use crate::studio::people_split::Split;
+use crate::studio::units::readings;
 
 /// One command: its name, what it takes, what it does.
 struct Command {
@@ -415,7 +415,7 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
             seconds,
             ..sessions
         };
-        bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
+        landmark_bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
         return Ok(());
     }
     if let Some(folder) = words.path("figures") {

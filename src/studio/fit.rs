@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll};
 use crate::face_model::{FaceModel, MAX_MODES, ModelError};
-use crate::geometry::{Point, rotation_from_yaw_pitch_roll};
 use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
@@ -151,7 +151,7 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
 }
 
 fn read_text(path: &Path) -> Result<String, FitError> {
-    crate::studio::text::read(path).map_err(|source| FitError::Unreadable {
+    crate::studio::text_files::read(path).map_err(|source| FitError::Unreadable {
         path: path.into(),
         source,
     })
@@ -296,9 +296,10 @@ impl<'a> StillFitter<'a> {
             face_box.x + 0.5 * face_box.width - (off[0] * cos - off[1] * sin),
             face_box.y + 0.5 * face_box.height - (off[0] * sin + off[1] * cos),
         ];
-        view.rotation =
-            crate::geometry::Rotation::from_axis_angle(&crate::geometry::Vector::z_axis(), roll)
-                * view.rotation;
+        view.rotation = crate::base::geometry::Rotation::from_axis_angle(
+            &crate::base::geometry::Vector::z_axis(),
+            roll,
+        ) * view.rotation;
         view
     }
 
@@ -329,8 +330,8 @@ impl<'a> StillFitter<'a> {
         let map = &placement.picture_from_window;
         View {
             log_scale: fit.view.log_scale + map[(0, 0)].hypot(map[(1, 0)]).ln(),
-            rotation: crate::geometry::Rotation::from_axis_angle(
-                &crate::geometry::Vector::z_axis(),
+            rotation: crate::base::geometry::Rotation::from_axis_angle(
+                &crate::base::geometry::Vector::z_axis(),
                 placement.roll,
             ) * fit.view.rotation,
             shift: placement.picture_pixel(fit.view.shift),

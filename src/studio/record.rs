@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use crate::appliance::source::{Source, SourceError};
+use crate::sensor::Frame;
 use crate::sensor::recording::{Recorder, RecordingError};
-use crate::sensor::{Frame, Source, SourceError};
 
 /// Why nothing was recorded.
 #[derive(Debug, thiserror::Error)]

@@ -3,10 +3,10 @@
 //! The one who is shown stays until gone, or until another has been plainly better, by the policy's measure, for a while, so
 //! that two who sit alike do not take turns. Metres, seconds. Memory: a few numbers.
 
-use crate::geometry::Point;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 
 /// Who is preferred.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

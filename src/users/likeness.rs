@@ -11,11 +11,11 @@
 //! cannot be compared; without a face the head alone decides. Limitation: hats, glasses and thick hair change it; siblings
 //! may share it.
 
-use crate::capacity::LANDMARKS;
-use crate::geometry::Point;
-use crate::pose::signature::{Difference, Signature};
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::pose::signature::{Difference, Signature};
 
 /// Lengths of a face.
 pub const LENGTHS: usize = 11;

@@ -8,9 +8,9 @@
 //! Sensor frame, metres, seconds. Memory: none. Cost: users × heads distances, as many rounds as users. Degenerate: nobody or
 //! nothing gives nothing. Limitation: two who cross within a hand's breadth of depth while both are hidden may be swapped.
 
-use crate::capacity::{HEADS, USERS};
-use crate::geometry::{Point, Vector};
-use crate::time::Timestamp;
+use crate::base::capacity::{HEADS, USERS};
+use crate::base::geometry::{Point, Vector};
+use crate::base::time::Timestamp;
 
 /// A head moves less than this between two frames, beyond what its speed tells, metres.
 const REACH_M: f32 = 0.14;

@@ -1,12 +1,12 @@
 //! People who left, to be known when they come back: what their head and face are known by and the ranges learned, for a
 //! while, in memory.
 //!
-//! At most [`capacity::REMEMBERED`](crate::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
+//! At most [`capacity::REMEMBERED`](crate::base::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
 //! pictures nor clouds are kept; [`super::saved`] takes them over a restart.
 
-use crate::capacity::{REMEMBERED, USERS};
+use crate::base::capacity::{REMEMBERED, USERS};
+use crate::base::time::Timestamp;
 use crate::expression::saved::Learned;
-use crate::time::Timestamp;
 use crate::users::likeness::Likeness;
 
 /// One who left.
@@ -85,7 +85,7 @@ impl Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capacity::LEARNT_MEASURES;
+    use crate::base::capacity::LEARNT_MEASURES;
     use crate::expression::range::Range;
     use crate::pose::signature::Signature;
     use crate::users::likeness::FaceLengths;

@@ -32,7 +32,7 @@ pub mod saved;
 
 pub use choice::Policy;
 
-use crate::time::Timestamp;
+use crate::base::time::Timestamp;
 
 /// What is known of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -23,11 +23,11 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::likeness::Likeness;
 use super::memory::Gone;
-use crate::bounded;
-use crate::capacity::{REMEMBERED, USERS};
-use crate::checksum::crc32;
+use crate::base::bounded_read;
+use crate::base::capacity::{REMEMBERED, USERS};
+use crate::base::checksum::crc32;
+use crate::base::time::Timestamp;
 use crate::expression::saved::{Learned, SavedError};
-use crate::time::Timestamp;
 
 const HEADER: &str = "mien-people 2";
 /// Time between two writings.
@@ -155,7 +155,7 @@ impl People {
             if !is_file {
                 return Err(ErrorKind::InvalidInput.into());
             }
-            bounded::read(&self.path, MOST)
+            bounded_read::read(&self.path, MOST)
         });
         let bytes = match bytes {
             Ok(bytes) => bytes,

@@ -1,8 +1,8 @@
 //! Made-up people with known truth: faces that have given measures exactly, acting, and the jitter of a tracker.
 
-use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::geometry::{Point, Vector};
 use mien::expression::{Measure, Units};
-use mien::geometry::{Point, Vector};
 
 pub const FRAME_S: f64 = 1.0 / 30.0;
 /// Inner and outer eye-corner distance of the average person, metres.

@@ -6,8 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use mien::appliance::source::Source;
+use mien::sensor::Frame;
 use mien::sensor::recording::Recorder;
-use mien::sensor::{Frame, Source};
 use serialport::{SerialPort, TTYPort};
 
 /// Some seconds of people who come and go, as a recording.

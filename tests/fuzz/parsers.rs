@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 use std::time::SystemTime;
 
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
-use mien::checksum::crc32;
+use mien::base::checksum::crc32;
 use mien::expression::Units;
 use mien::expression::saved::Learned;
 use mien::face_model::FaceModel;
@@ -21,9 +21,10 @@ use mien::sensor::camera::Registration;
 use mien::sensor::command::{self, Command};
 use mien::sensor::device::{Model, Stream};
 use mien::sensor::stream::Assembler;
-use mien::sensor::virtual_head::HeadAsset;
-use mien::sensor::{Frame, Source, motor};
-use mien::settings::Settings;
+use mien::simulator::virtual_head::HeadAsset;
+use mien::sensor::{Frame, motor};
+use mien::appliance::source::Source;
+use mien::appliance::settings::Settings;
 use mien::studio::bake::glb::Glb;
 use mien::studio::bake::{self, obj};
 use mien::studio::bake::patch::Foreign;
@@ -50,7 +51,7 @@ fuzz_target!(init: {
         std::process::exit(0);
     }
 }, |bytes: &[u8]| {
-    let words = || text::decoded(bytes);
+    let words = || text_files::decoded(bytes);
     match PARSER.as_str() {
         "settings" => {
             // Printing and reading all of them takes a hundred times as long as reading a few: one in sixty-four.

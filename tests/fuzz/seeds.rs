@@ -18,13 +18,14 @@ use mien::sensor::motor::{self, Posture};
 use mien::sensor::packet::LONGEST;
 use mien::sensor::recording::Recorder;
 use mien::sensor::stream::Cutter;
-use mien::sensor::virtual_head::HeadAsset;
-use mien::sensor::{Frame, Source};
-use mien::settings::Settings;
+use mien::simulator::virtual_head::HeadAsset;
+use mien::sensor::Frame;
+use mien::appliance::source::Source;
+use mien::appliance::settings::Settings;
 use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
 use mien::studio::bake::rig::Shape;
 use mien::studio::bake::{morphs, obj, recipe};
-use mien::time::Timestamp;
+use mien::base::time::Timestamp;
 use mien::users::saved;
 
 const UNITS: [&str; 3] = ["AU25", "AU12L", "AU12R"];

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use mien::sensor::Frame;
 use mien::sensor::device::{DeviceError, Model};
 use mien::sensor::kinect::{KinectError, Settings};
-use mien::sensor::live::LiveKinect;
-use mien::sensor::virtual_kinect::VirtualKinect;
+use mien::sensor::live_kinect::LiveKinect;
+use mien::simulator::virtual_kinect::VirtualKinect;
 
 use crate::common::paced::Paced;
 

@@ -7,15 +7,15 @@ use std::time::Duration;
 use mien::sensor::camera::{Registration, RegistrationTable};
 use mien::sensor::command::{Command, image_sensor, register};
 use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
-use mien::sensor::faults::{Faulty, Rates};
 use mien::sensor::kinect::{Kinect, KinectError, Settings, develop};
 use mien::sensor::motor::Light;
 use mien::sensor::pairing::{Paired, RawPair};
 use mien::sensor::picture_clock::PictureClock;
-use mien::sensor::simulated::Simulated;
-use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::sensor::virtual_kinect::VirtualKinect;
 use mien::sensor::{Frame, timestamp_from_ticks};
+use mien::simulator::faults::{Faulty, Rates};
+use mien::simulator::simulated::Simulated;
+use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien::simulator::virtual_kinect::VirtualKinect;
 
 const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
 

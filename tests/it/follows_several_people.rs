@@ -3,12 +3,12 @@
 
 use std::process::Command;
 
+use mien::appliance::settings::Settings;
+use mien::base::time::Timestamp;
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
-use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::settings::Settings;
-use mien::time::Timestamp;
+use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::users::{Policy, TrackingState};
 
 /// Who is where in a frame.

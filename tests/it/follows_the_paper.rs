@@ -7,14 +7,14 @@
 
 use std::path::Path;
 
+use mien::appliance::settings::Settings;
+use mien::base::geometry::{Rotation, Vector};
 use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
-use mien::geometry::{Rotation, Vector};
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
-use mien::sensor::simulated::Simulated;
-use mien::settings::Settings;
+use mien::simulator::simulated::Simulated;
 use mien::{expression, landmarks, pose};
 
 const FRAMES: u32 = 300;
@@ -111,8 +111,8 @@ fn the_papers_system_follows_the_actor() {
 #[cfg(feature = "studio")]
 #[test]
 fn a_person_never_trained_on_is_followed_by_the_papers_system() {
-    use mien::studio::sessions::{Sessions, play};
-    use mien::studio::split::Split;
+    use mien::studio::evaluate::sessions::{Sessions, play};
+    use mien::studio::people_split::Split;
 
     let Some(data) = crate::common::data() else {
         return;

@@ -6,12 +6,12 @@
 //! `cargo test --test it learns_a_range -- --nocapture`.
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
-use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::geometry::Rigid;
+use mien::base::time::Timestamp;
 use mien::expression::units::Kind;
 use mien::expression::{Expression, Measure, Method, Settings, Units};
-use mien::geometry::Rigid;
 use mien::landmarks::Landmarks;
-use mien::time::Timestamp;
 
 const PEOPLE: u64 = 6;
 

@@ -5,8 +5,9 @@ use std::io::{Read, Write};
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use mien::capacity::LANDMARKS;
-use mien::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien::base::capacity::LANDMARKS;
+use mien::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien::base::time::Timestamp;
 use mien::landmarks::Landmarks;
 use mien::output::csv::Csv;
 use mien::output::osc::faceosc::{self, FaceOsc};
@@ -16,7 +17,6 @@ use mien::output::osc::{self, Osc, Style};
 use mien::output::serial::{self, PortState, Serial};
 use mien::output::{Output, OutputError, Report, TrackingState};
 use mien::segment::PixelRect;
-use mien::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
 use serialport::{SerialPort, TTYPort};
 

@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
+use mien::appliance::settings::Settings;
+use mien::base::geometry::{Rigid, Vector};
 use mien::face_model::FaceModel;
-use mien::geometry::{Rigid, Vector};
 use mien::pipeline::Pipeline;
 use mien::segment::PixelRect;
 use mien::sensor::Frame;
 use mien::sensor::recording::{Recorder, Recording};
-use mien::sensor::simulated::Simulated;
-use mien::settings::Settings;
+use mien::simulator::simulated::Simulated;
 use mien::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
 

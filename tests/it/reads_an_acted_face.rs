@@ -5,15 +5,15 @@
 //! unit lacks beyond that is the learner's. `cargo test --test it reads_an_acted_face -- --nocapture` prints both. People and
 //! scenes that were not used in development are the business of `mien-studio evaluate`.
 
-use mien::capacity::MEASURES;
+use mien::appliance::settings::Settings;
+use mien::base::capacity::MEASURES;
+use mien::base::time::Timestamp;
 use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
-use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
-use mien::settings::Settings;
-use mien::time::Timestamp;
+use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 
 /// The scene is joined ten seconds before its acts begin anew: mixed expressions to learn from, then every act once.
 const FIRST: u64 = 1860;

@@ -7,12 +7,12 @@
 
 use std::collections::BTreeMap;
 
-use mien::capacity::LANDMARKS;
+use mien::base::capacity::LANDMARKS;
+use mien::base::geometry::Point;
 use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
-use mien::geometry::Point;
 use mien::studio::fit::{FaceBox, FittedFace, StillFitter};
-use mien::studio::split::Split;
+use mien::studio::people_split::Split;
 use mien::studio::train::dataset::{Entry, read_folder};
 use mien::studio::train::evaluate::{Errors, differences};
 

@@ -3,10 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use mien::capacity::PIXELS;
+use mien::appliance::source::Source;
+use mien::base::capacity::PIXELS;
+use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
 use mien::sensor::recording::{Recorder, Recording, RecordingError};
-use mien::sensor::{Frame, Source};
 
 use crate::common;
 

@@ -3,9 +3,9 @@
 
 #![cfg(feature = "studio")]
 
-use mien::capacity::LANDMARKS;
+use mien::base::capacity::LANDMARKS;
+use mien::base::geometry::Point;
 use mien::face_model::FaceModel;
-use mien::geometry::Point;
 use mien::studio::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
 use nalgebra::{Rotation3, Vector3};
 use std::path::{Path, PathBuf};

@@ -4,12 +4,13 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
+use mien::appliance::settings::Settings;
+use mien::appliance::source::Source;
+use mien::base::time::Timestamp;
 use mien::expression::Measure;
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
-use mien::sensor::{Frame, Source};
-use mien::settings::Settings;
-use mien::time::Timestamp;
+use mien::sensor::Frame;
 use mien::users::memory::Gone;
 use mien::users::saved::{People, read, write};
 

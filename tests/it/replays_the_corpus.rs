@@ -17,12 +17,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use mien::appliance::settings::Settings;
+use mien::base::geometry::yaw_pitch_roll;
 use mien::face_model::FaceModel;
-use mien::geometry::yaw_pitch_roll;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 use mien::sensor::recording::Recording;
-use mien::settings::Settings;
 use tempfile::TempDir;
 
 use crate::common;

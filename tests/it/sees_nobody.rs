@@ -1,10 +1,11 @@
 //! Promise: real Kinect frames without a face never give one. Needs the data sets; skips without.
 #![cfg(feature = "studio")]
 
+use mien::appliance::settings::Settings;
+use mien::appliance::source::Source;
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
-use mien::sensor::{Frame, Source};
-use mien::settings::Settings;
+use mien::sensor::Frame;
 
 use crate::common;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mien::settings::Settings;
+use mien::appliance::settings::Settings;
 
 #[test]
 fn the_shipped_file_equals_the_defaults_key_by_key() {

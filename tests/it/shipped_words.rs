@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use mien::cli::HELP;
+use mien::appliance::cli::HELP;
 
 /// Options in a text; completions of fish have them as `-l name`.
 fn options(text: &str) -> BTreeSet<String> {

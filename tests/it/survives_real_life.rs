@@ -12,15 +12,15 @@ use std::fmt::Write;
 use std::path::Path;
 
 use crate::common::actors::{self, ACTED, Acting, FRAME_S, Jitter, Person};
-use mien::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::geometry::{Point, Rigid};
+use mien::base::time::Timestamp;
 use mien::expression::one_way::Scan;
 use mien::expression::paper::{PaperLearner, PaperSettings};
 use mien::expression::robust::{RobustLearner, RobustSettings};
 use mien::expression::units::Kind;
 use mien::expression::{Expression, Measure, Method, Range, Settings, Units};
-use mien::geometry::{Point, Rigid};
 use mien::landmarks::Landmarks;
-use mien::time::Timestamp;
 
 /// People per case.
 const PEOPLE: u64 = 3;

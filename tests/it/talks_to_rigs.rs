@@ -5,14 +5,14 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use mien::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+use mien::base::time::Timestamp;
 use mien::expression::Units;
-use mien::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
 use mien::output::serial::{self, Serial};
 use mien::output::{self, Output, Report, TrackingState, UnitView, View};
-use mien::time::Timestamp;
 use rosc::{OscMessage, OscPacket, OscType};
 use serialport::{SerialPort, TTYPort};
 

@@ -4,17 +4,17 @@
 #![cfg(feature = "studio")]
 #![expect(clippy::print_stdout, reason = "the tables are the point")]
 
-use mien::capacity::{PIXELS, WIDTH};
-use mien::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use mien::base::capacity::{PIXELS, WIDTH};
+use mien::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use mien::base::time::Timestamp;
 use mien::pose::smoothing::Smoothing;
 use mien::pose::{Method, PoseTracker, Settings};
 use mien::segment::{CELL_PX, COLUMNS, FOREGROUND, Segmenter};
-use mien::sensor::virtual_head::{HeadAsset, Scene, Simulator};
 use mien::sensor::{Frame, NO_DEPTH};
+use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use mien::studio::heads::ict::IctHead;
 use mien::studio::heads::plain_head;
-use mien::studio::ict::IctHead;
 use mien::studio::train::standard_head::standard_head;
-use mien::time::Timestamp;
 
 use crate::common;
 

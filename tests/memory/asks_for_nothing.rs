@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use mien::cli::{CsvTarget, Run};
-use mien::memory::Counting;
+use mien::appliance::cli::{CsvTarget, Run};
+use mien::appliance::memory::Counting;
 
 #[path = "../common/whole_run.rs"]
 mod whole_run;
@@ -30,7 +30,7 @@ fn main() {
     };
     // Length of the table and requests so far, in memory taken beforehand.
     let mut samples: Vec<(u64, u64)> = Vec::with_capacity(1 << 16);
-    let thread = std::thread::spawn(move || mien::service::run(&run));
+    let thread = std::thread::spawn(move || mien::appliance::service::run(&run));
     while !thread.is_finished() && samples.len() < samples.capacity() {
         let length = std::fs::metadata(&csv).map_or(0, |file| file.len());
         samples.push((length, MEMORY.requests()));

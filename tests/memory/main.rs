@@ -12,7 +12,7 @@ mod wires_cost_little;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use mien::memory::Counting;
+use mien::appliance::memory::Counting;
 
 #[global_allocator]
 static MEMORY: Counting = Counting::new();

@@ -3,15 +3,15 @@
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use mien::budget;
+use mien::appliance::settings::Settings;
 use mien::face_model::FaceModel;
 use mien::landmarks::Scratch;
 use mien::pipeline::Pipeline;
+use mien::pipeline::budget;
 use mien::segment::Segmenter;
 use mien::sensor::Frame;
 use mien::sensor::camera::{Camera, Registration};
 use mien::sensor::pairing::{Pairing, RawPair};
-use mien::settings::Settings;
 
 use crate::common::whole_run::{everything_on, read_port, record};
 use crate::{MEMORY, alone};

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use mien::sensor::Frame;
 use mien::sensor::device::{Model, Stream};
-use mien::sensor::faults::{Faulty, Injected, Rates};
 use mien::sensor::kinect::{Kinect, Settings, develop};
 use mien::sensor::pairing::RawPair;
 use mien::sensor::picture_clock::PictureClock;
 use mien::sensor::stream::Tally;
-use mien::sensor::virtual_kinect::{VirtualKinect, test_pattern};
+use mien::simulator::faults::{Faulty, Injected, Rates};
+use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
 
 use crate::{MEMORY, alone};
 

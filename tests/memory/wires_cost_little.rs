@@ -4,9 +4,11 @@ use std::io::Read;
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
-use mien::capacity::LANDMARKS;
+use mien::appliance::status::Status;
+use mien::base::capacity::LANDMARKS;
+use mien::base::geometry::{Point, Rigid};
+use mien::base::time::Timestamp;
 use mien::expression::UnitRange;
-use mien::geometry::{Point, Rigid};
 use mien::landmarks::Landmarks;
 use mien::output::osc::faceosc::{self, FaceOsc};
 use mien::output::osc::vmc::{self, Vmc};
@@ -14,8 +16,6 @@ use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc};
 use mien::output::serial::{self, PortState, Serial};
 use mien::output::{Output, Report, TrackingState};
-use mien::status::Status;
-use mien::time::Timestamp;
 use serialport::{SerialPort, TTYPort};
 
 use crate::{MEMORY, alone};

@@ -8,14 +8,14 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use mien::capacity::{PIXELS, WIDTH};
+use mien::base::capacity::{PIXELS, WIDTH};
 use mien::sensor::Frame;
 use mien::sensor::camera::{Camera, Registration, RegistrationTable};
 use mien::sensor::device::Stream;
 use mien::sensor::kinect::Settings;
-use mien::sensor::live::LiveKinect;
+use mien::sensor::live_kinect::LiveKinect;
 use mien::sensor::usb_devices;
-use mien::sensor::virtual_kinect::test_pattern;
+use mien::simulator::virtual_kinect::test_pattern;
 
 fn hash(h: u64, word: u32) -> u64 {
     (h ^ u64::from(word)).wrapping_mul(1_099_511_628_211)

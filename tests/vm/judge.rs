@@ -13,14 +13,15 @@ use std::io::Write;
 use std::net::UdpSocket;
 use std::process::ExitCode;
 
+use mien::appliance::settings::Settings;
+use mien::appliance::source::Source;
+use mien::base::time::Timestamp;
 use mien::face_model::FaceModel;
 use mien::output::Output;
 use mien::output::csv::Csv;
 use mien::pipeline::Pipeline;
+use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
-use mien::sensor::{Frame, Source};
-use mien::settings::Settings;
-use mien::time::Timestamp;
 use rosc::{OscPacket, OscType};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;

@@ -5,10 +5,10 @@
 //! surroundings is taken from every value, which is then divided by their spread (local normalisation).
 //! Window pixels. Cost: ten passes over the window. Degenerate: where all pixels are alike the values are 0.
 
-use crate::landmarks::window::WINDOW;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::wide;
+use crate::base::prelude::*;
+use crate::base::vectors::wide;
+use crate::landmarks::window::WINDOW;
 
 /// Surroundings: half the side of the square, averaged twice.
 const AROUND: usize = 6;

@@ -25,12 +25,12 @@ pub(crate) use {grey::normalised, solver::sample};
 use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
-use crate::capacity::{LANDMARKS, PIXELS};
-use crate::pose::HeadPose;
+use crate::base::capacity::{LANDMARKS, PIXELS};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
-use crate::time::Timestamp;
 
 /// Settings of the method.
 #[derive(Clone, Copy, Debug)]

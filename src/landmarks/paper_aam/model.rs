@@ -8,10 +8,10 @@
 //! Little endian. Everything is checked: counts, finiteness, indices, and that the pixels are those the shape gives.
 
 use super::warp::{BasePixel, Shape2, base_pixels};
-use crate::capacity::LANDMARKS;
-use crate::geometry::{Point, Vector};
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Most appearance modes.
 pub const MOST_APPEARANCE_MODES: usize = 96;

@@ -19,14 +19,14 @@
 use super::grey;
 use super::model::{MOST_HEAD_MODES, PaperAam};
 use super::warp::Shape2;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::vectors::wide;
 use crate::face_model::VIEW_PARAMETERS;
-use crate::geometry::Point;
 use crate::landmarks::view::{UNITS, View};
 use crate::landmarks::window::WINDOW;
-#[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::vectors::wide;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Neighbouring pixels err together: so many count as one observation.

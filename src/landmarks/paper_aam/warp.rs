@@ -5,9 +5,9 @@
 //! Window pixels. Computed once; a warp of all pixels then costs six multiplications each.
 //! Degenerate: pixels outside every triangle do not exist; flat triangles hold none.
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Points of a 2D shape.
 pub type Shape2 = [[f32; 2]; LANDMARKS];

@@ -21,12 +21,12 @@ use std::net::{IpAddr, SocketAddr, UdpSocket};
 #[cfg(feature = "std")]
 use std::time::{Duration, Instant};
 
-use crate::capacity::USERS;
+use crate::base::capacity::USERS;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
 use crate::output::Command;
 #[cfg(feature = "std")]
 use crate::output::OutputError;
-#[cfg(not(feature = "std"))]
-use crate::prelude::*;
 
 /// Longest datagram looked at; a longer one is cut by the system and then found malformed.
 #[cfg(feature = "std")]

@@ -8,13 +8,13 @@
 
 use super::packet::Argument;
 use super::wire::{Targets, Wire};
-use crate::capacity::WIDTH;
-use crate::geometry::{Point, Rigid, yaw_pitch_roll};
+use crate::base::capacity::WIDTH;
+use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
-#[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
@@ -137,7 +137,7 @@ impl FaceOsc {
             let sum = group
                 .iter()
                 .map(|&i| landmarks.head[i].coords)
-                .sum::<crate::geometry::Vector>();
+                .sum::<crate::base::geometry::Vector>();
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {

@@ -3,7 +3,7 @@
 //! The table is built in; the file says how it is written. One that cannot be read is refused with one sentence.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 use alloc::borrow::Cow;
 use alloc::collections::BTreeMap;
 

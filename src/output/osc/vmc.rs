@@ -12,10 +12,10 @@
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};
 use super::wire::{Targets, Wire};
-use crate::geometry::Rigid;
-use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 
 /// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
 const CALIBRATED: [i32; 2] = [3, 0];

@@ -11,10 +11,10 @@
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};
 use super::wire::{self, Targets, Wire};
-use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
-use crate::time::Timestamp;
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 
 /// Changes below this are not sent: less than the 8 bits the receiver passes on.
 const LEAST_CHANGE: f32 = 1.0 / 512.0;

@@ -3,9 +3,9 @@
 use core::net::IpAddr;
 
 use super::packet::{Argument, Packet};
-use crate::output::OutputError;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::output::OutputError;
 
 /// Somewhere datagrams go.
 pub trait Datagrams: Send {

@@ -6,7 +6,7 @@
 //! unit is left. A binary frame is kept to what an AVR's receive ring holds in the same way.
 
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// Share of the line that is used.
 const USED: f32 = 0.95;

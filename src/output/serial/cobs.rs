@@ -13,10 +13,10 @@
 
 use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
-use crate::geometry::Rigid;
-use crate::output::{Report, SCHEMA_VERSION, TrackingState};
+use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
 /// Start of the checksum, and its reflected polynomial.
 const CRC: [u16; 2] = [0xffff, 0x8408];

@@ -4,10 +4,10 @@ use core::fmt::Write;
 
 use super::line::Line;
 use super::{Style, cobs};
-use crate::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-use crate::output::TrackingState;
+use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
+use crate::output::TrackingState;
 
 /// What a frame says besides its weights.
 pub(super) struct Frame {

@@ -5,9 +5,9 @@
 //! order is kept here to the bit.
 
 use super::{FARTHEST_MM, Optics, Registration, RegistrationIntegers, boxed};
-use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 #[cfg(not(feature = "std"))]
-use crate::prelude::*;
+use crate::base::prelude::*;
 
 /// The registration polynomial of one axis as forward differences in fixed point, the device's own form.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::{DEVICE_NAME, INDEX_NAME, RecordingError, device};
-use crate::capacity::{PIXELS, RAW_DEPTH_VALUES};
+use crate::base::capacity::{PIXELS, RAW_DEPTH_VALUES};
 use crate::sensor::camera::Registration;
 use crate::sensor::{Frame, NO_DEPTH, colour};
 

@@ -18,9 +18,9 @@ use super::solve::Settings;
 use super::sparse::Singular;
 use super::table::table;
 use super::{morphs, report};
-use crate::bounded;
+use crate::base::bounded_read;
 use crate::face_model::FaceModel;
-use crate::studio::text;
+use crate::studio::text_files;
 
 /// What a vertex of a shape takes: its displacement, its influence and whether it could move.
 const SHAPE_BYTES: usize = 33;
@@ -131,14 +131,14 @@ pub enum BakeError {
 }
 
 fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
-    bounded::read(path, text::MOST).map_err(|source| BakeError::Read {
+    bounded_read::read(path, text_files::MOST).map_err(|source| BakeError::Read {
         path: path.into(),
         source,
     })
 }
 
 pub(super) fn read(path: &Path) -> Result<String, BakeError> {
-    Ok(text::decoded(&bytes(path)?))
+    Ok(text_files::decoded(&bytes(path)?))
 }
 
 /// Writes through a temporary neighbour, so that no half file is left behind.
@@ -193,7 +193,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         let source = request.obj.is_some().then(|| obj::emit(&mesh));
         (mesh, source.unwrap_or_default(), Some(foreign))
     } else {
-        let source = text::decoded(&bytes);
+        let source = text_files::decoded(&bytes);
         let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
             path: request.mesh.clone(),
             source,

@@ -13,7 +13,7 @@ use nalgebra::Matrix3;
 
 use super::mesh::{Mesh, Vec3};
 use super::render::{Canvas, paint};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::face_model::scheme::MIRROR;
 use crate::landmarks::window::Picture;

@@ -6,10 +6,10 @@ use nalgebra::Translation3;
 
 use super::reduce::Reduction;
 use super::{HeadsError, PersonHead, plain_head, textured_heads};
-use crate::geometry::{Point, Rigid};
-use crate::sensor::virtual_head::draw::{Canvas, HeadPainter};
-use crate::sensor::virtual_head::{HeadAsset, Light, Texture};
-use crate::studio::ict::IctHead;
+use crate::base::geometry::{Point, Rigid};
+use crate::simulator::virtual_head::draw::{Canvas, HeadPainter};
+use crate::simulator::virtual_head::{HeadAsset, Light, Texture};
+use crate::studio::heads::ict::IctHead;
 
 /// Size of the mean photograph, pixels.
 const SIZE: [usize; 2] = [232, 300];

@@ -12,9 +12,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::fit::PortraitFit;
 use super::tps::ThinPlate;
-use crate::capacity::LANDMARKS;
-use crate::sensor::virtual_head::{HeadAsset, Part, Texture};
-use crate::studio::ict::{IctHead, part};
+use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
+use crate::studio::heads::ict::{IctHead, part};
 
 /// Facing (cosine) from which the photograph begins to count, and from which it counts fully.
 const FACING: [f32; 2] = [0.22, 0.55];

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use crate::studio::ict::{Delta, IctHead, part};
+use crate::studio::heads::ict::{Delta, IctHead, part};
 
 /// How far a full `jawLeft`, `jawRight` goes, metres.
 const JAW_ASIDE_M: f32 = 0.010;

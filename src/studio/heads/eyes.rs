@@ -6,9 +6,9 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{Point, Vector};
-use crate::sensor::virtual_head::HeadAsset;
-use crate::studio::ict::part;
+use crate::base::geometry::{Point, Vector};
+use crate::simulator::virtual_head::HeadAsset;
+use crate::studio::heads::ict::part;
 
 /// Angles from the axis up to which there is pupil, iris and the dark rim of the iris, radians.
 const PUPIL: f32 = 0.17;
@@ -51,7 +51,7 @@ pub(crate) fn paint(asset: &mut HeadAsset, seed: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::virtual_head::HeadAsset;
+    use crate::simulator::virtual_head::HeadAsset;
 
     #[test]
     fn irises_are_round_and_in_the_middle_of_both_eyes() {

@@ -6,9 +6,9 @@
 
 use nalgebra::{DMatrix, DVector, Point3, Rotation3, Vector3};
 
-use crate::capacity::LANDMARKS;
-use crate::sensor::virtual_head::Site;
-use crate::studio::ict::IctHead;
+use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::Site;
+use crate::studio::heads::ict::IctHead;
 
 /// Standard deviation of an annotated point, metres on the face.
 const POINT_SIGMA_M: f64 = 0.0015;

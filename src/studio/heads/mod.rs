@@ -4,10 +4,12 @@
 //! on those of the mean head (least squares).
 
 pub mod average;
+pub mod default_head;
 pub mod dress;
 pub mod expressions;
 pub(crate) mod eyes;
 pub mod fit;
+pub mod ict;
 pub mod portraits;
 pub mod reduce;
 pub mod tps;
@@ -16,9 +18,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::geometry::{Rotation, Vector};
-use crate::sensor::virtual_head::{Expression, HeadAsset, Part, Site};
-use crate::studio::ict::{IctError, IctHead, part};
+use crate::base::geometry::{Rotation, Vector};
+use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
+use crate::studio::heads::ict::{IctError, IctHead, part};
 use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.

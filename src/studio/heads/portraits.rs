@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::capacity::LANDMARKS;
-use crate::sensor::virtual_head::Texture;
+use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::Texture;
 
 /// Why portraits could not be read.
 #[derive(Debug, thiserror::Error)]

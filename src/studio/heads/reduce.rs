@@ -11,7 +11,7 @@ use std::collections::{BTreeSet, BinaryHeap, HashMap};
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use crate::sensor::virtual_head::{Expression, HeadAsset, Part, Site};
+use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
 
 /// Share of the vertices that stays, by part.
 const KEPT: [f64; Part::COUNT] = [0.42, 0.14, 0.13, 0.13, 0.18, 0.15];

@@ -66,7 +66,7 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     assert_ne!(all[2].luma, renderer.samples(2..3, 10)[0].luma);
     let camera = crate::sensor::camera::Camera::nominal();
     for sample in &all {
-        for k in 0..crate::capacity::LANDMARKS {
+        for k in 0..crate::base::capacity::LANDMARKS {
             let [x, y] = camera.colour_pixel(&(sample.sensor_from_head * sample.head[k]));
             let [u, v] = sample.points[k];
             assert!(

@@ -7,11 +7,11 @@ use image::{Rgb, RgbImage};
 
 use super::album::{Album, Curve, Plot};
 use super::canvas;
-use crate::capacity::LEARNT_MEASURES;
+use crate::base::capacity::LEARNT_MEASURES;
+use crate::base::geometry::Rigid;
+use crate::base::time::Timestamp;
 use crate::expression::{Expression, Measure, Settings, Units};
-use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
-use crate::time::Timestamp;
 
 /// Picture of a store: height of a row, left margin for names, width of the scale, pixels.
 const ROW: u32 = 44;

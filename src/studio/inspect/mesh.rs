@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn a_baked_head_is_shown_with_its_targets() {
-        let head = crate::studio::default_head::glb().unwrap();
+        let head = crate::studio::heads::default_head::glb().unwrap();
         let album = inspect_glb(Path::new("head.glb"), &head).unwrap();
         assert_eq!((album.pictures.len(), album.table.len()), (3 + 67, 1 + 67));
         let jaw = album.table.iter().find(|row| row[0] == "jawOpen").unwrap();

@@ -18,10 +18,10 @@ pub(in crate::studio) use recording::{colour_picture, depth_picture, draw_axes};
 use std::path::{Path, PathBuf};
 
 use super::bake::glb::GlbError;
+use crate::appliance::settings::Settings;
 use crate::face_model::{FaceModel, ModelError, file::MAGIC};
 use crate::pipeline::PipelineError;
 use crate::sensor::recording::{Recording, RecordingError};
-use crate::settings::Settings;
 use crate::users::saved::PeopleError;
 
 /// Why nothing could be shown.
@@ -192,7 +192,8 @@ pub fn album(
     if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
         return recording::inspect(&name_of(path), Recording::open(path)?, model, settings);
     }
-    let bytes = crate::bounded::read(path, crate::studio::text::MOST).map_err(unreadable)?;
+    let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
+        .map_err(unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     if bytes.starts_with(&MAGIC) || ending == "model" {
         let model = FaceModel::read(&bytes).map_err(|source| InspectError::Model {

@@ -5,9 +5,9 @@ use image::RgbImage;
 
 use super::album::{Album, Curve, Plot};
 use super::canvas::{self, Colour};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
 use crate::face_model::{FaceModel, MAX_MODES, PATCH, scheme};
-use crate::geometry::Point;
 
 const FRONT: fn(&Point) -> [f32; 2] = |p| [p.x, p.y];
 /// From the subject's left: the nose points to the left of the picture.

@@ -218,8 +218,8 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::time::Timestamp;
     use crate::expression::Learned;
-    use crate::time::Timestamp;
     use crate::users::likeness::Likeness;
     use crate::users::memory::Gone;
 

@@ -7,16 +7,16 @@ use image::RgbImage;
 use super::album::{Album, Curve, Plot};
 use super::learning::Learning;
 use super::{InspectError, canvas, face_lines};
-use crate::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
+use crate::appliance::settings::Settings;
+use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
+use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
-use crate::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
 use crate::sensor::{Frame, NO_DEPTH, colour};
-use crate::settings::Settings;
 use crate::users::TrackingState;
 
 /// Frames drawn of a recording.

@@ -212,7 +212,7 @@ impl Shapes {
 }
 
 fn text_of(path: &Path) -> Result<String, Error> {
-    crate::studio::text::read(path).map_err(|source| Error::Read {
+    crate::studio::text_files::read(path).map_err(|source| Error::Read {
         path: path.to_owned(),
         source,
     })

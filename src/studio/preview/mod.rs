@@ -25,11 +25,11 @@ use std::time::{Duration, Instant};
 
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
-use super::default_head;
-use super::text;
+use crate::appliance::service::{self, NoKinect};
+use crate::appliance::source::SourceName;
 use crate::pipeline::Pipeline;
-use crate::sensor::SourceName;
-use crate::service::{self, NoKinect};
+use crate::studio::heads::default_head;
+use crate::studio::text_files;
 use http::{Answer, Request as Asked, Site};
 use hub::Hub;
 use table::TableError;
@@ -271,7 +271,7 @@ fn read_mesh(path: &Path) -> Result<Arc<[u8]>, PreviewError> {
         path: path.into(),
         problem,
     };
-    let bytes = crate::bounded::read(path, text::MOST)
+    let bytes = crate::base::bounded_read::read(path, text_files::MOST)
         .map_err(|error| wrong(format!("cannot be read: {error}")))?;
     Glb::parse(&bytes).map_err(|error| wrong(error.to_string()))?;
     Ok(bytes.into())

@@ -9,7 +9,7 @@ use std::net::UdpSocket;
 
 use super::hub::Hub;
 use super::sample::{Sample, UnitRange};
-use crate::capacity::USERS;
+use crate::base::capacity::USERS;
 use crate::output::is_name;
 use crate::output::osc::commands::{element, string};
 
@@ -281,11 +281,11 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Rigid;
+    use crate::base::time::Timestamp;
     use crate::expression::UnitRange;
-    use crate::geometry::Rigid;
     use crate::output::osc::{Osc, Settings};
     use crate::output::{Output, Report, TrackingState};
-    use crate::time::Timestamp;
     use std::time::Duration;
 
     fn events(hub: &Hub) -> Vec<serde_json::Value> {

@@ -14,12 +14,13 @@ use image::codecs::jpeg::JpegEncoder;
 
 use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
-use crate::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::appliance::source::{Pacer, Source, SourceError};
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::output::Report;
 use crate::pipeline::Pipeline;
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
-use crate::sensor::{Frame, Pacer, Source, SourceError, colour};
+use crate::sensor::{Frame, colour};
 use crate::studio::inspect::depth_picture;
 
 /// Between two tellings of the ranges, seconds of the stream.

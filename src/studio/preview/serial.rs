@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use super::hub::Hub;
 use super::sample::Sample;
-use crate::capacity::USERS;
-use crate::geometry::rotation_from_yaw_pitch_roll;
+use crate::base::capacity::USERS;
+use crate::base::geometry::rotation_from_yaw_pitch_roll;
 use crate::output::is_name;
 
 /// No line or frame is longer.

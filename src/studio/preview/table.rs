@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use super::hub::Hub;
 use super::sample::Sample;
-use crate::capacity::{LANDMARKS, USERS};
-use crate::studio::text::decoded;
+use crate::base::capacity::{LANDMARKS, USERS};
+use crate::studio::text_files::decoded;
 use crate::users::TrackingState;
 
 /// Bytes of the longest line: a row has some 3 kB.

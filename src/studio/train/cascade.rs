@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::ridge::{Block, LinearMap, ridge};
 use super::samples::{Eye, Sample};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
     CascadeStage, FEATURES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
 };

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::cascade::Progress;
 use super::samples::{Eye, Sample};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
     ConfidenceModel, FACE_SIGNS, FEATURES, LANDMARK_SIGNS, PATCH, ShapeModel, scheme,
 };

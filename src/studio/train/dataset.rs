@@ -7,7 +7,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 
 /// Why pictures cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -104,7 +104,7 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
 }
 
 fn read(path: &Path) -> Result<String, DatasetError> {
-    crate::studio::text::read(path).map_err(|source| DatasetError::Unreadable {
+    crate::studio::text_files::read(path).map_err(|source| DatasetError::Unreadable {
         path: path.into(),
         source,
     })

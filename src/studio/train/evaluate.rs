@@ -1,6 +1,6 @@
 //! Errors of fitted landmarks against placed ones: per cent of the outer eye distance, by region.
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 use crate::face_model::scheme;
 
 /// Errors over many faces.

@@ -8,7 +8,7 @@ use fastrand::Rng;
 
 use super::render::either;
 use super::wear::inside;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 
 type Points = [[f32; 2]; LANDMARKS];
 

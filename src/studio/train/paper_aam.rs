@@ -21,20 +21,20 @@ use super::person::Seen;
 use super::render::{Renderer, TrainingSample};
 use super::samples::{Disturbance, NEAR, TruePicture};
 use super::schedule::TrainError;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Vector};
 use crate::expression::measures::{self, Measure};
 use crate::face_model::ShapeModel;
 use crate::face_model::scheme::{OUTER_EYE_CORNERS, STABLE};
-use crate::geometry::{Point, Vector};
 use crate::landmarks::paper_aam::warp::{Shape2, base_pixels, triangulate};
 use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver, normalised, sample};
 use crate::landmarks::view::View;
 use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
-use crate::sensor::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
-use crate::studio::split::Split;
+use crate::studio::people_split::Split;
 
 /// Frames of a sequence for the 3D shape, as in the paper.
 pub const TRACK_FRAMES: usize = 150;
@@ -201,7 +201,7 @@ fn point(p: [f64; 3]) -> Point {
 fn parted(head: &[Point]) -> Shape2 {
     let view = View {
         log_scale: PIXELS_PER_METRE.ln(),
-        rotation: crate::geometry::Rotation::identity(),
+        rotation: crate::base::geometry::Rotation::identity(),
         shift: ORIGIN,
         inverse_distance: 1.0,
     };

@@ -13,14 +13,14 @@ use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
 use super::schedule::TrainError;
+use crate::appliance::settings::Settings;
+use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
-use crate::geometry::Rigid;
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::sensor::camera::{Camera, Registration};
 use crate::sensor::recording::Recording;
-use crate::settings::Settings;
 use crate::studio::nrsfm::Tracks;
 use crate::users::TrackingState;
 
@@ -34,9 +34,9 @@ pub(super) struct Seen {
     /// Its surroundings of the face, with the points.
     pub(super) picture: TruePicture,
     /// The points, colour pixels.
-    pub(super) points: [[f64; 2]; crate::capacity::LANDMARKS],
+    pub(super) points: [[f64; 2]; crate::base::capacity::LANDMARKS],
     /// The points in the head frame.
-    pub(super) head: [crate::geometry::Point; crate::capacity::LANDMARKS],
+    pub(super) head: [crate::base::geometry::Point; crate::base::capacity::LANDMARKS],
 }
 
 /// What is learnt of the person in a recording: the bytes of the model file's section.
@@ -113,7 +113,11 @@ pub fn learn_frames(
         (0..count).map(move |k| k * all / count)
     };
     let points = spread(TRACK_FRAMES).flat_map(|k| seen[k].points);
-    let tracks = Tracks::new(TRACK_FRAMES, crate::capacity::LANDMARKS, points.collect())?;
+    let tracks = Tracks::new(
+        TRACK_FRAMES,
+        crate::base::capacity::LANDMARKS,
+        points.collect(),
+    )?;
     let chosen: Vec<&Seen> = spread(seen.len().min(2 * PICTURES))
         .map(|k| &seen[k])
         .collect();
@@ -132,14 +136,14 @@ fn taught(
     shape: &ShapeModel,
 ) -> Option<Seen> {
     let sample = TrainingSample {
-        width: crate::capacity::WIDTH,
-        height: crate::capacity::HEIGHT,
+        width: crate::base::capacity::WIDTH,
+        height: crate::base::capacity::HEIGHT,
         luma: frame.luma.to_vec(),
         origin: [0.0; 2],
         points: points.pixels,
         head: points.head,
         neutral: points.head,
-        visible: [true; crate::capacity::LANDMARKS],
+        visible: [true; crate::base::capacity::LANDMARKS],
         sensor_from_head: *pose,
         weights: Vec::new(),
         person: 0,
@@ -157,7 +161,7 @@ mod tests {
     use crate::expression::{Measure, measures};
     use crate::landmarks::paper_aam::{PaperAamFitter, PaperAamSettings};
     use crate::sensor::timestamp_from_ticks;
-    use crate::sensor::virtual_head::{Scene, Simulator};
+    use crate::simulator::virtual_head::{Scene, Simulator};
 
     /// Frames of the session that is learnt from, and of another one that is judged.
     const LEARNT: i64 = 900;
@@ -194,7 +198,7 @@ mod tests {
         }
     }
 
-    fn stranger() -> Option<crate::sensor::virtual_head::HeadAsset> {
+    fn stranger() -> Option<crate::simulator::virtual_head::HeadAsset> {
         let data = std::env::var_os("MIEN_DATA").map_or_else(
             || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
             std::path::PathBuf::from,

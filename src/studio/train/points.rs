@@ -5,9 +5,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rotation};
 use crate::face_model::{MAX_MODES, ShapeModel, VIEW_PARAMETERS, scheme};
-use crate::geometry::{Point, Rotation};
 use crate::landmarks::cascade::{FaceFit, updated};
 use crate::landmarks::view::View;
 
@@ -36,7 +36,7 @@ pub fn fit_points(
     let mut fit = FaceFit {
         view: View {
             log_scale: (eye / model_eye).ln(),
-            rotation: Rotation::from_axis_angle(&crate::geometry::Vector::z_axis(), roll),
+            rotation: Rotation::from_axis_angle(&crate::base::geometry::Vector::z_axis(), roll),
             shift: [
                 (points[39][0] + points[42][0]) * 0.5,
                 (points[39][1] + points[42][1]) * 0.5,
@@ -106,8 +106,8 @@ pub fn fit_points(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
     use crate::face_model::FaceModel;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
 
     #[test]
     fn planted_view_and_shape_are_found() {

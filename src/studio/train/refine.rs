@@ -12,16 +12,16 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::shape::{Face, aligned};
+use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::landmarks::LandmarkFitter;
 use crate::landmarks::refine::{Inputs, PUFFS, Refinement};
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
-use crate::sensor::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::sensor::{Frame, timestamp_from_ticks};
-use crate::settings::Settings;
+use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
+use crate::studio::evaluate::sessions::{lighting, seed_of};
 use crate::studio::heads::{HeadsError, textured_heads};
-use crate::studio::sessions::{lighting, seed_of};
 
 /// Ticks of the 60 MHz counter per frame, at half the sensor's rate: neighbours say the same.
 const FRAME_TICKS: i64 = 4_000_000;

@@ -20,18 +20,18 @@ use rayon::prelude::*;
 
 use super::hair::{self, Picture};
 use super::wear;
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::scheme::MIRROR;
-use crate::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::sensor::camera::Camera;
 use crate::sensor::colour::luma_of;
-use crate::sensor::virtual_head::body::Shape;
-use crate::sensor::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
-use crate::sensor::virtual_head::{HeadAsset, Light, Part};
+use crate::simulator::virtual_head::body::Shape;
+use crate::simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
+use crate::simulator::virtual_head::{HeadAsset, Light, Part};
 use crate::studio::heads::expressions::complete;
+use crate::studio::heads::ict::IctHead;
 use crate::studio::heads::reduce::Reduction;
 use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
-use crate::studio::ict::IctHead;
 
 /// One picture with its truth.
 #[derive(Clone, Debug)]

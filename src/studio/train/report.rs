@@ -10,14 +10,14 @@ use super::evaluate::differences;
 use super::render::TrainingSample;
 use super::samples::{NEAR, TruePicture};
 use super::schedule::{disturbed, fit_cold};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::yaw_pitch_roll;
 use crate::face_model::{FaceModel, scheme};
-use crate::geometry::yaw_pitch_roll;
 use crate::landmarks::cascade::Solver;
 use crate::sensor::camera::Camera;
+use crate::studio::evaluate::sessions::Spread;
 use crate::studio::inspect::album::Album;
 use crate::studio::inspect::canvas;
-use crate::studio::sessions::Spread;
 
 /// Pictures of each kind.
 const SHOWN: usize = 12;

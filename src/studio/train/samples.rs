@@ -3,9 +3,9 @@
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::{MAX_MODES, ShapeModel, scheme};
-use crate::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::landmarks::cascade::FaceFit;
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;

@@ -21,11 +21,11 @@ use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
 use super::{confidence, report, shape, standard_head};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::Point;
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ModelError, ShapeModel, StandardHead, file,
 };
-use crate::geometry::Point;
 use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::refine::Refinement;
 use crate::landmarks::window::WINDOW;
@@ -33,9 +33,9 @@ use crate::pipeline::PipelineError;
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::RecordingError;
 use crate::studio::heads::HeadsError;
-use crate::studio::ict::{IctError, IctHead};
+use crate::studio::heads::ict::{IctError, IctHead};
 use crate::studio::nrsfm::{self, Tracks};
-use crate::studio::split::Split;
+use crate::studio::people_split::Split;
 
 /// What to train from and where to write.
 #[derive(Clone, Debug)]

@@ -8,12 +8,12 @@
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, SymmetricEigen};
 
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Vector};
 use crate::face_model::{ShapeModel, scheme};
-use crate::geometry::{Point, Vector};
 use crate::landmarks::cascade::FaceFit;
-use crate::sensor::virtual_head::Site;
-use crate::studio::ict::IctHead;
+use crate::simulator::virtual_head::Site;
+use crate::studio::heads::ict::IctHead;
 
 /// 68 points of one face.
 pub type Face = [Point; LANDMARKS];
@@ -321,7 +321,7 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rotation_from_yaw_pitch_roll;
+    use crate::base::geometry::rotation_from_yaw_pitch_roll;
 
     fn face(seed: u64) -> Face {
         let mut random = fastrand::Rng::with_seed(seed);

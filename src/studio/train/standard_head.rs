@@ -9,8 +9,8 @@
 
 use std::collections::HashMap;
 
-use crate::geometry::{Point, Vector};
-use crate::studio::ict::{IctHead, part};
+use crate::base::geometry::{Point, Vector};
+use crate::studio::heads::ict::{IctHead, part};
 
 /// Least distance of two points, metres; gives about 1800 points.
 pub const SPACING_M: f32 = 0.0047;

@@ -6,7 +6,7 @@
 use fastrand::Rng;
 
 use super::render::{either, normal};
-use crate::capacity::LANDMARKS;
+use crate::base::capacity::LANDMARKS;
 
 type Points = [[f32; 2]; LANDMARKS];
 

@@ -24,10 +24,11 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use mien::appliance::source::Source;
+use mien::sensor::Frame;
 use mien::sensor::device::{Model, PacketSource, Stream};
-use mien::sensor::faults::{Faulty, Rates};
-use mien::sensor::virtual_kinect::{VirtualKinect, test_pattern};
-use mien::sensor::{Frame, Source};
+use mien::simulator::faults::{Faulty, Rates};
+use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
 
 use descriptors::{Descriptors, Function};
 use session::Session;

@@ -2,8 +2,8 @@
 //! the shipped shape bases can and cannot show.
 
 use super::*;
+use crate::base::geometry::{Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::FaceModel;
-use crate::geometry::{Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::landmarks::paper_aam::warp::{barycentric, base_pixels, triangulate};
 use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE};
 

@@ -1,0 +1,346 @@
+//! `mien bench`: what each step of a frame costs, without the source's own cost: with one person and with four before the
+//! simulated sensor, or from a source that is named.
+//!
+//! Each frame of the source is cut into the packets a Kinect would have sent (not timed) and then goes the whole way: packets
+//! to pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets come
+//! interleaved, every frame's from memory written since the last one, so that no step finds its input in the nearest cache
+//! only because it is a benchmark. Times are of the wall clock: on a busy machine the median tells more than the mean.
+//! Memory counts the whole process, so also the simulated sensor if that is the source (about 15 MB).
+
+use std::io::{self, Write};
+use std::time::Instant;
+
+use crate::appliance::cli::Bench;
+use crate::appliance::memory;
+use crate::appliance::service::{self, Failure, NoKinect};
+use crate::appliance::settings::Settings;
+use crate::appliance::source::SourceError;
+use crate::output::Report;
+use crate::pipeline::{Pipeline, Stage};
+use crate::sensor::Frame;
+use crate::sensor::device::Stream;
+use crate::sensor::kinect::{develop_colour, develop_depth};
+use crate::sensor::packet::LONGEST;
+use crate::sensor::pairing::{Pairing, RawPair};
+use crate::sensor::stream::{Assembler, Cutter};
+use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
+
+/// Frames without `--frames`: ten seconds.
+const FRAMES: u64 = 300;
+/// Frames before the first that counts: memory is taken and caches warm.
+const WARM_UP: u64 = 5;
+
+/// What is timed, in order; sums stand below their parts.
+const STEPS: [&str; 9] = [
+    "packets",
+    "unpack",
+    "luma",
+    "sensor",
+    "segment",
+    "pose",
+    "landmarks",
+    "expression",
+    "frame",
+];
+const PACKETS: usize = 0;
+const UNPACK: usize = 1;
+const LUMA: usize = 2;
+const SENSOR: usize = 3;
+const FRAME: usize = 8;
+
+const fn step_of(stage: Stage) -> usize {
+    match stage {
+        Stage::Segment => 4,
+        Stage::Pose => 5,
+        Stage::Landmarks => 6,
+        Stage::Expression => 7,
+    }
+}
+
+/// The packets of one frame, as both streams send them.
+struct Packets {
+    cutters: [Cutter; 2],
+    packed: Box<[u8; PACKED_DEPTH]>,
+    /// Stream, length and bytes, one after the other in the order of time.
+    cut: Vec<(Stream, usize, [u8; LONGEST])>,
+}
+
+impl Packets {
+    fn new() -> Self {
+        let packed = vec![0; PACKED_DEPTH].into_boxed_slice();
+        Self {
+            cutters: Stream::BOTH.map(|stream| Cutter::new(stream, 0)),
+            packed: packed.try_into().expect("PACKED_DEPTH long"),
+            cut: Vec::new(),
+        }
+    }
+
+    fn cut(&mut self, frame: &Frame) {
+        pack_depth(&frame.depth, &mut self.packed);
+        self.cut.clear();
+        // Where there is no colour a black picture makes the same way.
+        let colour_ticks = if frame.has_colour {
+            frame.colour_ticks
+        } else {
+            frame.ticks
+        };
+        let total = self
+            .cutters
+            .each_ref()
+            .map(|cutter| cutter.layout().packets());
+        let mut sent = [0; 2];
+        while sent != total {
+            // The stream that is behind in its picture.
+            let i = usize::from(sent[1] * total[0] < sent[0] * total[1] || sent[0] == total[0]);
+            let (picture, ticks): (&[u8], u32) = match Stream::BOTH[i] {
+                Stream::Colour => (frame.bayer.as_slice(), colour_ticks),
+                Stream::Depth => (self.packed.as_slice(), frame.ticks),
+            };
+            let mut packet = [0; LONGEST];
+            let n = self.cutters[i].cut(picture, ticks, sent[i], &mut packet);
+            self.cut.push((Stream::BOTH[i], n, packet));
+            sent[i] += 1;
+        }
+    }
+}
+
+/// Times of every step in milliseconds, frame by frame.
+struct Times {
+    of: [Vec<f32>; STEPS.len()],
+    /// Of the present frame; `None` if the step was not reached.
+    now: [Option<f32>; STEPS.len()],
+    /// People reported, over all frames.
+    seen: usize,
+}
+
+impl Times {
+    fn new(frames: u64) -> Self {
+        let room = usize::try_from(frames).unwrap_or(usize::MAX).min(1 << 20);
+        Self {
+            of: std::array::from_fn(|_| Vec::with_capacity(room)),
+            now: [None; STEPS.len()],
+            seen: 0,
+        }
+    }
+
+    /// Mean number of people there.
+    fn people(&self) -> f64 {
+        self.seen as f64 / self.of[FRAME].len().max(1) as f64
+    }
+
+    fn end_frame(&mut self, counts: bool) {
+        let sum = |of: &[Option<f32>]| of.iter().flatten().sum();
+        self.now[SENSOR] = Some(sum(&self.now[..SENSOR]));
+        self.now[FRAME] = Some(sum(&self.now[SENSOR..FRAME]));
+        for (all, now) in self.of.iter_mut().zip(&mut self.now) {
+            all.extend(now.take().filter(|_| counts));
+        }
+    }
+
+    fn write(&mut self, out: &mut impl Write) -> io::Result<()> {
+        writeln!(
+            out,
+            "{:<12}{:>9}{:>9}{:>9}{:>9}{:>9}",
+            "ms per frame", "min", "median", "p99", "max", "frames"
+        )?;
+        for (name, times) in STEPS.iter().zip(&mut self.of) {
+            times.sort_unstable_by(f32::total_cmp);
+            let at = |share: f32| {
+                let last = times.len().checked_sub(1)?;
+                Some(times[(last as f32 * share).ceil() as usize])
+            };
+            write!(out, "{name:<12}")?;
+            for share in [0.0, 0.5, 0.99, 1.0] {
+                match at(share) {
+                    Some(time) => write!(out, "{time:>9.3}")?,
+                    None => write!(out, "{:>9}", "-")?,
+                }
+            }
+            writeln!(out, "{:>9}", times.len())?;
+        }
+        // As the paper's Table 1 has it.
+        let frames = &self.of[FRAME];
+        if let (Some(least), Some(most)) = (frames.first(), frames.last()) {
+            let mean = frames.iter().sum::<f32>() / frames.len() as f32;
+            let rate = 1e3 / mean;
+            writeln!(
+                out,
+                "a frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} a second"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Sources if none is named: one person, four people.
+const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
+
+/// `mien bench`: a table for each source on `out`. `allocations` counts those of the process so far.
+///
+/// # Errors
+/// If a source cannot be opened or a table not written; as [`Failure`] lists.
+pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
+    let settings = service::settings(bench.config.as_deref())?;
+    crate::appliance::log::start(settings.log.level);
+    let frames = bench.frames.unwrap_or(FRAMES);
+    let sources = match &bench.source {
+        Some(named) => &[named.as_str()][..],
+        None => &SOURCES,
+    };
+    let mut allocated = 0;
+    for name in sources {
+        let (mut times, more) = time(name, frames, &settings, allocations)?;
+        allocated += more;
+        writeln!(out, "{name}: {:.2} people a frame", times.people())
+            .and_then(|()| times.write(out))
+            .map_err(Failure::Print)?;
+    }
+    let written = match memory::peak_resident_bytes() {
+        Some(bytes) => writeln!(out, "peak_rss_bytes {bytes}"),
+        None => Ok(()),
+    };
+    written
+        .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
+        .map_err(Failure::Print)
+}
+
+/// Times of the frames of one source, and what was asked for meanwhile.
+fn time(
+    name: &str,
+    frames: u64,
+    settings: &Settings,
+    allocations: fn() -> u64,
+) -> Result<(Times, u64), Failure> {
+    let mut source = service::open(name, NoKinect::Refuse, settings.sensor.kinect)?;
+    let mut pipeline = Pipeline::new(settings, source.registration(), &service::model(None)?)?;
+    let mut times = Times::new(frames);
+    let mut packets = Packets::new();
+    let mut assemblers = Stream::BOTH.map(Assembler::new);
+    let (mut pairing, mut pair) = (Pairing::default(), RawPair::default());
+    let (mut drawn, mut frame) = (Frame::default(), Frame::default());
+    let mut allocated = 0;
+    for number in 0..frames.saturating_add(WARM_UP) {
+        match source.next_frame(&mut drawn) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(SourceError::Waiting(_)) => continue,
+            Err(problem) => return Err(problem.into()),
+        }
+        packets.cut(&drawn);
+        let before = allocations();
+        let mut last = Instant::now();
+        let mut lap = |step: usize, times: &mut Times| {
+            let now = Instant::now();
+            // A stage that runs for several users counts as one.
+            let before = times.now[step].unwrap_or_default();
+            times.now[step] = Some(before + (now - last).as_secs_f32() * 1e3);
+            last = now;
+        };
+        for (stream, length, bytes) in &packets.cut {
+            let assembler = &mut assemblers[stream.index()];
+            if let Some(ticks) = assembler.push(true, &bytes[..*length])
+                && let Some(paired) = pairing.offer(*stream, number, ticks, assembler.picture())
+            {
+                paired.swap_into(&mut pair);
+            }
+        }
+        lap(PACKETS, &mut times);
+        develop_depth(&pair, &mut frame);
+        lap(UNPACK, &mut times);
+        develop_colour(&mut pair, &mut frame);
+        lap(LUMA, &mut times);
+        (frame.index, frame.at) = (drawn.index, drawn.at);
+        frame.has_colour = drawn.has_colour;
+        pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));
+        let counts = number >= WARM_UP;
+        if counts {
+            allocated += allocations() - before;
+            let present = |report: &Report| report.user.is_some() && report.state.is_present();
+            times.seen += pipeline
+                .reports()
+                .iter()
+                .filter(|report| present(report))
+                .count();
+        }
+        times.end_frame(counts);
+    }
+    Ok((times, allocated))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_is_timed_and_sums_are_the_sums() {
+        let mut out = Vec::new();
+        let bench = Bench {
+            source: Some("simulated".into()),
+            frames: Some(3),
+            ..Bench::default()
+        };
+        run(&bench, || 7, &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let median = |name: &str| -> f32 {
+            let row = text.lines().find(|line| line.starts_with(name)).unwrap();
+            assert!(row.ends_with("        3"), "{row}");
+            row.split_whitespace().nth(2).unwrap().parse().unwrap()
+        };
+        let medians = STEPS.map(median);
+        assert!(medians.iter().all(|&ms| ms >= 0.0), "{text}");
+        assert!(medians[FRAME] >= medians[SENSOR], "{text}");
+        assert!(text.ends_with("allocations_after_start 0\n"), "{text}");
+    }
+
+    #[test]
+    fn without_a_source_one_person_and_four_are_timed() {
+        let mut out = Vec::new();
+        let bench = Bench {
+            frames: Some(8),
+            ..Bench::default()
+        };
+        run(&bench, || 7, &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let rows = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
+        assert_eq!([rows("frame "), rows("allocations_after_start ")], [2, 1]);
+        assert!(
+            text.starts_with("simulated: 1.00 people a frame\n"),
+            "{text}"
+        );
+        let four = text
+            .lines()
+            .find_map(|line| line.strip_prefix("simulated:four: "));
+        let people = four.unwrap().split(' ').next().unwrap();
+        assert!(people.parse::<f64>().unwrap() > 2.0, "{text}");
+    }
+
+    #[test]
+    fn the_order_statistics_are_those_of_the_frames_that_count() {
+        let mut times = Times::new(200);
+        for number in 0..=200u8 {
+            times.now[PACKETS] = Some(f32::from(number));
+            times.now[UNPACK] = Some(1.0);
+            times.end_frame(number > 0);
+        }
+        let mut out = Vec::new();
+        times.write(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let row = |i: usize| -> Vec<String> {
+            text.lines()
+                .nth(i)
+                .unwrap()
+                .split_whitespace()
+                .map(str::to_owned)
+                .collect()
+        };
+        assert_eq!(
+            row(1),
+            ["packets", "1.000", "101.000", "199.000", "200.000", "200"]
+        );
+        assert_eq!(
+            row(4),
+            ["sensor", "2.000", "102.000", "200.000", "201.000", "200"]
+        );
+        assert_eq!(row(5), ["segment", "-", "-", "-", "-", "0"]);
+    }
+}

@@ -1,0 +1,270 @@
+//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and what to do about it. Nothing is changed, and
+//! nothing that a run would not open is opened.
+
+use std::fmt::{Display, Write as _};
+use std::net::ToSocketAddrs;
+use std::path::Path;
+
+use crate::appliance::log::Plain;
+use crate::appliance::service;
+use crate::appliance::settings::Settings;
+use crate::appliance::source::SourceName;
+use crate::sensor::device::DeviceError;
+use crate::sensor::usb_devices;
+
+/// Where the kernel says how much memory USB transfers may take, in MB.
+const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
+/// What the transfers in flight of one Kinect take, with room for a second program.
+const USB_MEMORY_MB: u32 = 4;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Verdict {
+    Ok,
+    Warn,
+    Fail,
+}
+
+/// The lines so far.
+#[derive(Default)]
+struct Lines {
+    text: String,
+    failed: bool,
+}
+
+impl Lines {
+    fn say(&mut self, verdict: Verdict, what: &str, text: impl Display) {
+        let word = match verdict {
+            Verdict::Ok => "OK  ",
+            Verdict::Warn => "WARN",
+            Verdict::Fail => "FAIL",
+        };
+        self.failed |= verdict == Verdict::Fail;
+        // A string takes everything.
+        let _ = writeln!(self.text, "{word}  {what}: {}", Plain(text));
+    }
+
+    /// OK, or the given verdict with what went wrong.
+    fn judge<T: Display>(
+        &mut self,
+        otherwise: Verdict,
+        what: &str,
+        found: Result<T, impl Display>,
+    ) {
+        match found {
+            Ok(text) => self.say(Verdict::Ok, what, text),
+            Err(problem) => self.say(otherwise, what, problem),
+        }
+    }
+}
+
+/// The lines, and whether none of them is a FAIL. `config` as for a run.
+#[must_use]
+pub fn report(config: Option<&Path>) -> (String, bool) {
+    let mut lines = Lines::default();
+    let settings = match service::settings(config) {
+        Ok(settings) => {
+            lines.say(
+                Verdict::Ok,
+                "configuration",
+                "every key is known and in its range",
+            );
+            settings
+        }
+        Err(problem) => {
+            lines.say(Verdict::Fail, "configuration", problem);
+            Settings::default()
+        }
+    };
+    let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
+    let model = service::model(named).map(|model| format!("{:08x}", model.id));
+    lines.judge(Verdict::Fail, "face model", model);
+    sensor(&mut lines, &settings, usb_devices::devices());
+    if let Some(megabytes) = read_number(USB_MEMORY)
+        && megabytes != 0
+        && megabytes < USB_MEMORY_MB
+    {
+        lines.say(
+            Verdict::Warn,
+            "USB memory",
+            format_args!("{megabytes} MB for all transfers; write 16 to {USB_MEMORY}"),
+        );
+    }
+    serial(&mut lines, &settings.serial.port);
+    targets(&mut lines, &settings);
+    status(&mut lines, Path::new(&settings.status.path));
+    (lines.text, !lines.failed)
+}
+
+fn read_number(path: &str) -> Option<u32> {
+    std::fs::read_to_string(path).ok()?.trim().parse().ok()
+}
+
+fn sensor(
+    lines: &mut Lines,
+    settings: &Settings,
+    found: Result<Vec<usb_devices::Listed>, DeviceError>,
+) {
+    let name = settings.sensor.source.parse();
+    let Ok(SourceName::Kinect { serial }) = name else {
+        let text = format_args!("{} is played, no Kinect is used", settings.sensor.source);
+        return lines.say(Verdict::Ok, "sensor", text);
+    };
+    match found {
+        Err(problem @ DeviceError::Absent) => lines.say(Verdict::Warn, "sensor", problem),
+        Err(problem) => lines.say(Verdict::Fail, "sensor", problem),
+        Ok(listed) if listed.is_empty() => lines.say(Verdict::Warn, "sensor", DeviceError::Absent),
+        Ok(listed) => {
+            for sensor in &listed {
+                match &sensor.trouble {
+                    None => lines.say(Verdict::Ok, "sensor", sensor),
+                    Some(trouble) => lines.say(Verdict::Fail, "sensor", trouble),
+                }
+            }
+            if let Some(wanted) = serial
+                && listed.iter().all(|sensor| sensor.serial != wanted)
+            {
+                let found = listed.len();
+                let problem = DeviceError::OtherSerial { wanted, found };
+                lines.say(Verdict::Fail, "sensor", problem);
+            }
+        }
+    }
+}
+
+fn serial(lines: &mut Lines, port: &str) {
+    if port.is_empty() {
+        return lines.say(Verdict::Ok, "serial port", "none configured");
+    }
+    if port.starts_with("tcp:") {
+        return lines.say(
+            Verdict::Ok,
+            "serial port",
+            format_args!("{port}, tried when running"),
+        );
+    }
+    // Opened as files are: that neither raises DTR nor locks.
+    let opened = std::fs::OpenOptions::new().write(true).open(port);
+    let (verdict, advice) = match opened.as_ref().err().map(std::io::Error::kind) {
+        None => {
+            return lines.say(
+                Verdict::Ok,
+                "serial port",
+                format_args!("{port} can be written"),
+            );
+        }
+        Some(std::io::ErrorKind::NotFound) => (
+            Verdict::Warn,
+            "plug it in, it is waited for; `mien devices` lists what is there",
+        ),
+        Some(std::io::ErrorKind::PermissionDenied) => (
+            Verdict::Fail,
+            "add the user to the group dialout and log in again",
+        ),
+        Some(_) => (Verdict::Fail, "stop the other program that uses it"),
+    };
+    let problem = opened.err().map(|problem| problem.to_string());
+    let problem = problem.unwrap_or_default();
+    lines.say(
+        verdict,
+        "serial port",
+        format_args!("{port} cannot be opened ({problem}); {advice}"),
+    );
+}
+
+fn targets(lines: &mut Lines, settings: &Settings) {
+    let wires: [(&str, bool, &[String]); 4] = [
+        ("osc", settings.osc.enabled, &settings.osc.targets),
+        ("vmc", settings.vmc.enabled, &settings.vmc.targets),
+        ("vrchat", settings.vrchat.enabled, &settings.vrchat.targets),
+        (
+            "faceosc",
+            settings.faceosc.enabled,
+            &settings.faceosc.targets,
+        ),
+    ];
+    for (name, _, targets) in wires.into_iter().filter(|wire| wire.1) {
+        for target in targets {
+            let known = target
+                .to_socket_addrs()
+                .is_ok_and(|mut all| all.next().is_some());
+            let text = if known {
+                "is where datagrams go"
+            } else {
+                "is not found; check the name, or give the address as 192.168.1.20:9130"
+            };
+            let verdict = if known { Verdict::Ok } else { Verdict::Warn };
+            lines.say(verdict, name, format_args!("{target} {text}"));
+        }
+    }
+}
+
+fn status(lines: &mut Lines, path: &Path) {
+    if path.as_os_str().is_empty() {
+        return lines.say(Verdict::Ok, "status", "no files are wanted");
+    }
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let probe = folder.join(".mien-doctor");
+    let found = match std::fs::File::create(&probe) {
+        Ok(_) => {
+            // It was only made to see whether that works.
+            let _ = std::fs::remove_file(&probe);
+            Ok(format!("files go to {}", folder.display()))
+        }
+        Err(problem) => Err(format!(
+            "{} cannot be written ({problem}); the service makes it, else name another in status.path",
+            folder.display()
+        )),
+    };
+    lines.judge(Verdict::Warn, "status", found);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdicts(text: &str) -> Vec<&str> {
+        text.lines().map(|line| &line[..4]).collect()
+    }
+
+    #[test]
+    fn a_sound_configuration_has_no_fail_and_a_line_for_each_thing() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("mien.toml");
+        let status = folder.path().join("status.json");
+        let text = format!("[sensor]\nsource = \"simulated\"\n[status]\npath = {status:?}\n");
+        std::fs::write(&config, text).unwrap();
+        let (text, sound) = report(Some(&config));
+        assert!(sound, "{text}");
+        assert_eq!(verdicts(&text).len(), 6, "{text}");
+        assert!(verdicts(&text).iter().all(|word| *word == "OK  "), "{text}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = folder.path().join("mien.toml");
+        let text = "[sensor]\nsource = \"simulated\"\nmodel = \"/nowhere/face.model\"\n\
+                    [serial]\nport = \"/dev/nowhere\"\n[osc]\ntarget = \"nowhere.invalid:9130\"\n\
+                    [status]\npath = \"/nowhere/status.json\"\n";
+        std::fs::write(&config, text).unwrap();
+        let (text, sound) = report(Some(&config));
+        assert!(!sound);
+        let expected = ["OK  ", "FAIL", "OK  ", "WARN", "WARN", "WARN"];
+        assert_eq!(verdicts(&text), expected, "{text}");
+        for remedy in [
+            "mien-studio train",
+            "mien devices",
+            "192.168.1.20",
+            "status.path",
+        ] {
+            assert!(text.contains(remedy), "{remedy}: {text}");
+        }
+        std::fs::write(&config, "[osc]\nnonsense = 1\n").unwrap();
+        let (text, sound) = report(Some(&config));
+        assert!(
+            !sound && text.starts_with("FAIL  configuration: "),
+            "{text}"
+        );
+    }
+}

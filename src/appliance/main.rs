@@ -1,0 +1,70 @@
+//! The appliance: sensor to weights on a wire.
+
+use std::process::ExitCode;
+
+use mien::appliance::cli::{self, Command};
+use mien::appliance::memory::Counting;
+use mien::appliance::service;
+use mien::appliance::settings::Settings;
+use mien::face_model::FaceModel;
+
+#[global_allocator]
+static MEMORY: Counting = Counting::new();
+
+#[expect(
+    clippy::print_stdout,
+    reason = "this is the door: it prints what was asked for"
+)]
+fn main() -> ExitCode {
+    let command = match cli::parse(std::env::args_os().skip(1)) {
+        Ok(command) => command,
+        Err(error) => {
+            mien::appliance::log::say(format_args!("mien: {error}"));
+            return ExitCode::from(64);
+        }
+    };
+    let done = match command {
+        Command::Help => {
+            print!("{}", cli::HELP);
+            Ok(())
+        }
+        Command::Version => {
+            let studio = if cfg!(feature = "studio") {
+                "std studio"
+            } else {
+                "std"
+            };
+            println!(
+                "mien {} (features {studio}, model {:08x})",
+                env!("CARGO_PKG_VERSION"),
+                FaceModel::shipped().id
+            );
+            Ok(())
+        }
+        Command::CheckConfig(file) => service::settings(file.as_deref()).map(|_| ()),
+        Command::PrintConfig(file) => service::settings(file.as_deref())
+            .map(|settings: Settings| print!("{}", settings.to_toml())),
+        Command::Devices => {
+            print!("{}", mien::appliance::devices::report());
+            Ok(())
+        }
+        Command::Doctor(file) => {
+            let (lines, sound) = mien::appliance::doctor::report(file.as_deref());
+            print!("{lines}");
+            return ExitCode::from(u8::from(!sound));
+        }
+        Command::Bench(bench) => {
+            mien::appliance::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())
+        }
+        Command::SendTest(file) => service::send_test(file.as_deref()),
+        Command::Run(run) => service::run(&run),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            mien::appliance::log::say(format_args!("mien: {failure}"));
+            failure.back_off();
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

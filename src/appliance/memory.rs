@@ -1,0 +1,139 @@
+//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can say how often memory
+//! was asked for and how much is in use; and memory kept in RAM where the system permits it.
+//!
+//! Cost: two relaxed additions per request. One of three files with unsafe code, because neither an allocator nor
+//! `mlockall` can be had without: the others are those of the USB transfers and of [`crate::base::vectors`].
+#![expect(
+    unsafe_code,
+    reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall a foreign function"
+)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::io;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+
+/// To be made the global allocator by a program.
+pub struct Counting {
+    requests: AtomicU64,
+    in_use: AtomicUsize,
+}
+
+impl Counting {
+    /// Nothing counted yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            requests: AtomicU64::new(0),
+            in_use: AtomicUsize::new(0),
+        }
+    }
+
+    /// Requests for new or larger memory since the program started.
+    #[must_use]
+    pub fn requests(&self) -> u64 {
+        self.requests.load(Ordering::Relaxed)
+    }
+
+    /// Bytes asked for and not yet given back.
+    #[must_use]
+    pub fn bytes_in_use(&self) -> usize {
+        self.in_use.load(Ordering::Relaxed)
+    }
+
+    fn count(&self, bytes: usize) {
+        self.requests.fetch_add(1, Ordering::Relaxed);
+        self.in_use.fetch_add(bytes, Ordering::Relaxed);
+    }
+}
+
+impl Default for Counting {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+// SAFETY: every method passes its arguments on to `System`, which fulfils the contract.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        self.count(layout.size());
+        // SAFETY: the caller's promise is the one `System` wants.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        self.count(layout.size());
+        // SAFETY: as above.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        self.count(size);
+        self.in_use.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: as above.
+        unsafe { System.realloc(block, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        self.in_use.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: as above.
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+/// Keeps in RAM what is mapped now, page by page as it is first touched: a page that was once there is never waited for
+/// again. What is mapped later stays as it is, so that a small limit can never make a later request fail.
+///
+/// # Errors
+/// If the system does not permit it: more is mapped than `LimitMEMLOCK=` (`ulimit -l`) allows.
+#[cfg(target_os = "linux")]
+pub fn lock() -> io::Result<()> {
+    // SAFETY: the call takes no pointers and changes nothing that the program can see.
+    match unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_ONFAULT) } {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
+}
+
+/// Keeps in RAM what is mapped now.
+///
+/// # Errors
+/// Always: only known for Linux.
+#[cfg(not(target_os = "linux"))]
+pub fn lock() -> io::Result<()> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+/// The most memory this process has had resident; `None` where the system does not tell.
+#[must_use]
+pub fn peak_resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_asked_for_and_given_back_is_counted() {
+        let counting = Counting::new();
+        let layout = |size| Layout::from_size_align(size, 16).unwrap();
+        // SAFETY: sizes are not zero, and every block is given back with the layout it has then.
+        unsafe {
+            let one = counting.alloc(layout(100));
+            let other = counting.alloc_zeroed(layout(40));
+            assert_eq!(core::slice::from_raw_parts(other, 40), [0; 40]);
+            one.write_bytes(7, 100);
+            let one = counting.realloc(one, layout(100), 300);
+            assert_eq!(core::slice::from_raw_parts(one, 100), [7; 100]);
+            assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 340));
+            counting.dealloc(one, layout(300));
+            counting.dealloc(other, layout(40));
+        }
+        assert_eq!((counting.requests(), counting.bytes_in_use()), (3, 0));
+    }
+}

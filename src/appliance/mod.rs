@@ -1,0 +1,17 @@
+//! The program `mien`: command line and settings, the service that runs the pipeline, and what is told of it.
+
+pub mod bench;
+pub mod cli;
+pub mod devices;
+pub mod doctor;
+mod live_line;
+pub mod log;
+pub mod memory;
+mod pipe;
+pub mod send_test;
+pub mod service;
+pub mod service_manager;
+pub mod settings;
+pub mod source;
+pub mod status;
+mod wires;

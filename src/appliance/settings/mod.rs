@@ -1,0 +1,582 @@
+//! The configuration file: TOML to the settings of each stage, every key checked.
+//!
+//! One table ([`keys`]) names every key once, with its comment, unit, range and place in [`Settings`]. Reading, checking,
+//! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
+//! One file: the settings and the reading of them are one format; the keys have their own.
+
+mod keys;
+mod units;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
+
+use crate::base::bounded_read;
+use crate::base::capacity::USERS;
+use crate::sensor::kinect;
+use crate::users::Policy;
+use crate::{expression, landmarks, output, pose, segment};
+
+/// Bytes of the longest file: fifty times ours.
+const MOST: usize = 1 << 20;
+
+/// Everything that can be configured, in the stages' own types.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// Where frames come from.
+    pub sensor: SensorSettings,
+    /// Head segmentation.
+    pub segment: segment::Settings,
+    /// Head pose.
+    pub pose: pose::Settings,
+    /// Landmarks.
+    pub landmarks: landmarks::StageSettings,
+    /// Learning of ranges.
+    pub learning: expression::Settings,
+    /// Who is followed, and what happens when a face is lost.
+    pub users: UserSettings,
+    /// Names and gains of units, for every wire.
+    pub units: Vec<output::UnitView>,
+    /// OSC over UDP.
+    pub osc: output::osc::Settings,
+    /// OSC for avatar programmes, VMC protocol.
+    pub vmc: output::osc::vmc::Settings,
+    /// OSC for VRChat.
+    pub vrchat: output::osc::vrchat::Settings,
+    /// OSC as FaceOSC sends it.
+    pub faceosc: output::osc::faceosc::Settings,
+    /// The serial line.
+    pub serial: output::serial::Settings,
+    /// What outlives a restart.
+    pub state: StateSettings,
+    /// What is told in files.
+    pub status: StatusSettings,
+    /// What is logged.
+    pub log: LogSettings,
+}
+
+/// Where frames come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorSettings {
+    /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
+    pub source: String,
+    /// Path of a face model; empty = the built-in one.
+    pub model: String,
+    /// What can be chosen of a Kinect.
+    pub kinect: kinect::Settings,
+}
+
+impl Default for SensorSettings {
+    fn default() -> Self {
+        Self {
+            source: "kinect".into(),
+            model: String::new(),
+            kinect: kinect::Settings::default(),
+        }
+    }
+}
+
+/// Who is followed, and what happens when a face is lost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UserSettings {
+    /// People followed at once, at most.
+    pub most: u32,
+    /// Whom wires show that have room for one.
+    pub single: Policy,
+    /// Seconds during which values are kept after the face was last seen.
+    pub hold_s: f32,
+    /// Seconds after which a lost person's slot is free again.
+    pub forget_s: f32,
+    /// Seconds during which a person who left is known again by the shape of the head; 0 never.
+    pub remember_s: f32,
+}
+
+impl Default for UserSettings {
+    fn default() -> Self {
+        Self {
+            most: USERS as u32,
+            single: Policy::default(),
+            hold_s: 0.5,
+            forget_s: 2.0,
+            remember_s: 600.0,
+        }
+    }
+}
+
+/// What outlives a restart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateSettings {
+    /// Whether people who left are saved; only while a Kinect is followed.
+    pub persist: bool,
+    /// Path of the file.
+    pub path: String,
+}
+
+impl Default for StateSettings {
+    fn default() -> Self {
+        Self {
+            persist: true,
+            path: "/var/lib/mien/people.ranges".into(),
+        }
+    }
+}
+
+/// What is told in files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StatusSettings {
+    /// Path of the status file; empty = none.
+    pub path: String,
+}
+
+impl Default for StatusSettings {
+    fn default() -> Self {
+        Self {
+            path: "/run/mien/status.json".into(),
+        }
+    }
+}
+
+/// What is logged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LogSettings {
+    /// Least severity written to standard error.
+    pub level: tracing::Level,
+}
+
+impl Default for LogSettings {
+    fn default() -> Self {
+        Self {
+            level: tracing::Level::INFO,
+        }
+    }
+}
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum SettingsError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read ({reason}); give an existing file or leave --config out", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// Something in the file is not as it should be.
+    #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
+    Wrong {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// What may stand there.
+        expected: String,
+        /// What stands there.
+        found: String,
+    },
+}
+
+impl Settings {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is not TOML, has an unknown key, or a value of the wrong type or out of its range.
+    pub fn read(path: &Path) -> Result<Self, SettingsError> {
+        let text = bounded_read::read(path, MOST).and_then(|bytes| {
+            String::from_utf8(bytes).map_err(|_| std::io::Error::other("no text in UTF-8"))
+        });
+        let text = text.map_err(|error| SettingsError::Unreadable {
+            path: path.into(),
+            reason: error.to_string(),
+        })?;
+        Self::parse(&text, path)
+    }
+
+    /// Parses the text of a file; `path` is for messages only. Keys that are absent keep their defaults.
+    ///
+    /// ```
+    /// use mien::appliance::settings::Settings;
+    /// let error = Settings::parse("[users]\nhold_s = 99", "my.toml".as_ref()).unwrap_err();
+    /// assert_eq!(error.to_string(), "my.toml:2:10: expected users.hold_s from 0 to 10 s, found 99");
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Settings::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, SettingsError> {
+        let wrong = |at: usize, expected: String, found: String| {
+            let before = &text[..at.min(text.len())];
+            let line = before.matches('\n').count() + 1;
+            let column = before
+                .rsplit('\n')
+                .next()
+                .unwrap_or_default()
+                .chars()
+                .count()
+                + 1;
+            SettingsError::Wrong {
+                path: path.into(),
+                line,
+                column,
+                expected,
+                found,
+            }
+        };
+        let document = DeTable::parse(text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            let message = error.message().lines().collect::<Vec<_>>().join(", ");
+            wrong(at, "TOML".into(), message)
+        })?;
+        let mut settings = Self::default();
+        for (section, value) in document.get_ref() {
+            let section_name: &str = section.get_ref();
+            let start = section.span().start;
+            if !SECTIONS.iter().any(|(name, _)| *name == section_name) {
+                let names: Vec<&str> = SECTIONS.iter().map(|(name, _)| *name).collect();
+                return Err(wrong(
+                    start,
+                    format!("one of the sections {}", names.join(", ")),
+                    section_name.into(),
+                ));
+            }
+            let Some(table) = value.get_ref().as_table() else {
+                return Err(wrong(
+                    start,
+                    format!("a section [{section_name}]"),
+                    describe(value.get_ref()),
+                ));
+            };
+            for (key, value) in table {
+                if section_name == UNITS {
+                    units::assign(key.get_ref(), value, &mut settings.units).map_err(
+                        |(span, expected, found)| {
+                            let span = span.unwrap_or(key.span());
+                            wrong(span.start, expected, found)
+                        },
+                    )?;
+                    continue;
+                }
+                let Some(known) = KEYS
+                    .iter()
+                    .find(|k| k.section == section_name && k.name == key.get_ref().as_ref())
+                else {
+                    let names: Vec<&str> = KEYS
+                        .iter()
+                        .filter(|k| k.section == section_name)
+                        .map(|k| k.name)
+                        .collect();
+                    let expected =
+                        format!("one of the keys {} in [{section_name}]", names.join(", "));
+                    return Err(wrong(key.span().start, expected, key.get_ref().to_string()));
+                };
+                assign(known, value, &mut settings)
+                    .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
+            }
+        }
+        Ok(settings)
+    }
+
+    /// The whole configuration as TOML that [`Settings::parse`] accepts, every key with its comment and range.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let mut text = String::from(
+            "# Configuration of mien. Every key is here once, with its meaning, range and value.\n\
+             # `mien check-config FILE` checks a copy; keys left out keep the value shown by `mien print-config`.\n",
+        );
+        let mut copy = self.clone();
+        for (section, about) in SECTIONS {
+            let _ = write!(text, "\n# {about}\n[{section}]\n");
+            if *section == UNITS {
+                units::print(&self.units, &mut text);
+            }
+            for key in KEYS.iter().filter(|key| key.section == *section) {
+                let (allowed, value) = match (key.kind)(&mut copy) {
+                    Kind::Float {
+                        value,
+                        min,
+                        max,
+                        unit,
+                    } => (format!("{min} to {max}{}", with_space(unit)), value.text()),
+                    Kind::Integer {
+                        value,
+                        min,
+                        max,
+                        unit,
+                    } => (
+                        format!("{min} to {max}{}", with_space(unit)),
+                        value.to_string(),
+                    ),
+                    Kind::Bool { value } => ("true or false".into(), value.to_string()),
+                    Kind::Text { value, form, .. } => (form.into(), toml_string(value)),
+                    Kind::Texts { value, form, .. } => (form.into(), toml_strings(value)),
+                    Kind::Choice { value, names, .. } => (quoted(names), toml_string(names[value])),
+                };
+                let _ = write!(
+                    text,
+                    "# {} ({allowed})\n{} = {value}\n",
+                    key.about, key.name
+                );
+            }
+        }
+        text
+    }
+}
+
+fn with_space(unit: &str) -> String {
+    if unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {unit}")
+    }
+}
+
+fn quoted(names: &[&str]) -> String {
+    names
+        .iter()
+        .map(|name| format!("{name:?}"))
+        .collect::<Vec<_>>()
+        .join(" or ")
+}
+
+/// A TOML basic string; every value here came from TOML or from a literal, so only these two need an escape.
+fn toml_string(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+/// One string as such, any other number of them as an array.
+fn toml_strings(texts: &[String]) -> String {
+    match texts {
+        [text] => toml_string(text),
+        _ => {
+            let all: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
+            format!("[{}]", all.join(", "))
+        }
+    }
+}
+
+fn describe(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::String(text) => format!("{text:?}"),
+        DeValue::Integer(number) => number.as_str().to_owned(),
+        DeValue::Float(number) => number.as_str().to_owned(),
+        DeValue::Boolean(value) => value.to_string(),
+        DeValue::Array(all) => {
+            let all: Vec<String> = all.iter().map(|value| describe(value.get_ref())).collect();
+            format!("[{}]", all.join(", "))
+        }
+        other => format!("a value of type {}", other.type_str()),
+    }
+}
+
+/// Puts a checked value in its place, or says (expected, found).
+fn assign(
+    key: &Key,
+    value: &Spanned<DeValue<'_>>,
+    settings: &mut Settings,
+) -> Result<(), (String, String)> {
+    let path = format!("{}.{}", key.section, key.name);
+    let value = value.get_ref();
+    let refuse = |expected: String| Err((expected, describe(value)));
+    match (key.kind)(settings) {
+        Kind::Float {
+            value: slot,
+            min,
+            max,
+            unit,
+        } => {
+            let number = match value {
+                DeValue::Float(number) => number.as_str().replace('_', "").parse::<f64>().ok(),
+                DeValue::Integer(number) => integer(number).map(|number| number as f64),
+                _ => None,
+            };
+            match number {
+                Some(number) if number >= f64::from(min) && number <= f64::from(max) => {
+                    slot.set(number)
+                }
+                _ => return refuse(format!("{path} from {min} to {max}{}", with_space(unit))),
+            }
+        }
+        Kind::Integer {
+            value: slot,
+            min,
+            max,
+            unit,
+        } => {
+            let number = value
+                .as_integer()
+                .and_then(integer)
+                .and_then(|number| u32::try_from(number).ok());
+            match number {
+                Some(number) if (min..=max).contains(&number) => *slot = number,
+                _ => {
+                    return refuse(format!(
+                        "{path} as a whole number from {min} to {max}{}",
+                        with_space(unit)
+                    ));
+                }
+            }
+        }
+        Kind::Bool { value: slot } => match value.as_bool() {
+            Some(value) => *slot = value,
+            None => return refuse(format!("{path} to be true or false")),
+        },
+        Kind::Text {
+            value: slot,
+            form,
+            valid,
+        } => match value.as_str() {
+            Some(text) if valid(text) => text.clone_into(slot),
+            _ => return refuse(format!("{path} to be {form}")),
+        },
+        Kind::Texts {
+            value: slot,
+            form,
+            valid,
+            least,
+        } => {
+            let texts: Option<Vec<&str>> = match (value.as_str(), value.as_array()) {
+                (Some(text), _) => Some(vec![text]),
+                (_, Some(all)) => all.iter().map(|text| text.get_ref().as_str()).collect(),
+                _ => None,
+            };
+            match texts {
+                Some(texts) if texts.len() >= least && texts.iter().all(|text| valid(text)) => {
+                    *slot = texts.into_iter().map(str::to_owned).collect();
+                }
+                _ => return refuse(format!("{path} to be {form}")),
+            }
+        }
+        Kind::Choice { names, set, .. } => match value
+            .as_str()
+            .and_then(|text| names.iter().position(|n| *n == text))
+        {
+            Some(index) => set(settings, index),
+            None => return refuse(format!("{path} to be {}", quoted(names))),
+        },
+    }
+    Ok(())
+}
+
+fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(&number.as_str().replace('_', ""), number.radix()).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> String {
+        Settings::parse(text, Path::new("a.toml"))
+            .expect_err("must be refused")
+            .to_string()
+    }
+
+    #[test]
+    fn what_is_printed_is_read_back() {
+        let mut settings = Settings::default();
+        settings.users.hold_s = 1.25;
+        settings.sensor.source = "simulated:still".into();
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+    }
+
+    #[test]
+    fn defaults_are_within_their_own_ranges() {
+        let defaults = Settings::default();
+        assert_eq!(
+            Settings::parse(&defaults.to_toml(), Path::new("a.toml")),
+            Ok(defaults)
+        );
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_its_place_and_the_known_ones() {
+        let message = refused("[users]\nhold = 1\n");
+        assert!(
+            message.starts_with("a.toml:2:1: expected one of the keys most, single, hold_s, forget_s, remember_s in [users]"),
+            "{message}"
+        );
+        assert!(message.ends_with("found hold"), "{message}");
+    }
+
+    #[test]
+    fn an_unknown_section_and_a_bare_value_are_refused() {
+        assert!(refused("[user]\n").contains("a.toml:1:2: expected one of the sections sensor,"));
+        assert!(refused("users = 3\n").contains("expected a section [users], found 3"));
+    }
+
+    #[test]
+    fn units_get_names_and_gains() {
+        let text = "[units]\nAU26 = { name = \"jaw\", gain = 1.5 }\nAU23.gain = 2\n";
+        // AU23 is not measured.
+        assert!(refused(text).contains("a.toml:3:1: expected one of the units AU25, "));
+        let text = text.replace("AU23", "AU2L");
+        let settings = Settings::parse(&text, Path::new("a.toml")).unwrap();
+        let units: Vec<_> = settings
+            .units
+            .iter()
+            .map(|view| (view.unit.as_str(), view.name.as_str(), view.gain))
+            .collect();
+        assert_eq!(units, [("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]);
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+        for (text, part) in [
+            (
+                "AU26 = 3",
+                "expected a table like { name = \"jaw\", gain = 1.2 }, found 3",
+            ),
+            (
+                "AU26 = { gain = -1 }",
+                "expected units.AU26.gain from 0 to 10, found -1",
+            ),
+            ("AU26 = { size = 1 }", "expected name or gain, found size"),
+            ("AU26 = { name = \"a b\" }", "found \"a b\""),
+            (
+                "AU26 = { name = \"AU25\" }",
+                "no other unit has, found \"AU25\"",
+            ),
+        ] {
+            let message = refused(&format!("[units]\n{text}"));
+            assert!(
+                message.contains("a.toml:2:") && message.contains(part),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn targets_are_one_or_several() {
+        let text = "[osc]\ntarget = [\"a:1\", \"239.0.0.1:2\"]\n[vmc]\ntarget = \"b:3\"\n";
+        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        assert_eq!(settings.osc.targets, ["a:1", "239.0.0.1:2"]);
+        assert_eq!(settings.vmc.targets, ["b:3"]);
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+        assert!(refused("[osc]\ntarget = []").ends_with("found []"));
+        assert!(refused("[osc]\ntarget = [\"a:1\", \"b\"]").ends_with("found [\"a:1\", \"b\"]"));
+        assert!(
+            refused("[serial]\nunits = [\"AU99\"]").contains("a.toml:2:9: expected serial.units")
+        );
+    }
+
+    #[test]
+    fn type_and_range_are_checked() {
+        assert!(refused("[users]\nhold_s = \"long\"").ends_with("found \"long\""));
+        assert!(refused("[users]\nhold_s = nan").ends_with("found nan"));
+        assert!(
+            refused("[log]\nlevel = \"loud\"").contains("expected log.level to be \"error\" or")
+        );
+        assert!(refused("[users\n").contains("a.toml:1:"));
+    }
+}

@@ -1,0 +1,486 @@
+//! What the programme tells of itself: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
+//!
+//! Each file is written under another name and then renamed, so that a reader never sees half of one. They belong on a
+//! file system in memory (`/run`): nothing is synchronised. If they cannot be written, that is said once and tried again.
+//! Latencies are from a frame's arrival in this machine to after its last output took it, over the last 1024 frames.
+//! Nothing allocates after the first writing; memory: two latency rings of 4 kB and a text of 16 kB.
+//! One file: both files that are written, and the figures in them.
+
+use std::fmt::Write as _;
+use std::fs::{Metadata, Permissions};
+use std::io::Write as _;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::base::capacity::{UNITS, USERS};
+use crate::expression::UnitRange;
+use crate::output::{Report, Tally, TrackingState};
+
+/// Between two writings.
+const PERIOD: Duration = Duration::from_secs(1);
+/// Frames whose latency is kept.
+const LATENCIES: usize = 1024;
+/// Room for a text; it grows at the first writing if it must.
+const TEXT: usize = 24 * 1024;
+
+/// Figures to be told.
+pub struct Status {
+    files: Option<Files>,
+    source: String,
+    units: Vec<String>,
+    start: Instant,
+    written: Option<Instant>,
+    frames: u64,
+    time_us: u64,
+    lost: u64,
+    latencies: Latencies,
+    users: [Option<User>; USERS],
+    text: String,
+}
+
+/// A user as last reported.
+#[derive(Clone, Debug)]
+struct User {
+    state: TrackingState,
+    confidence: f32,
+    frozen: bool,
+    weights: heapless::Vec<f32, UNITS>,
+    ranges: heapless::Vec<UnitRange, UNITS>,
+}
+
+impl Status {
+    /// Figures to be written to `path`; an empty one keeps them unwritten. `source` and `units` are names.
+    #[must_use]
+    pub fn new(path: &str, source: &str, units: &[&str]) -> Self {
+        Self {
+            files: (!path.is_empty()).then(|| Files::beside(Path::new(path))),
+            source: source.to_owned(),
+            units: units.iter().map(|&unit| unit.to_owned()).collect(),
+            start: Instant::now(),
+            written: None,
+            frames: 0,
+            time_us: 0,
+            lost: 0,
+            latencies: Latencies::default(),
+            users: [const { None }; USERS],
+            text: String::with_capacity(TEXT),
+        }
+    }
+
+    /// Takes a report, and how long its frame took until all outputs had it; `None` if no frame is behind it, or another
+    /// report of the same frame has been taken.
+    pub fn observe(&mut self, report: &Report, latency: Option<Duration>) {
+        self.time_us = report.at.as_us();
+        if let Some(latency) = latency {
+            self.frames += 1;
+            self.latencies.push(latency);
+        }
+        let Some(slot) = report.user.filter(|&slot| slot < USERS) else {
+            self.users = [const { None }; USERS];
+            return;
+        };
+        let before = self.users[slot].as_ref();
+        if report.state == TrackingState::Lost
+            && before.is_some_and(|user| user.state != TrackingState::Lost)
+        {
+            self.lost += 1;
+        }
+        if report.state == TrackingState::Absent {
+            self.users[slot] = None;
+            return;
+        }
+        self.users[slot] = Some(User {
+            state: report.state,
+            confidence: report.confidence,
+            frozen: report.frozen,
+            weights: report.weights.iter().copied().take(UNITS).collect(),
+            ranges: report.ranges.iter().copied().take(UNITS).collect(),
+        });
+    }
+
+    /// Writes both files if a second has gone by.
+    pub fn write(&mut self, outputs: impl Iterator<Item = Tally> + Clone) {
+        let now = Instant::now();
+        let due = self.written.is_none_or(|written| now - written >= PERIOD);
+        let Some(mut files) = self.files.take_if(|_| due) else {
+            return;
+        };
+        self.written = Some(now);
+        let mut text = std::mem::take(&mut self.text);
+        for (file, compose) in [(0, Self::json as Compose<_>), (1, Self::prometheus)] {
+            text.clear();
+            // A string takes everything.
+            let _ = compose(self, outputs.clone(), &mut text);
+            files.write(file, text.as_bytes());
+        }
+        self.text = text;
+        self.files = Some(files);
+    }
+
+    fn json<I: Iterator<Item = Tally>>(&self, outputs: I, text: &mut String) -> std::fmt::Result {
+        let [median, p99, most] = self.latencies.quantiles();
+        let uptime_s = self.start.elapsed().as_secs_f64();
+        writeln!(
+            text,
+            "{{\n  \"version\": \"{}\",\n  \"source\": {},\n  \"uptime_s\": {uptime_s:.1},\n  \"frames\": {},\n  \"time_us\": {},",
+            env!("CARGO_PKG_VERSION"),
+            Quoted(&self.source),
+            self.frames,
+            self.time_us
+        )?;
+        writeln!(
+            text,
+            "  \"latency_ms\": {{\"median\": {median:.3}, \"p99\": {p99:.3}, \"max\": {most:.3}, \"frames\": {}}},",
+            self.latencies.count()
+        )?;
+        writeln!(text, "  \"tracking_lost\": {},", self.lost)?;
+        write!(text, "  \"outputs\": [")?;
+        for (i, tally) in outputs.enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            let [taken, refused] = tally.commands;
+            write!(
+                text,
+                "{comma}\n    {{\"name\": \"{}\", \"connected\": {}, \"sent\": {}, \"dropped\": {}, \"not_numbers\": {}, \"commands\": {taken}, \"commands_refused\": {refused}}}",
+                tally.name, tally.connected, tally.sent, tally.dropped, tally.not_numbers
+            )?;
+        }
+        write!(text, "\n  ],\n  \"users\": [")?;
+        let users = self.users.iter().enumerate();
+        let users = users.filter_map(|(slot, user)| Some((slot, user.as_ref()?)));
+        for (i, (slot, user)) in users.enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            write!(
+                text,
+                "{comma}\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, \"units\": {{",
+                user.state.name(),
+                Finite(user.confidence),
+                user.frozen
+            )?;
+            let units = self.units.iter().zip(&user.weights).zip(&user.ranges);
+            for (i, ((name, weight), range)) in units.enumerate() {
+                let comma = if i > 0 { "," } else { "" };
+                let [low, rest, high, noise] =
+                    [range.low, range.rest, range.high, range.noise].map(Finite);
+                write!(
+                    text,
+                    "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
+                    Quoted(name),
+                    Finite(*weight),
+                    Finite(range.readiness)
+                )?;
+            }
+            write!(text, "}}}}")?;
+        }
+        writeln!(text, "\n  ]\n}}")
+    }
+
+    fn prometheus<I: Iterator<Item = Tally>>(
+        &self,
+        outputs: I,
+        text: &mut String,
+    ) -> std::fmt::Result {
+        let [median, p99, _] = self.latencies.quantiles().map(|ms| ms * 1e-3);
+        let users = || self.users.iter().flatten();
+        let faces = users().filter(|user| user.state.has_face()).count();
+        write!(
+            text,
+            "# TYPE mien_build_info gauge\nmien_build_info{{version=\"{}\"}} 1\n\
+             # TYPE mien_frames_captured_total counter\nmien_frames_captured_total {}\n\
+             # TYPE mien_capture_to_send_seconds summary\n\
+             mien_capture_to_send_seconds{{quantile=\"0.5\"}} {median:.6}\n\
+             mien_capture_to_send_seconds{{quantile=\"0.99\"}} {p99:.6}\n\
+             # TYPE mien_face_present gauge\nmien_face_present {faces}\n\
+             # TYPE mien_tracking_lost_total counter\nmien_tracking_lost_total {}\n\
+             # TYPE mien_output_sent_total counter\n\
+             # TYPE mien_output_errors_total counter\n",
+            env!("CARGO_PKG_VERSION"),
+            self.frames,
+            self.lost
+        )?;
+        writeln!(text, "# TYPE mien_users gauge")?;
+        for state in &TrackingState::ALL[1..] {
+            let count = users().filter(|user| user.state == *state).count();
+            writeln!(text, "mien_users{{state=\"{}\"}} {count}", state.name())?;
+        }
+        for tally in outputs {
+            let name = tally.name;
+            writeln!(
+                text,
+                "mien_output_sent_total{{output=\"{name}\"}} {}",
+                tally.sent
+            )?;
+            writeln!(
+                text,
+                "mien_output_errors_total{{output=\"{name}\"}} {}",
+                tally.dropped
+            )?;
+        }
+        Ok(())
+    }
+}
+
+type Compose<I> = fn(&Status, I, &mut String) -> std::fmt::Result;
+
+/// The last latencies, a ring.
+struct Latencies {
+    us: [u32; LATENCIES],
+    pushed: usize,
+}
+
+impl Default for Latencies {
+    fn default() -> Self {
+        Self {
+            us: [0; LATENCIES],
+            pushed: 0,
+        }
+    }
+}
+
+impl Latencies {
+    fn push(&mut self, latency: Duration) {
+        self.us[self.pushed % LATENCIES] = latency.as_micros().try_into().unwrap_or(u32::MAX);
+        self.pushed += 1;
+    }
+
+    fn count(&self) -> usize {
+        self.pushed.min(LATENCIES)
+    }
+
+    /// Median, 99th percentile and maximum in milliseconds, by the nearest rank; 0 before the first frame.
+    fn quantiles(&self) -> [f64; 3] {
+        let mut sorted = self.us;
+        let sorted = &mut sorted[..self.count()];
+        sorted.sort_unstable();
+        [0.5, 0.99, 1.0].map(|share| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            let us = sorted.get(rank.saturating_sub(1)).copied();
+            f64::from(us.unwrap_or(0)) * 1e-3
+        })
+    }
+}
+
+/// The two files, each with the name it is written under first.
+struct Files {
+    paths: [[PathBuf; 2]; 2],
+    /// Whether it was said that they cannot be written.
+    told: bool,
+    /// The files as they were left, by device, number and time of their making.
+    left: [Option<[u64; 3]>; 2],
+    /// Whether somebody else writes them too; said once.
+    shared: bool,
+}
+
+impl Files {
+    fn beside(json: &Path) -> Self {
+        let new = |path: &Path| {
+            let mut name = path.as_os_str().to_owned();
+            name.push(".new");
+            name.into()
+        };
+        let prometheus = json.with_file_name("mien.prom");
+        Self {
+            paths: [json, &prometheus].map(|path| [path.to_owned(), new(path)]),
+            told: false,
+            left: [None; 2],
+            shared: false,
+        }
+    }
+
+    /// Notices that somebody has put another file in the place of ours.
+    fn look(&mut self, file: usize) {
+        let path = &self.paths[file][0];
+        let found = std::fs::metadata(path).ok().as_ref().map(mark);
+        let other = self.left[file].is_some() && found.is_some() && found != self.left[file];
+        if other && !self.shared {
+            self.shared = true;
+            tracing::warn!(
+                "{} is written by another program too, perhaps a second mien; status.path in its configuration gives each its own",
+                path.display()
+            );
+        }
+    }
+
+    fn write(&mut self, file: usize, text: &[u8]) {
+        self.look(file);
+        let [path, new] = &self.paths[file];
+        let written = std::fs::File::create(new).and_then(|mut file| {
+            file.write_all(text)?;
+            // Whoever watches may read them, whatever else the process keeps to itself.
+            file.set_permissions(Permissions::from_mode(0o644))?;
+            let mark = mark(&file.metadata()?);
+            std::fs::rename(new, path)?;
+            Ok(mark)
+        });
+        match written {
+            Ok(mark) => {
+                self.told = false;
+                self.left[file] = Some(mark);
+            }
+            Err(error) if !self.told => {
+                tracing::info!(
+                    "{} is not written: {error}; status.path names another place",
+                    path.display()
+                );
+                self.told = true;
+            }
+            Err(_) => {}
+        }
+    }
+}
+
+/// What tells a file from another one that takes its place.
+fn mark(about: &Metadata) -> [u64; 3] {
+    [about.dev(), about.ino(), about.mtime_nsec() as u64]
+}
+
+/// A text as JSON has it.
+struct Quoted<'a>(&'a str);
+
+impl std::fmt::Display for Quoted<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_char('"')?;
+        for c in self.0.chars() {
+            match c {
+                '"' | '\\' => write!(f, "\\{c}")?,
+                c if c.is_control() => write!(f, "\\u{:04x}", u32::from(c))?,
+                c => f.write_char(c)?,
+            }
+        }
+        f.write_char('"')
+    }
+}
+
+/// A number that JSON can hold: what is none becomes 0.
+struct Finite(f32);
+
+impl std::fmt::Display for Finite {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let number = if self.0.is_finite() { self.0 } else { 0.0 };
+        number.fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_of_the_last_frames() {
+        let mut latencies = Latencies::default();
+        assert_eq!(latencies.quantiles(), [0.0; 3]);
+        for ms in 1..=100 {
+            latencies.push(Duration::from_millis(ms));
+        }
+        assert_eq!(latencies.quantiles(), [50.0, 99.0, 100.0]);
+        for _ in 0..LATENCIES {
+            latencies.push(Duration::from_micros(2500));
+        }
+        assert_eq!(
+            (latencies.quantiles(), latencies.count()),
+            ([2.5; 3], LATENCIES)
+        );
+    }
+
+    #[test]
+    fn files_are_whole_and_nothing_else_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("status.json");
+        let mut status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"]);
+        let report = Report {
+            user: Some(1),
+            state: TrackingState::Tracking,
+            confidence: f32::NAN,
+            weights: &[0.25],
+            ranges: &[UnitRange {
+                low: 0.1,
+                rest: 0.2,
+                high: 0.3,
+                noise: 0.01,
+                readiness: 0.5,
+            }],
+            ..Report::default()
+        };
+        status.observe(&report, Some(Duration::from_millis(4)));
+        let tally = Tally {
+            name: "osc",
+            sent: 5,
+            dropped: 1,
+            connected: true,
+            not_numbers: 0,
+            commands: [2, 3],
+        };
+        status.write([tally; 2].into_iter());
+        let text = std::fs::read_to_string(&path).unwrap();
+        for part in [
+            "\"source\": \"a \\\"b\\\"\\\\\"",
+            "\"latency_ms\": {\"median\": 4.000, \"p99\": 4.000, \"max\": 4.000, \"frames\": 1}",
+            "\"slot\": 1, \"state\": \"tracking\", \"confidence\": 0.000",
+            "\"AU26\": {\"weight\": 0.250, \"low\": 0.1000, \"rest\": 0.2000, \"high\": 0.3000, \"noise\": 0.0100, \"readiness\": 0.50}",
+            "\"sent\": 5, \"dropped\": 1",
+        ] {
+            assert!(text.contains(part), "{part} in {text}");
+        }
+        #[cfg(feature = "studio")]
+        assert!(
+            serde_json::from_str::<serde_json::Value>(&text).is_ok(),
+            "{text}"
+        );
+        let prom = std::fs::read_to_string(folder.path().join("mien.prom")).unwrap();
+        for line in [
+            "mien_capture_to_send_seconds{quantile=\"0.99\"} 0.004000",
+            "mien_face_present 1",
+            "mien_users{state=\"tracking\"} 1",
+            "mien_users{state=\"posed\"} 0",
+        ] {
+            assert!(prom.lines().any(|told| told == line), "{line} in {prom}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        // A head without a face is told as one, and is no face.
+        let posed = Report {
+            state: TrackingState::Posed,
+            weights: &[],
+            ranges: &[],
+            ..report
+        };
+        status.observe(&posed, None);
+        let (mut json, mut prom) = (String::new(), String::new());
+        status.json([tally].into_iter(), &mut json).unwrap();
+        status.prometheus([tally].into_iter(), &mut prom).unwrap();
+        assert!(json.contains(
+            "\"state\": \"posed\", \"confidence\": 0.000, \"frozen\": false, \"units\": {}"
+        ));
+        assert!(prom.contains("mien_face_present 0\n"), "{prom}");
+        assert!(prom.contains("mien_users{state=\"posed\"} 1\n"), "{prom}");
+        // Not again within the second.
+        std::fs::remove_file(&path).unwrap();
+        status.write([tally; 2].into_iter());
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn another_program_that_writes_the_same_file_is_noticed_by_both() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("status.json");
+        let mut both = [(); 2].map(|()| Files::beside(&path));
+        both[0].write(0, b"{}");
+        both[0].write(0, b"{}");
+        assert!(!both[0].shared, "alone");
+        // A program before this one has left its file.
+        both[1].write(0, b"{}");
+        assert!(!both[1].shared);
+        both[0].write(0, b"{}");
+        both[1].write(0, b"{}");
+        assert_eq!(both.map(|files| files.shared), [true; 2]);
+    }
+
+    #[test]
+    fn the_files_are_for_everybody_whatever_the_mask() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("status.json");
+        Files::beside(&path).write(0, b"{}");
+        let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o644);
+    }
+}

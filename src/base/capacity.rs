@@ -1,0 +1,58 @@
+//! Every compile-time size of the appliance: name, value, unit, reason. What they come to is in [`crate::pipeline::budget`].
+//!
+//! | container | when full |
+//! | --- | --- |
+//! | points of a head's cloud | thinned evenly before they are stored |
+//! | heads of a picture | the farthest are left out |
+//! | users | who comes waits until a slot is free |
+//! | people remembered | the one who left first is forgotten |
+//! | heads without a face | the oldest is tried again |
+//! | samples and nodes of a measure | the two that are most alike are merged |
+//! | pictures that wait for their other half | the oldest is dropped and counted |
+//! | frames that wait for the stages | the oldest is dropped and counted |
+//! | landed USB transfers | the stream pauses until they are taken; what it misses is counted as lost |
+//! | a line of the log, of status, of a serial port | cut, or not sent and counted |
+
+/// Columns of both pictures of a Kinect v1, in pixels.
+pub const WIDTH: usize = 640;
+/// Rows of both pictures of a Kinect v1, in pixels.
+pub const HEIGHT: usize = 480;
+/// Pixels of one picture.
+pub const PIXELS: usize = WIDTH * HEIGHT;
+/// Values a raw 11-bit depth pixel can take; the last one, 2047, means "no measurement".
+pub const RAW_DEPTH_VALUES: usize = 2048;
+/// Points of the face that are tracked: the order of iBUG / Multi-PIE 68.
+pub const LANDMARKS: usize = 68;
+/// Points kept of one head's depth cloud. The cloud is thinned evenly to this: beyond about a thousand the sensor's
+/// depth steps, not the count, limit the pose.
+pub const HEAD_POINTS: usize = 2048;
+/// People followed at once.
+pub const USERS: usize = 4;
+/// Heads cut from one depth picture at most: everybody followed, and two that may be somebody or something else.
+pub const HEADS: usize = USERS + 2;
+/// People who left and are known again: more than pass by while one is away for some minutes.
+pub const REMEMBERED: usize = 2 * USERS;
+/// Geometric measures of a face: the paper's, the fore–aft ones, those of single sides and the cheeks, with the eye distance.
+pub const MEASURES: usize = 21;
+/// Measures whose range is learnt: all but the eye distance.
+pub const LEARNT_MEASURES: usize = MEASURES - 1;
+/// Lengths of the face that are no measure but tell units apart.
+pub const LENGTHS: usize = 18;
+/// What tells units apart beside the measures: lengths, and where the eyes look, across and up.
+pub const FEATURES: usize = LENGTHS + 2;
+/// What a unit is read from: learnt measures and features.
+pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;
+/// Weight columns at most: two for every learnt measure, and units that are read from several.
+pub const UNITS: usize = 2 * LEARNT_MEASURES + 8;
+/// Samples kept per measure by the paper's method (16 bytes each): 64, 256 and 1024 do equally well.
+pub const PAPER_SAMPLES: usize = 128;
+/// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
+pub const RANGE_NODES: usize = 64;
+/// Pictures of one stream that may wait for their other half: they come in turn, so of two the newer one will get it.
+pub const UNPAIRED_PICTURES: usize = 1;
+/// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.
+pub const WAITING_FRAMES: usize = 2;
+/// USB transfers per stream, in flight or landed and not yet taken: 32 ms.
+pub const TRANSFERS: usize = 16;
+/// Packets per transfer, a multiple of the eight microframes of a frame.
+pub const PACKETS: usize = 16;

@@ -1,0 +1,14 @@
+//! What every room stands on: sizes, geometry, time, and small tools that the standard library has not.
+
+#[cfg(feature = "std")]
+pub(crate) mod bounded_read;
+pub mod capacity;
+pub mod checksum;
+pub mod geometry;
+#[cfg(feature = "std")]
+pub(crate) mod insertion_sort;
+#[cfg(not(feature = "std"))]
+pub(crate) mod prelude;
+pub mod shared_cell;
+pub mod time;
+pub mod vectors;

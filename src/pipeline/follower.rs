@@ -1,0 +1,659 @@
+//! One person's stages in order: pose, landmarks, expression, and what is known of them.
+//!
+//! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
+//! One file: one person's state and how a frame changes it.
+
+use crate::base::capacity::UNITS;
+use crate::base::geometry::{Rigid, Vector};
+use crate::base::time::Timestamp;
+use crate::expression::{Expression, UnitRange};
+use crate::landmarks::{LandmarkStage, Landmarks};
+use crate::output::Report;
+use crate::pipeline::Stage;
+use crate::pose::{HeadPose, PoseTracker, guess};
+use crate::segment::{HeadCloud, PixelRect};
+use crate::sensor::Frame;
+use crate::sensor::camera::Camera;
+use crate::users::likeness::{FaceLengths, Likeness};
+use crate::users::matching::Place;
+use crate::users::memory::Gone;
+use crate::users::{Presence, TrackingState};
+
+/// A pose at which no face is seen for so many frames is not one.
+const DOUBTED_FRAMES: u32 = 3;
+/// A face seen in so many frames is known, and may turn away.
+const KNOWN_FRAMES: u64 = 30;
+/// Cosines of the angle to the line of sight between which a head is turned away, but its face is still there for depth:
+/// 20° and 70°.
+const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
+/// Without being seen for so long, a head may be anybody's, seconds.
+const AWAY_GAP_S: f64 = 0.1;
+/// Confidence of a face that depth alone tells of.
+const AWAY_CONFIDENCE: f32 = 0.25;
+/// Confidence from which a face may lean the head.
+const LEANING_CONFIDENCE: f32 = 0.8;
+/// A pose is put right by the face in so many of its first frames.
+const CORRECTED_FRAMES: u64 = 3;
+/// Without a picture a head is a user's once it was surely one in so many frames in a row.
+const POSED_FRAMES: u64 = 2;
+/// What is surely a head: it covers so much of the middle of the standard head's face, and agrees with it so well. In the
+/// real film nine of ten frames of the head do; of its chair, arms, paper and clothes none agrees by more than 0.54.
+const SURE_COVERAGE: f32 = 0.65;
+const SURE_CONFIDENCE: f32 = 0.56;
+/// So certain a head needs one frame only.
+const CERTAIN_CONFIDENCE: f32 = 0.62;
+
+/// Follows one person.
+pub(crate) struct Follower {
+    pub(crate) pose: PoseTracker,
+    pub(crate) landmarks: LandmarkStage,
+    pub(crate) expression: Expression,
+    pub(crate) presence: Presence,
+    pub(crate) state: TrackingState,
+    /// Where the head was last; kept while it is held.
+    head: Option<Rigid>,
+    /// The points seen last; kept while the face is held.
+    points: Option<Landmarks>,
+    /// 0…1: of the points, or of the pose where there are none.
+    confidence: f32,
+    /// The head's box in this frame's depth picture, if there is one.
+    pub(crate) rect: Option<PixelRect>,
+    /// Where they are expected.
+    pub(crate) place: Option<Place>,
+    /// When they came.
+    pub(crate) since: Timestamp,
+    /// When the head was followed last, with its face or by depth alone.
+    pub(crate) last_seen: Timestamp,
+    /// Frames in which the face was seen.
+    pub(crate) frames: u64,
+    /// Frames in a row in which the head was followed without colour.
+    posed: u64,
+    /// Whether their head was missed since, so that what is found again has to be surely one.
+    missed: bool,
+    /// What they are known by beside their head.
+    face: FaceLengths,
+    /// Frames in a row with a pose and without a face.
+    doubted: u32,
+    /// Places the face was looked for without depth; goes on from person to person.
+    guesses: usize,
+    /// Learned ranges, one for each unit.
+    ranges: heapless::Vec<UnitRange, UNITS>,
+}
+
+impl Follower {
+    pub(crate) fn new(
+        pose: PoseTracker,
+        landmarks: LandmarkStage,
+        expression: Expression,
+        presence: Presence,
+    ) -> Self {
+        Self {
+            pose,
+            landmarks,
+            expression,
+            presence,
+            state: TrackingState::Absent,
+            head: None,
+            points: None,
+            confidence: 0.0,
+            rect: None,
+            place: None,
+            since: Timestamp::default(),
+            last_seen: Timestamp::default(),
+            frames: 0,
+            posed: 0,
+            missed: false,
+            face: FaceLengths::default(),
+            doubted: 0,
+            guesses: 0,
+            ranges: heapless::Vec::new(),
+        }
+    }
+
+    /// Whether somebody has this follower.
+    pub(crate) fn is_taken(&self) -> bool {
+        self.state != TrackingState::Absent
+    }
+
+    /// Whether enough was seen to make this a user: a face, or without colour a head that stays one.
+    pub(crate) fn is_somebody(&self) -> bool {
+        self.frames > 0 || self.posed >= POSED_FRAMES
+    }
+
+    /// Whether enough was seen to believe a pose that is not surely one.
+    fn is_known(&self) -> bool {
+        self.frames > 0 || self.posed >= KNOWN_FRAMES
+    }
+
+    /// Frames in which the one at the door was followed.
+    pub(crate) fn followed(&self) -> u64 {
+        self.frames + self.posed
+    }
+
+    /// Runs the stages on a head; whether it was found: its face, or its pose where that has to do. The state then says so.
+    pub(crate) fn follow(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        searches: &mut u32,
+        after: &mut impl FnMut(Stage),
+    ) -> bool {
+        let pose = self.pose.track_with(cloud, frame.at, searches);
+        after(Stage::Pose);
+        match pose {
+            Some(pose) => self.look(frame, camera, cloud, &pose, after),
+            None => {
+                self.rect = Some(cloud.rect);
+                self.miss_head();
+                self.spot(frame, camera, cloud);
+                false
+            }
+        }
+    }
+
+    /// Looks in the picture for a face that depth does not show: one place a frame.
+    fn spot(&mut self, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
+        if !frame.has_picture() {
+            return;
+        }
+        let guesses = guess::guesses(&cloud.points, self.guesses);
+        self.guesses += 1;
+        let spot = |guess| self.landmarks.spot(&frame.luma, camera, &guess);
+        let found = guesses.into_iter().flatten().filter_map(spot);
+        if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
+            self.pose.look_at(head, frame.at);
+        }
+    }
+
+    /// As [`Self::follow`], but only where the head is expected, on the points that are there; `None` if it is not there.
+    pub(crate) fn follow_expected(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        after: &mut impl FnMut(Stage),
+    ) -> Option<bool> {
+        let pose = self.pose.follow(cloud, frame.at);
+        after(Stage::Pose);
+        Some(self.look(frame, camera, cloud, &pose?, after))
+    }
+
+    /// The stages after the pose.
+    fn look(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+        after: &mut impl FnMut(Stage),
+    ) -> bool {
+        self.rect = Some(cloud.rect);
+        let sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
+        if !frame.has_picture() && !pose.proven {
+            self.pose.take_back();
+            return false;
+        }
+        if !frame.has_picture() {
+            // Until somebody is known to be there, only what is surely a head counts.
+            if sure || (self.is_known() && !self.missed) {
+                self.follow_by_depth(pose, camera, cloud, frame.at);
+                return true;
+            }
+            self.miss_head();
+            return false;
+        }
+        self.posed = 0;
+        let fitted = self
+            .landmarks
+            .fit(&frame.luma, &frame.depth, camera, pose, frame.at);
+        after(Stage::Landmarks);
+        let fitted = fitted.cloned();
+        let leant = fitted
+            .as_ref()
+            .filter(|landmarks| landmarks.confidence >= LEANING_CONFIDENCE)
+            .and_then(|_| self.landmarks.strayed())
+            .and_then(|strayed| self.pose.lean(&(pose.sensor_from_head * strayed)))
+            .unwrap_or(pose.sensor_from_head);
+        let sensor_from_head = leant * self.landmarks.turn();
+        let landmarks = match fitted {
+            Some(landmarks) => {
+                self.expression
+                    .observe(&landmarks, &sensor_from_head, frame.at);
+                self.ranges = self.expression.unit_ranges();
+                self.pose.learn(cloud);
+                self.face.see(&landmarks.head);
+                landmarks
+            }
+            None if !pose.proven => {
+                self.pose.take_back();
+                return false;
+            }
+            None => match self.turned_away(&sensor_from_head, camera, frame.at) {
+                Some(landmarks) => landmarks,
+                // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
+                None if self.frames >= KNOWN_FRAMES && sure => {
+                    self.follow_by_depth(pose, camera, cloud, frame.at);
+                    return true;
+                }
+                None => {
+                    self.doubt();
+                    self.spot(frame, camera, cloud);
+                    return false;
+                }
+            },
+        };
+        after(Stage::Expression);
+        self.find(sensor_from_head, cloud, frame.at);
+        if self.frames < CORRECTED_FRAMES
+            && let Some(head_from_face) = self.landmarks.straighten()
+        {
+            // The face knows better than hair where the head is.
+            self.pose.correct(&head_from_face);
+        }
+        self.confidence = landmarks.confidence;
+        self.points = Some(landmarks);
+        self.doubted = 0;
+        self.missed = false;
+        self.frames += 1;
+        let ready = !self.expression.weights().warming;
+        self.state = self.presence.seen(frame.at, ready);
+        true
+    }
+
+    /// The head is there, with its face or without.
+    fn find(&mut self, sensor_from_head: Rigid, cloud: &HeadCloud, at: Timestamp) {
+        let origin = sensor_from_head.translation.vector;
+        match &mut self.place {
+            Some(place) => place.see(cloud.centre, origin, at),
+            None => self.place = Some(Place::new(cloud.centre, origin, at)),
+        }
+        if self.head.is_none() {
+            self.since = at;
+        }
+        self.head = Some(sensor_from_head);
+        self.last_seen = at;
+    }
+
+    /// Depth shows no head; of one who is known one frame without it tells nothing.
+    fn miss_head(&mut self) {
+        self.missed = true;
+        if !self.is_known() {
+            self.posed = 0;
+        }
+    }
+
+    /// A frame without colour: the pose is believed, and a face that was just seen moves with it.
+    fn follow_by_depth(
+        &mut self,
+        pose: &HeadPose,
+        camera: &Camera,
+        cloud: &HeadCloud,
+        at: Timestamp,
+    ) {
+        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
+        self.pose.learn(cloud);
+        self.find(sensor_from_head, cloud, at);
+        self.doubted = 0;
+        self.missed = false;
+        self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
+        self.state = self.presence.posed(at);
+        if self.state == TrackingState::Posed {
+            self.points = None;
+        }
+        match &mut self.points {
+            Some(points) => points.move_to(&sensor_from_head, camera),
+            None => self.confidence = pose.confidence,
+        }
+    }
+
+    /// A known head that turns away is followed by depth alone: its points stay where they were on the head, the weights as
+    /// they were. `None` for a head that faces the sensor and yet shows no face, or was not followed up to now.
+    fn turned_away(&self, pose: &Rigid, camera: &Camera, at: Timestamp) -> Option<Landmarks> {
+        let last = self.points.as_ref()?;
+        let known = self.frames >= KNOWN_FRAMES && at.seconds_since(self.last_seen) < AWAY_GAP_S;
+        let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
+        if !known || !AWAY_FACING.contains(&facing) {
+            return None;
+        }
+        let mut landmarks = last.clone();
+        landmarks.move_to(pose, camera);
+        landmarks.confidence = landmarks.confidence.min(AWAY_CONFIDENCE);
+        for confidence in &mut landmarks.point_confidence {
+            *confidence = confidence.min(AWAY_CONFIDENCE);
+        }
+        Some(landmarks)
+    }
+
+    /// A pose without a face: after a few of them it is taken for a wrong one, which depth alone may follow for long.
+    fn doubt(&mut self) {
+        self.doubted += 1;
+        if self.doubted >= DOUBTED_FRAMES || self.frames < KNOWN_FRAMES {
+            self.doubted = 0;
+            self.pose.doubt();
+        }
+    }
+
+    /// The face was not found in this frame.
+    pub(crate) fn miss(&mut self, at: Timestamp) {
+        self.state = self.presence.unseen(at);
+    }
+
+    /// The next person starts from the priors.
+    pub(crate) fn forget(&mut self) {
+        self.pose.reset();
+        self.landmarks.reset();
+        self.expression.reset();
+        self.expression.freeze(false);
+        self.presence.reset();
+        self.state = TrackingState::Absent;
+        (self.head, self.points, self.rect) = (None, None, None);
+        self.place = None;
+        (self.frames, self.posed, self.missed) = (0, 0, false);
+        self.face = FaceLengths::default();
+        self.doubted = 0;
+    }
+
+    /// Goes on with what another one knows of its person.
+    pub(crate) fn adopt(&mut self, before: &Self) {
+        self.expression.restore(&before.expression.learned());
+        self.expression.freeze(before.expression.weights().frozen);
+        self.presence.adopt(&before.presence);
+        self.state = before.state;
+        self.head = before.head;
+        self.points.clone_from(&before.points);
+        (self.confidence, self.rect) = (before.confidence, before.rect);
+        (self.place, self.since) = (before.place, before.since);
+        (self.last_seen, self.frames) = (before.last_seen, before.frames);
+        (self.posed, self.missed) = (before.posed, before.missed);
+        self.face = before.face;
+        self.ranges = self.expression.unit_ranges();
+    }
+
+    /// What the person is known by.
+    pub(crate) fn likeness(&self) -> Likeness {
+        Likeness {
+            head: self.pose.signature(),
+            face: self.face,
+        }
+    }
+
+    /// What to remember of the person by, seen last when they were.
+    pub(crate) fn gone(&self, slot: usize) -> Gone {
+        Gone {
+            slot,
+            likeness: self.likeness(),
+            learned: self.expression.learned(),
+            last_seen: self.last_seen,
+            before_s: 0.0,
+        }
+    }
+
+    /// Adds what is known to a report that has frame, time and user.
+    pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
+        let known = Report {
+            state: self.state,
+            ..known
+        };
+        if !self.state.is_present() {
+            return known;
+        }
+        let known = Report {
+            confidence: self.confidence,
+            sensor_from_head: self.head.as_ref(),
+            head_box: self.rect,
+            frozen: self.expression.weights().frozen,
+            ..known
+        };
+        match &self.points {
+            Some(points) => Report {
+                landmarks: Some(points),
+                measures: &self.expression.weights().measures,
+                weights: self.expression.weights().units(),
+                ranges: &self.ranges,
+                ..known
+            },
+            None => known,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::appliance::settings::Settings;
+    use crate::base::geometry::Rotation;
+    use crate::base::shared_cell::Shared;
+    use crate::expression::Units;
+    use crate::face_model::FaceModel;
+    use crate::segment::Segmenter;
+    use crate::simulator::simulated::Simulated;
+
+    fn follower() -> Follower {
+        let (settings, model) = (Settings::default(), FaceModel::shipped());
+        let anchor = model.standard_head.oriented();
+        Follower::new(
+            PoseTracker::new(settings.pose, &anchor).expect("a head"),
+            LandmarkStage::new(settings.landmarks, &model, &Shared::default()).expect("a model"),
+            Expression::new(settings.learning.clone(), Units::shipped()),
+            Presence::new(settings.users.hold_s, settings.users.forget_s),
+        )
+    }
+
+    /// Frames of somebody who sits there, each with its cloud and where the head is in truth.
+    fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
+        let mut sensor = Simulated::new(Some("acted")).expect("a scene");
+        let camera = Camera::new(sensor.registration());
+        let mut segmenter = Segmenter::new(Settings::default().segment);
+        let mut frame = Frame::default();
+        for _ in 0..count {
+            sensor.next_frame(&mut frame);
+            let truth = sensor.truth().expect("somebody acts").sensor_from_head;
+            if let Some(cloud) = segmenter.segment(&frame, &camera) {
+                see(&frame, &camera, cloud, truth);
+            }
+        }
+    }
+
+    fn pose(sensor_from_head: Rigid) -> HeadPose {
+        HeadPose {
+            sensor_from_head,
+            confidence: 0.9,
+            residual: 0.001,
+            coverage: 0.9,
+            proven: true,
+        }
+    }
+
+    #[test]
+    fn a_head_that_depth_has_turned_is_turned_back_by_its_face() {
+        // Less than what makes the pose be searched anew.
+        let wrong = Rotation::new(Vector::y() * 0.10);
+        let mut follower = follower();
+        let mut left = Vec::new();
+        frames(40, |frame, camera, cloud, truth| {
+            let given = pose(truth * wrong);
+            let mut done = Vec::new();
+            let seen = follower.look(frame, camera, cloud, &given, &mut |stage| done.push(stage));
+            if seen {
+                assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
+            }
+            if seen && let Some(head) = follower.head {
+                left.push(head.rotation.angle_to(&truth.rotation));
+            }
+        });
+        assert!(left.len() > 30, "{} frames with a face", left.len());
+        let late = &left[20..];
+        let mean = late.iter().sum::<f32>() / late.len() as f32;
+        assert!(mean < 0.06, "{mean} rad of 0.10 are left");
+    }
+
+    #[test]
+    fn a_face_that_depth_does_not_tell_of_is_found_in_the_picture() {
+        let mut follower = follower();
+        let mut random = fastrand::Rng::with_seed(5);
+        let (mut looked, mut off) = (0, Vec::new());
+        frames(24, |frame, camera, cloud, truth| {
+            follower.spot(frame, camera, cloud);
+            looked += 1;
+            if follower.pose.is_searching()
+                && let Some((found, _)) = follower.pose.expected(frame.at)
+            {
+                let apart = (found.translation.vector - truth.translation.vector).norm();
+                off.push((found.rotation.angle_to(&truth.rotation), apart));
+            }
+            // Noise is not believed: nothing is kept of it.
+            follower.pose.reset();
+            let mut covered = frame.clone();
+            covered.luma.fill_with(|| random.u8(..));
+            follower.spot(&covered, camera, cloud);
+            assert!(!follower.pose.is_searching(), "no face in noise");
+        });
+        assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());
+        for (turned, apart) in &off {
+            assert!(*turned < 0.3 && *apart < 0.05, "{turned} rad, {apart} m");
+        }
+    }
+
+    #[test]
+    fn who_goes_on_in_another_pipeline_is_who_they_were() {
+        let (mut before, mut after) = (follower(), follower());
+        let mut at = Timestamp::default();
+        frames(12, |frame, camera, cloud, truth| {
+            before.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+            at = frame.at;
+        });
+        before.expression.freeze(true);
+        after.adopt(&before);
+        assert!(before.frames > 5 && before.since < before.last_seen);
+        assert_eq!(after.since, before.since);
+        assert_eq!(after.last_seen, before.last_seen);
+        assert_eq!((after.frames, after.posed), (before.frames, before.posed));
+        assert_eq!(after.state, before.state);
+        assert_eq!(after.head, before.head);
+        assert_eq!(after.confidence, before.confidence);
+        assert_eq!(after.rect, before.rect);
+        assert_eq!(after.face, before.face);
+        assert!(after.expression.weights().frozen);
+        let centre = |one: &Follower| one.place.map(|place| place.centre());
+        assert_eq!(centre(&after), centre(&before));
+        let points = |one: &Follower| one.points.as_ref().map(|points| points.head);
+        assert!(points(&after).is_some() && points(&after) == points(&before));
+        assert_eq!(after.ranges.len(), before.ranges.len());
+        // Unseen just after, they are held and not lost: their presence came along.
+        after.miss(Timestamp::from_us(at.as_us() + 33_000));
+        assert_eq!(after.state, TrackingState::Held);
+        // And nothing is left of them in the end.
+        after.forget();
+        assert!(!after.is_taken() && after.head.is_none() && after.place.is_none());
+        assert!(!after.is_somebody() && !after.expression.weights().frozen);
+    }
+
+    #[test]
+    fn a_known_head_whose_face_is_covered_is_followed_by_depth_if_it_is_surely_one() {
+        let mut follower = follower();
+        let mut frame_number = 0;
+        let mut covered = 0;
+        frames(45, |frame, camera, cloud, truth| {
+            frame_number += 1;
+            if frame_number <= 35 {
+                follower.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+                return;
+            }
+            if follower.frames < KNOWN_FRAMES {
+                return;
+            }
+            // Something before the face: a picture, but none of a face.
+            let mut hidden = frame.clone();
+            for (k, luma) in hidden.luma.iter_mut().enumerate() {
+                *luma = (k % 251) as u8;
+            }
+            covered += 1;
+            let unsure = HeadPose {
+                coverage: SURE_COVERAGE - 0.01,
+                ..pose(truth)
+            };
+            let faces = (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
+            let before = follower.frames;
+            if faces >= AWAY_FACING.end {
+                if covered == 1 {
+                    assert!(!follower.look(&hidden, camera, cloud, &unsure, &mut |_| {}));
+                }
+                assert!(follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {}));
+                assert_eq!(follower.frames, before, "no face was seen");
+                assert_eq!(follower.last_seen, frame.at);
+                assert!(follower.head.is_some_and(|head| {
+                    (head.translation.vector - truth.translation.vector).norm() < 1e-4
+                }));
+            }
+        });
+        assert!(covered > 5, "{covered}");
+    }
+
+    #[test]
+    fn without_colour_two_frames_of_a_sure_head_make_somebody_or_one_of_a_certain_one() {
+        for (confidence, coverage, somebody_after) in [
+            (0.61, 0.7, Some(2)),
+            (0.63, 0.7, Some(1)),
+            (0.55, 0.7, None),
+            (0.63, 0.64, None),
+        ] {
+            let mut follower = follower();
+            let (mut seen, mut first) = (0, None);
+            frames(6, |frame, camera, cloud, truth| {
+                let mut dark = frame.clone();
+                dark.has_colour = false;
+                let given = HeadPose {
+                    confidence,
+                    coverage,
+                    ..pose(truth)
+                };
+                let found = follower.look(&dark, camera, cloud, &given, &mut |_| {});
+                assert_eq!(found, somebody_after.is_some());
+                seen += 1;
+                if first.is_none() && follower.is_somebody() {
+                    first = Some(seen);
+                    assert_eq!(follower.state, TrackingState::Posed);
+                    assert_eq!(follower.confidence, confidence);
+                }
+            });
+            assert_eq!(first, somebody_after, "{confidence} {coverage}");
+        }
+    }
+
+    #[test]
+    fn who_is_known_is_doubted_at_the_third_frame_without_a_face_who_is_not_at_once() {
+        let mut follower = follower();
+        for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
+            follower.frames = frames;
+            for count in counts {
+                follower.doubt();
+                assert_eq!(follower.doubted, count, "{frames} frames");
+            }
+        }
+    }
+
+    #[test]
+    fn a_covered_face_is_followed_from_the_thirtieth_frame_of_a_head_on() {
+        for (frames_before, followed) in [(29, false), (30, true)] {
+            let mut looked = false;
+            frames(6, |frame, camera, cloud, truth| {
+                let faces =
+                    (truth.rotation * Vector::z()).dot(&truth.translation.vector.normalize());
+                if looked || faces < AWAY_FACING.end {
+                    return;
+                }
+                looked = true;
+                let mut hidden = frame.clone();
+                for (k, luma) in hidden.luma.iter_mut().enumerate() {
+                    *luma = (k % 251) as u8;
+                }
+                let mut follower = follower();
+                follower.frames = frames_before;
+                let found = follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {});
+                assert_eq!(found, followed, "{frames_before} frames");
+            });
+            assert!(looked);
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! The stages in order, for every person, and the memory that takes.
+
+pub mod budget;
+#[cfg(feature = "std")]
+mod follower;
+#[cfg(all(test, feature = "std"))]
+mod golden;
+#[cfg(feature = "std")]
+mod stages;
+
+#[cfg(feature = "studio")]
+pub(crate) use stages::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
+#[cfg(feature = "std")]
+pub use stages::{Pipeline, PipelineError, Stage};

@@ -1,0 +1,16 @@
+//! A sensor that is not there: heads that act in rooms, as a Kinect would see them, packet by packet if need be.
+//!
+//! ```text
+//! virtual_head   heads, what they wear, scripts of scenes, drawn as depth and colour with a real sensor's noise
+//! virtual_kinect a device that answers as a Kinect on USB does
+//! faults         what goes wrong on a bus: packets lost, doubled, damaged
+//! simulated      a scene by name, as a source of frames
+//! ```
+
+pub mod faults;
+#[cfg(feature = "std")]
+pub mod simulated;
+#[cfg(feature = "std")]
+pub mod virtual_head;
+#[cfg(feature = "std")]
+pub mod virtual_kinect;

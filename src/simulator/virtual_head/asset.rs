@@ -1,0 +1,251 @@
+//! A head that can be drawn: mesh, photograph, expressions and the 68 points on it, all in the head frame, metres.
+//!
+//! The texture is a frontal photograph, and every vertex carries its place in it. Where the photograph cannot know (sides,
+//! back of the head, inside of the mouth) a vertex has a colour of its own, and `photo_share` says how much the
+//! photograph counts: 1 in the middle of the face, 0 behind the ears, smooth between, so that there is no seam.
+
+use std::sync::Arc;
+
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rotation, Vector};
+
+/// What a triangle shows; training renders vary the look of each part on its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Part {
+    /// Face, head, ears, neck.
+    Skin = 0,
+    /// Inside of the cheeks and throat.
+    MouthSocket = 1,
+    /// Gums and tongue.
+    Gums = 2,
+    /// Teeth.
+    Teeth = 3,
+    /// Eyeballs.
+    Eye = 4,
+    /// Behind the lids.
+    EyeSocket = 5,
+}
+
+impl Part {
+    /// Number of parts.
+    pub const COUNT: usize = 6;
+
+    /// Part of a stored number.
+    #[must_use]
+    pub fn from_index(index: u8) -> Option<Self> {
+        [
+            Self::Skin,
+            Self::MouthSocket,
+            Self::Gums,
+            Self::Teeth,
+            Self::Eye,
+            Self::EyeSocket,
+        ]
+        .get(usize::from(index))
+        .copied()
+    }
+}
+
+/// Differences to the neutral of the vertices that an expression moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expression {
+    /// Name, ARKit-like with `_L` and `_R`, for example `eyeBlink_L`.
+    pub name: String,
+    /// Vertices that move, ascending.
+    pub vertices: Vec<u32>,
+    /// How far each moves at weight 1, metres in the head frame.
+    pub offsets: Vec<Vector>,
+}
+
+/// A place on the mesh: a point of a triangle, so that it need not be a vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Site {
+    /// Corners.
+    pub vertices: [u32; 3],
+    /// Shares of the corners; they add up to 1.
+    pub shares: [f32; 3],
+}
+
+impl Site {
+    /// A vertex itself.
+    #[must_use]
+    pub fn vertex(vertex: u32) -> Self {
+        Self {
+            vertices: [vertex; 3],
+            shares: [1.0, 0.0, 0.0],
+        }
+    }
+
+    /// Where the place is, given all vertices.
+    #[must_use]
+    pub fn on(&self, vertices: &[Point]) -> Point {
+        let mut sum = Vector::zeros();
+        for (&v, &share) in self.vertices.iter().zip(&self.shares) {
+            sum += vertices[v as usize].coords * share;
+        }
+        Point::from(sum)
+    }
+}
+
+/// RGB picture, row by row.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Texture {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Red, green, blue of each pixel, 0…255.
+    pub rgb: Vec<u8>,
+}
+
+impl Texture {
+    /// Colour at pixel coordinates (pixel centres are integers), bilinear, clamped to the border. Black if empty.
+    #[inline]
+    #[must_use]
+    pub fn at(&self, x: f32, y: f32) -> [f32; 3] {
+        if self.width < 2 || self.height < 2 {
+            return [0.0; 3];
+        }
+        let x = x.clamp(0.0, self.width as f32 - 1.001);
+        let y = y.clamp(0.0, self.height as f32 - 1.001);
+        let (col, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - col as f32, y - row as f32);
+        let start = (row * self.width + col) * 3;
+        let upper = &self.rgb[start..start + 6];
+        let lower = &self.rgb[start + self.width * 3..start + self.width * 3 + 6];
+        let mut colour = [0.0; 3];
+        for k in 0..3 {
+            let a = f32::from(upper[k]) * (1.0 - fx) + f32::from(upper[k + 3]) * fx;
+            let b = f32::from(lower[k]) * (1.0 - fx) + f32::from(lower[k + 3]) * fx;
+            colour[k] = a * (1.0 - fy) + b * fy;
+        }
+        colour
+    }
+
+    /// Half the size, means of four.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mut rgb = Vec::with_capacity(width * height * 3);
+        for row in 0..height {
+            for col in 0..width {
+                for k in 0..3 {
+                    let at = |r: usize, c: usize| {
+                        u32::from(self.rgb[((2 * row + r) * self.width + 2 * col + c) * 3 + k])
+                    };
+                    rgb.push(((at(0, 0) + at(0, 1) + at(1, 0) + at(1, 1) + 2) / 4) as u8);
+                }
+            }
+        }
+        Self { width, height, rgb }
+    }
+
+    /// The picture at full, half and quarter size, for drawing it smaller without aliasing.
+    #[must_use]
+    pub fn levels(self) -> Vec<Self> {
+        let half = self.halved();
+        let quarter = half.halved();
+        vec![self, half, quarter]
+    }
+}
+
+/// One person's head. What all people share is shared in memory.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct HeadAsset {
+    /// Vertices of the neutral face, the person's own shape applied.
+    pub neutral: Vec<Point>,
+    /// Corners of the triangles; a triangle whose corners run clockwise in the picture faces the camera.
+    pub triangles: Arc<[[u32; 3]]>,
+    /// What each triangle shows.
+    pub parts: Arc<[Part]>,
+    /// Place of each vertex in the photograph, pixels (pixel centres are integers).
+    pub photo: Arc<[[f32; 2]]>,
+    /// How far the photograph counts at each vertex, 0…1; the rest is the vertex's own colour.
+    pub photo_share: Arc<[f32]>,
+    /// Own colour of each vertex, RGB 0…255.
+    pub colour: Arc<[[f32; 3]]>,
+    /// The photograph, by [`Texture::levels`]; empty if there is none.
+    pub texture: Arc<[Texture]>,
+    /// Expressions, by name ascending.
+    pub expressions: Arc<[Expression]>,
+    /// The 68 points.
+    pub landmarks: Arc<[Site]>,
+}
+
+impl HeadAsset {
+    /// Position of an expression in `expressions`.
+    #[must_use]
+    pub fn expression(&self, name: &str) -> Option<usize> {
+        self.expressions.iter().position(|e| e.name == name)
+    }
+
+    /// Turns the neutral face within the head frame; expressions keep their directions.
+    pub fn turn(&mut self, rotation: &Rotation) {
+        for p in &mut self.neutral {
+            *p = rotation * *p;
+        }
+    }
+
+    /// The same head stretched along its axes: another person's, as far as depth can tell.
+    #[must_use]
+    pub fn stretched(&self, factors: [f32; 3]) -> Self {
+        let factors = Vector::from(factors);
+        let mut other = self.clone();
+        for p in &mut other.neutral {
+            p.coords.component_mul_assign(&factors);
+        }
+        other
+    }
+
+    /// Moves the origin of the head frame to the middle between the inner eye corners (landmarks 39 and 42).
+    pub fn centre(&mut self) {
+        if let [Some(right), Some(left)] = [39, 42].map(|k| self.landmarks.get(k)) {
+            let origin = nalgebra::center(&right.on(&self.neutral), &left.on(&self.neutral)).coords;
+            for p in &mut self.neutral {
+                *p -= origin;
+            }
+        }
+    }
+
+    /// Writes the vertices of the face with these expression weights (one per expression) into `out`, which must be as
+    /// long as `neutral`.
+    pub fn deform(&self, weights: &[f32], out: &mut [Point]) {
+        out.copy_from_slice(&self.neutral);
+        for (expression, &weight) in self.expressions.iter().zip(weights) {
+            if weight != 0.0 {
+                for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
+                    out[v as usize] += offset * weight;
+                }
+            }
+        }
+    }
+
+    /// The 68 points on a deformed mesh.
+    #[must_use]
+    pub fn landmarks_on(&self, vertices: &[Point]) -> [Point; LANDMARKS] {
+        std::array::from_fn(|k| {
+            self.landmarks
+                .get(k)
+                .map_or(Point::origin(), |site| site.on(vertices))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_texture_is_linear_between_pixels_and_ends_at_its_border() {
+        let texture = Texture {
+            width: 2,
+            height: 2,
+            rgb: vec![0, 0, 0, 100, 0, 0, 0, 50, 0, 100, 50, 200],
+        };
+        let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.6);
+        assert!(close(texture.at(0.5, 0.0), [50.0, 0.0, 0.0]));
+        assert!(close(texture.at(0.5, 0.5), [50.0, 25.0, 50.0]));
+        assert!(close(texture.at(9.0, 9.0), [100.0, 50.0, 200.0]));
+    }
+}

@@ -1,0 +1,330 @@
+//! Draws a head and simple shapes as both cameras see them.
+//!
+//! Light is ambient plus one direction (Lambert 1760), evaluated at vertices and interpolated (Gouraud 1971). All buffers are
+//! made once per mesh; drawing allocates nothing. Units and frames: vertices in the sensor frame, metres; corners in pixels.
+
+use super::asset::{HeadAsset, Part};
+use super::body::Shape;
+use super::raster::{Corner, DepthBuffer, Window, project};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector};
+
+/// The light of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    /// Unit vector from the scene towards the light, sensor frame.
+    pub towards: Vector,
+    /// Share of the light that comes from everywhere, 0…1.
+    pub ambient: f32,
+    /// Gain of each channel: colour temperature.
+    pub tint: [f32; 3],
+    /// Gain of each [`Part`], by its number: how white teeth are, how dark a mouth is.
+    pub parts: [f32; Part::COUNT],
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            towards: Vector::new(-0.35, -0.55, -0.76),
+            ambient: 0.62,
+            tint: [1.0; 3],
+            parts: [1.0; Part::COUNT],
+        }
+    }
+}
+
+impl Light {
+    /// Brightness of a surface with this outward unit normal.
+    pub(super) fn on(&self, normal: &Vector) -> f32 {
+        self.ambient + (1.0 - self.ambient) * normal.dot(&self.towards).max(0.0)
+    }
+}
+
+/// A colour picture with its depth buffer.
+pub(crate) struct Canvas {
+    pub(crate) depth: DepthBuffer,
+    pub(crate) rgb: Vec<[u8; 3]>,
+}
+
+impl Canvas {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
+        Self {
+            depth: DepthBuffer::new(width, height),
+            rgb: vec![[0; 3]; width * height],
+        }
+    }
+
+    /// Another size, empty depth; keeps its memory.
+    #[cfg(feature = "studio")]
+    pub(crate) fn resize(&mut self, width: usize, height: usize) {
+        self.depth.width = width;
+        self.depth.height = height;
+        self.depth.inverse.clear();
+        self.depth.inverse.resize(width * height, 0.0);
+        self.rgb.resize(width * height, [0; 3]);
+    }
+}
+
+/// Nearest grey level; the conversion itself stops at 0 and 255.
+#[inline]
+fn grey(value: f32) -> u8 {
+    (value + 0.5) as u8
+}
+
+/// Work space for one head.
+pub(crate) struct HeadPainter {
+    /// Deformed vertices, head frame.
+    pub(crate) deformed: Vec<Point>,
+    /// Deformed vertices, sensor frame.
+    pub(crate) placed: Vec<Point>,
+    normals: Vec<Vector>,
+    bright: Vec<f32>,
+    corners: Vec<Corner>,
+    /// How far each vertex stays with the shoulders when the head turns, 0…1.
+    neck: Vec<f32>,
+    /// The deformed vertices are a mirror image, so triangles turn the other way round.
+    pub(crate) mirrored: bool,
+}
+
+/// Height below the eyes at which the neck begins to stay behind, and at which it does so fully, metres.
+const NECK_M: [f32; 2] = [0.125, 0.21];
+
+impl HeadPainter {
+    pub(crate) fn new(asset: &HeadAsset) -> Self {
+        let n = asset.neutral.len();
+        Self {
+            deformed: asset.neutral.clone(),
+            placed: asset.neutral.clone(),
+            normals: vec![Vector::zeros(); n],
+            bright: vec![0.0; n],
+            corners: vec![Corner::default(); n],
+            neck: asset
+                .neutral
+                .iter()
+                .map(|p| ((p.y - NECK_M[0]) / (NECK_M[1] - NECK_M[0])).clamp(0.0, 1.0))
+                .collect(),
+            mirrored: false,
+        }
+    }
+
+    /// Sets the pose of what is in `deformed`, above upright shoulders.
+    #[cfg(feature = "studio")]
+    pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
+        self.place_above(sensor_from_head, &shoulders_below(sensor_from_head));
+    }
+
+    /// Sets the pose of what is in `deformed`, above these shoulders.
+    pub(crate) fn place_above(&mut self, sensor_from_head: &Rigid, sensor_from_torso: &Rigid) {
+        let rotation = sensor_from_head.rotation.to_rotation_matrix();
+        let shift = sensor_from_head.translation.vector;
+        let upright = sensor_from_torso.rotation.to_rotation_matrix();
+        let below = sensor_from_torso.translation.vector;
+        for ((placed, p), &stays) in self.placed.iter_mut().zip(&self.deformed).zip(&self.neck) {
+            let moved = rotation * p.coords + shift;
+            *placed = Point::from(moved + (upright * p.coords + below - moved) * stays);
+        }
+    }
+
+    /// Lights the placed vertices.
+    pub(crate) fn light(&mut self, asset: &HeadAsset, light: &Light) {
+        self.normals.fill(Vector::zeros());
+        for &triangle in asset.triangles.iter() {
+            let [a, b, c] = self.turned(triangle);
+            let p = self.placed[a];
+            // Clockwise in a picture whose y points down, and z away: outwards is this way round.
+            let normal = (self.placed[c] - p).cross(&(self.placed[b] - p));
+            self.normals[a] += normal;
+            self.normals[b] += normal;
+            self.normals[c] += normal;
+        }
+        for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
+            let length = normal.norm_squared().sqrt();
+            *bright = light.on(&(normal / length.max(1e-12)));
+        }
+    }
+
+    fn turned(&self, [a, b, c]: [u32; 3]) -> [usize; 3] {
+        if self.mirrored {
+            [a as usize, c as usize, b as usize]
+        } else {
+            [a as usize, b as usize, c as usize]
+        }
+    }
+
+    /// Draws depth, and tells where.
+    pub(crate) fn draw_depth(
+        &mut self,
+        asset: &HeadAsset,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        buffer: &mut DepthBuffer,
+        mut drawn: impl FnMut(usize),
+    ) -> Window {
+        project(&self.placed, pixel, &mut self.corners);
+        let mut window = Window::NOTHING;
+        for &triangle in asset.triangles.iter() {
+            let corners = self.turned(triangle).map(|k| self.corners[k]);
+            window.include(buffer.triangle(corners, |pixel, _, _| drawn(pixel)));
+        }
+        window
+    }
+
+    /// Draws colour; call [`HeadPainter::light`] before.
+    pub(crate) fn draw_colour(
+        &mut self,
+        asset: &HeadAsset,
+        light: &Light,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        canvas: &mut Canvas,
+    ) -> Window {
+        project(&self.placed, pixel, &mut self.corners);
+        let level = self.level(asset);
+        let texture = asset.texture.get(level);
+        let shrink = 1.0 / (1 << level) as f32;
+        let shift = (shrink - 1.0) * 0.5;
+        let mut window = Window::NOTHING;
+        let Canvas { depth, rgb } = canvas;
+        for (&triangle, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
+            let [a, b, c] = self.turned(triangle);
+            let corners = [self.corners[a], self.corners[b], self.corners[c]];
+            let part = light.parts[part as usize];
+            let gain = [
+                light.tint[0] * part,
+                light.tint[1] * part,
+                light.tint[2] * part,
+            ];
+            let (ca, cb, cc) = (asset.colour[a], asset.colour[b], asset.colour[c]);
+            let (sa, sb, sc) = (
+                asset.photo_share[a],
+                asset.photo_share[b],
+                asset.photo_share[c],
+            );
+            let (ba, bb, bc) = (self.bright[a], self.bright[b], self.bright[c]);
+            let (pa, pb, pc) = (asset.photo[a], asset.photo[b], asset.photo[c]);
+            let photograph = texture.filter(|_| sa + sb + sc > 0.0);
+            window.include(depth.triangle(corners, |index, u, v| {
+                let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+                let bright = mix(ba, bb, bc);
+                let mut colour = [
+                    mix(ca[0], cb[0], cc[0]),
+                    mix(ca[1], cb[1], cc[1]),
+                    mix(ca[2], cb[2], cc[2]),
+                ];
+                if let Some(texture) = photograph {
+                    let share = mix(sa, sb, sc);
+                    let x = mix(pa[0], pb[0], pc[0]) * shrink + shift;
+                    let y = mix(pa[1], pb[1], pc[1]) * shrink + shift;
+                    let photo = texture.at(x, y);
+                    for k in 0..3 {
+                        colour[k] += share * (photo[k] - colour[k]);
+                    }
+                }
+                rgb[index] = [
+                    grey(colour[0] * bright * gain[0]),
+                    grey(colour[1] * bright * gain[1]),
+                    grey(colour[2] * bright * gain[2]),
+                ];
+            }));
+        }
+        window
+    }
+
+    /// Size of the photograph that suits the size on the screen, by the distance of the outer eye corners in both.
+    fn level(&self, asset: &HeadAsset) -> usize {
+        let [Some(right), Some(left)] = [36, 45].map(|k| asset.landmarks.get(k)) else {
+            return 0;
+        };
+        let (p, q) = (
+            asset.photo[right.vertices[0] as usize],
+            asset.photo[left.vertices[0] as usize],
+        );
+        let (a, b) = (
+            self.corners[right.vertices[0] as usize],
+            self.corners[left.vertices[0] as usize],
+        );
+        let there = (p[0] - q[0]).hypot(p[1] - q[1]);
+        let here = (a.x - b.x).hypot(a.y - b.y).max(1.0);
+        match there / here {
+            r if r > 3.0 => 2,
+            r if r > 1.5 => 1,
+            _ => 0,
+        }
+    }
+}
+
+/// Top of the neck, about which the head turns, head frame.
+const PIVOT: Vector = Vector::new(0.0, 0.08, 0.09);
+
+/// Where the shoulders are: upright below a head that turns about the top of its neck.
+pub(crate) fn shoulders_below(sensor_from_head: &Rigid) -> Rigid {
+    let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT - PIVOT;
+    Rigid::translation(shift.x, shift.y, shift.z)
+}
+
+/// Likewise where the sensor does not stand upright: the world's vertical is turned by `tilt` in its view.
+pub(crate) fn shoulders_tilted(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
+    let neck = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT;
+    Rigid::from_parts((neck - tilt * PIVOT).into(), *tilt)
+}
+
+/// Work space for one simple shape.
+pub(crate) struct ShapePainter {
+    placed: Vec<Point>,
+    corners: Vec<Corner>,
+}
+
+impl ShapePainter {
+    pub(crate) fn new(shape: &Shape) -> Self {
+        Self {
+            placed: shape.vertices.clone(),
+            corners: vec![Corner::default(); shape.vertices.len()],
+        }
+    }
+
+    pub(crate) fn place(&mut self, shape: &Shape, sensor_from_shape: &Rigid) {
+        for (placed, p) in self.placed.iter_mut().zip(&shape.vertices) {
+            *placed = sensor_from_shape * p;
+        }
+    }
+
+    pub(crate) fn draw_depth(
+        &mut self,
+        shape: &Shape,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        buffer: &mut DepthBuffer,
+    ) -> Window {
+        project(&self.placed, pixel, &mut self.corners);
+        let mut window = Window::NOTHING;
+        for triangle in &shape.triangles {
+            let corners = triangle.map(|k| self.corners[k as usize]);
+            window.include(buffer.triangle(corners, |_, _, _| {}));
+        }
+        window
+    }
+
+    /// The shape must not be turned: its normals are used as they are.
+    pub(crate) fn draw_colour(
+        &mut self,
+        shape: &Shape,
+        light: &Light,
+        pixel: impl Fn(&Point) -> [f32; 2],
+        canvas: &mut Canvas,
+    ) -> Window {
+        project(&self.placed, pixel, &mut self.corners);
+        let mut window = Window::NOTHING;
+        let Canvas { depth, rgb } = canvas;
+        for triangle in &shape.triangles {
+            let [a, b, c] = triangle.map(|k| k as usize);
+            let lit = [a, b, c].map(|k| {
+                let bright = light.on(&shape.normals[k]);
+                [0, 1, 2].map(|ch| shape.colour[k][ch] * bright * light.tint[ch])
+            });
+            let corners = [self.corners[a], self.corners[b], self.corners[c]];
+            window.include(depth.triangle(corners, |index, u, v| {
+                let mix = |k: usize| {
+                    grey(lit[0][k] + u * (lit[1][k] - lit[0][k]) + v * (lit[2][k] - lit[0][k]))
+                };
+                rgb[index] = [mix(0), mix(1), mix(2)];
+            }));
+        }
+        window
+    }
+}

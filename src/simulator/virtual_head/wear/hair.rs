@@ -1,0 +1,265 @@
+//! Hair: a shell that stands off the skull within a hairline, and locks that fall from it.
+
+use super::skull::{HANGS, Skull};
+use super::{Cloth, HairStyle, Headgear, Knot, Look, Outfit, Stuff, grain, part, share, slope};
+use crate::base::geometry::{Point, Vector};
+
+/// Height of the hairline (y, metres) by angle from the face: forehead, temples, before the ear, above it, behind, nape.
+const LINE: [[f32; 2]; 8] = [
+    [0.0, -0.066],
+    [30.0, -0.066],
+    [48.0, -0.052],
+    [62.0, -0.012],
+    [76.0, 0.006],
+    [90.0, -0.018],
+    [115.0, -0.012],
+    [140.0, 0.055],
+];
+/// Likewise where hair covers the ears.
+const LINE_OVER_EARS: [[f32; 2]; 5] = [
+    [0.0, -0.066],
+    [30.0, -0.066],
+    [46.0, -0.048],
+    [62.0, 0.02],
+    [90.0, 0.06],
+];
+
+fn line(table: &[[f32; 2]], degrees: f32) -> f32 {
+    let after = table.iter().position(|k| k[0] > degrees);
+    match after {
+        Some(0) => table[0][1],
+        Some(k) => {
+            let ([x, y], [p, q]) = (table[k - 1], table[k]);
+            y + (q - y) * (degrees - x) / (p - x)
+        }
+        None => table[table.len() - 1][1],
+    }
+}
+
+/// Degrees from the face, 0…180.
+fn aside(phi: f32) -> f32 {
+    phi.sin().atan2(phi.cos()).abs().to_degrees()
+}
+
+impl Outfit {
+    pub(super) fn hair(&mut self, skull: &Skull, look: &Look) {
+        let cloth = Cloth {
+            stuff: look.hair_stuff(),
+            colour: look.hair_colour,
+            stays: 0.0,
+            cells: [300.0, 9.0],
+        };
+        let seed = part(look.seed, 1);
+        let covered = matches!(look.headgear, Headgear::Cap | Headgear::Hood);
+        // Under a cap hair lies flat.
+        let flat = if covered { 0.35 } else { 1.0 };
+        let mut shell = |lift, over_ears, frizz| {
+            self.shell(skull, &cloth, lift, over_ears, frizz, seed);
+        };
+        match look.hair {
+            HairStyle::Bald => return,
+            HairStyle::Cropped => shell(0.005 * flat, false, 0.0),
+            HairStyle::Short => shell(0.012 * flat, false, 0.0),
+            HairStyle::Bushy => shell(0.042 * flat, true, 0.5),
+            HairStyle::Fringe => shell(0.012 * flat, false, 0.0),
+            HairStyle::Long | HairStyle::LongFringe => shell(0.010 * flat, true, 0.0),
+            HairStyle::Curly => shell(0.022 * flat, true, 0.35),
+            HairStyle::Bun => shell(0.006, false, 0.0),
+        }
+        if matches!(look.hair, HairStyle::Short | HairStyle::Fringe) {
+            self.tufts(skull, &cloth, 0.014 * flat, seed);
+        }
+        let long = 0.10 + 0.16 * share(seed, 1);
+        match look.hair {
+            HairStyle::Long => self.locks(skull, &cloth, long, 0.0, seed),
+            HairStyle::LongFringe => self.locks(skull, &cloth, long, 0.0, seed),
+            HairStyle::Curly => self.locks(skull, &cloth, 0.8 * long, 0.012, seed),
+            HairStyle::Bun => {
+                let behind = Cloth { ..cloth };
+                let up = skull.point(0.75, std::f32::consts::PI, 0.018);
+                self.ball([up.x, up.y, up.z], [0.038, 0.034, 0.034], &behind);
+            }
+            _ => {}
+        }
+        if matches!(look.hair, HairStyle::Fringe | HairStyle::LongFringe) && !covered {
+            self.fringe(skull, &cloth, seed);
+        }
+    }
+
+    /// The scalp's cover, lifted by metres; `frizz`: share of loose hair standing off it.
+    fn shell(
+        &mut self,
+        skull: &Skull,
+        cloth: &Cloth,
+        lift: f32,
+        over_ears: bool,
+        frizz: f32,
+        seed: u64,
+    ) {
+        const ROWS: usize = 44;
+        const COLUMNS: usize = 88;
+        let table: &[[f32; 2]] = if over_ears { &LINE_OVER_EARS } else { &LINE };
+        let receding = 0.012 * (share(seed, 2) - 0.4);
+        let shift = share(seed, 3) * 900.0;
+        for loose in [false, true] {
+            if loose && frizz == 0.0 {
+                continue;
+            }
+            self.grid([ROWS, COLUMNS], true, cloth.stuff, |row, column| {
+                let theta = 2.35 * row as f32 / (ROWS - 1) as f32;
+                let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
+                let foot = skull.point(theta, phi, 0.0);
+                // Noise on the sphere: no seam where the angle begins again.
+                let d = super::skull::direction(theta, phi) * 4.0;
+                let clump = grain(d.x * 1.7 + d.z + shift, d.y * 1.7 + d.z * 0.6);
+                let tuft = grain(d.x * 4.3 + d.z * 2.7 - shift, d.y * 4.1 - d.z * 1.9);
+                let edge = line(table, aside(phi)) - receding + 0.006 * tuft;
+                let within = (edge - foot.y) / 0.006 + 0.5;
+                // Thin at its edge, thickest on top.
+                let body = slope(edge - foot.y, -0.004, 0.03).sqrt();
+                let mut high = 0.0035 + lift * body * (1.0 + 0.28 * clump + 0.14 * tuft);
+                let mut cover = within.clamp(0.0, 1.0);
+                if loose {
+                    high += 0.004 + 0.35 * lift * (0.6 + 0.4 * tuft);
+                    cover = cover.min(1.0) * frizz * (0.7 + 0.5 * clump);
+                }
+                let p = skull.point(theta, phi, high);
+                let mut knot = cloth.knot(p, [phi * 0.5, theta], cover);
+                let shade = 0.8 + 0.35 * slope(clump + tuft, -1.2, 1.2);
+                knot.colour = knot.colour.map(|c| c * shade);
+                knot
+            });
+        }
+    }
+
+    /// Short locks all over the head, combed to one side.
+    fn tufts(&mut self, skull: &Skull, cloth: &Cloth, lift: f32, seed: u64) {
+        const TUFTS: u64 = 170;
+        const STEPS: usize = 6;
+        let comb = if share(seed, 6) < 0.5 { -0.5 } else { 0.5 };
+        for k in 0..TUFTS {
+            let chance = |channel| share(seed, 6000 + 8 * k + channel);
+            let theta = 0.1 + 1.75 * chance(0).sqrt();
+            let phi = std::f32::consts::TAU * chance(1);
+            let long = 0.22 + 0.16 * chance(2);
+            let path: Vec<Point> = (0..STEPS)
+                .map(|i| {
+                    let t = i as f32 / (STEPS - 1) as f32;
+                    let rise = 0.55 + 0.6 * (t * 2.6).sin().max(0.0);
+                    let aside =
+                        comb * t * (1.0 - slope(theta, 0.3, 1.4)) + 0.2 * t * (chance(3) - 0.5);
+                    skull.point(theta + long * t, phi + aside, lift * rise + 0.003)
+                })
+                .collect();
+            let end = path[STEPS - 1];
+            if end.y < line(&LINE, aside(phi)) + 0.004 {
+                let wide = 0.005 + 0.004 * chance(4);
+                self.lock(&path, wide, 0.78 + 0.4 * chance(5), cloth, k as f32 * 3.0);
+            }
+        }
+    }
+
+    /// Locks that fall from a parting beside the face and behind onto the shoulders; `below`: metres under the ears,
+    /// `curl`: metres from side to side.
+    fn locks(&mut self, skull: &Skull, cloth: &Cloth, below: f32, curl: f32, seed: u64) {
+        const LOCKS: u64 = 96;
+        const STEPS: usize = 16;
+        let front = 44.0 + 22.0 * share(seed, 4);
+        for k in 0..LOCKS {
+            let chance = |channel| share(seed, 100 + 8 * k + channel);
+            let side = if k % 2 == 0 { -1.0 } else { 1.0 };
+            let spread = (k / 2) as f32 / (LOCKS / 2 - 1) as f32;
+            let end = (front + (180.0 - front) * spread + 5.0 * (chance(0) - 0.5)).to_radians();
+            // From a parting on top, towards its place at the side.
+            let start = end * 0.85 + 0.2;
+            let ends = below * (0.82 + 0.26 * chance(1)) * slope(spread, -0.5, 0.2);
+            let lift = 0.011 + 0.007 * chance(2);
+            let wave = std::f32::consts::TAU * chance(3);
+            let path: Vec<Point> = (0..STEPS)
+                .map(|i| {
+                    let t = i as f32 / (STEPS - 1) as f32;
+                    let on_head = slope(t, 0.0, 0.45);
+                    let hanging = slope(t, 0.45, 1.0);
+                    let phi = side * (start + (end - start) * on_head);
+                    let mut p = skull.drape(0.18 + (HANGS - 0.18) * on_head, 0.0, phi, lift);
+                    p.y += hanging * ends;
+                    let turn = wave + t * if curl > 0.0 { 17.0 } else { 5.0 };
+                    let swing = (curl + 0.002) * slope(t, 0.15, 0.5);
+                    p.x += side * swing * turn.sin();
+                    p.z += swing * turn.cos();
+                    // Over the shoulder, in front of it or behind.
+                    let out = slope(p.y, 0.10, 0.26) * 0.06;
+                    p.z += if end < 1.75 { -out } else { out };
+                    p.x -= side * slope(p.y, 0.02, 0.14) * 0.008;
+                    p
+                })
+                .collect();
+            let wide = 0.006 + 0.006 * chance(5);
+            let shade = 0.75 + 0.45 * chance(6);
+            self.lock(&path, wide, shade, cloth, k as f32 * 7.0);
+        }
+    }
+
+    /// Strands over the brow.
+    fn fringe(&mut self, skull: &Skull, cloth: &Cloth, seed: u64) {
+        const LOCKS: u64 = 34;
+        let lowest = -0.034 + 0.022 * share(seed, 5);
+        for k in 0..LOCKS {
+            let chance = |channel| share(seed, 3000 + 8 * k + channel);
+            let turn = (k as f32 + chance(0) - 0.5) / (LOCKS - 1) as f32 * 2.0 - 1.0;
+            let phi = turn * 56f32.to_radians();
+            let end = lowest + 0.010 * (chance(1) - 0.5) + 0.012 * turn * turn;
+            let mut path = Vec::with_capacity(12);
+            for i in 0..60 {
+                let p = skull.point(0.42 + 0.025 * i as f32, phi * (0.8 + 0.006 * i as f32), 0.0);
+                if i % 4 == 0 {
+                    let rise = 0.012 + 0.004 * chance(2);
+                    path.push(skull.point(
+                        0.42 + 0.025 * i as f32,
+                        phi * (0.8 + 0.006 * i as f32),
+                        rise,
+                    ));
+                }
+                if p.y > end {
+                    break;
+                }
+            }
+            if path.len() > 2 {
+                self.lock(&path, 0.007, 0.8 + 0.35 * chance(3), cloth, k as f32 * 5.0);
+            }
+        }
+    }
+
+    /// One lock: flat, round at the sides, thin at its end.
+    fn lock(&mut self, path: &[Point], wide: f32, shade: f32, cloth: &Cloth, weave: f32) {
+        let steps = path.len();
+        let middle = Vector::new(0.0, 0.0, 0.085);
+        let stuff: Stuff = cloth.stuff;
+        self.tube(
+            path,
+            |i| {
+                let mut out = path[i].coords - middle;
+                out.y = out.y.min(0.0);
+                out / out.norm().max(1e-6)
+            },
+            |i| {
+                let t = i as f32 / (steps - 1) as f32;
+                let thin = (1.0 - t * t * t).max(0.06);
+                [wide * thin, 0.45 * wide * thin]
+            },
+            6,
+            stuff,
+            |i, p, turn| {
+                let t = i as f32 / (steps - 1) as f32;
+                Knot {
+                    base: super::FREE,
+                    offset: p.coords,
+                    stays: 0.85 * slope(p.y, 0.06, 0.22),
+                    colour: cloth.colour.map(|c| c * shade),
+                    weave: [weave + 14.0 * turn, 7.0 * t + weave],
+                    cover: 1.0 - 0.55 * slope(t, 0.6, 1.0),
+                }
+            },
+        );
+    }
+}

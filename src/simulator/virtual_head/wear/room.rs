@@ -1,0 +1,96 @@
+//! A room behind the person: a wall with pictures, a shelf, a cupboard, a window.
+
+use super::{Cloth, Outfit, Stuff, share};
+use crate::base::geometry::Point;
+
+impl Outfit {
+    /// A board facing the sensor: left, top, right, bottom, distance, metres.
+    fn board(&mut self, [left, top, right, bottom, z]: [f32; 5], cloth: &Cloth) {
+        self.grid([9, 9], false, cloth.stuff, |row, column| {
+            let (u, v) = (column as f32 / 8.0, row as f32 / 8.0);
+            let p = Point::new(left + u * (right - left), top + v * (bottom - top), z);
+            cloth.knot(p, [u * (right - left), v * (bottom - top)], 1.0)
+        });
+    }
+}
+
+/// The room; no head is in it, its frame is the sensor's.
+pub(crate) fn room(seed: u64) -> Outfit {
+    let mut room = Outfit::default();
+    let chance = |k| share(seed ^ 0x400a, k);
+    let wall_m = 1.9 + 0.9 * chance(0);
+    let paint = [
+        [168.0, 164.0, 154.0],
+        [142.0, 152.0, 160.0],
+        [176.0, 170.0, 140.0],
+        [128.0, 130.0, 134.0],
+    ][(chance(1) * 4.0) as usize % 4];
+    let mut wall = Cloth::new(Stuff::Matt, paint, 0.0);
+    wall.cells = [9.0, 9.0];
+    room.board([-3.2, -2.6, 3.2, 0.75, wall_m], &wall);
+    // Floorboards or a skirting: darker below.
+    wall.colour = paint.map(|c| 0.45 * c);
+    room.board([-3.2, 0.75, 3.2, 2.6, wall_m], &wall);
+    // Pictures on the wall.
+    for k in 0..3u64 {
+        let at = |channel| chance(10 + 5 * k + channel);
+        let (x, y) = (-1.0 + 0.8 * k as f32 + 0.4 * at(0), -0.7 + 0.6 * at(1));
+        let (w, h) = (0.2 + 0.3 * at(2), 0.2 + 0.3 * at(3));
+        let hue = [
+            95.0 + 60.0 * at(4) + 40.0 * at(2),
+            90.0 + 60.0 * at(0) + 40.0 * at(2),
+            85.0 + 60.0 * at(1) + 40.0 * at(2),
+        ];
+        let mut paper = Cloth::new(Stuff::Matt, [215.0, 213.0, 205.0], 0.0);
+        room.board([x, y, x + w, y + h, wall_m - 0.015], &paper);
+        paper.colour = hue;
+        paper.cells = [14.0, 14.0];
+        room.board(
+            [
+                x + 0.03,
+                y + 0.03,
+                x + w - 0.03,
+                y + h - 0.03,
+                wall_m - 0.02,
+            ],
+            &paper,
+        );
+    }
+    // A shelf at one side, with books whose backs differ.
+    let side: f32 = if chance(2) < 0.5 { -1.0 } else { 1.0 };
+    let z = wall_m - 0.3;
+    for level in 0..3u64 {
+        let top = -0.75 + 0.42 * level as f32;
+        let wood = Cloth::new(Stuff::Matt, [92.0, 70.0, 50.0], 0.0);
+        let (near, far) = (0.42 * side, 1.35 * side);
+        let (left, right) = (near.min(far), near.max(far));
+        room.board([left, top + 0.32, right, top + 0.35, z], &wood);
+        let mut x = left;
+        let mut k = 0;
+        while x < right - 0.08 {
+            let at = |channel| chance(1000 + 200 * level + 4 * k + channel);
+            let wide = 0.02 + 0.05 * at(0);
+            if at(1) > 0.25 {
+                let colour = [
+                    45.0 + 70.0 * at(2) + 60.0 * at(0),
+                    42.0 + 55.0 * at(3) + 60.0 * at(0),
+                    38.0 + 55.0 * at(1) + 60.0 * at(0),
+                ];
+                let stuff = if at(2) < 0.3 {
+                    Stuff::Dark
+                } else {
+                    Stuff::Matt
+                };
+                let book = Cloth::new(stuff, colour, 0.0);
+                let height = 0.17 + 0.11 * at(3);
+                room.board(
+                    [x, top + 0.32 - height, x + wide, top + 0.32, z + 0.04],
+                    &book,
+                );
+            }
+            x += wide;
+            k += 1;
+        }
+    }
+    room
+}

@@ -1,0 +1,87 @@
+//! Shoulders, chest and arms in clothes.
+
+use super::{Cloth, Look, Outfit, Stuff, grain, part, share};
+use crate::base::geometry::{Point, Vector};
+
+/// Half width, half depth and height (y) of the trunk, from the neck down, metres, head frame.
+const TRUNK: [[f32; 3]; 10] = [
+    [0.062, 0.058, 0.136],
+    [0.094, 0.070, 0.150],
+    [0.132, 0.082, 0.166],
+    [0.162, 0.090, 0.190],
+    [0.186, 0.096, 0.222],
+    [0.200, 0.102, 0.262],
+    [0.198, 0.112, 0.320],
+    [0.186, 0.122, 0.420],
+    [0.178, 0.124, 0.540],
+    [0.180, 0.124, 1.250],
+];
+/// Middle of the trunk behind the eyes, metres.
+const BACK_M: f32 = 0.105;
+
+impl Outfit {
+    pub(super) fn torso(&mut self, look: &Look) {
+        let dark = look.clothes.iter().sum::<f32>() < 150.0;
+        let stuff = if dark { Stuff::Dark } else { Stuff::Cloth };
+        let mut cloth = Cloth::new(stuff, look.clothes, 1.0);
+        cloth.cells = [2400.0, 420.0];
+        let seed = part(look.seed, 2);
+        // Plain, striped, checked.
+        let pattern = (share(seed, 0) * 3.0) as usize;
+        let step = 0.02 + 0.03 * share(seed, 1);
+        let other = 0.6 + 0.7 * share(seed, 2);
+        const COLUMNS: usize = 40;
+        const ROWS: usize = 37;
+        self.grid([ROWS, COLUMNS], true, stuff, |row, column| {
+            let t = row as f32 / (ROWS - 1) as f32 * (TRUNK.len() - 1) as f32;
+            let k = (t as usize).min(TRUNK.len() - 2);
+            let f = t - k as f32;
+            let [wide, deep, y] =
+                [0, 1, 2].map(|n| TRUNK[k][n] + f * (TRUNK[k + 1][n] - TRUNK[k][n]));
+            let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
+            // Folds.
+            let fold = 0.005 * grain(phi * 3.0 + 40.0, y * 14.0) * super::slope(y, 0.2, 0.3);
+            let p = Point::new(
+                (wide + fold) * phi.sin(),
+                y,
+                BACK_M - (deep + fold) * phi.cos(),
+            );
+            let mut knot = cloth.knot(p, [phi * 0.16, y], 1.0);
+            let on = |x: f32| (x / step).rem_euclid(2.0) < 1.0;
+            let marked = match pattern {
+                1 => on(y),
+                2 => on(y) != on(p.x),
+                _ => false,
+            };
+            if marked {
+                knot.colour = knot.colour.map(|c| (c * other).min(235.0));
+            }
+            knot
+        });
+        for side in [-1.0, 1.0f32] {
+            let path: Vec<Point> = (0..10)
+                .map(|i| {
+                    let t = i as f32 / 9.0;
+                    Point::new(
+                        side * (0.165 + 0.07 * t.sqrt()),
+                        0.235 + 0.55 * t,
+                        BACK_M + 0.01 - 0.05 * t * t,
+                    )
+                })
+                .collect();
+            self.tube(
+                &path,
+                |_| Vector::new(0.0, 0.0, -1.0),
+                |i| {
+                    let r = [
+                        0.012, 0.045, 0.056, 0.06, 0.06, 0.058, 0.056, 0.054, 0.052, 0.05,
+                    ][i];
+                    [r, r]
+                },
+                16,
+                stuff,
+                |i, p, turn| cloth.knot(p, [turn * 0.4, 0.04 * i as f32], 1.0),
+            );
+        }
+    }
+}

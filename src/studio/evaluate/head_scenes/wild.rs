@@ -1,0 +1,302 @@
+//! People as they come: with hair, clothes and things, in rooms, before a sensor with a real one's faults; one row each.
+//!
+//! Each held-out person (portrait and head shape of the test split) wears what [`Look::numbered`] gives them, acts the scene
+//! `acted` before a sensor of their own ([`sensor_of`]: faults of depth in full, colour some milliseconds late and a few
+//! pixels off, a bent lens, another white balance, a sensor above or below), some in dim light or before a bright window.
+//! Lost is a frame without a live pose, `held` included, after the ten frames an arrival may take. Rotation and position
+//! are with one fixed offset per person out. Landmarks are where the late, bent colour picture shows them.
+
+use std::fmt::{self, Display};
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::at;
+use super::measure::{Film, pose_errors};
+use crate::appliance::settings::Settings;
+use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::face_model::FaceModel;
+use crate::pipeline::Pipeline;
+use crate::sensor::{Frame, NO_DEPTH, colour};
+use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
+use crate::studio::evaluate::sessions::{
+    Sessions, SessionsError, Spread, landmark_error, lighting, seed_of,
+};
+use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
+use crate::studio::people_split::Split;
+
+/// Length of a session without `--seconds`.
+pub const SECONDS: f64 = 20.0;
+/// Seconds into the session of each picture that is written.
+const PICTURES_S: [f64; 3] = [2.5, 6.0, 9.5];
+
+/// What is said of those before a window.
+const BACKLIT: &str = "backlit";
+
+/// One person's figures.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// What they wear and how they are seen.
+    pub who: String,
+    /// Frames without a live pose, percent.
+    pub lost: f64,
+    /// Changes into or out of `held` per ten seconds.
+    pub flips: f64,
+    /// Rotation, degrees.
+    pub rotation_deg: Spread,
+    /// Position, millimetres.
+    pub position_mm: Spread,
+    /// All 68 points, percent of the outer-eye distance.
+    pub landmarks: Spread,
+}
+
+/// The table.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// By person.
+    pub rows: Vec<Row>,
+}
+
+/// The sensor and the light that a person is seen by.
+fn sensor_of(number: usize, random: &mut fastrand::Rng) -> (Sensor, Light, f32, &'static str) {
+    let (mut light, exposure) = lighting(random);
+    // The sensor's automatic exposure keeps within this.
+    let mut exposure = 0.4 + 0.6 * exposure;
+    let mut spread = |range: f32| (random.f32() * 2.0 - 1.0) * range;
+    let (warm, tint) = (spread(0.16), spread(0.05));
+    let mut sensor = Sensor {
+        faults: 1.0,
+        // What a real sensor's stamps differ by: 7.7 to 13.5 ms.
+        colour_late_s: 0.0106 + spread(0.003),
+        colour_shift_px: [spread(2.1), spread(2.1)],
+        distortion: [0.06 + spread(0.06), -0.10 + spread(0.05)],
+        balance: [1.0 + warm, 1.0 + tint, 1.0 - warm],
+        colour_sigma: 2.5,
+        above: spread(20.0).to_radians(),
+    };
+    let mut said = "";
+    match number % 8 {
+        3 => {
+            said = "dim";
+            exposure *= 0.45;
+            sensor.colour_sigma = 7.0;
+        }
+        6 => {
+            said = BACKLIT;
+            light.towards.z = 0.75;
+            light.towards.y = -0.4;
+            light.towards = light.towards.normalize();
+            light.ambient = 0.5;
+            exposure *= 0.75;
+            sensor.colour_sigma = 4.5;
+        }
+        _ => {}
+    }
+    (sensor, light, exposure, said)
+}
+
+/// The simulator of one person.
+fn simulator(head: PersonHead, number: usize, seed: u64) -> (Simulator, String) {
+    let seed = seed_of(seed, head.person);
+    let look = Look::numbered(number, seed);
+    let (sensor, light, exposure, said) = sensor_of(number, &mut fastrand::Rng::with_seed(seed));
+    let mut who = look.to_string();
+    if !said.is_empty() {
+        who = format!("{who}, {said}");
+    }
+    who = format!("{who}, sensor {:+.0}°", sensor.above.to_degrees());
+    // Before a bright window the room is drawn in a light of its own.
+    let mut window = light;
+    if said == BACKLIT {
+        window.ambient = 1.0;
+        window.tint = [1.8, 1.85, 1.95];
+    }
+    let simulator = Simulator::new(head.asset, Scene::Acted, seed)
+        .seen_by(sensor)
+        .lit(window, exposure)
+        .dressed([look])
+        .lit(light, exposure);
+    (simulator, who)
+}
+
+fn play_one(
+    head: PersonHead,
+    number: usize,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+    pictures: Option<&Path>,
+) -> Result<Row, SessionsError> {
+    let (mut simulator, who) = simulator(head, number, sessions.seed);
+    let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
+    let (mut frame, mut film) = (Frame::default(), Film::default());
+    let mut landmarks = Vec::new();
+    for n in 0..(sessions.seconds * 30.0) as usize {
+        let Some(truth) = simulator.draw(at(n), &mut frame) else {
+            continue;
+        };
+        pipeline.follow(&frame);
+        film.add(&[Some(&truth)], &pipeline);
+        let slot = film.frames.last().and_then(|frame| frame[0]?.slot);
+        for report in &pipeline.reports() {
+            if let (Some(found), true) = (report.landmarks, report.user == slot && slot.is_some()) {
+                landmarks.push(landmark_error(&found.pixels, &truth)[0]);
+            }
+        }
+        if let Some(folder) = pictures
+            && PICTURES_S.iter().any(|s| (s * 30.0) as usize == n)
+        {
+            let name = folder.join(format!("wild-{number:02}-{n:04}.png"));
+            picture(&frame)
+                .save(&name)
+                .map_err(|error| HeadsError::Unwritable {
+                    path: name,
+                    source: std::io::Error::other(error),
+                })?;
+        }
+    }
+    let [missing, all] = film.missing();
+    let flips = film.flips();
+    let [rotation_deg, position_mm] = pose_errors(&[film]);
+    let row = Row {
+        who,
+        lost: 100.0 * missing as f64 / all.max(1) as f64,
+        flips,
+        rotation_deg,
+        position_mm,
+        landmarks: Spread::of(landmarks),
+    };
+    super::say(&format!("{number}"), &row.to_string());
+    Ok(row)
+}
+
+/// Depth in false colours beside colour.
+fn picture(frame: &Frame) -> image::RgbImage {
+    let mut picture = image::RgbImage::new(2 * WIDTH as u32, HEIGHT as u32);
+    let mut near: Vec<u16> = frame
+        .depth
+        .iter()
+        .copied()
+        .filter(|&raw| raw != NO_DEPTH)
+        .collect();
+    near.sort_unstable();
+    let end = |share: usize| f32::from(near.get(near.len() * share / 100).copied().unwrap_or(0));
+    let (low, high) = (end(1), end(99).max(end(1) + 1.0));
+    let mut rgb = vec![0; 3 * frame.bayer.len()];
+    colour::rgb_from_bayer(&frame.bayer, &mut rgb);
+    for (index, &raw) in frame.depth.iter().enumerate() {
+        let (col, row) = ((index % WIDTH) as u32, (index / WIDTH) as u32);
+        let t = ((f32::from(raw) - low) / (high - low)).clamp(0.0, 1.0) * 4.0;
+        let wave = |at: f32| ((1.7 - (t - at).abs()).clamp(0.0, 1.0) * 255.0) as u8;
+        let shade = if raw == NO_DEPTH {
+            [0; 3]
+        } else {
+            [wave(0.5), wave(1.8), wave(3.4)]
+        };
+        picture.put_pixel(col, row, image::Rgb(shade));
+        picture.put_pixel(
+            col + WIDTH as u32,
+            row,
+            image::Rgb([0, 1, 2].map(|k| rgb[3 * index + k])),
+        );
+    }
+    picture
+}
+
+/// Plays the sessions and makes the table; writes some frames as pictures into a folder.
+///
+/// # Errors
+/// If the data sets cannot be read, the folder cannot be made, or the model does not fit the settings.
+pub fn play(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+    pictures: Option<&Path>,
+) -> Result<Table, SessionsError> {
+    if let Some(folder) = pictures {
+        std::fs::create_dir_all(folder).map_err(|source| HeadsError::Unwritable {
+            path: folder.to_owned(),
+            source,
+        })?;
+    }
+    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
+    heads.truncate(sessions.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    let rows = heads
+        .into_par_iter()
+        .enumerate()
+        .map(|(number, head)| play_one(head, number, model, settings, sessions, pictures))
+        .collect::<Result<_, _>>()?;
+    Ok(Table { rows })
+}
+
+impl Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} | {:.2} | {:.1} | {:.2}° | {:.1} mm | {:.2} %",
+            self.who, self.lost, self.flips, self.rotation_deg, self.position_mm, self.landmarks
+        )
+    }
+}
+
+impl Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} people never trained on; errors are mean / 95th percentile, one offset per person out",
+            self.rows.len()
+        )?;
+        writeln!(
+            f,
+            "| person | wears, is seen | lost, % | into or out of held, per 10 s | rotation | position | landmarks |\n| --- | --- | --- | --- | --- | --- | --- |"
+        )?;
+        for (number, row) in self.rows.iter().enumerate() {
+            writeln!(f, "| {number} | {row} |")?;
+        }
+        let mean = |value: &dyn Fn(&Row) -> f64| {
+            let known: Vec<f64> = self
+                .rows
+                .iter()
+                .map(value)
+                .filter(|v| v.is_finite())
+                .collect();
+            known.iter().sum::<f64>() / known.len().max(1) as f64
+        };
+        // Somebody who is never found is worse than any error.
+        let worst = |value: &dyn Fn(&Row) -> f64| {
+            let rank = |v: f64| if v.is_finite() { v } else { f64::INFINITY };
+            let of = |row: &Row| rank(value(row));
+            let found = self
+                .rows
+                .iter()
+                .enumerate()
+                .max_by(|a, b| of(a.1).total_cmp(&of(b.1)));
+            found.map_or((0, f64::NAN), |(number, row)| (number, value(row)))
+        };
+        type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
+        let told: [Figure; 5] = [
+            ("lost", " %", 2, &|row| row.lost),
+            ("into or out of held, per 10 s", "", 1, &|row| row.flips),
+            ("rotation", "°", 2, &|row| row.rotation_deg.mean),
+            ("position", " mm", 1, &|row| row.position_mm.mean),
+            ("landmarks", " %", 2, &|row| row.landmarks.mean),
+        ];
+        writeln!(
+            f,
+            "\n| what | mean of people | worst person |\n| --- | --- | --- |"
+        )?;
+        for (what, unit, digits, value) in told {
+            let (number, most) = worst(value);
+            writeln!(
+                f,
+                "| {what} | {:.digits$}{unit} | {most:.digits$}{unit} (person {number}) |",
+                mean(value)
+            )?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,537 @@
+//! Held-out people before the simulated sensor, fitted under every condition of the table.
+//!
+//! One file above the usual length: all conditions share one player and its frames.
+
+use std::path::Path;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::{Calibration, Errors};
+use crate::appliance::settings::Settings;
+use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
+use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::time::Timestamp;
+use crate::face_model::{FaceModel, scheme};
+use crate::landmarks::{LandmarkFitter, Landmarks, Settings as FitSettings};
+use crate::pipeline::PipelineError;
+use crate::pose::{HeadPose, PoseTracker};
+use crate::segment::Segmenter;
+use crate::sensor::camera::Camera;
+use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
+use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_of};
+use crate::studio::heads::{PersonHead, textured_heads};
+use crate::studio::people_split::Split;
+use crate::studio::train::evaluate::{differences, mean_offsets, without};
+
+/// Ticks of the 60 MHz counter per frame.
+const FRAME_TICKS: i64 = 2_000_000;
+/// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
+const SPARSE: i64 = 5;
+/// Covered points: a fifth.
+const COVERED: usize = 14;
+/// Every so many frames the whole face is hidden for the last so many of them.
+const HIDE: [i64; 2] = [30, 8];
+
+/// A share counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Share {
+    of: usize,
+    yes: usize,
+}
+
+impl Share {
+    fn add(&mut self, yes: bool) {
+        self.of += 1;
+        self.yes += usize::from(yes);
+    }
+
+    pub(super) fn percent(&self) -> f64 {
+        100.0 * self.yes as f64 / self.of.max(1) as f64
+    }
+}
+
+/// Everything seen, over all people. Errors in per cent.
+#[derive(Default)]
+pub(super) struct Seen {
+    pub(super) people: usize,
+    pub(super) tracked: Errors,
+    pub(super) offset: Errors,
+    pub(super) rest: Errors,
+    pub(super) cold: Errors,
+    pub(super) beyond: Errors,
+    pub(super) covered: Errors,
+    /// Covered points that are flagged, visible ones that are not.
+    pub(super) flagged: [Share; 2],
+    /// Frames of a hidden face that are called lost.
+    pub(super) unseen: Share,
+    /// Frames until a face that is clear again is believed and within 5 %.
+    pub(super) recovered: Errors,
+    pub(super) dim: Errors,
+    pub(super) lamp: Errors,
+    pub(super) same_as_lamp: Errors,
+    pub(super) jitter_percent: f64,
+    pub(super) median_ms: f64,
+    pub(super) faces: Calibration,
+    pub(super) points: Calibration,
+    /// Good faces below the least confidence; faces beyond 10 % above it.
+    pub(super) lost: Share,
+    pub(super) kept: Share,
+    times_ms: Vec<f64>,
+    least: f32,
+}
+
+fn mean_percent(d: &[[f32; 2]; LANDMARKS]) -> f64 {
+    let sum: f32 = d.iter().map(|d| d[0].hypot(d[1])).sum();
+    f64::from(100.0 * sum / LANDMARKS as f32)
+}
+
+impl Seen {
+    /// Takes in what a fit said and how far off it was; all points visible unless covered.
+    fn judge(&mut self, fit: &Landmarks, truth: &Truth, covered: &[bool; LANDMARKS]) -> f64 {
+        let d = differences(&fit.pixels, &truth.landmarks_px);
+        let error = mean_percent(&d);
+        self.faces.add(fit.confidence, error <= 5.0);
+        for i in 0..LANDMARKS {
+            let good = d[i][0].hypot(d[i][1]) <= 0.05 && !covered[i];
+            self.points.add(fit.point_confidence[i], good);
+        }
+        if error <= 5.0 {
+            self.lost.add(fit.confidence < self.least);
+        } else if error > 10.0 {
+            self.kept.add(fit.confidence >= self.least);
+        }
+        error
+    }
+
+    fn merge(&mut self, other: Self) {
+        let pairs = [
+            (&mut self.tracked, other.tracked),
+            (&mut self.offset, other.offset),
+            (&mut self.rest, other.rest),
+            (&mut self.cold, other.cold),
+            (&mut self.beyond, other.beyond),
+            (&mut self.covered, other.covered),
+            (&mut self.recovered, other.recovered),
+            (&mut self.dim, other.dim),
+            (&mut self.lamp, other.lamp),
+            (&mut self.same_as_lamp, other.same_as_lamp),
+            (&mut self.times_ms, other.times_ms),
+        ];
+        for (all, more) in pairs {
+            all.extend(more);
+        }
+        let [covered, visible] = &mut self.flagged;
+        for (all, more) in [
+            (covered, other.flagged[0]),
+            (visible, other.flagged[1]),
+            (&mut self.lost, other.lost),
+            (&mut self.kept, other.kept),
+            (&mut self.unseen, other.unseen),
+        ] {
+            all.of += more.of;
+            all.yes += more.yes;
+        }
+        self.people += 1;
+        self.jitter_percent += other.jitter_percent.powi(2);
+        self.faces.merge(&other.faces);
+        self.points.merge(&other.points);
+    }
+}
+
+/// Plays all people.
+pub(super) fn play(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+) -> Result<Seen, SessionsError> {
+    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
+    heads.truncate(sessions.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    let played: Vec<Seen> = heads
+        .into_par_iter()
+        .map(|head| Player::new(head, model, settings, sessions).map(Player::play))
+        .collect::<Result<_, PipelineError>>()?;
+    let mut all = Seen::default();
+    for one in played {
+        all.merge(one);
+    }
+    all.jitter_percent = (all.jitter_percent / all.people as f64).sqrt();
+    all.times_ms.sort_by(f64::total_cmp);
+    all.median_ms = all
+        .times_ms
+        .get(all.times_ms.len() / 2)
+        .copied()
+        .unwrap_or(f64::NAN);
+    Ok(all)
+}
+
+/// One person's sessions.
+struct Player<'a> {
+    person: usize,
+    seconds: f64,
+    simulator: Simulator,
+    light: Light,
+    exposure: f32,
+    frame: Frame,
+    camera: Camera,
+    segmenter: Segmenter,
+    pose: PoseTracker,
+    model: &'a FaceModel,
+    fit_settings: FitSettings,
+    random: fastrand::Rng,
+    seen: Seen,
+}
+
+impl<'a> Player<'a> {
+    fn new(
+        head: PersonHead,
+        model: &'a FaceModel,
+        settings: &Settings,
+        sessions: &Sessions,
+    ) -> Result<Self, PipelineError> {
+        let seed = seed_of(sessions.seed, head.person);
+        let mut random = fastrand::Rng::with_seed(seed);
+        let (light, exposure) = lighting(&mut random);
+        let simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
+        let anchor = model.standard_head.oriented();
+        let fit_settings = settings.landmarks.cascade;
+        Ok(Self {
+            person: head.person,
+            seconds: sessions.seconds,
+            light,
+            exposure,
+            frame: Frame::default(),
+            camera: Camera::new(simulator.camera().registration()),
+            segmenter: Segmenter::new(settings.segment),
+            pose: PoseTracker::new(settings.pose, &anchor)?,
+            model,
+            seen: Seen {
+                least: fit_settings.min_confidence,
+                ..Seen::default()
+            },
+            // Everything is told here, believed or not.
+            fit_settings: FitSettings {
+                min_confidence: 0.0,
+                ..fit_settings
+            },
+            simulator,
+            random,
+        })
+    }
+
+    /// Who believes as the appliance does.
+    fn sceptic(&self) -> LandmarkFitter {
+        let settings = FitSettings {
+            min_confidence: self.seen.least,
+            ..self.fit_settings
+        };
+        LandmarkFitter::new(settings, self.model)
+    }
+
+    fn fitter(&self) -> LandmarkFitter {
+        LandmarkFitter::new(self.fit_settings, self.model)
+    }
+
+    fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
+        let cloud = self.segmenter.segment(&self.frame, &self.camera)?;
+        self.pose.track(cloud, at)
+    }
+
+    fn play(mut self) -> Seen {
+        self.acted();
+        self.beyond();
+        self.still();
+        self.seen
+    }
+
+    fn acted(&mut self) {
+        let none = [false; LANDMARKS];
+        let (mut tracked, mut dim, mut covered) = (self.fitter(), self.fitter(), self.fitter());
+        let mut lamp = self.fitter();
+        let mut once = self.fitter();
+        let mut sceptic = self.sceptic();
+        let mut waited = None;
+        let mut changed: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long");
+        let mut found = Vec::new();
+        let mut centre = 0;
+        // Every person in other acts.
+        let first = 90 + (self.person as i64 * 151) % 1200;
+        for index in 0..(self.seconds * 30.0) as i64 {
+            let at = timestamp_from_ticks((first + index) * FRAME_TICKS);
+            let Some(truth) = self.simulator.draw(at, &mut self.frame) else {
+                continue;
+            };
+            let Some(pose) = self.find(at) else { continue };
+            let began = Instant::now();
+            let fit = tracked.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
+            self.seen.times_ms.push(began.elapsed().as_secs_f64() * 1e3);
+            let mut here = f64::NAN;
+            if let Some(fit) = fit {
+                here = self.seen.judge(fit, &truth, &none);
+                self.seen.tracked.push(here);
+                found.push(differences(&fit.pixels, &truth.landmarks_px));
+            }
+            for (to, from) in changed.iter_mut().zip(self.frame.luma.iter()) {
+                *to = from / 4;
+            }
+            if let Some(fit) = dim.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
+                let error = self.seen.judge(fit, &truth, &none);
+                self.seen.dim.push(error);
+            }
+            if index % 30 == 0 {
+                centre = self.random.usize(..LANDMARKS);
+            }
+            let hidden = cover(
+                &mut changed,
+                &self.frame.luma,
+                &truth,
+                centre,
+                &mut self.random,
+            );
+            if let Some(fit) = covered.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
+                self.seen.judge(fit, &truth, &hidden);
+                let d = differences(&fit.pixels, &truth.landmarks_px);
+                let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
+                let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
+                self.seen
+                    .covered
+                    .push(f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32));
+                for i in 0..LANDMARKS {
+                    let flagged = fit.point_confidence[i] < 0.5;
+                    self.seen.flagged[usize::from(!hidden[i])].add(flagged == hidden[i]);
+                }
+            }
+            let [every, last] = HIDE;
+            if index % every >= every - last {
+                hide(&mut changed, &self.frame.luma, &truth, &mut self.random);
+                let fit = sceptic.fit(&changed, &self.frame.depth, &self.camera, &pose, at);
+                self.seen.unseen.add(fit.is_none());
+                waited = Some(0);
+            } else {
+                let fit = sceptic.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
+                let found = fit.is_some_and(|fit| {
+                    mean_percent(&differences(&fit.pixels, &truth.landmarks_px)) <= 5.0
+                });
+                if let Some(frames) = &mut waited {
+                    *frames += 1;
+                    if found || index % every == every - last - 1 {
+                        self.seen.recovered.push(f64::from(*frames));
+                        waited = None;
+                    }
+                }
+            }
+            if index % SPARSE != 0 {
+                continue;
+            }
+            once.reset();
+            if let Some(fit) =
+                once.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
+            {
+                let error = self.seen.judge(fit, &truth, &none);
+                self.seen.cold.push(error);
+            }
+            once.reset();
+            let wrong = self.astray(&pose);
+            if let Some(fit) = once.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &wrong,
+                at,
+            ) {
+                self.seen.judge(fit, &truth, &none);
+            }
+            // The lamp goes round once in two seconds.
+            let turn = std::f32::consts::PI * index as f32 / 30.0;
+            let towards = Vector::new(turn.cos(), turn.sin() - 0.3, -0.8).normalize();
+            let moved = Light {
+                towards,
+                ..self.light
+            };
+            self.relight(moved);
+            self.simulator.draw(at, &mut self.frame);
+            self.relight(self.light);
+            if let Some(fit) =
+                lamp.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
+            {
+                let error = self.seen.judge(fit, &truth, &none);
+                self.seen.lamp.push(error);
+                self.seen.same_as_lamp.push(here);
+            }
+        }
+        let offsets = mean_offsets(&found);
+        self.seen.offset.push(mean_percent(&offsets));
+        for d in &found {
+            self.seen.rest.push(mean_percent(&without(d, &offsets)));
+        }
+    }
+
+    fn relight(&mut self, light: Light) {
+        self.simulator.set_light(light, self.exposure);
+    }
+
+    /// A pose that is wrong by up to a head's width.
+    fn astray(&mut self, pose: &HeadPose) -> HeadPose {
+        let mut about = |size: f32| size * (2.0 * self.random.f32() - 1.0);
+        let shift = Vector::new(about(0.1), about(0.1), about(0.1));
+        let turn = rotation_from_yaw_pitch_roll(about(0.5), about(0.5), about(0.5));
+        HeadPose {
+            sensor_from_head: Rigid::from_parts(
+                (pose.sensor_from_head.translation.vector + shift).into(),
+                turn * pose.sensor_from_head.rotation,
+            ),
+            ..*pose
+        }
+    }
+
+    /// Wide turns with two expressions a second, each up and down.
+    fn beyond(&mut self) {
+        let none = [false; LANDMARKS];
+        let mut fitter = self.fitter();
+        self.pose.reset();
+        let count = self.simulator.asset().expressions.len();
+        let mut weights = vec![0.0; count];
+        let mut chosen = [0; 2];
+        for index in 0..(self.seconds * 18.0) as i64 {
+            let at = timestamp_from_ticks((3000 + index) * FRAME_TICKS);
+            let t = index as f32 / 30.0;
+            if index % 30 == 0 {
+                chosen = [(); 2].map(|()| self.random.usize(..count));
+            }
+            weights.fill(0.0);
+            for k in chosen {
+                weights[k] = (std::f32::consts::PI * t.fract()).sin().powi(2);
+            }
+            let (yaw, pitch) = (40.0 * (1.9 * t).sin(), 25.0 * (2.6 * t).sin());
+            let pose = Rigid::from_parts(
+                nalgebra::Translation3::new(0.0, -0.02, 0.75),
+                rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0),
+            );
+            let truth = self
+                .simulator
+                .draw_pose(&pose, &weights, at, &mut self.frame);
+            let Some(found) = self.find(at) else { continue };
+            let wide = yaw.abs() > 25.0 || pitch.abs() > 15.0;
+            if let Some(fit) = fitter.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &found,
+                at,
+            ) && wide
+            {
+                let error = self.seen.judge(fit, &truth, &none);
+                self.seen.beyond.push(error);
+            }
+        }
+    }
+
+    /// A face that does not move: what its points do all the same.
+    fn still(&mut self) {
+        let mut fitter = self.fitter();
+        self.pose.reset();
+        let weights = vec![0.0; self.simulator.asset().expressions.len()];
+        let pose = Rigid::from_parts(
+            nalgebra::Translation3::new(0.02, -0.02, 0.75),
+            rotation_from_yaw_pitch_roll(0.1, 0.05, 0.02),
+        );
+        let mut places: Vec<[[f32; 2]; LANDMARKS]> = Vec::new();
+        let mut eye = 1.0;
+        for index in 0..60 {
+            let at = timestamp_from_ticks((6000 + index) * FRAME_TICKS);
+            let truth = self
+                .simulator
+                .draw_pose(&pose, &weights, at, &mut self.frame);
+            eye = scheme::outer_eye_distance(&truth.landmarks_px);
+            let Some(found) = self.find(at) else { continue };
+            if let Some(fit) = fitter.fit(
+                &self.frame.luma,
+                &self.frame.depth,
+                &self.camera,
+                &found,
+                at,
+            ) && index >= 20
+            {
+                places.push(fit.pixels);
+            }
+        }
+        let n = places.len().max(1) as f64;
+        let mut squares = 0.0;
+        for i in scheme::INNER {
+            for axis in 0..2 {
+                let mean = places.iter().map(|p| f64::from(p[i][axis])).sum::<f64>() / n;
+                let spread = |p: &[[f32; 2]; LANDMARKS]| (f64::from(p[i][axis]) - mean).powi(2);
+                squares += places.iter().map(spread).sum::<f64>() / n;
+            }
+        }
+        let count = 2.0 * scheme::INNER.len() as f64;
+        self.seen.jitter_percent = 100.0 * (squares / count).sqrt() / f64::from(eye);
+    }
+}
+
+/// Copies a picture and covers the points nearest to one of them with a rough disc; tells which.
+fn cover(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    centre: usize,
+    random: &mut fastrand::Rng,
+) -> [bool; LANDMARKS] {
+    let points = &truth.landmarks_px;
+    let [x, y] = points[centre];
+    let mut far: Vec<(f32, usize)> = (0..LANDMARKS)
+        .map(|i| ((points[i][0] - x).hypot(points[i][1] - y), i))
+        .collect();
+    far.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let radius = 0.5 * (far[COVERED - 1].0 + far[COVERED].0);
+    disc(out, luma, truth, [x, y], radius, random);
+    let mut hidden = [false; LANDMARKS];
+    for (_, i) in &far[..COVERED] {
+        hidden[*i] = true;
+    }
+    hidden
+}
+
+/// Copies a picture and covers all of a face.
+fn hide(out: &mut [u8; PIXELS], luma: &[u8; PIXELS], truth: &Truth, random: &mut fastrand::Rng) {
+    let points = &truth.landmarks_px;
+    let [x, y] = points[30];
+    let reach = points
+        .iter()
+        .map(|p| (p[0] - x).hypot(p[1] - y))
+        .fold(0.0, f32::max);
+    disc(out, luma, truth, [x, y], 1.1 * reach, random);
+}
+
+/// Copies a picture and lays a rough disc of the skin's grey on it.
+fn disc(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    [x, y]: [f32; 2],
+    radius: f32,
+    random: &mut fastrand::Rng,
+) {
+    out.copy_from_slice(luma);
+    let nose = truth.landmarks_px[30];
+    let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);
+    let reach = radius.ceil() as i64;
+    for row in -reach..=reach {
+        for column in -reach..=reach {
+            let (px, py) = (x as i64 + column, y as i64 + row);
+            let off = (px as f32 - x).hypot(py as f32 - y) / radius;
+            if off < 1.0 && (0..WIDTH as i64).contains(&px) && py >= 0 {
+                let at = py as usize * WIDTH + px as usize;
+                if at < PIXELS {
+                    let grey = skin * (1.0 - 0.4 * off * off) + 6.0 * random.f32();
+                    out[at] = grey.clamp(0.0, 255.0) as u8;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Photographs and a video: portraits of held-out people, video stills, one talking face.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::Errors;
+use crate::base::capacity::LANDMARKS;
+use crate::face_model::{FaceModel, scheme};
+use crate::landmarks::window::Picture;
+use crate::studio::evaluate::sessions::Spread;
+use crate::studio::fit::{FaceBox, StillFitter, disturbed_box};
+use crate::studio::people_split::Split;
+use crate::studio::train::dataset::{DatasetError, Entry, GreyPicture, load_grey, read_folder};
+use crate::studio::train::evaluate::{differences, mean_offsets, without};
+
+type Differences = [[f32; 2]; LANDMARKS];
+
+/// About the 68 points of the video's first picture.
+const TALKING_BOX: FaceBox = FaceBox {
+    x: 128.0,
+    y: 113.0,
+    width: 128.0,
+    height: 140.0,
+};
+/// Farthest the points may move between two pictures of the video, mean, in outer-eye distances: faster is a jump.
+const JUMP: f32 = 0.15;
+
+fn mean_percent(d: &Differences) -> f64 {
+    f64::from(100.0 * d.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / LANDMARKS as f32)
+}
+
+/// Fitted minus placed of annotated pictures, by person.
+fn fitted(
+    model: &FaceModel,
+    entries: &[&Entry],
+) -> Result<BTreeMap<String, Vec<Differences>>, DatasetError> {
+    let each: Vec<Option<(String, Differences)>> = entries
+        .par_iter()
+        .enumerate()
+        .map_init(
+            || StillFitter::new(model),
+            |fitter, (k, entry)| {
+                let Some(points) = &entry.points else {
+                    return Ok(None);
+                };
+                let (face_box, roll) = disturbed_box(points, k as u64 + 1);
+                let face = fitter.fit_file(&entry.path, &face_box, roll)?;
+                Ok(Some((
+                    entry.person.clone(),
+                    differences(&face.points, points),
+                )))
+            },
+        )
+        .collect::<Result<_, DatasetError>>()?;
+    let mut by_person: BTreeMap<String, Vec<Differences>> = BTreeMap::new();
+    for (person, d) in each.into_iter().flatten() {
+        by_person.entry(person).or_default().push(d);
+    }
+    Ok(by_person)
+}
+
+/// Errors as they are, and with the mean offsets of the other people taken out.
+fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Errors; 2] {
+    let (mut given, mut clean) = (Vec::new(), Vec::new());
+    for (person, own) in by_person {
+        let others: Vec<Differences> = by_person
+            .iter()
+            .filter(|(other, _)| *other != person)
+            .flat_map(|(_, d)| d.iter().copied())
+            // Faces that are missed altogether tell nothing of habits.
+            .filter(|d| mean_percent(d) < 10.0)
+            .collect();
+        let offsets = mean_offsets(&others);
+        for d in own {
+            given.push(mean_percent(d));
+            clean.push(mean_percent(&without(d, &offsets)));
+        }
+    }
+    [given, clean]
+}
+
+fn median(errors: &Errors) -> f64 {
+    let mut sorted = errors.clone();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+type Row = (&'static str, String, &'static str);
+
+/// The rows of the table; data sets that are not there are left out.
+pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<Row>, DatasetError> {
+    let mut rows = Vec::new();
+    if let Ok(entries) = read_folder(&data.join("faces_frl189")) {
+        let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
+        let wanted: Vec<&Entry> = entries
+            .iter()
+            .zip(Split::of_persons(&persons))
+            .filter(|(_, of)| *of == split)
+            .map(|(entry, _)| entry)
+            .collect();
+        let [given, clean] = both(&fitted(model, &wanted)?).map(Spread::of);
+        rows.push(("portraits of held-out people", format!("{given}"), "2.8"));
+        rows.push((
+            "… offsets per landmark taken out",
+            format!("{clean}"),
+            "2.1",
+        ));
+    }
+    if let Ok(entries) = read_folder(&data.join("faces_ytfaces68")) {
+        // A part for choosing settings, all for the table.
+        let step = if split == Split::Test { 1 } else { 4 };
+        let wanted: Vec<&Entry> = entries.iter().step_by(step).collect();
+        let [given, clean] = both(&fitted(model, &wanted)?);
+        let failed = given.iter().filter(|e| **e > 10.0).count() as f64 / given.len().max(1) as f64;
+        rows.push((
+            "video stills, median",
+            format!("{:.2}", median(&given)),
+            "6",
+        ));
+        rows.push((
+            "… offsets taken out",
+            format!("{:.2}", median(&clean)),
+            "4.3",
+        ));
+        rows.push(("… beyond 10 %", format!("{:.1} %", 100.0 * failed), "5 %"));
+    }
+    if let Some(row) = talking(&data.join("video_talkingface/img"), model)? {
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// Follows the talking face through its pictures, colour alone.
+fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, DatasetError> {
+    let Ok(files) = std::fs::read_dir(folder) else {
+        return Ok(None);
+    };
+    let mut paths: Vec<_> = files.filter_map(|file| Some(file.ok()?.path())).collect();
+    paths.sort();
+    let mut fitter = StillFitter::new(model);
+    let (mut followed, mut last): (usize, Option<([[f32; 2]; LANDMARKS], _)>) = (0, None);
+    let mut steps = Vec::new();
+    for path in &paths {
+        let GreyPicture {
+            luma,
+            width,
+            height,
+        } = load_grey(path, 1.0)?;
+        let picture = Picture {
+            luma: &luma,
+            width,
+            height,
+        };
+        let face = match &last {
+            None => fitter.fit(&picture, &TALKING_BOX, 0.0),
+            Some((_, view)) => fitter.follow(&picture, view),
+        };
+        let step = last.as_ref().map_or(0.0, |(before, _)| {
+            let eye = scheme::outer_eye_distance(before).max(1.0);
+            let moved = |i: usize| {
+                let (a, b) = (face.points[i], before[i]);
+                (a[0] - b[0]).hypot(a[1] - b[1]) / eye
+            };
+            (0..LANDMARKS).map(moved).sum::<f32>() / LANDMARKS as f32
+        });
+        steps.push(f64::from(100.0 * step));
+        followed += usize::from(face.confidence >= 0.5 && step < JUMP);
+        last = Some((face.points, face.view));
+    }
+    let steps = Spread::of(steps);
+    let figure = format!(
+        "{followed} of {}; moves by {steps} % per frame",
+        paths.len()
+    );
+    Ok(Some(("talking face: frames followed", figure, "all 600")))
+}

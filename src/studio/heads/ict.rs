@@ -1,0 +1,237 @@
+//! Reads the ICT FaceKit head: neutral mesh, expression and identity differences, landmark vertices.
+//!
+//! Source axes are y up, z out of the face, x to the person's left, in centimetres. Everything here is turned into the
+//! head frame of [`crate::base::geometry`]: metres, y down, z into the head, origin midway between the neutral's inner eye corners.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Point3, Vector3};
+
+use crate::base::capacity::LANDMARKS;
+
+/// Vertex ranges of the mesh by part (half-open).
+pub mod part {
+    use std::ops::Range;
+    /// The face proper, ears included.
+    pub const FACE: Range<usize> = 0..9409;
+    /// Face without ears and neck front.
+    pub const NARROW_FACE: Range<usize> = 0..6706;
+    /// Back of the head and neck.
+    pub const HEAD_AND_NECK: Range<usize> = 9409..11248;
+    /// Inside of the mouth.
+    pub const MOUTH_SOCKET: Range<usize> = 11248..13294;
+    /// Behind the lids.
+    pub const EYE_SOCKETS: Range<usize> = 13294..14062;
+    /// Gums and tongue.
+    pub const GUMS_AND_TONGUE: Range<usize> = 14062..17039;
+    /// Teeth.
+    pub const TEETH: Range<usize> = 17039..21451;
+    /// Eyeballs.
+    pub const EYEBALLS: Range<usize> = 21451..24591;
+}
+
+/// Why the head could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum IctError {
+    /// A file of the set cannot be read.
+    #[error(
+        "cannot read {path}: {source}; expected the ICT FaceKit folder with generic_neutral_mesh.obj, expr/ and id/"
+    )]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file has the wrong content.
+    #[error("{path}: expected {expected}, found {found}")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What should be there.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+}
+
+/// A mesh of differences to the neutral, one vector per vertex, metres in the head frame.
+pub struct Delta {
+    /// Name in the source, for example `jawOpen`, `identity003`.
+    pub name: String,
+    /// One per vertex.
+    pub offsets: Vec<Vector3<f32>>,
+}
+
+/// The whole set, in the head frame.
+pub struct IctHead {
+    /// Neutral vertices.
+    pub neutral: Vec<Point3<f32>>,
+    /// Triangles (quads split along their first diagonal), as vertex indices, outward normals counter-clockwise in the source.
+    pub triangles: Vec<[u32; 3]>,
+    /// Texture coordinates of each triangle's corners.
+    pub triangle_uv: Vec<[[f32; 2]; 3]>,
+    /// Vertex of each of the 68 landmarks.
+    pub landmarks: [usize; LANDMARKS],
+    /// Expression differences, sorted by name.
+    pub expressions: Vec<Delta>,
+    /// Identity modes, `identity000` first; coefficients are about N(0, 1).
+    pub identities: Vec<Delta>,
+}
+
+fn read_text(path: &Path) -> Result<String, IctError> {
+    crate::studio::text_files::read(path).map_err(|source| IctError::Unreadable {
+        path: path.into(),
+        source,
+    })
+}
+
+fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
+    Vector3::new(v.x, -v.y, -v.z) * 0.01
+}
+
+fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, IctError> {
+    let unreadable = |source| IctError::Unreadable {
+        path: folder.into(),
+        source,
+    };
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .map_err(unreadable)?
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|extension| extension == "f32"))
+        .collect();
+    paths.sort();
+    paths
+        .into_iter()
+        .map(|path| {
+            let bytes = fs::read(&path).map_err(|source| IctError::Unreadable {
+                path: path.clone(),
+                source,
+            })?;
+            if bytes.len() != vertices * 12 {
+                return Err(IctError::Malformed {
+                    path,
+                    expected: "three 32-bit floats per vertex of the neutral mesh",
+                    found: format!("{} bytes for {vertices} vertices", bytes.len()),
+                });
+            }
+            let f = |b: &[u8]| f32::from_le_bytes(b.try_into().expect("four bytes"));
+            let offsets = bytes
+                .chunks_exact(12)
+                .map(|c| head_axes(Vector3::new(f(&c[0..4]), f(&c[4..8]), f(&c[8..12]))))
+                .collect();
+            let name = path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            Ok(Delta { name, offsets })
+        })
+        .collect()
+}
+
+impl IctHead {
+    /// Reads the folder.
+    ///
+    /// # Errors
+    /// If a file is missing or does not fit the mesh.
+    pub fn read(folder: &Path) -> Result<Self, IctError> {
+        let path = folder.join("generic_neutral_mesh.obj");
+        let text = read_text(&path)?;
+        let malformed = |found: &str| IctError::Malformed {
+            path: path.clone(),
+            expected: "OBJ lines v, vt and f with v/vt corners",
+            found: format!("{found:?}"),
+        };
+        let (mut raw, mut uvs) = (Vec::new(), Vec::new());
+        let (mut triangles, mut triangle_uv) = (Vec::new(), Vec::new());
+        for line in text.lines() {
+            let mut words = line.split_ascii_whitespace();
+            match words.next() {
+                Some("v") => {
+                    let mut next = || {
+                        words
+                            .next()
+                            .and_then(|w| w.parse::<f32>().ok())
+                            .ok_or_else(|| malformed(line))
+                    };
+                    raw.push(Vector3::new(next()?, next()?, next()?));
+                }
+                Some("vt") => {
+                    let mut next = || {
+                        words
+                            .next()
+                            .and_then(|w| w.parse::<f32>().ok())
+                            .ok_or_else(|| malformed(line))
+                    };
+                    uvs.push([next()?, next()?]);
+                }
+                Some("f") => {
+                    let mut corners: heapless::Vec<(u32, [f32; 2]), 8> = heapless::Vec::new();
+                    for word in words {
+                        let (v, t) = word
+                            .split_once('/')
+                            .and_then(|(v, t)| {
+                                Some((v.parse::<usize>().ok()?, t.parse::<usize>().ok()?))
+                            })
+                            .filter(|&(v, t)| {
+                                (1..=raw.len()).contains(&v) && (1..=uvs.len()).contains(&t)
+                            })
+                            .ok_or_else(|| malformed(line))?;
+                        corners
+                            .push((v as u32 - 1, uvs[t - 1]))
+                            .map_err(|_| malformed(line))?;
+                    }
+                    for k in 2..corners.len() {
+                        let (a, b, c) = (corners[0], corners[k - 1], corners[k]);
+                        triangles.push([a.0, b.0, c.0]);
+                        triangle_uv.push([a.1, b.1, c.1]);
+                    }
+                }
+                _ => {}
+            }
+        }
+        let path = folder.join("landmarks68.txt");
+        let landmarks: Vec<usize> = read_text(&path)?
+            .split_ascii_whitespace()
+            .filter_map(|w| w.parse().ok())
+            .collect();
+        let landmarks: [usize; LANDMARKS] =
+            landmarks
+                .try_into()
+                .map_err(|found: Vec<usize>| IctError::Malformed {
+                    path: path.clone(),
+                    expected: "68 vertex indices",
+                    found: format!("{} numbers", found.len()),
+                })?;
+        if let Some(bad) = landmarks.iter().find(|&&v| v >= raw.len()) {
+            return Err(IctError::Malformed {
+                path,
+                expected: "indices of the mesh's vertices",
+                found: bad.to_string(),
+            });
+        }
+        let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
+        let neutral: Vec<_> = raw
+            .iter()
+            .map(|v| Point3::from(head_axes(v - origin)))
+            .collect();
+        let expressions = read_deltas(&folder.join("expr"), neutral.len())?;
+        let identities = read_deltas(&folder.join("id"), neutral.len())?;
+        Ok(Self {
+            neutral,
+            triangles,
+            triangle_uv,
+            landmarks,
+            expressions,
+            identities,
+        })
+    }
+
+    /// Position of an expression by name.
+    #[must_use]
+    pub fn expression(&self, name: &str) -> Option<usize> {
+        self.expressions.iter().position(|delta| delta.name == name)
+    }
+}

@@ -1,0 +1,27 @@
+//! The workstation: training, pictures, recordings, baking.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use mien::studio::cli::{self, Fault};
+use signal_hook::consts::SIGPIPE;
+
+#[expect(clippy::print_stderr, reason = "this is the door")]
+fn main() -> ExitCode {
+    mien::appliance::log::start(tracing::Level::INFO);
+    // A reader of standard output that goes away (`| head -1`) ends the programme quietly, with the code shells give for it.
+    let always = Arc::new(AtomicBool::new(true));
+    let _ = signal_hook::flag::register_conditional_shutdown(SIGPIPE, 128 + SIGPIPE, always);
+    match cli::run(std::env::args_os().skip(1)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Fault::Usage(text)) => {
+            eprintln!("mien-studio: {text}; see mien-studio help");
+            ExitCode::from(64)
+        }
+        Err(Fault::Failed { text, code }) => {
+            eprintln!("mien-studio: {text}");
+            ExitCode::from(code)
+        }
+    }
+}

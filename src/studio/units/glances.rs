@@ -1,0 +1,286 @@
+//! Learns where eyes look from how they are seen while people look about ([`crate::expression::gaze`]).
+//!
+//! Ridge regression over people of the departures of both eyes' cells from the person's mean: across from the difference of the
+//! mirrored eyes, up from their sum, each with the turn of the head. The reading of the expressions then knows, beside all
+//! lengths, how far the lids follow a glance.
+
+use std::fmt::Write;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::readings::{Example, correlation};
+use crate::base::capacity::{LEARNT_MEASURES, LENGTHS};
+use crate::base::geometry::{Rigid, Vector};
+use crate::expression::features;
+use crate::landmarks::eyes::{CELLS, Eyes};
+use crate::simulator::virtual_head::{HeadAsset, Truth};
+use crate::studio::evaluate::acted::UNITS;
+
+/// Penalty of the regression, in examples of unit contrast.
+const PENALTY: f64 = 300.0;
+/// Lids closed further than this hide the iris, truth of AU43.
+const CLOSED: f64 = 0.3;
+/// Where the numbers of a [`Glance`] are: who, where to, the head's turn, the right eye, the left.
+const WHO: usize = 0;
+const LOOKS: usize = 1;
+const AHEAD: usize = 3;
+const EYES: usize = 5;
+const NUMBERS: usize = EYES + 2 * CELLS;
+
+/// The eyes in one frame.
+#[derive(Clone)]
+pub(super) struct Glance(Vec<f32>);
+
+/// What was learnt: lines for `config/units.toml`, and what to say of it.
+pub(super) struct Learnt {
+    pub text: String,
+    pub say: String,
+}
+
+impl Glance {
+    /// Nothing seen.
+    pub(super) const NONE: Self = Self(Vec::new());
+
+    /// A person's eyes at a pose, looking so far to the left and up.
+    pub(super) fn at(
+        who: usize,
+        eyes: Option<Eyes>,
+        pose: Option<&Rigid>,
+        looks: [f64; 2],
+    ) -> Self {
+        let (Some(eyes), Some(pose)) = (eyes, pose) else {
+            return Self::NONE;
+        };
+        let ahead = pose.rotation * Vector::z();
+        let mut numbers = vec![
+            who as f32,
+            looks[0] as f32,
+            looks[1] as f32,
+            ahead.x,
+            ahead.y,
+        ];
+        numbers.extend(eyes.iter().flatten());
+        Self(numbers)
+    }
+
+    pub(super) fn write(&self, text: &mut String) {
+        for number in &self.0 {
+            let _ = write!(text, "{number:.4} ");
+        }
+    }
+
+    /// What [`Self::write`] wrote.
+    pub(super) fn read(numbers: &[f64]) -> Option<Self> {
+        let whole = numbers.is_empty() || numbers.len() == NUMBERS;
+        whole.then(|| Self(numbers.iter().map(|&v| v as f32).collect()))
+    }
+
+    /// What tells of the direction across (0) or up (1), and that direction; `at` is the example's place.
+    fn seen(&self, at: usize, axis: usize) -> Option<Seen> {
+        let who = *self.0.get(WHO)? as usize;
+        let (right, left) = self.0[EYES..].split_at(CELLS);
+        let sign = if axis == 0 { -1.0 } else { 1.0 };
+        let cells = left.iter().zip(right).map(|(l, r)| l + sign * r);
+        let turn = self.0[AHEAD + axis];
+        Some(Seen {
+            at,
+            who,
+            row: cells.chain([turn]).map(f64::from).collect(),
+            looks: f64::from(self.0[LOOKS + axis]),
+        })
+    }
+}
+
+/// One direction of one [`Glance`].
+struct Seen {
+    /// Which example.
+    at: usize,
+    who: usize,
+    /// Cells, and the turn of the head.
+    row: Vec<f64>,
+    looks: f64,
+}
+
+/// Reads the true direction of a head's eyes.
+pub(super) fn looks(asset: &HeadAsset) -> impl Fn(&Truth) -> [f64; 2] + use<> {
+    let pairs = [
+        ["eyeLookOut_L", "eyeLookIn_L"],
+        ["eyeLookUp_L", "eyeLookDown_L"],
+    ]
+    .map(|pair| pair.map(|name| asset.expression(name)));
+    move |shown| {
+        pairs.map(|pair| {
+            let [there, back] = pair.map(|at| {
+                let weight = at.and_then(|k| shown.activations.get(k));
+                f64::from(weight.copied().unwrap_or(0.0))
+            });
+            there - back
+        })
+    }
+}
+
+/// What is assumed of a direction: people look ahead, and look about.
+pub(super) fn prior(name: &str) -> String {
+    format!("\n[[feature]]\nname = \"{name}\"\nrest = 0.000\nrest_sd = 0.300\nspan = 0.500\n")
+}
+
+/// Learns the map and sets the departures of the gaze in all examples.
+pub(super) fn learn(examples: &mut [Example]) -> Learnt {
+    let closed: Vec<usize> = UNITS
+        .iter()
+        .enumerate()
+        .filter(|(_, (unit, _))| unit.starts_with("AU43"))
+        .map(|(k, _)| k)
+        .collect();
+    let (mut text, mut say) = (String::from("\n[gaze]\n"), String::from("gaze:"));
+    for (axis, name) in ["left", "up"].into_iter().enumerate() {
+        let open = |example: &Example| closed.iter().all(|&k| example.truth[k] < CLOSED);
+        let all = examples.iter().enumerate().filter(|(_, e)| open(e));
+        let mut seen: Vec<Seen> = all.filter_map(|(at, e)| e.glance.seen(at, axis)).collect();
+        centre(&mut seen);
+        let weights = regress(&seen);
+        let read: Vec<f64> = seen.iter().map(|s| dot(&s.row, &weights)).collect();
+        let r = correlation(read.iter().copied().zip(seen.iter().map(|s| s.looks)));
+        let _ = write!(say, " {name} r {r:.3} of {}", seen.len());
+        for (seen, read) in seen.iter().zip(&read) {
+            examples[seen.at].departures[LEARNT_MEASURES + LENGTHS + axis] = *read;
+        }
+        let _ = write!(text, "{name} = [");
+        for (k, weight) in weights.iter().enumerate() {
+            let break_ = if k % 16 == 0 { "\n  " } else { " " };
+            let _ = write!(text, "{break_}{weight:.4},");
+        }
+        text.push_str("\n]\n");
+    }
+    for (name, unit, [rise, fall]) in DIRECTIONS {
+        let _ = write!(
+            text,
+            "\n[[reading]]\nunit = \"{unit}\"\nabsolute = true\nfrom = [[\"{name}\", {rise:.1}, {fall:.1}]]\n"
+        );
+    }
+    Learnt { text, say }
+}
+
+/// Which direction of which feature is which unit.
+const DIRECTIONS: [(&str, &str, [f64; 2]); 4] = [
+    (features::GAZE[0], "AU61", [1.0, 0.0]),
+    (features::GAZE[0], "AU62", [0.0, -1.0]),
+    (features::GAZE[1], "AU63", [1.0, 0.0]),
+    (features::GAZE[1], "AU64", [0.0, -1.0]),
+];
+
+/// Takes each person's mean off.
+fn centre(seen: &mut [Seen]) {
+    let people = seen.iter().map(|s| s.who + 1).max().unwrap_or(0);
+    for person in 0..people {
+        let mut own: Vec<&mut Seen> = seen.iter_mut().filter(|s| s.who == person).collect();
+        let share = 1.0 / own.len() as f64;
+        let mut mean = vec![0.0; CELLS + 1];
+        let mut looks = 0.0;
+        for one in &own {
+            for (mean, value) in mean.iter_mut().zip(&one.row) {
+                *mean += share * value;
+            }
+            looks += share * one.looks;
+        }
+        for one in &mut own {
+            for (value, mean) in one.row.iter_mut().zip(&mean) {
+                *value -= mean;
+            }
+            one.looks -= looks;
+        }
+    }
+}
+
+fn regress(seen: &[Seen]) -> Vec<f64> {
+    let n = CELLS + 1;
+    let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
+    // The turn is a sine, of a few tenths: it is not to be held back.
+    gram[(CELLS, CELLS)] = 1.0;
+    let mut right = DVector::zeros(n);
+    for one in seen {
+        let row = DVector::from_column_slice(&one.row);
+        gram.ger(1.0, &row, &row, 1.0);
+        right.axpy(one.looks, &row, 1.0);
+    }
+    let solved = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right));
+    solved.map_or(vec![0.0; n], |weights| weights.iter().copied().collect())
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::capacity::INPUTS;
+
+    #[test]
+    fn a_planted_map_is_learnt_over_people_who_rest_differently_and_blink() {
+        let mut random = fastrand::Rng::with_seed(9);
+        let mut normal = || (0..6).map(|_| random.f64() - 0.5).sum::<f64>();
+        let shut = UNITS
+            .iter()
+            .position(|(unit, _)| *unit == "AU43L")
+            .expect("a lid");
+        let mut examples = Vec::new();
+        for who in 0..4 {
+            let constant: Vec<f64> = (0..2 * CELLS).map(|_| normal()).collect();
+            for frame in 0..200 {
+                let looks = [normal() * 0.4, normal() * 0.3];
+                let closed = frame % 9 == 0;
+                // The third cell of each eye follows the glance; the rest is the person and noise.
+                let mut eyes: Eyes = [[0.0; CELLS]; 2];
+                for (side, eye) in eyes.iter_mut().enumerate() {
+                    let toward = if side == 0 { -looks[0] } else { looks[0] };
+                    for (k, cell) in eye.iter_mut().enumerate() {
+                        let told = if k == 3 {
+                            toward
+                        } else if k == 40 {
+                            looks[1]
+                        } else {
+                            0.0
+                        };
+                        *cell = (constant[side * CELLS + k] + told + 0.05 * normal()) as f32;
+                    }
+                }
+                let pose = Rigid::identity();
+                let mut truth = [0.0; UNITS.len()];
+                truth[shut] = if closed { 1.0 } else { 0.0 };
+                let looks = if closed { [9.0, 9.0] } else { looks };
+                examples.push(Example {
+                    departures: [0.0; INPUTS],
+                    truth,
+                    glance: Glance::at(who, Some(eyes), Some(&pose), looks),
+                });
+            }
+        }
+        let learnt = learn(&mut examples);
+        let open = |e: &&Example| e.truth[shut] == 0.0;
+        for axis in 0..2 {
+            let pairs = examples.iter().filter(open).map(|e| {
+                let looks = f64::from(e.glance.0[LOOKS + axis]);
+                (e.departures[LEARNT_MEASURES + LENGTHS + axis], looks)
+            });
+            let r = correlation(pairs);
+            assert!(r > 0.9, "axis {axis}: {r}");
+        }
+        assert!(learnt.text.contains("unit = \"AU64\"\nabsolute = true"));
+        // Kept and read again, it is the same.
+        let mut text = String::new();
+        examples[1].glance.write(&mut text);
+        let numbers: Vec<f64> = text
+            .split_whitespace()
+            .filter_map(|v| v.parse().ok())
+            .collect();
+        let again = Glance::read(&numbers).expect("as many numbers");
+        let far = again
+            .0
+            .iter()
+            .zip(&examples[1].glance.0)
+            .map(|(a, b)| (a - b).abs());
+        assert!(far.fold(0.0, f32::max) < 1e-4);
+        assert!(Glance::read(&numbers[1..]).is_none());
+    }
+}

@@ -1,0 +1,446 @@
+//! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces whose expressions are known.
+//!
+//! People the face model may learn from act random mixtures (`Scene::Mixed`) before the simulated sensor, some of them
+//! with hair and things; the whole pipeline follows them. Of every frame in which a face is believed and rest has been
+//! learnt, the departures of all inputs and the truth of all units ([`crate::studio::evaluate::acted`]) make an example, and its mirror image
+//! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
+//! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
+//! Last, a reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is
+//! hardly seen regresses to small readings. Seeded; eye distances.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::glances::{self, Glance, looks};
+use crate::appliance::settings::Settings;
+use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
+use crate::expression::readings::{input_name, input_named};
+use crate::expression::{Units, features};
+use crate::face_model::FaceModel;
+use crate::pipeline::Pipeline;
+use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
+use crate::studio::evaluate::acted::{Acted, UNITS};
+use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
+use crate::studio::heads::{PersonHead, textured_heads};
+use crate::studio::people_split::Split;
+use crate::users::TrackingState;
+
+/// Ticks of the 60 MHz counter per frame.
+const FRAME_TICKS: i64 = 2_000_000;
+/// Seconds after which rest has been learnt.
+const SETTLED_S: f64 = 6.0;
+/// Every so many frames make an example: neighbours say the same.
+const EVERY: i64 = 2;
+/// One person of so many wears hair and things: they take four times as long to draw.
+const DRESSED: usize = 5;
+/// One person of so many has the eyes of the photograph, all others drawn ones.
+const PHOTOGRAPHED: usize = 4;
+/// Penalty of the regression, in examples, on inputs scaled to their deviation.
+const PENALTY: f64 = 1000.0;
+/// What real smiles weigh beside everything that is acted, and what they are read as: most are slight. Then the units they
+/// tell of, and those they do not move; whatever else a smile does differs from person to person.
+const SMILES: f64 = 0.03;
+const SMILE: f64 = 0.8;
+const SMILERS: [&str; 2] = ["AU12L", "AU12R"];
+const NOT_SMILING: [&str; 5] = ["AU20", "AU18", "AU29", "AU9L", "AU9R"];
+/// What the middle one of full expressions is read as, and the most a reading is stretched for it.
+const FULL: f64 = 0.95;
+const MOST: f64 = 2.0;
+/// Lids that open wide hardly move: read from little, they are stretched by this at most.
+const MOST_OF_LIDS: f64 = 6.0;
+/// A unit that no measure is named after and that comes out with less than this is not seen well enough to be given.
+const LEAST_R: f64 = 0.45;
+/// Truth from which an expression is full.
+const FULLY: f64 = 0.8;
+
+/// What is played.
+#[derive(Clone, Debug)]
+pub struct Practice {
+    /// People, at most.
+    pub people: usize,
+    /// Length of each session.
+    pub seconds: f64,
+    /// Seed.
+    pub seed: u64,
+    /// Where the examples are kept: read if the file is there, written otherwise.
+    pub examples: Option<PathBuf>,
+}
+
+impl Default for Practice {
+    fn default() -> Self {
+        Self {
+            people: 60,
+            seconds: 40.0,
+            seed: 41,
+            examples: None,
+        }
+    }
+}
+
+/// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
+#[derive(Clone)]
+pub(super) struct Example {
+    pub(super) departures: [f64; INPUTS],
+    pub(super) truth: [f64; UNITS.len()],
+    pub(super) glance: Glance,
+}
+
+/// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the settings.
+pub fn learn(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    practice: &Practice,
+    say: &mut dyn FnMut(&str),
+) -> Result<String, SessionsError> {
+    let mut heads = textured_heads(data, |person| Split::of(person) != Split::Test)?;
+    heads.truncate(practice.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    let priors = feature_priors(&heads);
+    let kept = practice.examples.as_ref().filter(|path| path.is_file());
+    let mut examples: Vec<Example> = match kept {
+        Some(path) => read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
+        None => heads
+            .into_par_iter()
+            .enumerate()
+            .map(|(number, head)| practise(head, number, model, settings, practice))
+            .collect::<Result<Vec<_>, _>>()?
+            .concat(),
+    };
+    if let (Some(path), None) = (&practice.examples, kept) {
+        std::fs::write(path, written(&examples)).map_err(|e| at(path, e))?;
+    }
+    let gaze = glances::learn(&mut examples);
+    say(&gaze.say);
+    let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
+    say(&format!(
+        "{} examples, {} real smiles",
+        examples.len(),
+        smiles.len()
+    ));
+    let mirrored: Vec<Example> = examples.iter().map(Example::mirrored).collect();
+    examples.extend(mirrored);
+    let smiles = smiles.into_iter().flat_map(|departures| {
+        let smile = Example {
+            departures,
+            truth: [0.0; UNITS.len()],
+            glance: Glance::NONE,
+        };
+        [smile.mirrored(), smile]
+    });
+    let smiles: Vec<Example> = smiles.collect();
+    let mut text = priors;
+    let learnt: Vec<_> = (0..UNITS.len())
+        .into_par_iter()
+        .map(|k| regress(&examples, &smiles, k))
+        .collect();
+    let measured = Units::shipped().by_measure().columns(false);
+    for ((unit, _), (shares, r, line)) in UNITS.iter().zip(learnt) {
+        let further = !measured.iter().any(|name| name == unit);
+        let left_out = if further && r < LEAST_R {
+            ", left out"
+        } else {
+            ""
+        };
+        say(&format!("{unit:6} r {r:.3}, {line}{left_out}"));
+        if left_out.is_empty() {
+            write_reading(&mut text, unit, &shares);
+        }
+    }
+    text.push_str(&gaze.text);
+    Ok(text)
+}
+
+fn at(path: &Path, source: std::io::Error) -> SessionsError {
+    SessionsError::Examples {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+/// One line for each example: departures, then truths.
+fn written(examples: &[Example]) -> String {
+    let mut text = String::new();
+    for example in examples {
+        for value in example.departures.iter().chain(&example.truth) {
+            let _ = write!(text, "{value:.4} ");
+        }
+        example.glance.write(&mut text);
+        text.push('\n');
+    }
+    text
+}
+
+/// What [`written`] wrote; lines of another length are left out.
+fn read(text: &str) -> Vec<Example> {
+    let example = |line: &str| {
+        let values: Vec<f64> = line
+            .split_whitespace()
+            .filter_map(|v| v.parse().ok())
+            .collect();
+        let (departures, rest) = values.split_at_checked(INPUTS)?;
+        let (truth, glance) = rest.split_at_checked(UNITS.len())?;
+        Some(Example {
+            departures: departures.try_into().ok()?,
+            truth: truth.try_into().ok()?,
+            glance: Glance::read(glance)?,
+        })
+    };
+    text.lines().filter_map(example).collect()
+}
+
+fn practise(
+    mut head: PersonHead,
+    number: usize,
+    model: &FaceModel,
+    settings: &Settings,
+    practice: &Practice,
+) -> Result<Vec<Example>, SessionsError> {
+    let seed = seed_of(practice.seed, head.person);
+    let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
+    if number % PHOTOGRAPHED != 1 {
+        crate::studio::heads::eyes::paint(&mut head.asset, seed);
+    }
+    let acted = Acted::new(&head.asset);
+    let mut simulator = Simulator::new(head.asset, Scene::Mixed, seed).lit(light, exposure);
+    if number % DRESSED == 1 {
+        simulator = simulator
+            .dressed([Look::numbered(number, seed)])
+            .seen_by(Sensor {
+                faults: 1.0,
+                ..Sensor::default()
+            });
+    }
+    let look = looks(simulator.asset());
+    let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
+    let mut frame = Frame::default();
+    let mut examples = Vec::new();
+    for index in 0..(practice.seconds * 30.0) as i64 {
+        let shown = simulator.draw(timestamp_from_ticks(index * FRAME_TICKS), &mut frame);
+        pipeline.follow(&frame);
+        let state = pipeline.report().state;
+        let followed = matches!(state, TrackingState::Warming | TrackingState::Tracking);
+        let (Some(shown), true) = (shown, followed) else {
+            continue;
+        };
+        if (index as f64) < SETTLED_S * 30.0 || index % EVERY != 0 {
+            continue;
+        }
+        let Some(&departures) = pipeline.expression(0).departures() else {
+            continue;
+        };
+        let report = pipeline.report();
+        let eyes = report.landmarks.and_then(|face| face.eyes);
+        examples.push(Example {
+            departures,
+            glance: Glance::at(number, eyes, report.sensor_from_head, look(&shown)),
+            truth: core::array::from_fn(|k| acted.of(UNITS[k].0, &shown).unwrap_or(0.0)),
+        });
+    }
+    Ok(examples)
+}
+
+/// The same of the other side.
+fn other_side(name: &str) -> String {
+    match (name.strip_suffix('L'), name.strip_suffix('R')) {
+        (Some(stem), _) => format!("{stem}R"),
+        (_, Some(stem)) => format!("{stem}L"),
+        _ => name.to_owned(),
+    }
+}
+
+/// Inputs that change their sign in a mirror.
+const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
+
+impl Example {
+    fn mirrored(&self) -> Self {
+        let unit = |name: &str| UNITS.iter().position(|(unit, _)| *unit == name);
+        Self {
+            departures: core::array::from_fn(|i| {
+                let name = input_name(i);
+                let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
+                sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
+            }),
+            glance: Glance::NONE,
+            truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
+        }
+    }
+}
+
+/// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
+const BROWS: [&str; 2] = ["brow_", "inner_brow_"];
+const OUTER_BROWS: [&str; 1] = ["outer_brow_"];
+const LIDS: [&str; 4] = ["lid_", "upper_lid_", "lower_lid_", "gaze_"];
+const NOSE_AND_LIP: [&str; 4] = ["nostril_", "nose_width", "upper_lip_L", "upper_lip_R"];
+
+/// Whether an input's part of the face tells of a unit. A brow's lowering is read from measures alone, a wrinkled nose from
+/// brows too, and a wide eye from lids and gaze alone: lids follow a glance.
+fn tells_of(unit: &str, input: usize) -> bool {
+    let name = input_name(input);
+    let is = |names: &[&str]| names.iter().any(|start| name.starts_with(start));
+    let (outer_brows, lids) = (is(&OUTER_BROWS), is(&LIDS));
+    let brows_and_lids = is(&BROWS) || outer_brows || lids;
+    let upper = brows_and_lids || is(&NOSE_AND_LIP);
+    match unit.trim_end_matches(['L', 'R']) {
+        "AU4" => upper && input < LEARNT_MEASURES,
+        "AU5" => lids,
+        "AU1" | "AU2" | "AU7" | "AU43" => upper,
+        "AU6" => true,
+        "AU9" => !lids && !outer_brows,
+        _ => !brows_and_lids,
+    }
+}
+
+/// Shares by input and side of one unit, their correlation with the truth, and what to say of them.
+fn regress(
+    examples: &[Example],
+    smiles: &[Example],
+    unit: usize,
+) -> ([[f64; 2]; INPUTS], f64, String) {
+    let side = |d: f64, s: usize| if s == 0 { d.max(0.0) } else { d.min(0.0) };
+    let inputs = (0..INPUTS).filter(|&i| tells_of(UNITS[unit].0, i));
+    let kept: Vec<(usize, usize)> = inputs.flat_map(|i| [(i, 0), (i, 1)]).collect();
+    let scale = |&(i, s): &(usize, usize)| {
+        let squares = examples.iter().map(|e| side(e.departures[i], s).powi(2));
+        (squares.sum::<f64>() / examples.len() as f64)
+            .sqrt()
+            .max(1e-4)
+    };
+    let scales: Vec<f64> = kept.iter().map(scale).collect();
+    let n = kept.len();
+    let mut gram = DMatrix::from_diagonal_element(n, n, PENALTY);
+    let mut right = DVector::zeros(n);
+    let mut row = vec![0.0; n];
+    let (name, _) = UNITS[unit];
+    let smiled = if SMILERS.contains(&name) { SMILE } else { 0.0 };
+    let told = smiled > 0.0 || NOT_SMILING.contains(&name);
+    let weight = SMILES * examples.len() as f64 / smiles.len().max(1) as f64;
+    let practised = examples.iter().map(|e| (e, 1.0, e.truth[unit]));
+    let real = smiles.iter().filter(|_| told);
+    for (e, weight, truth) in practised.chain(real.map(|e| (e, weight, smiled))) {
+        for ((x, &(i, s)), scale) in row.iter_mut().zip(&kept).zip(&scales) {
+            *x = side(e.departures[i], s) / scale;
+        }
+        for a in (0..n).filter(|&a| row[a] != 0.0) {
+            right[a] += weight * row[a] * truth;
+            for b in 0..=a {
+                gram[(a, b)] += weight * row[a] * row[b];
+            }
+        }
+    }
+    let mut shares = [[0.0; 2]; INPUTS];
+    if let Some(solution) = nalgebra::linalg::Cholesky::new(gram).map(|c| c.solve(&right)) {
+        for ((&(i, s), value), scale) in kept.iter().zip(solution.iter()).zip(&scales) {
+            shares[i][s] = value / scale;
+        }
+    }
+    let read = |e: &Example, shares: &[[f64; 2]; INPUTS]| -> f64 {
+        let sum = shares.iter().zip(&e.departures);
+        sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
+    };
+    let mut full: Vec<f64> = examples
+        .iter()
+        .filter(|e| e.truth[unit] > FULLY)
+        .map(|e| read(e, &shares))
+        .collect();
+    full.sort_by(f64::total_cmp);
+    let middle = full.get(full.len() / 2).copied().unwrap_or(FULL);
+    let most = if name.starts_with("AU5") {
+        MOST_OF_LIDS
+    } else {
+        MOST
+    };
+    let stretch = (FULL / middle.max(1e-3)).clamp(1.0, most);
+    for share in shares.iter_mut().flatten() {
+        *share *= stretch;
+    }
+    let pairs = examples
+        .iter()
+        .map(|e| (read(e, &shares).max(0.0), e.truth[unit]));
+    let r = correlation(pairs);
+    let line = format!("full {middle:.2}, stretched by {stretch:.2}");
+    (shares, r, line)
+}
+
+/// Pearson's, over all people.
+pub(super) fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut n = 0.0;
+    let [mut a, mut b, mut aa, mut bb, mut ab] = [0.0; 5];
+    for (x, y) in pairs {
+        n += 1.0;
+        (a, b, aa, bb, ab) = (a + x, b + y, aa + x * x, bb + y * y, ab + x * y);
+    }
+    (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt()
+}
+
+/// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.
+fn feature_priors(heads: &[PersonHead]) -> String {
+    let mut rests = vec![Vec::new(); LENGTHS];
+    let mut spans = [0.0f64; LENGTHS];
+    for head in heads {
+        let asset = &head.asset;
+        let mut vertices = asset.neutral.clone();
+        let mut lengths = |acted: Option<usize>| -> Vec<f64> {
+            let mut weights = vec![0.0; asset.expressions.len()];
+            if let Some(k) = acted {
+                weights[k] = 1.0;
+            }
+            asset.deform(&weights, &mut vertices);
+            let points = asset.landmarks_on(&vertices);
+            let w = nalgebra::distance(&points[39], &points[42]);
+            features::ALL
+                .iter()
+                .map(|f| f64::from(f.raw(&points) / w))
+                .collect()
+        };
+        let neutral = lengths(None);
+        for (rests, &rest) in rests.iter_mut().zip(&neutral) {
+            rests.push(rest);
+        }
+        for k in 0..asset.expressions.len() {
+            for ((span, full), rest) in spans.iter_mut().zip(lengths(Some(k))).zip(&neutral) {
+                *span = span.max((full - rest).abs());
+            }
+        }
+    }
+    let mut text = String::new();
+    for ((feature, rests), span) in features::ALL.iter().zip(&rests).zip(&spans) {
+        let n = rests.len() as f64;
+        let mean = rests.iter().sum::<f64>() / n;
+        let sd = (rests.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / n).sqrt();
+        // People differ by more than this head set's.
+        let sd = 1.2 * sd + 0.01;
+        let _ = write!(
+            text,
+            "\n[[feature]]\nname = \"{}\"\nrest = {mean:.3}\nrest_sd = {sd:.3}\nspan = {:.3}\n",
+            feature.name,
+            0.5 * span
+        );
+    }
+    for name in features::GAZE {
+        text.push_str(&glances::prior(name));
+    }
+    text
+}
+
+fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
+    let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
+    for (i, [rise, fall]) in shares.iter().enumerate() {
+        if *rise != 0.0 || *fall != 0.0 {
+            let _ = writeln!(text, "  [\"{}\", {rise:.2}, {fall:.2}],", input_name(i));
+        }
+    }
+    text.push_str("]\n");
+}
+
+/// The measures come first among the inputs.
+const _: () = assert!(INPUTS == LEARNT_MEASURES + FEATURES);

@@ -1,0 +1,74 @@
+//! What real smiles do to all inputs of the readings: smiling portraits against neutral ones of the same person, both fitted.
+//!
+//! A modelled head's smile lifts the corners of the mouth and does little else; real smiles are wider and lift them less.
+//! Uses people a face model may learn from; eye distances. Smiling portraits have no annotated points, so their fit starts in
+//! the neutral portrait's box, and again where it ended. Cheeks, which only depth tells of, stay as they are.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::base::capacity::{INPUTS, LANDMARKS, LEARNT_MEASURES};
+use crate::base::geometry::Point;
+use crate::expression::{Measure, features, measures};
+use crate::face_model::FaceModel;
+use crate::landmarks::refine::PUFFS;
+use crate::studio::evaluate::sessions::SessionsError;
+use crate::studio::fit::{FaceBox, StillFitter};
+use crate::studio::people_split::Split;
+use crate::studio::train::dataset::{Entry, read_folder};
+
+/// A fit below this confidence tells nothing.
+const LEAST_CONFIDENCE: f32 = 0.5;
+
+/// All inputs of the readings, as [`crate::expression`] takes them from a face.
+fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
+    let raw = measures::with_cheeks(head, [0.0; PUFFS]);
+    let w = raw[Measure::EyeDistance as usize];
+    let scaled = measures::scaled(&raw, w);
+    core::array::from_fn(|input| match input.checked_sub(LEARNT_MEASURES) {
+        None => f64::from(scaled[input]),
+        Some(feature) => features::ALL
+            .get(feature)
+            .map_or(0.0, |length| f64::from(length.raw(head) / w)),
+    })
+}
+
+/// Departures of each person's smile from their neutral face.
+///
+/// # Errors
+/// If the portraits cannot be read.
+pub(super) fn departures(
+    portraits: &Path,
+    model: &FaceModel,
+) -> Result<Vec<[f64; INPUTS]>, SessionsError> {
+    let entries = read_folder(portraits)?;
+    let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
+    let mut pairs: BTreeMap<&str, [Option<&Entry>; 2]> = BTreeMap::new();
+    for (entry, split) in entries.iter().zip(Split::of_persons(&persons)) {
+        let which = ["neutral", "smile"]
+            .iter()
+            .position(|e| *e == entry.expression);
+        if let (Some(which), true) = (which, split != Split::Test) {
+            pairs.entry(&entry.person).or_default()[which] = Some(entry);
+        }
+    }
+    let mut fitter = StillFitter::new(model);
+    let mut smiles = Vec::new();
+    for pair in pairs.into_values() {
+        let [Some(neutral), Some(smile)] = pair else {
+            continue;
+        };
+        let Some(points) = &neutral.points else {
+            continue;
+        };
+        let at_rest = fitter.fit_file(&neutral.path, &FaceBox::around(points), 0.0)?;
+        let near = fitter.fit_file(&smile.path, &FaceBox::around(points), 0.0)?;
+        let smiling = fitter.fit_file(&smile.path, &FaceBox::around(&near.points), 0.0)?;
+        if at_rest.confidence.min(smiling.confidence) < LEAST_CONFIDENCE {
+            continue;
+        }
+        let (before, after) = (inputs(&at_rest.head), inputs(&smiling.head));
+        smiles.push(core::array::from_fn(|i| after[i] - before[i]));
+    }
+    Ok(smiles)
+}
