@@ -212,7 +212,11 @@ fn time(
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
     let mut source = service::open(name, NoKinect::Refuse, settings.sensor.kinect)?;
-    let mut pipeline = Pipeline::new(settings, source.registration(), &service::model(None)?)?;
+    let mut pipeline = Pipeline::new(
+        &settings.stages(),
+        source.registration(),
+        &service::model(None)?,
+    )?;
     let mut times = Times::new(frames);
     let mut packets = Packets::new();
     let mut assemblers = Stream::BOTH.map(Assembler::new);

@@ -211,7 +211,7 @@ pub fn run(run: &Run) -> Result<(), Failure> {
         (false, None) => NoKinect::Simulate,
     };
     let mut source = open(&name, no_kinect, settings.sensor.kinect)?;
-    let mut pipeline = Pipeline::new(&settings, source.registration(), &model)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)?;
     let signals = Signals::watch()?;
     let csv = run.csv.as_ref();
     let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
@@ -431,7 +431,7 @@ fn reload(
     if new == *settings {
         return Ok(None);
     }
-    let pipeline = Pipeline::new(&new, source.registration(), model)?;
+    let pipeline = Pipeline::new(&new.stages(), source.registration(), model)?;
     let wires = wires::open(&new, &pipeline.unit_names())?;
     let later = [
         ("sensor", new.sensor != settings.sensor),

@@ -421,11 +421,11 @@ impl Follower {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appliance::settings::Settings;
     use crate::base::geometry::Rotation;
     use crate::base::shared_cell::Shared;
     use crate::expression::Units;
     use crate::face_model::FaceModel;
+    use crate::pipeline::Settings;
     use crate::segment::Segmenter;
     use crate::simulator::simulated::Simulated;
 

@@ -7,7 +7,6 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::appliance::settings::Settings;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::base::time::Timestamp;
@@ -17,6 +16,7 @@ use crate::face_model::FaceModel;
 use crate::landmarks::Landmarks;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
+use crate::pipeline::Settings;
 use crate::sensor::{Frame, NO_DEPTH};
 use crate::simulator::virtual_head::{HeadAsset, Look, Scene, Simulator};
 

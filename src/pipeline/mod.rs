@@ -6,8 +6,12 @@ mod follower;
 #[cfg(all(test, feature = "std"))]
 mod golden;
 #[cfg(feature = "std")]
+mod settings;
+#[cfg(feature = "std")]
 mod stages;
 
+#[cfg(feature = "std")]
+pub use settings::Settings;
 #[cfg(feature = "studio")]
 pub(crate) use stages::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
 #[cfg(feature = "std")]

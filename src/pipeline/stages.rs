@@ -11,7 +11,8 @@
 
 use alloc::sync::Arc;
 
-use crate::appliance::settings::{Settings, UserSettings};
+use super::follower::Follower;
+use super::settings::Settings;
 use crate::base::capacity::{HEADS, REMEMBERED, USERS};
 use crate::base::geometry::Point;
 use crate::base::shared_cell::Shared;
@@ -22,7 +23,6 @@ use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::landmarks::LandmarkStage;
 use crate::output::{Command, Report};
-use crate::pipeline::follower::Follower;
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
 use crate::sensor::Frame;
@@ -31,7 +31,7 @@ use crate::users::choice::{Candidate, Choice};
 use crate::users::likeness::Likeness;
 use crate::users::matching::Place;
 use crate::users::memory::{Gone, Memory};
-use crate::users::{Presence, TrackingState, matching};
+use crate::users::{self, Presence, TrackingState, matching};
 
 /// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
 pub(crate) const FIRST_LOOK: u64 = 4;
@@ -63,7 +63,7 @@ pub struct Pipeline {
     segmenter: Segmenter,
     /// By slot, and last the one at the door.
     followers: Vec<Follower>,
-    settings: UserSettings,
+    settings: users::Settings,
     memory: Memory,
     choice: Choice,
     /// Heads without a face, and the frame from which they are tried again.

@@ -29,8 +29,10 @@ pub mod matching;
 pub mod memory;
 #[cfg(feature = "std")]
 pub mod saved;
+mod settings;
 
 pub use choice::Policy;
+pub use settings::Settings;
 
 use crate::base::time::Timestamp;
 

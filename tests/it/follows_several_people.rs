@@ -25,7 +25,7 @@ fn play(scene: Scene, settings: &Settings, [from, to]: [f64; 2], step: usize) ->
     let mut simulator = Simulator::new(HeadAsset::shipped(), scene, 5);
     let registration = simulator.camera().registration().clone();
     let mut pipeline =
-        Pipeline::new(settings, &registration, &FaceModel::shipped()).expect("stages");
+        Pipeline::new(&settings.stages(), &registration, &FaceModel::shipped()).expect("stages");
     let mut frame = Frame::default();
     let frames = (from * 30.0) as u64..(to * 30.0) as u64;
     frames

@@ -52,8 +52,8 @@ fn every_stage_is_the_papers() {
 fn the_papers_system_follows_the_actor() {
     let model = FaceModel::shipped();
     let mut source = Simulated::new(Some("acted")).expect("a scene");
-    let mut pipeline =
-        Pipeline::new(&settings(), &Registration::default(), &model).expect("the shipped model");
+    let mut pipeline = Pipeline::new(&settings().stages(), &Registration::default(), &model)
+        .expect("the shipped model");
     let mut frame = Frame::default();
     let (mut turns, mut off) = (Vec::new(), 0.0);
     let told = [Measure::LipGap, Measure::JawDrop, Measure::MouthWidth];

@@ -109,7 +109,7 @@ struct Played {
 fn play(folder: &Path) -> (Vec<Played>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let mut pipeline = Pipeline::new(
-        &Settings::default(),
+        &Settings::default().stages(),
         recording.registration(),
         &FaceModel::shipped(),
     )

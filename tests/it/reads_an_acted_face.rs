@@ -59,8 +59,12 @@ fn correlation(pairs: &[(f64, f64)]) -> f64 {
 fn units_follow_the_actor() {
     let mut simulator = Simulator::new(HeadAsset::shipped(), Scene::Acted, 7);
     let model = FaceModel::shipped();
-    let mut pipeline = Pipeline::new(&Settings::default(), &Registration::default(), &model)
-        .expect("the shipped model");
+    let mut pipeline = Pipeline::new(
+        &Settings::default().stages(),
+        &Registration::default(),
+        &model,
+    )
+    .expect("the shipped model");
     let mut frame = Frame::default();
     let mut pairs = vec![Vec::new(); FOLLOWS.len()];
     let mut measured = vec![Vec::new(); MEASURES];

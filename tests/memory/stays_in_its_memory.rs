@@ -33,7 +33,8 @@ fn every_row_of_the_table_is_what_is_taken() {
     let settings = Settings::default();
     let registration = Registration::default();
     let (model_bytes, model) = bytes_of(FaceModel::shipped);
-    let (pipeline, _made) = bytes_of(|| Pipeline::new(&settings, &registration, &model).unwrap());
+    let (pipeline, _made) =
+        bytes_of(|| Pipeline::new(&settings.stages(), &registration, &model).unwrap());
     let people = pipeline - budget::SEGMENT - budget::CAMERA - budget::LANDMARKS;
     let rows = [
         ("frame", bytes_of(Frame::default).0, budget::FRAME),

@@ -16,10 +16,8 @@ use toml::de::{DeTable, DeValue};
 use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
 
 use crate::base::bounded_read;
-use crate::base::capacity::USERS;
 use crate::sensor::kinect;
-use crate::users::Policy;
-use crate::{expression, landmarks, output, pose, segment};
+use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
 /// Bytes of the longest file: fifty times ours.
 const MOST: usize = 1 << 20;
@@ -38,7 +36,7 @@ pub struct Settings {
     /// Learning of ranges.
     pub learning: expression::Settings,
     /// Who is followed, and what happens when a face is lost.
-    pub users: UserSettings,
+    pub users: users::Settings,
     /// Names and gains of units, for every wire.
     pub units: Vec<output::UnitView>,
     /// OSC over UDP.
@@ -76,33 +74,6 @@ impl Default for SensorSettings {
             source: "kinect".into(),
             model: String::new(),
             kinect: kinect::Settings::default(),
-        }
-    }
-}
-
-/// Who is followed, and what happens when a face is lost.
-#[derive(Clone, Debug, PartialEq)]
-pub struct UserSettings {
-    /// People followed at once, at most.
-    pub most: u32,
-    /// Whom wires show that have room for one.
-    pub single: Policy,
-    /// Seconds during which values are kept after the face was last seen.
-    pub hold_s: f32,
-    /// Seconds after which a lost person's slot is free again.
-    pub forget_s: f32,
-    /// Seconds during which a person who left is known again by the shape of the head; 0 never.
-    pub remember_s: f32,
-}
-
-impl Default for UserSettings {
-    fn default() -> Self {
-        Self {
-            most: USERS as u32,
-            single: Policy::default(),
-            hold_s: 0.5,
-            forget_s: 2.0,
-            remember_s: 600.0,
         }
     }
 }
@@ -183,6 +154,18 @@ pub enum SettingsError {
 }
 
 impl Settings {
+    /// What the stages take of it.
+    #[must_use]
+    pub fn stages(&self) -> pipeline::Settings {
+        pipeline::Settings {
+            segment: self.segment,
+            pose: self.pose,
+            landmarks: self.landmarks,
+            learning: self.learning.clone(),
+            users: self.users.clone(),
+        }
+    }
+
     /// Reads a file.
     ///
     /// # Errors

@@ -215,7 +215,7 @@ pub(super) fn inspect(
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, InspectError> {
-    let mut pipeline = Pipeline::new(settings, recording.registration(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), recording.registration(), model)?;
     let mut album = Album {
         title: format!("Recording {name}"),
         ..Album::default()

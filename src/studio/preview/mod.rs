@@ -377,7 +377,7 @@ fn feed(feed: &Feed, preview: Arc<Preview>) -> Result<Box<dyn FnOnce() + Send>, 
             let settings = service::settings(config.as_deref())?;
             let model = service::model(model.as_deref())?;
             let mut source = service::open(name, NoKinect::Wait, settings.sensor.kinect)?;
-            let mut pipeline = Pipeline::new(&settings, source.registration(), &model)
+            let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)
                 .map_err(service::Failure::from)?;
             Ok(Box::new(move || {
                 sensor::follow(&mut source, &mut pipeline, &preview.hub);

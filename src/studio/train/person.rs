@@ -71,7 +71,7 @@ pub fn learn_frames(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, TrainError> {
-    let mut pipeline = Pipeline::new(&Settings::default(), registration, model)?;
+    let mut pipeline = Pipeline::new(&Settings::default().stages(), registration, model)?;
     let camera = Camera::new(registration);
     let mut frame = Frame::default();
     let (mut seen, mut frames, mut every) = (Vec::new(), 0usize, 1);
@@ -223,7 +223,7 @@ mod tests {
         let camera = simulator.camera().clone();
         let model = FaceModel::shipped();
         let mut pipeline =
-            Pipeline::new(&Settings::default(), camera.registration(), &model).unwrap();
+            Pipeline::new(&Settings::default().stages(), camera.registration(), &model).unwrap();
         let mut pairs: [Vec<[f32; 2]>; 5] = Default::default();
         let mut frame = Frame::default();
         for n in 0..JUDGED {

@@ -106,7 +106,10 @@ impl Studio<'_> {
     ) -> Result<Vec<(&'static str, Pipeline)>, FiguresError> {
         let of = |(name, settings): &(&'static str, Settings)| {
             let registration = simulator.camera().registration();
-            Ok((*name, Pipeline::new(settings, registration, self.model)?))
+            Ok((
+                *name,
+                Pipeline::new(&settings.stages(), registration, self.model)?,
+            ))
         };
         self.settings.iter().map(of).collect()
     }

@@ -86,7 +86,11 @@ impl Cast<'_> {
     }
 
     fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
-        Pipeline::new(self.settings, simulator.camera().registration(), self.model)
+        Pipeline::new(
+            &self.settings.stages(),
+            simulator.camera().registration(),
+            self.model,
+        )
     }
 
     /// A scene with the cast that begins with person `k`.
@@ -251,7 +255,8 @@ impl Cast<'_> {
     /// Frames with a face among real ones without.
     fn real_faces(&self, data: &Path) -> Result<Option<[usize; 2]>, PipelineError> {
         let camera = Camera::nominal();
-        let mut pipeline = Pipeline::new(self.settings, camera.registration(), self.model)?;
+        let mut pipeline =
+            Pipeline::new(&self.settings.stages(), camera.registration(), self.model)?;
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {

@@ -128,7 +128,7 @@ fn play_one(
     pictures: Option<&Path>,
 ) -> Result<Row, SessionsError> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
-    let mut pipeline = Pipeline::new(settings, simulator.camera().registration(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera().registration(), model)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in 0..(sessions.seconds * 30.0) as usize {

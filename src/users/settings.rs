@@ -1,0 +1,31 @@
+//! What can be chosen of the following of people.
+
+use super::choice::Policy;
+use crate::base::capacity::USERS;
+
+/// Who is followed, and what happens when a face is lost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// People followed at once, at most.
+    pub most: u32,
+    /// Whom wires show that have room for one.
+    pub single: Policy,
+    /// Seconds during which values are kept after the face was last seen.
+    pub hold_s: f32,
+    /// Seconds after which a lost person's slot is free again.
+    pub forget_s: f32,
+    /// Seconds during which a person who left is known again by the shape of the head; 0 never.
+    pub remember_s: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            most: USERS as u32,
+            single: Policy::default(),
+            hold_s: 0.5,
+            forget_s: 2.0,
+            remember_s: 600.0,
+        }
+    }
+}
