@@ -17,8 +17,8 @@
 
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
+use crate::face_model::refinement::PUFFS;
 use crate::landmarks::Landmarks;
-use crate::landmarks::refine::PUFFS;
 
 /// The measures in the order of all arrays and columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -15,12 +15,13 @@ use alloc::borrow::Cow;
 use crate::base::capacity::LANDMARKS;
 use crate::base::checksum::crc32;
 use crate::base::geometry::{Point, Vector};
-use crate::landmarks::refine::Refinement;
 
-use super::{
+use super::error::ModelError;
+use super::model::{
     CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, FaceModel,
     LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
 };
+use super::refinement::Refinement;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -33,65 +34,23 @@ const OLDEST: u32 = 2;
 const HEADER: usize = 20;
 const CHECKSUM: usize = 4;
 
-/// Why a file is no usable model.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ModelError {
-    /// Not a model at all.
-    #[error(
-        "expected a face model (first bytes \"MIENFACE\"), found {found:?}; give a file written by `mien-studio train`"
-    )]
-    NotAModel {
-        /// The first bytes.
-        found: Vec<u8>,
-    },
-    /// Another version of the format.
-    #[error(
-        "expected a face model of version {expected}, found version {found}; train it again with this mien-studio"
-    )]
-    Version {
-        /// What this program reads.
-        expected: u32,
-        /// What the file says.
-        found: u32,
-    },
-    /// Too short or too long.
-    #[error("expected a face model of {expected} bytes, found {found}; copy the file again")]
-    Length {
-        /// What the header says.
-        expected: u64,
-        /// What is there.
-        found: u64,
-    },
-    /// A byte is wrong.
-    #[error(
-        "expected face model checksum {expected:08x}, found {found:08x}: the file is damaged; copy it again"
-    )]
-    Damaged {
-        /// What the file says.
-        expected: u32,
-        /// What its bytes give.
-        found: u32,
-    },
-    /// A section is not there.
-    #[error(
-        "expected a section {section} in the face model, found none; train it again with this mien-studio"
-    )]
-    Missing {
-        /// Tag of the section.
-        section: &'static str,
-    },
-    /// A section says something impossible.
-    #[error(
-        "section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio"
-    )]
-    Malformed {
-        /// Tag of the section.
-        section: &'static str,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: u64,
-    },
+/// The model built into the binary, as a file.
+pub const SHIPPED: &[u8] = include_bytes!("../../config/face.model");
+
+impl FaceModel {
+    /// Parses a model file.
+    ///
+    /// # Errors
+    /// If it is no model, of another version, damaged or inconsistent; the text says what to do.
+    pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
+        parse(bytes)
+    }
+
+    /// The model built into the binary.
+    #[must_use]
+    pub fn shipped() -> Self {
+        parse_in_place(SHIPPED).expect("the shipped model is read by a test")
+    }
 }
 
 /// Reads little-endian values of one section.
@@ -644,6 +603,30 @@ mod tests {
             let checksum = crc32(&bad[..body]);
             bad[body..].copy_from_slice(&checksum.to_le_bytes());
             let _ = parse(&bad);
+        }
+    }
+
+    #[test]
+    fn the_shipped_model_reads() {
+        let model = FaceModel::read(SHIPPED).expect("valid");
+        assert_eq!(model.shape.mean.len(), LANDMARKS);
+        assert!(SHIPPED.len() <= 3_000_000);
+        let eyes = nalgebra::center(&model.shape.mean[39], &model.shape.mean[42]);
+        assert!(eyes.coords.norm() < 0.01, "origin off by {eyes}");
+    }
+
+    #[test]
+    fn coefficients_invert_shape() {
+        let model = FaceModel::shipped();
+        let planted: Vec<f32> = (0..model.shape.modes.len())
+            .map(|i| (i as f32 * 0.7).sin())
+            .collect();
+        let mut shape = [Point::origin(); LANDMARKS];
+        model.shape.shape(&planted, &mut shape);
+        let mut found = vec![0.0; planted.len()];
+        model.shape.coefficients(&shape, &mut found);
+        for (a, b) in planted.iter().zip(&found) {
+            assert!((a - b).abs() < 1e-2, "{a} {b}");
         }
     }
 }

@@ -17,6 +17,7 @@ pub use stage::{LandmarkError, LandmarkStage, Method, StageSettings};
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid};
+use crate::face_model::refinement;
 use crate::sensor::camera::Camera;
 
 /// Points of the mouth.
@@ -34,7 +35,7 @@ pub struct Landmarks {
     /// 0…1 for the whole face.
     pub confidence: f32,
     /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
-    pub cheeks: [f32; refine::PUFFS],
+    pub cheeks: [f32; refinement::PUFFS],
     /// Share of the mouth's points before which depth sees something else: a hand, a cup, a sheet of paper.
     pub mouth_hidden: f32,
     /// The eyes as the picture shows them; none if they cannot be seen.
@@ -57,7 +58,7 @@ fn empty_landmarks() -> Landmarks {
         pixels: [[0.0; 2]; LANDMARKS],
         point_confidence: [0.0; LANDMARKS],
         confidence: 0.0,
-        cheeks: [0.0; refine::PUFFS],
+        cheeks: [0.0; refinement::PUFFS],
         mouth_hidden: 0.0,
         eyes: None,
     }

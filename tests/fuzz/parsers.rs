@@ -14,7 +14,7 @@ use mien::base::checksum::crc32;
 use mien::expression::Units;
 use mien::expression::saved::Learned;
 use mien::face_model::FaceModel;
-use mien::landmarks::refine;
+use mien::face_model::refinement;
 use mien::output::osc::commands;
 use mien::sensor::calibration::{self, Block};
 use mien::sensor::camera::Registration;
@@ -77,7 +77,7 @@ fuzz_target!(init: {
         }
         "model" => {
             drop(FaceModel::read(bytes));
-            drop(refine::Refinement::parse(bytes, 8));
+            drop(refinement::Refinement::parse(bytes, 8));
             if bytes.len() > 24 {
                 // Length and checksum are no obstacle.
                 let mut whole = bytes.to_vec();

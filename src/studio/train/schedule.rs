@@ -23,11 +23,11 @@ use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
 use super::{confidence, report, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
+use crate::face_model::refinement::Refinement;
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ModelError, ShapeModel, StandardHead, file,
 };
 use crate::landmarks::cascade::{FaceFit, Solver};
-use crate::landmarks::refine::Refinement;
 use crate::landmarks::window::WINDOW;
 use crate::pipeline::PipelineError;
 use crate::sensor::camera::Camera;

@@ -11,7 +11,7 @@ use crate::base::capacity::{INPUTS, LANDMARKS, LEARNT_MEASURES};
 use crate::base::geometry::Point;
 use crate::expression::{Measure, features, measures};
 use crate::face_model::FaceModel;
-use crate::landmarks::refine::PUFFS;
+use crate::face_model::refinement::PUFFS;
 use crate::studio::evaluate::sessions::SessionsError;
 use crate::studio::fit::{FaceBox, StillFitter};
 use crate::studio::people_split::Split;
