@@ -15,12 +15,12 @@ use alloc::sync::Arc;
 use super::cascade::{Belief, FaceFit, Solver};
 use super::eyes;
 use super::features::OrientationMaps;
+use super::points::{Landmarks, MOUTH, empty_landmarks};
 use super::refine;
 use super::relief;
 use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
-use super::{Landmarks, MOUTH, empty_landmarks};
 use crate::base::capacity::PIXELS;
 use crate::base::geometry::{Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]

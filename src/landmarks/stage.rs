@@ -1,7 +1,8 @@
 //! The landmark stage of a pipeline: the chosen method behind one verb.
 
+use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
-use super::{LandmarkFitter, Landmarks, Scratch, Settings};
+use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
 use crate::base::geometry::{Rigid, Rotation};
 #[cfg(not(feature = "std"))]

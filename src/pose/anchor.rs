@@ -12,7 +12,7 @@
 use nalgebra::SMatrix;
 
 use super::icp::{MIN_PAIRS, Target};
-use super::signature::Patches;
+use super::patches::Patches;
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

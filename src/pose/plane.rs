@@ -16,7 +16,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
-use super::shape::HeadShape;
+use super::shape::{HeadShape, MAX_LOG_SCALE};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -320,8 +320,6 @@ pub(crate) fn align(
 const MAX_TURN_RAD: f32 = 0.3;
 /// Largest shift of one iteration, metres.
 const MAX_SHIFT_M: f32 = 0.04;
-/// Heads are 0.85 to 1.15 of the standard size.
-pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
 #[cfg(test)]
 mod tests {

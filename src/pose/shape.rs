@@ -1,40 +1,16 @@
-//! One user's head: how it differs from the standard head, learned while tracking.
+//! One user's head: how it differs from the standard head ([`super::shape_learning`] learns it).
 //!
-//! Nobody's head is the standard head. Where it is wider or its nose longer, the alignment settles at a compromise that
-//! depends on which part is seen, and so the pose error would depend on the pose. Learned are the uniform scale (a
-//! running mean of each frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a
-//! running mean of the distances of the live points that belong to it; the idea of a fused reference model, Newcombe et
-//! al., KinectFusion, 2011, on the anchor's own points instead of a volume).
-//!
-//! What of the offsets amounts to a rigid motion or a change of scale is taken out again ([`HeadShape::settle`]), because
-//! it belongs to the pose: without that the learned head could creep away from the standard one. Only the bare face
-//! ([`Anchor`]) counts there: measured over the whole head, hair that stands off the cranium pulls the face along, by a
-//! centimetre in half a minute. Offsets are smoothed along the surface, which also carries them a little way into parts
-//! not yet seen.
-//!
-//! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
-//! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
+//! A uniform scale, and for every anchor point an offset along its normal. Head frame, metres. Memory: 12 bytes per anchor
+//! point.
 
-use nalgebra::SVector;
-
-use super::anchor::Anchor;
-use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
-use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Largest learned offset, metres.
-const MAX_OFFSET_M: f32 = 0.015;
-/// Live points further off teach nothing: they are hands, hair or the neck, metres.
-const TEACHING_M: f32 = 0.010;
-/// After so many frames an offset is a running mean of that length.
-const MEMORY_FRAMES: f32 = 150.0;
+/// Heads are 0.85 to 1.15 of the standard size.
+pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
+
 /// The standard head counts as so many frames: one noisy look must not bend it.
-const PRIOR_FRAMES: f32 = 4.0;
-/// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
-const SPREAD: (f32, f32) = (0.08, 0.01);
-/// As for the offsets, for the scale.
-const SCALE_MEMORY_FRAMES: f64 = 300.0;
+pub(super) const PRIOR_FRAMES: f32 = 4.0;
 
 /// The learned differences.
 #[derive(Clone, Debug)]
@@ -44,10 +20,10 @@ pub(crate) struct HeadShape {
     /// Offset of each anchor point along its normal, metres, in the standard head's size.
     pub(crate) offset: Vec<f32>,
     /// Frames that taught each offset, capped.
-    seen: Vec<f32>,
+    pub(super) seen: Vec<f32>,
     /// Frames that taught the scale.
-    frames: f64,
-    sums: Vec<(f32, f32)>,
+    pub(super) frames: f64,
+    pub(super) sums: Vec<(f32, f32)>,
 }
 
 impl HeadShape {
@@ -80,177 +56,5 @@ impl HeadShape {
     /// Freedom of the scale around its estimate: wide for a newcomer, narrow once known.
     pub(crate) fn scale_sigma(&self) -> f64 {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
-    }
-
-    /// Learns from one well-aligned frame.
-    pub(crate) fn learn(&mut self, anchor: &Anchor, cloud: &[Point], fit: &PlaneFit) {
-        self.frames = (self.frames + 1.0).min(SCALE_MEMORY_FRAMES);
-        let found = f64::from(fit.scale).ln();
-        self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
-            .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
-        self.sums.fill((0.0, 0.0));
-        let camera = Point::from(fit.head_from_sensor.translation.vector);
-        let inverse_scale = 1.0 / fit.scale;
-        for p in cloud {
-            let q = fit.head_from_sensor * p;
-            if let Some((i, r)) = pair(anchor, self, &q, inverse_scale, &camera)
-                && r.abs() < TEACHING_M
-            {
-                self.sums[i].0 += r;
-                self.sums[i].1 += 1.0;
-            }
-        }
-        for i in 0..self.offset.len() {
-            let (sum, count) = self.sums[i];
-            if count > 0.0 {
-                self.seen[i] = (self.seen[i] + 1.0).min(MEMORY_FRAMES);
-                self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
-            }
-        }
-        self.spread(anchor);
-        self.settle(anchor);
-    }
-
-    fn spread(&mut self, anchor: &Anchor) {
-        for i in 0..self.offset.len() {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for &k in &anchor.neighbours[i] {
-                sum += self.offset[usize::from(k)];
-                count += 1.0;
-            }
-            let share = if self.seen[i] < 1.0 {
-                SPREAD.0
-            } else {
-                SPREAD.1
-            };
-            self.offset[i] += (sum / count - self.offset[i]) * share;
-            self.offset[i] = self.offset[i].clamp(-MAX_OFFSET_M, MAX_OFFSET_M);
-        }
-    }
-
-    /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the bare face: what is hair
-    /// elsewhere may be learned, but moves nothing.
-    fn settle(&mut self, anchor: &Anchor) {
-        let mut g = SVector::<f64, 7>::zeros();
-        let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
-        for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
-            for a in 0..7 {
-                g[a] += f64::from(trust * offset * j[a]);
-            }
-        }
-        let motion = (anchor.motions_inverse * g).cast::<f32>();
-        for (offset, j) in self.offset.iter_mut().zip(&anchor.motions) {
-            let moved: f32 = (0..7).map(|a| j[a] * motion[a]).sum();
-            *offset -= moved;
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::base::geometry::Rigid;
-    use crate::pose::anchor::tests::half_egg;
-    use crate::pose::signature::Signature;
-
-    #[test]
-    fn size_that_is_still_in_the_offsets_counts_as_size() {
-        let anchor = Anchor::new(&half_egg()).unwrap();
-        let head = |log_scale: f64, growth: f32| {
-            let mut shape = HeadShape::standard(anchor.points.len());
-            shape.log_scale = log_scale;
-            shape.seen.fill(MEMORY_FRAMES);
-            let grown =
-                |(a, n): (&Point, &crate::base::geometry::Vector)| n.dot(&a.coords) * growth;
-            let grown = anchor.points.iter().zip(&anchor.normals).map(grown);
-            let share = MEMORY_FRAMES / (MEMORY_FRAMES + PRIOR_FRAMES);
-            shape.offset = grown.map(|offset| offset * share).collect();
-            Signature::of(&anchor, &shape)
-        };
-        let differ =
-            |one: &Signature, other: &Signature| one.differ(other, &anchor).expect("all is seen");
-        let same = differ(&head(0.04, -0.03), &head(0.01, 0.0));
-        assert!(
-            same.log_size.abs() < 0.002 && same.surface < 0.1,
-            "{same:?}"
-        );
-        let other = differ(&head(0.04, 0.01), &head(0.01, 0.0));
-        assert!((other.log_size - 0.04).abs() < 0.002, "{other:?}");
-    }
-
-    #[test]
-    fn settling_leaves_no_rigid_motion_and_no_scale() {
-        let anchor = Anchor::new(&half_egg()).unwrap();
-        let mut shape = HeadShape::standard(anchor.points.len());
-        for i in 0..shape.offset.len() {
-            let (a, n) = (anchor.points[i], anchor.normals[i]);
-            let turned = nalgebra::Vector3::new(0.02, -0.03, 0.01).cross(&a.coords);
-            shape.offset[i] =
-                n.dot(&(turned + nalgebra::Vector3::new(0.002, 0.001, -0.003) + a.coords * 0.04));
-        }
-        shape.settle(&anchor);
-        let worst = shape.offset.iter().fold(0.0f32, |m, o| m.max(o.abs()));
-        assert!(worst < 2e-5, "{worst}");
-    }
-
-    #[test]
-    fn what_was_measured_is_told_without_the_standard_heads_share_and_freedom_narrows() {
-        let mut shape = HeadShape::standard(3);
-        (shape.seen, shape.offset) = (vec![0.5, 1.0, 12.0], vec![0.001, 0.001, 0.003]);
-        assert_eq!(shape.measured(0), None);
-        // Of five frames' worth one was seen; of sixteen twelve.
-        assert!((shape.measured(1).unwrap() - 0.005).abs() < 1e-8);
-        assert!((shape.measured(2).unwrap() - 0.004).abs() < 1e-8);
-        for (frames, sigma) in [(0.0, 0.06), (30.0, 0.03), (1e6, 0.004)] {
-            shape.frames = frames;
-            assert!((shape.scale_sigma() - sigma).abs() < 1e-12);
-        }
-        (shape.log_scale, shape.frames) = (0.1, 9.0);
-        shape.forget();
-        assert_eq!((shape.log_scale, shape.frames), (0.0, 0.0));
-        assert!(shape.offset.iter().chain(&shape.seen).all(|v| *v == 0.0));
-    }
-
-    #[test]
-    fn a_bump_that_is_seen_is_learned_and_a_size_is_a_mean() {
-        let anchor = Anchor::new(&half_egg()).unwrap();
-        let mut shape = HeadShape::standard(anchor.points.len());
-        let pose = Rigid::translation(0.0, 0.0, -0.7);
-        // The tip of a nose is 4 mm longer than the standard one, over 2 cm.
-        let bump = |p: &Point| 0.004 * (-p.coords.xy().norm_squared() / 2e-4).exp();
-        let all = anchor.points.iter().zip(&anchor.normals);
-        let cloud: Vec<Point> = all
-            .map(|(p, n)| pose.inverse() * (p + n * bump(p)))
-            .collect();
-        let fit = |scale| PlaneFit {
-            head_from_sensor: pose,
-            scale,
-            agreement: 1.0,
-            support: 1.0,
-            residual: 0.0,
-            agreeing: 1000,
-            known: nalgebra::SMatrix::zeros(),
-        };
-        for _ in 0..60 {
-            shape.learn(&anchor, &cloud, &fit(1.0));
-        }
-        let tip = (0..anchor.points.len())
-            .filter(|&i| anchor.bare[i] && !anchor.rim[i])
-            .min_by(|&a, &b| {
-                let aside = |k: usize| anchor.points[k].coords.xy().norm();
-                aside(a).total_cmp(&aside(b))
-            })
-            .unwrap();
-        let learned = shape.measured(tip).unwrap();
-        assert!((0.0025..0.0045).contains(&learned), "{learned}");
-        let beside = (0..anchor.points.len())
-            .filter(|&i| anchor.bare[i] && bump(&anchor.points[i]) < 1e-5 && shape.seen[i] > 9.0)
-            .map(|i| shape.offset[i].abs());
-        assert!(beside.clone().count() > 50 && beside.fold(0.0, f32::max) < 0.0015);
-        // One of the size before, one a tenth larger in all: the mean of the logarithms.
-        let mut shape = HeadShape::standard(anchor.points.len());
-        shape.learn(&anchor, &[], &fit(1.0));
-        shape.learn(&anchor, &[], &fit(1.1));
-        assert!((shape.log_scale - 0.5 * 1.1f64.ln()).abs() < 1e-6);
     }
 }

@@ -6,7 +6,7 @@
 //! 2. [`regions`]: what remains is labelled in cells of 4 × 4 pixels, neighbours of like depth together.
 //! 3. [`cut`]: from every local top of a region downwards a head is sought: as wide as a head, rounded, ending at a neck
 //!    or at shoulders.
-//! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`HEAD_POINTS`] remain.
+//! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
 //!
 //! A head that is followed needs no cut: its points are what depth shows where it is expected ([`Segmenter::around`]).
 //!
@@ -16,45 +16,21 @@
 
 mod cloud;
 mod cut;
+mod head_cloud;
 pub mod kmeans;
 mod regions;
 
-use crate::base::capacity::{HEAD_POINTS, HEADS, RAW_DEPTH_VALUES};
+use crate::base::capacity::{HEADS, RAW_DEPTH_VALUES};
 use crate::base::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use cut::Head;
+pub use head_cloud::{BACKGROUND, FOREGROUND, HeadCloud, PixelRect};
 use kmeans::DepthKMeans;
 use regions::Regions;
 pub use regions::{CELL_PX, COLUMNS, ROWS};
-
-/// A rectangle of pixels of the depth picture: columns `x0..x1`, rows `y0..y1`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PixelRect {
-    /// First column.
-    pub x0: u16,
-    /// First row.
-    pub y0: u16,
-    /// One past the last column.
-    pub x1: u16,
-    /// One past the last row.
-    pub y1: u16,
-}
-
-/// The depth points of one head, in the sensor frame. Thinned evenly when full.
-#[derive(Clone, Debug, Default)]
-pub struct HeadCloud {
-    /// Points, metres, sensor frame.
-    pub points: heapless::Vec<Point, HEAD_POINTS>,
-    /// Where the head is in the depth picture.
-    pub rect: PixelRect,
-    /// Mean of the points.
-    pub centre: Point,
-    /// Depth pixels that belong to the head, before thinning.
-    pub pixels: u32,
-}
 
 /// Settings of the segment stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,10 +50,6 @@ impl Default for Settings {
     }
 }
 
-/// Label of a cell in [`Segmenter::mask`]: background or no depth.
-pub const BACKGROUND: u8 = 0;
-/// Label of a cell in [`Segmenter::mask`]: foreground that is no head. Head number k is `FOREGROUND + 1 + k`.
-pub const FOREGROUND: u8 = 1;
 /// A head moves less than this between frames, metres.
 const STEP_M: f32 = 0.25;
 

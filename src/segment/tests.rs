@@ -1,6 +1,7 @@
 //! Synthetic pictures; heads of the simulated sensor are in `tests/it/tracks_a_head.rs`.
 
 use super::*;
+use crate::base::capacity::HEAD_POINTS;
 use crate::base::capacity::{HEIGHT, WIDTH};
 
 /// Nearest surface of simple solids along each pixel's ray.

@@ -15,6 +15,7 @@
 //! result may be infinite). Limitation: no lens distortion beyond what the device's polynomial holds.
 
 mod mapping;
+mod optics;
 mod registration;
 
 pub use mapping::RegistrationTable;
@@ -25,50 +26,12 @@ use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use mapping::{Axis, Cubic};
+use optics::{DEVICE_OFFSET, FARTHEST_MM, Optics, boxed};
 
-/// Distances are delivered below this, millimetres; what lies farther is no measurement.
-const FARTHEST_MM: f64 = 10_000.0;
 /// Column of the optical axis in the depth picture.
 const CENTRE_COLUMN: f32 = 320.0;
 /// Row of the optical axis in the depth picture.
 const CENTRE_ROW: f32 = 240.0;
-/// Offset, in pixels, which the device's own arithmetic applies to raw values and to the colour shift.
-const DEVICE_OFFSET: f64 = 0.375;
-
-/// The optics of [`ZeroPlane`], widened once.
-#[derive(Clone, Copy, Debug)]
-struct Optics {
-    emitter: f64,
-    baseline: f64,
-    reference: f64,
-    pixel: f64,
-    shift: f64,
-}
-
-impl Optics {
-    fn new(registration: &Registration) -> Self {
-        let plane = &registration.zero_plane;
-        Self {
-            emitter: plane.dcmos_emitter_distance.into(),
-            baseline: plane.dcmos_rcmos_distance.into(),
-            reference: plane.reference_distance.into(),
-            pixel: plane.reference_pixel_size.into(),
-            shift: registration.const_shift.into(),
-        }
-    }
-
-    /// Distance in millimetres, `None` from where the emitter's ray no longer meets the pixel's.
-    fn millimetres(&self, raw: f64) -> Option<f64> {
-        let m = (raw / 4.0 - self.shift - DEVICE_OFFSET) * self.pixel;
-        (m < self.emitter)
-            .then(|| 10.0 * (m * self.reference / (self.emitter - m) + self.reference))
-    }
-
-    /// Columns from rectified to true colour position, for a distance in millimetres.
-    fn colour_shift(&self, z_mm: f64) -> f64 {
-        self.baseline / (2.0 * self.pixel) * (1.0 - 10.0 * self.reference / z_mm) + DEVICE_OFFSET
-    }
-}
 
 /// Geometry of both cameras in the form the stages use: continuous and differentiable.
 #[derive(Clone, Debug)]
@@ -174,14 +137,6 @@ impl Camera {
         let [dx, dy] = [0, 1].map(|axis| self.displacement[axis].at(col, row));
         let shift = self.optics.colour_shift(f64::from(p.z) * 1e3);
         [(col + dx + 1.0 + shift) as f32, (row + dy + 1.0) as f32]
-    }
-}
-
-/// An array on the heap that never passes over the stack.
-fn boxed<T: Copy, const N: usize>(value: T) -> Box<[T; N]> {
-    match vec![value; N].into_boxed_slice().try_into() {
-        Ok(array) => array,
-        Err(_) => unreachable!("the vector was made N long"),
     }
 }
 

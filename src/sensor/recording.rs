@@ -17,9 +17,12 @@
 //! scratch and about 60 bytes per picture of the index; nothing is allocated per frame. Cost: reading 1.5 MB per frame.
 
 pub mod device;
+mod error;
+mod files;
 mod index;
 mod write;
 
+pub use error::RecordingError;
 pub use write::Recorder;
 
 use std::fs::File;
@@ -30,63 +33,15 @@ use super::camera::Registration;
 use super::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
 use crate::base::bounded_read;
 use crate::base::capacity::PIXELS;
+use files::{DEVICE_NAME, INDEX_NAME, open_file};
 use index::{Entry, Index};
 
-/// Name of the file that lists a recording's pictures.
-const INDEX_NAME: &str = "INDEX.txt";
-/// Name of the file with the sensor's calibration.
-const DEVICE_NAME: &str = "device.json";
 /// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
 const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
 /// Longest header of a picture we look at, bytes.
 const HEADER_BYTES: usize = 64;
 /// Up to this many skipped frames are each told in full; then only when their number has doubled.
 const WARNINGS_IN_FULL: u64 = 10;
-
-/// Why a recording cannot be opened or written.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
-    /// No directory, or no index in it.
-    #[error("{}: no recording there ({kind}); a recording is a directory with INDEX.txt and the files it names", path.display())]
-    NoIndex {
-        /// The index looked for.
-        path: PathBuf,
-        /// What the system said.
-        kind: std::io::ErrorKind,
-    },
-    /// An index without depth pictures.
-    #[error("{}: names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?", path.display())]
-    NoDepth {
-        /// The index.
-        path: PathBuf,
-    },
-    /// The calibration is there but unusable.
-    #[error("{}:{line}:{column}: expected {expected}; correct it, or remove the file to use the nominal calibration", path.display())]
-    Device {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Column, from 1, in bytes.
-        column: usize,
-        /// What should stand there.
-        expected: &'static str,
-    },
-    /// The place to record to is taken.
-    #[error("{}: holds a recording already; choose another directory, nothing was changed", path.display())]
-    Exists {
-        /// The directory.
-        path: PathBuf,
-    },
-    /// A file cannot be read or written.
-    #[error("{}: {source}; check the path, its permissions and the space left", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
 
 /// Why one frame of a recording was skipped.
 #[derive(Debug, thiserror::Error)]
@@ -294,14 +249,6 @@ impl Recording {
             read => read.map(|()| true),
         }
     }
-}
-
-/// The file at `path`, if it is one: what a pipe would give is not waited for.
-fn open_file(path: &Path) -> std::io::Result<File> {
-    if !std::fs::metadata(path)?.is_file() {
-        return Err(std::io::Error::other("it is no file"));
-    }
-    File::open(path)
 }
 
 /// Reads the body of a PGM or PPM file whose first line is `header`. What follows the body is ignored, as fakenect does.

@@ -22,9 +22,9 @@ pub use solver::{AamFit, Solver};
 #[cfg(feature = "studio")]
 pub(crate) use {grey::normalised, solver::sample};
 
+use super::points::{Landmarks, empty_landmarks};
 use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
-use super::{Landmarks, empty_landmarks};
 use crate::base::capacity::{LANDMARKS, PIXELS};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

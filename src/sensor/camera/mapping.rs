@@ -4,7 +4,8 @@
 //! The forward differences are stepped with truncating shifts, so the device's values depend on the order of the steps; that
 //! order is kept here to the bit.
 
-use super::{FARTHEST_MM, Optics, Registration, RegistrationIntegers, boxed};
+use super::optics::{FARTHEST_MM, Optics, boxed};
+use super::registration::{Registration, RegistrationIntegers};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

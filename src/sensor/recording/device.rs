@@ -10,7 +10,8 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::RecordingError;
+use super::error::RecordingError;
+use super::files::open_file;
 use crate::sensor::camera::{Registration, RegistrationIntegers};
 
 /// Larger files are no calibration.
@@ -37,7 +38,7 @@ pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
         source,
     };
     let mut text = Vec::new();
-    match super::open_file(path) {
+    match open_file(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(file_error(error)),
         Ok(file) => file

@@ -6,7 +6,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{DEVICE_NAME, INDEX_NAME, RecordingError, device};
+use super::device;
+use super::error::RecordingError;
+use super::files::{DEVICE_NAME, INDEX_NAME};
 use crate::base::capacity::{PIXELS, RAW_DEPTH_VALUES};
 use crate::sensor::camera::Registration;
 use crate::sensor::{Frame, NO_DEPTH, colour};

@@ -1,0 +1,51 @@
+//! The 68 points of a face, as every fitter gives them.
+
+use super::eyes::Eyes;
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rigid};
+use crate::face_model::refinement;
+use crate::sensor::camera::Camera;
+
+/// Points of the mouth.
+pub(crate) const MOUTH: core::ops::Range<usize> = 48..LANDMARKS;
+
+/// The 68 points of one face in one frame.
+#[derive(Clone, Debug)]
+pub struct Landmarks {
+    /// Head frame, metres, rigid motion removed; the face's own size kept.
+    pub head: [Point; LANDMARKS],
+    /// Colour pixels; pixel centres are integers.
+    pub pixels: [[f32; 2]; LANDMARKS],
+    /// 0…1 for each point.
+    pub point_confidence: [f32; LANDMARKS],
+    /// 0…1 for the whole face.
+    pub confidence: f32,
+    /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
+    pub cheeks: [f32; refinement::PUFFS],
+    /// Share of the mouth's points before which depth sees something else: a hand, a cup, a sheet of paper.
+    pub mouth_hidden: f32,
+    /// The eyes as the picture shows them; none if they cannot be seen.
+    pub eyes: Option<Eyes>,
+}
+
+impl Landmarks {
+    /// The same face at another pose of its head.
+    pub fn move_to(&mut self, sensor_from_head: &Rigid, camera: &Camera) {
+        self.pixels = self
+            .head
+            .map(|point| camera.colour_pixel(&(sensor_from_head * point)));
+    }
+}
+
+/// Landmarks before the first fit: all at the origin, confidence 0.
+pub(super) fn empty_landmarks() -> Landmarks {
+    Landmarks {
+        head: [Point::origin(); LANDMARKS],
+        pixels: [[0.0; 2]; LANDMARKS],
+        point_confidence: [0.0; LANDMARKS],
+        confidence: 0.0,
+        cheeks: [0.0; refinement::PUFFS],
+        mouth_hidden: 0.0,
+        eyes: None,
+    }
+}

@@ -1,0 +1,48 @@
+//! Why a recording cannot be opened or written.
+
+use std::path::PathBuf;
+
+/// Why a recording cannot be opened or written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// No directory, or no index in it.
+    #[error("{}: no recording there ({kind}); a recording is a directory with INDEX.txt and the files it names", path.display())]
+    NoIndex {
+        /// The index looked for.
+        path: PathBuf,
+        /// What the system said.
+        kind: std::io::ErrorKind,
+    },
+    /// An index without depth pictures.
+    #[error("{}: names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?", path.display())]
+    NoDepth {
+        /// The index.
+        path: PathBuf,
+    },
+    /// The calibration is there but unusable.
+    #[error("{}:{line}:{column}: expected {expected}; correct it, or remove the file to use the nominal calibration", path.display())]
+    Device {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1, in bytes.
+        column: usize,
+        /// What should stand there.
+        expected: &'static str,
+    },
+    /// The place to record to is taken.
+    #[error("{}: holds a recording already; choose another directory, nothing was changed", path.display())]
+    Exists {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// A file cannot be read or written.
+    #[error("{}: {source}; check the path, its permissions and the space left", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
