@@ -30,12 +30,14 @@ pub mod nodes;
 pub mod noise;
 pub mod one_way;
 pub mod paper;
+pub mod prior;
 pub mod range;
 pub mod readings;
 pub mod rest;
 pub mod robust;
 pub mod samples;
 pub mod saved;
+mod settings;
 pub mod smooth;
 mod together;
 pub mod two_way;
@@ -45,6 +47,7 @@ pub mod weight;
 pub use measures::{Measure, Scale};
 pub use range::Range;
 pub use saved::Learned;
+pub use settings::{Method, Settings};
 pub use units::{UnitName, Units};
 
 use alloc::sync::Arc;
@@ -58,81 +61,12 @@ use crate::landmarks::Landmarks;
 use covered::CoveredMouth;
 use measures::EyeDistance;
 use newcomer::Newcomer;
-use one_way::Scan;
 use paper::{PaperLearner, PaperSettings};
-use robust::{RobustLearner, RobustSettings};
+use robust::RobustLearner;
+use settings::LEAST_CONFIDENCE;
 use smooth::OneEuro;
 use together::Together;
 use units::{Explained, Kind, Side};
-
-/// How ranges are learnt.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Method {
-    /// Mode, ends by evidence, bounded motion.
-    #[default]
-    Robust,
-    /// Sections 2.2 to 2.6 as the paper has them.
-    Paper,
-}
-
-/// Settings of the stage.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// How ranges are learnt.
-    pub method: Method,
-    /// What measures are divided by.
-    pub scale: Scale,
-    /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
-    pub best_distance_m: f64,
-    /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
-    pub half_life_s: f64,
-    /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
-    pub range_prior: f64,
-    /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
-    pub dead_zone: f64,
-    /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
-    pub smoothing_hz: f64,
-    /// Whether units of a covered mouth are inferred from time (robust).
-    pub infer_covered: bool,
-    /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
-    pub compensation_scale: f64,
-    /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
-    pub scan: Scan,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            method: Method::Robust,
-            scale: Scale::ByMethod,
-            best_distance_m: 0.5,
-            half_life_s: 300.0,
-            range_prior: 8.0,
-            dead_zone: 1.5,
-            smoothing_hz: 3.0,
-            infer_covered: true,
-            compensation_scale: 0.0,
-            scan: Scan::DEFAULT,
-        }
-    }
-}
-
-impl Settings {
-    fn robust(&self) -> RobustSettings {
-        RobustSettings {
-            half_life_s: self.half_life_s,
-            range_prior: self.range_prior,
-        }
-    }
-
-    fn scale(&self) -> Scale {
-        match (self.scale, self.method) {
-            (Scale::ByMethod, Method::Paper) => Scale::Frame,
-            (Scale::ByMethod, Method::Robust) => Scale::Learnt,
-            (scale, _) => scale,
-        }
-    }
-}
 
 /// One frame's result. Columns are in the order of [`Expression::unit_names`].
 #[derive(Clone, Debug)]
@@ -183,8 +117,7 @@ const LONGEST_FRAME_S: f64 = 0.1;
 const USUAL_FRAME_S: f64 = 1.0 / 30.0;
 /// A loss longer than this may have changed the person, seconds.
 const LONG_LOSS_S: f64 = 2.0;
-/// Faces, and measures, that are less certain teach nothing.
-const LEAST_CONFIDENCE: f32 = 0.3;
+
 /// Weights fade in between these seconds of presence.
 const FADE_S: core::ops::Range<f64> = 0.3..0.6;
 /// Seconds of presence after which departures from rest are an expression's.

@@ -12,7 +12,7 @@
 
 use super::features;
 use super::measures::Measure;
-use super::units::{Kind, Prior, UnitName};
+use super::prior::{Kind, Prior, UnitName};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
 
 /// What is assumed about a feature before a person has been seen; in eye distances.

@@ -9,9 +9,9 @@ use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
 use super::robust::RobustLearner;
+use super::settings::{LEAST_CONFIDENCE, Settings};
 use super::smooth::OneEuro;
 use super::units::{Kind, Units};
-use super::{LEAST_CONFIDENCE, Settings};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
 use crate::base::geometry::Rotation;
 #[cfg(not(feature = "std"))]

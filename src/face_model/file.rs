@@ -17,11 +17,11 @@ use crate::base::checksum::crc32;
 use crate::base::geometry::{Point, Vector};
 
 use super::error::ModelError;
-use super::model::{
-    CascadeStage, ConfidenceModel, FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, FaceModel,
-    LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, ShapeModel, StandardHead, VIEW_PARAMETERS,
-};
+use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel, StandardHead};
 use super::refinement::Refinement;
+use super::sizes::{
+    FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
+};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 

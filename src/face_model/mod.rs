@@ -16,7 +16,9 @@ pub mod file;
 pub mod model;
 pub mod refinement;
 pub mod scheme;
+pub mod sizes;
 
 pub use error::ModelError;
 pub use file::SHIPPED;
 pub use model::*;
+pub use sizes::*;

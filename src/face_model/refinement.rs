@@ -17,7 +17,7 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 
 use super::error::ModelError;
-use super::model::MAX_MODES;
+use super::sizes::MAX_MODES;
 
 /// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.
 const FIRST_PLACES: [usize; 3] = [7, 8, 9];

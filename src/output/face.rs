@@ -1,11 +1,12 @@
 //! The face a wire shows: weights limited and held or faded while nobody is seen, and which face is shown where only one
 //! can be.
 
+use super::report::{Report, unit_range};
 use super::view::{Channel, View};
-use super::{Report, TrackingState, unit_range};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
+use crate::users::TrackingState;
 
 /// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.
 #[derive(Clone, Copy, Debug, PartialEq)]

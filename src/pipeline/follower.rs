@@ -3,13 +3,13 @@
 //! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
 //! One file: one person's state and how a frame changes it.
 
+use super::stage::Stage;
 use crate::base::capacity::UNITS;
 use crate::base::geometry::{Rigid, Vector};
 use crate::base::time::Timestamp;
 use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
-use crate::pipeline::Stage;
 use crate::pose::{HeadPose, PoseTracker, guess};
 use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::Frame;

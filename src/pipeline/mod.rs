@@ -8,11 +8,15 @@ mod golden;
 #[cfg(feature = "std")]
 mod settings;
 #[cfg(feature = "std")]
+mod stage;
+#[cfg(feature = "std")]
 mod stages;
 
 #[cfg(feature = "std")]
 pub use settings::Settings;
+#[cfg(feature = "std")]
+pub use stage::Stage;
 #[cfg(feature = "studio")]
 pub(crate) use stages::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
 #[cfg(feature = "std")]
-pub use stages::{Pipeline, PipelineError, Stage};
+pub use stages::{Pipeline, PipelineError};

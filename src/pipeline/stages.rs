@@ -13,6 +13,7 @@ use alloc::sync::Arc;
 
 use super::follower::Follower;
 use super::settings::Settings;
+use super::stage::Stage;
 use crate::base::capacity::{HEADS, REMEMBERED, USERS};
 use crate::base::geometry::Point;
 use crate::base::shared_cell::Shared;
@@ -78,19 +79,6 @@ pub struct Pipeline {
 
 /// The follower of the one who may become a user.
 const DOOR: usize = USERS;
-
-/// Stages of [`Pipeline::follow`], in order; all but the first once for each head that is followed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// Heads out of the depth picture.
-    Segment,
-    /// Where the head is.
-    Pose,
-    /// The 68 points.
-    Landmarks,
-    /// Measures, ranges, weights.
-    Expression,
-}
 
 /// Why a pipeline cannot be made of these settings and this model.
 #[derive(Debug, thiserror::Error)]

@@ -12,28 +12,17 @@
 
 use core::time::Duration;
 
-use crate::sensor::Frame;
 use crate::sensor::camera::Registration;
 use crate::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
 
 mod camera;
 mod player;
 pub mod test_pattern;
+mod view;
 
 pub use camera::VirtualCamera;
 pub use player::Player;
-
-/// What a virtual Kinect sees. Closures do: `FnMut(&mut Frame) -> bool`.
-pub trait View {
-    /// Draws depth, Bayer and both stamps of the next frame; false when the scene has ended.
-    fn draw(&mut self, frame: &mut Frame) -> bool;
-}
-
-impl<F: FnMut(&mut Frame) -> bool> View for F {
-    fn draw(&mut self, frame: &mut Frame) -> bool {
-        self(frame)
-    }
-}
+pub use view::View;
 
 /// A whole Kinect in this process, in virtual time.
 pub struct VirtualKinect<D> {

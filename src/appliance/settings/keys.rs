@@ -1,7 +1,7 @@
 //! Every key of the configuration: section, name, meaning, unit, range, place.
 //! One table, so one file: every key stands beside the others of its section.
 
-use super::Settings;
+use super::sections::Settings;
 use crate::expression::measures::Scale;
 use crate::output::osc::Style;
 use crate::output::osc::vmc::{Names, Role};

@@ -5,7 +5,11 @@
 //! One file: the settings and the reading of them are one format; the keys have their own.
 
 mod keys;
+mod sections;
+mod toml_words;
 mod units;
+
+pub use sections::{LogSettings, SensorSettings, Settings, StateSettings, StatusSettings};
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -14,117 +18,12 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
+use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
-use crate::sensor::kinect;
-use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
 /// Bytes of the longest file: fifty times ours.
 const MOST: usize = 1 << 20;
-
-/// Everything that can be configured, in the stages' own types.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Settings {
-    /// Where frames come from.
-    pub sensor: SensorSettings,
-    /// Head segmentation.
-    pub segment: segment::Settings,
-    /// Head pose.
-    pub pose: pose::Settings,
-    /// Landmarks.
-    pub landmarks: landmarks::StageSettings,
-    /// Learning of ranges.
-    pub learning: expression::Settings,
-    /// Who is followed, and what happens when a face is lost.
-    pub users: users::Settings,
-    /// Names and gains of units, for every wire.
-    pub units: Vec<output::UnitView>,
-    /// OSC over UDP.
-    pub osc: output::osc::Settings,
-    /// OSC for avatar programmes, VMC protocol.
-    pub vmc: output::osc::vmc::Settings,
-    /// OSC for VRChat.
-    pub vrchat: output::osc::vrchat::Settings,
-    /// OSC as FaceOSC sends it.
-    pub faceosc: output::osc::faceosc::Settings,
-    /// The serial line.
-    pub serial: output::serial::Settings,
-    /// What outlives a restart.
-    pub state: StateSettings,
-    /// What is told in files.
-    pub status: StatusSettings,
-    /// What is logged.
-    pub log: LogSettings,
-}
-
-/// Where frames come from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SensorSettings {
-    /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
-    pub source: String,
-    /// Path of a face model; empty = the built-in one.
-    pub model: String,
-    /// What can be chosen of a Kinect.
-    pub kinect: kinect::Settings,
-}
-
-impl Default for SensorSettings {
-    fn default() -> Self {
-        Self {
-            source: "kinect".into(),
-            model: String::new(),
-            kinect: kinect::Settings::default(),
-        }
-    }
-}
-
-/// What outlives a restart.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StateSettings {
-    /// Whether people who left are saved; only while a Kinect is followed.
-    pub persist: bool,
-    /// Path of the file.
-    pub path: String,
-}
-
-impl Default for StateSettings {
-    fn default() -> Self {
-        Self {
-            persist: true,
-            path: "/var/lib/mien/people.ranges".into(),
-        }
-    }
-}
-
-/// What is told in files.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StatusSettings {
-    /// Path of the status file; empty = none.
-    pub path: String,
-}
-
-impl Default for StatusSettings {
-    fn default() -> Self {
-        Self {
-            path: "/run/mien/status.json".into(),
-        }
-    }
-}
-
-/// What is logged.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LogSettings {
-    /// Least severity written to standard error.
-    pub level: tracing::Level,
-}
-
-impl Default for LogSettings {
-    fn default() -> Self {
-        Self {
-            level: tracing::Level::INFO,
-        }
-    }
-}
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -154,18 +53,6 @@ pub enum SettingsError {
 }
 
 impl Settings {
-    /// What the stages take of it.
-    #[must_use]
-    pub fn stages(&self) -> pipeline::Settings {
-        pipeline::Settings {
-            segment: self.segment,
-            pose: self.pose,
-            landmarks: self.landmarks,
-            learning: self.learning.clone(),
-            users: self.users.clone(),
-        }
-    }
-
     /// Reads a file.
     ///
     /// # Errors
@@ -326,11 +213,6 @@ fn quoted(names: &[&str]) -> String {
         .join(" or ")
 }
 
-/// A TOML basic string; every value here came from TOML or from a literal, so only these two need an escape.
-fn toml_string(text: &str) -> String {
-    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
-}
-
 /// One string as such, any other number of them as an array.
 fn toml_strings(texts: &[String]) -> String {
     match texts {
@@ -339,20 +221,6 @@ fn toml_strings(texts: &[String]) -> String {
             let all: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
             format!("[{}]", all.join(", "))
         }
-    }
-}
-
-fn describe(value: &DeValue<'_>) -> String {
-    match value {
-        DeValue::String(text) => format!("{text:?}"),
-        DeValue::Integer(number) => number.as_str().to_owned(),
-        DeValue::Float(number) => number.as_str().to_owned(),
-        DeValue::Boolean(value) => value.to_string(),
-        DeValue::Array(all) => {
-            let all: Vec<String> = all.iter().map(|value| describe(value.get_ref())).collect();
-            format!("[{}]", all.join(", "))
-        }
-        other => format!("a value of type {}", other.type_str()),
     }
 }
 
@@ -443,10 +311,6 @@ fn assign(
         },
     }
     Ok(())
-}
-
-fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
-    i64::from_str_radix(&number.as_str().replace('_', ""), number.radix()).ok()
 }
 
 #[cfg(test)]

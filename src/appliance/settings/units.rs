@@ -6,7 +6,7 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::{describe, integer, toml_string};
+use super::toml_words::{describe, integer, toml_string};
 use crate::expression::units::Units;
 use crate::output::{UnitView, is_name};
 

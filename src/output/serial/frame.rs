@@ -2,8 +2,9 @@
 
 use core::fmt::Write;
 
+use super::cobs;
 use super::line::Line;
-use super::{Style, cobs};
+use super::settings::Style;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

@@ -11,8 +11,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::budget;
 use super::line::Line;
-use super::{Settings, Style, budget};
+use super::settings::{Settings, Style};
 use crate::output::OutputError;
 
 /// How often the names of the units are repeated.

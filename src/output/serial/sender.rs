@@ -5,8 +5,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::budget::{self, Plan};
+use super::encoder::Encoder;
 use super::port::{self, PortState, Shared};
-use super::{Encoder, Settings};
+use super::settings::Settings;
 use crate::output::{Output, OutputError, Report, Tally};
 
 /// How long closing may take: to send the neutral line and no longer.

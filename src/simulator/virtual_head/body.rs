@@ -64,8 +64,8 @@ impl Shape {
                 let y = centre[1] + half[1] * (2.0 * row as f32 / rows as f32 - 1.0);
                 self.vertices.push(Point::new(x, y, centre[2]));
                 self.normals.push(Vector::new(0.0, 0.0, -1.0));
-                let coarse = super::noise::uniform(seed, u64::from(row / 5 * 1009 + column / 5));
-                let fine = super::noise::uniform(seed + 1, u64::from(row * 1009 + column));
+                let coarse = super::random::uniform(seed, u64::from(row / 5 * 1009 + column / 5));
+                let fine = super::random::uniform(seed + 1, u64::from(row * 1009 + column));
                 self.colour
                     .push(colour.map(|c| c * (1.0 + 0.12 * coarse + 0.05 * fine)));
             }

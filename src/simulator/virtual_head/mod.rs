@@ -6,39 +6,40 @@
 //! time: no state is carried over, and the same four give the same bytes.
 //!
 //! Two worlds: the plain one of the beginning (bald heads, a wall, a sensor with few faults), whose bytes tests rely on, and a
-//! dressed one ([`Simulator::dressed`]: `wear`) before a sensor with a real one's faults ([`Simulator::seen_by`]), which is
+//! dressed one ([`Simulator::dressed`]: `appearance`) before a sensor with a real one's faults ([`Simulator::seen_by`]), which is
 //! where `mien-studio evaluate --wild` measures.
 //!
 //! Memory: the heads, their work space and 12 MB of buffers, all made at construction. Limitations: no cast shadows of the
 //! room's light, hair that does not swing, eyes that do not turn, shoulders that stay upright, one hand.
 //! One file: what is drawn of a scene, in which order.
 
+mod appearance;
 mod asset;
 pub(crate) mod body;
 pub(crate) mod draw;
 mod file;
 mod noise;
+mod random;
 mod range;
 mod raster;
 mod script;
-mod wear;
 
+pub use appearance::{Beard, HairStyle, Headgear, Held, Look, Neck};
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
 pub use file::HeadFileError;
 pub use script::Scene;
-pub use wear::{Beard, HairStyle, Headgear, Held, Look, Neck};
 
 use crate::base::capacity::{HEIGHT, LANDMARKS, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 use crate::base::time::Timestamp;
 use crate::sensor::camera::Camera;
 use crate::sensor::{Frame, colour};
+use appearance::{Outfit, OutfitPainter, Stuff};
 use body::Shape;
 use draw::{Canvas, HeadPainter, ShapePainter};
 use noise::{DepthReading, RealReading, Tiles};
 use raster::{DepthBuffer, Window};
-use wear::{Outfit, OutfitPainter, Stuff};
 
 /// Expressions a head may have.
 pub const EXPRESSIONS: usize = 64;
@@ -316,7 +317,7 @@ impl Simulator {
     /// Draws the room that belongs to dressed people.
     fn furnish(&mut self) {
         let (camera, sensor) = (&self.camera, self.sensor);
-        let room = wear::room(self.seed);
+        let room = appearance::room(self.seed);
         let mut painter = OutfitPainter::new(&room);
         let view = sensor.viewpoint();
         painter.place(&room, &[], &view, &view);
@@ -472,7 +473,7 @@ impl Simulator {
             painter.place(shape, &Rigid::translation(hand.x, hand.y, hand.z));
             painter.draw_depth(shape, depth_pixel, &mut self.depth);
         }
-        let seed = noise::hash(self.seed, at.as_us());
+        let seed = random::hash(self.seed, at.as_us());
         let (reading, seen) = (&self.reading, &self.depth.inverse);
         match &mut self.real {
             Some(real) if self.sensor.faults > 0.0 => real.read(
@@ -531,7 +532,7 @@ impl Simulator {
             };
         }
         blur(&mut self.canvas.rgb, window, &mut self.blurred);
-        let seed = noise::hash(self.seed, at.as_us());
+        let seed = random::hash(self.seed, at.as_us());
         noise::expose(
             &self.canvas.rgb,
             sensor.balance.map(|gain| gain * self.exposure),

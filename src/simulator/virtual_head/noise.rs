@@ -31,7 +31,8 @@
 //! All randomness is looked up in one tile of prepared numbers at offsets hashed from seed and time, so a frame costs no
 //! random-number generation and is the same on every machine. Limitation: the tile repeats after 256 pixels.
 
-use super::wear::Stuff;
+use super::appearance::Stuff;
+use super::random::{hash, uniform};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::sensor::NO_DEPTH;
 
@@ -49,19 +50,6 @@ const BLANK_COLUMNS: usize = 8;
 const GRAZING_SLOPE: f32 = 3.2;
 /// Slope added until four of five readings fail.
 const GRAZING_SPAN: f32 = 5.0;
-
-/// Mixes a number thoroughly (the finaliser of SplitMix64; Steele, Lea & Flood 2014).
-pub(crate) fn hash(seed: u64, index: u64) -> u64 {
-    let mut z = seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// A number in −1…1 for each seed and index.
-pub(crate) fn uniform(seed: u64, index: u64) -> f32 {
-    (hash(seed, index) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-}
 
 /// Prepared random numbers.
 pub(crate) struct Tiles {

@@ -4,7 +4,7 @@
 //! hashed per interval and joined by Hermite splines (value noise): smooth in position and speed.
 //! One file: what is acted in all scenes.
 
-use super::noise::uniform;
+use super::random::uniform;
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
 
 /// What is played.

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::View;
+use super::view::View;
 use crate::sensor::Frame;
 use crate::sensor::device::{Received, Stream};
 use crate::sensor::packet::LONGEST;

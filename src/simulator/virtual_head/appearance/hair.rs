@@ -1,7 +1,9 @@
 //! Hair: a shell that stands off the skull within a hairline, and locks that fall from it.
 
+use super::look::{HairStyle, Headgear, Look};
+use super::outfit::{Cloth, FREE, Knot, Outfit};
 use super::skull::{HANGS, Skull};
-use super::{Cloth, HairStyle, Headgear, Knot, Look, Outfit, Stuff, grain, part, share, slope};
+use super::stuff::{Stuff, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
 
 /// Height of the hairline (y, metres) by angle from the face: forehead, temples, before the ear, above it, behind, nape.
@@ -252,7 +254,7 @@ impl Outfit {
             |i, p, turn| {
                 let t = i as f32 / (steps - 1) as f32;
                 Knot {
-                    base: super::FREE,
+                    base: FREE,
                     offset: p.coords,
                     stays: 0.85 * slope(p.y, 0.06, 0.22),
                     colour: cloth.colour.map(|c| c * shade),

@@ -1,6 +1,7 @@
 //! A room behind the person: a wall with pictures, a shelf, a cupboard, a window.
 
-use super::{Cloth, Outfit, Stuff, share};
+use super::outfit::{Cloth, Outfit};
+use super::stuff::{Stuff, share};
 use crate::base::geometry::Point;
 
 impl Outfit {

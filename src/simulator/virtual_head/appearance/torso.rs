@@ -1,6 +1,8 @@
 //! Shoulders, chest and arms in clothes.
 
-use super::{Cloth, Look, Outfit, Stuff, grain, part, share};
+use super::look::Look;
+use super::outfit::{Cloth, Outfit};
+use super::stuff::{Stuff, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
 
 /// Half width, half depth and height (y) of the trunk, from the neck down, metres, head frame.
@@ -40,7 +42,7 @@ impl Outfit {
                 [0, 1, 2].map(|n| TRUNK[k][n] + f * (TRUNK[k + 1][n] - TRUNK[k][n]));
             let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
             // Folds.
-            let fold = 0.005 * grain(phi * 3.0 + 40.0, y * 14.0) * super::slope(y, 0.2, 0.3);
+            let fold = 0.005 * grain(phi * 3.0 + 40.0, y * 14.0) * slope(y, 0.2, 0.3);
             let p = Point::new(
                 (wide + fold) * phi.sin(),
                 y,

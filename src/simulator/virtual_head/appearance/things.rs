@@ -1,13 +1,12 @@
 //! What else a person wears or holds: beards, glasses, hats, headphones, scarves, collars, hands, a chair.
 //! One file: things, one function each.
 
+use super::look::{Beard, HairStyle, Headgear, Held, Look, Neck};
+use super::outfit::{Cloth, Knot, Outfit};
 use super::skull::{HANGS, Skull};
-use super::{
-    Beard, Cloth, HairStyle, Headgear, Held, Knot, Look, Neck, Outfit, Stuff, grain, part, share,
-    slope,
-};
+use super::stuff::{Stuff, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
-use crate::simulator::virtual_head::{HeadAsset, Part};
+use crate::simulator::virtual_head::asset::{HeadAsset, Part};
 
 /// Upper edge of a beard (y, metres) by distance from the middle of the face.
 const BEARD_LINE: [[f32; 2]; 5] = [

@@ -1,0 +1,122 @@
+//! Everything that can be configured, section by section, in the stages' own types.
+
+use crate::sensor::kinect;
+use crate::{expression, landmarks, output, pipeline, pose, segment, users};
+
+/// Everything that can be configured, in the stages' own types.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// Where frames come from.
+    pub sensor: SensorSettings,
+    /// Head segmentation.
+    pub segment: segment::Settings,
+    /// Head pose.
+    pub pose: pose::Settings,
+    /// Landmarks.
+    pub landmarks: landmarks::StageSettings,
+    /// Learning of ranges.
+    pub learning: expression::Settings,
+    /// Who is followed, and what happens when a face is lost.
+    pub users: users::Settings,
+    /// Names and gains of units, for every wire.
+    pub units: Vec<output::UnitView>,
+    /// OSC over UDP.
+    pub osc: output::osc::Settings,
+    /// OSC for avatar programmes, VMC protocol.
+    pub vmc: output::osc::vmc::Settings,
+    /// OSC for VRChat.
+    pub vrchat: output::osc::vrchat::Settings,
+    /// OSC as FaceOSC sends it.
+    pub faceosc: output::osc::faceosc::Settings,
+    /// The serial line.
+    pub serial: output::serial::Settings,
+    /// What outlives a restart.
+    pub state: StateSettings,
+    /// What is told in files.
+    pub status: StatusSettings,
+    /// What is logged.
+    pub log: LogSettings,
+}
+
+/// Where frames come from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorSettings {
+    /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
+    pub source: String,
+    /// Path of a face model; empty = the built-in one.
+    pub model: String,
+    /// What can be chosen of a Kinect.
+    pub kinect: kinect::Settings,
+}
+
+impl Default for SensorSettings {
+    fn default() -> Self {
+        Self {
+            source: "kinect".into(),
+            model: String::new(),
+            kinect: kinect::Settings::default(),
+        }
+    }
+}
+
+/// What outlives a restart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateSettings {
+    /// Whether people who left are saved; only while a Kinect is followed.
+    pub persist: bool,
+    /// Path of the file.
+    pub path: String,
+}
+
+impl Default for StateSettings {
+    fn default() -> Self {
+        Self {
+            persist: true,
+            path: "/var/lib/mien/people.ranges".into(),
+        }
+    }
+}
+
+/// What is told in files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StatusSettings {
+    /// Path of the status file; empty = none.
+    pub path: String,
+}
+
+impl Default for StatusSettings {
+    fn default() -> Self {
+        Self {
+            path: "/run/mien/status.json".into(),
+        }
+    }
+}
+
+/// What is logged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LogSettings {
+    /// Least severity written to standard error.
+    pub level: tracing::Level,
+}
+
+impl Default for LogSettings {
+    fn default() -> Self {
+        Self {
+            level: tracing::Level::INFO,
+        }
+    }
+}
+
+impl Settings {
+    /// What the stages take of it.
+    #[must_use]
+    pub fn stages(&self) -> pipeline::Settings {
+        pipeline::Settings {
+            segment: self.segment,
+            pose: self.pose,
+            landmarks: self.landmarks,
+            learning: self.learning.clone(),
+            users: self.users.clone(),
+        }
+    }
+}

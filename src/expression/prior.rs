@@ -1,0 +1,55 @@
+//! What is assumed about a person's range before it was seen.
+
+use serde::Deserialize;
+
+/// FACS unit with its side, such as `AU12L`.
+pub type UnitName = heapless::String<8>;
+
+/// Directions in which a measure is an expression.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// One-way: acts as the measure rises.
+    Rising,
+    /// One-way: acts as the measure falls.
+    Falling,
+    /// Two-way: one unit each way.
+    TwoWay,
+}
+
+impl Kind {
+    /// Is there a unit above rest?
+    #[must_use]
+    pub const fn rises(self) -> bool {
+        !matches!(self, Self::Falling)
+    }
+
+    /// Is there a unit below rest?
+    #[must_use]
+    pub const fn falls(self) -> bool {
+        !matches!(self, Self::Rising)
+    }
+}
+
+/// What is assumed about a person's range before it was seen; in w.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Directions.
+    pub kind: Kind,
+    /// Neutral.
+    pub rest: f64,
+    /// Standard deviation of neutral over people.
+    pub rest_sd: f64,
+    /// Rest to the full rising expression; 0 if there is none.
+    pub up: f64,
+    /// Rest to the full falling expression; 0 if there is none.
+    pub down: f64,
+}
+
+impl Prior {
+    /// Sum of both sides.
+    #[must_use]
+    pub fn span(&self) -> f64 {
+        self.up + self.down
+    }
+}

@@ -1,0 +1,77 @@
+//! What can be chosen of the stage.
+
+use super::measures::Scale;
+use super::one_way::Scan;
+use super::robust::RobustSettings;
+
+/// How ranges are learnt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Mode, ends by evidence, bounded motion.
+    #[default]
+    Robust,
+    /// Sections 2.2 to 2.6 as the paper has them.
+    Paper,
+}
+
+/// Settings of the stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How ranges are learnt.
+    pub method: Method,
+    /// What measures are divided by.
+    pub scale: Scale,
+    /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
+    pub best_distance_m: f64,
+    /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
+    pub half_life_s: f64,
+    /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
+    pub range_prior: f64,
+    /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
+    pub dead_zone: f64,
+    /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
+    pub smoothing_hz: f64,
+    /// Whether units of a covered mouth are inferred from time (robust).
+    pub infer_covered: bool,
+    /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
+    pub compensation_scale: f64,
+    /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
+    pub scan: Scan,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::Robust,
+            scale: Scale::ByMethod,
+            best_distance_m: 0.5,
+            half_life_s: 300.0,
+            range_prior: 8.0,
+            dead_zone: 1.5,
+            smoothing_hz: 3.0,
+            infer_covered: true,
+            compensation_scale: 0.0,
+            scan: Scan::DEFAULT,
+        }
+    }
+}
+
+impl Settings {
+    pub(super) fn robust(&self) -> RobustSettings {
+        RobustSettings {
+            half_life_s: self.half_life_s,
+            range_prior: self.range_prior,
+        }
+    }
+
+    pub(super) fn scale(&self) -> Scale {
+        match (self.scale, self.method) {
+            (Scale::ByMethod, Method::Paper) => Scale::Frame,
+            (Scale::ByMethod, Method::Robust) => Scale::Learnt,
+            (scale, _) => scale,
+        }
+    }
+}
+
+/// Faces, and measures, that are less certain teach nothing.
+pub(super) const LEAST_CONFIDENCE: f32 = 0.3;

@@ -1,0 +1,188 @@
+//! Reports to the bytes of a line, one face at a time, in what the line can carry.
+
+use core::fmt::Write;
+
+use super::frame::Frame;
+use super::line::{self, Line};
+use super::settings::{Settings, Style};
+use super::{budget, cobs};
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::output::{
+    OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
+};
+
+/// Reports to the bytes of a line, one face at a time.
+pub struct Encoder {
+    line: Line,
+    count: u16,
+    full: u32,
+    style: Style,
+    /// Names of the units that are sent, as shown.
+    units: Box<[String]>,
+    pose: bool,
+    view: View,
+    pub(super) face: OneFace,
+    last_ms: u32,
+}
+
+impl Encoder {
+    /// Plans what the line can carry. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If a unit is asked for that there is not, or the names do not fit a line.
+    pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
+        Ok(Self::planned(settings, units)?.0)
+    }
+
+    /// Also what was planned.
+    pub(super) fn planned(
+        settings: &Settings,
+        units: &[&str],
+    ) -> Result<(Self, budget::Plan), OutputError> {
+        let view = &settings.view;
+        let plan = plan(settings, units)?;
+        let names: Box<[String]> = plan
+            .units
+            .iter()
+            .map(|&unit| view.name(units[unit]).to_owned())
+            .collect();
+        header(settings.style, &names)?;
+        let channels = view.channels(units);
+        let channels = plan.units.iter().map(|&unit| channels[unit]);
+        let encoder = Self {
+            line: Line::new(),
+            count: 0,
+            full: settings.full,
+            style: settings.style,
+            units: names,
+            pose: settings.pose,
+            view: view.clone(),
+            face: OneFace::of(channels.collect(), settings.loss),
+            last_ms: 0,
+        };
+        Ok((encoder, plan))
+    }
+
+    /// Names of the units that are sent, as shown.
+    #[must_use]
+    pub fn units(&self) -> &[String] {
+        &self.units
+    }
+
+    /// What is to be sent on opening and every five seconds.
+    #[must_use]
+    pub fn header(&self) -> Line {
+        header(self.style, &self.units).expect("the same names fitted before")
+    }
+
+    /// The next frame; `None` if the report is of a face that is not shown.
+    pub fn encode(&mut self, report: &Report) -> Option<&Line> {
+        let state = self.face.follow(report)?;
+        self.last_ms = (report.at.as_us() / 1000) as u32;
+        Some(self.frame(state, report))
+    }
+
+    /// A frame that leaves the receiver with nobody, for the end.
+    pub fn neutral(&mut self) -> &Line {
+        self.face.weights.reset();
+        self.frame(TrackingState::Absent, &Report::default())
+    }
+
+    fn frame(&mut self, state: TrackingState, report: &Report) -> &Line {
+        self.line.clear();
+        let confidence = if state.is_present() {
+            unit_range(report.confidence)
+        } else {
+            0.0
+        };
+        let pose = report
+            .sensor_from_head
+            .filter(|_| self.pose && state.is_present());
+        let frame = Frame {
+            count: self.count,
+            full: self.full,
+            ms: self.last_ms,
+            state,
+            confidence,
+            flags: cobs::flags(state, report),
+            pose: pose.map(|pose| self.view.pose(pose)),
+        };
+        // The names fit half a buffer; so do the weights and a pose the whole.
+        let weights = self.face.weights.shown();
+        frame.write(self.style, &self.units, weights, &mut self.line);
+        self.count = self.count.wrapping_add(1);
+        &self.line
+    }
+}
+
+/// Bytes of names that leave room in a buffer.
+const NAMES_MOST: usize = line::LARGEST / 2;
+
+/// What is sent on opening and every few seconds.
+fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
+    let mut header = Line::new();
+    let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
+    let names_fit = match style {
+        Style::Text => header.sentence(|line| {
+            write!(line, "AUH,1,{SCHEMA_VERSION}")?;
+            names.iter().try_for_each(|name| write!(line, ",{name}"))
+        }),
+        // A plotter would take a header for data.
+        Style::Plot => true,
+        Style::Cobs => cobs::hello(names, &mut header),
+    };
+    if !names_fit || bytes > NAMES_MOST {
+        return Err(OutputError::Names {
+            units: names.len(),
+            bytes,
+            most: NAMES_MOST,
+        });
+    }
+    Ok(header)
+}
+
+/// Chooses the units that are sent.
+fn plan(settings: &Settings, units: &[&str]) -> Result<budget::Plan, OutputError> {
+    let index = |name: &String| {
+        let found = units.iter().position(|unit| unit == name);
+        found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
+    };
+    let listed = settings.units.iter().map(index);
+    let listed: Vec<usize> = listed.collect::<Result<_, _>>()?;
+    let wanted = if listed.is_empty() {
+        (0..units.len()).collect()
+    } else {
+        listed.clone()
+    };
+    let names = |of: &[usize]| -> Box<[String]> {
+        let names = of.iter().map(|&unit| settings.view.name(units[unit]));
+        names.map(str::to_owned).collect()
+    };
+    // Names too long for a line are told before any plan is made.
+    header(settings.style, &names(&wanted))?;
+    let bytes = |of: &[usize]| {
+        let (names, mut line) = (names(of), Line::new());
+        let full = core::iter::repeat_n(1.0, of.len());
+        Frame::longest(settings.pose, settings.full).write(settings.style, &names, full, &mut line);
+        let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
+        (line.bytes().len(), header)
+    };
+    let rank = |unit: usize| match listed.iter().position(|&listed| listed == unit) {
+        Some(at) => at,
+        None => budget::rank(units[unit]),
+    };
+    let longest = match settings.style {
+        Style::Cobs if settings.pose => budget::AVR_RING + cobs::POSE_BYTES,
+        Style::Cobs => budget::AVR_RING,
+        _ => line::LARGEST,
+    };
+    Ok(budget::plan(
+        settings.baud,
+        settings.min_rate_hz,
+        longest,
+        wanted,
+        rank,
+        bytes,
+    ))
+}

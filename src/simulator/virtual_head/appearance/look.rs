@@ -1,0 +1,246 @@
+//! How a person looks: hair, beard, what they wear and hold.
+
+use super::stuff::Stuff;
+#[cfg(feature = "studio")]
+use super::stuff::share;
+#[cfg(feature = "studio")]
+use crate::simulator::virtual_head::random::hash;
+
+/// Hair styles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HairStyle {
+    /// None.
+    Bald,
+    /// Some millimetres.
+    Cropped,
+    /// Some centimetres, combed.
+    #[default]
+    Short,
+    /// Stands off by three to five centimetres all round.
+    Bushy,
+    /// Falls beside the face and over the ears onto the shoulders.
+    Long,
+    /// Short, and over the brow.
+    Fringe,
+    /// Long, and over the brow.
+    LongFringe,
+    /// Falls in curls.
+    Curly,
+    /// Tied up.
+    Bun,
+}
+
+/// Hair on the face.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Beard {
+    /// None.
+    #[default]
+    None,
+    /// Colour only.
+    Stubble,
+    /// Stands off the cheeks and the chin.
+    Full,
+}
+
+/// What is on the head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Headgear {
+    /// Nothing.
+    #[default]
+    None,
+    /// With a peak over the brow.
+    Cap,
+    /// Of a sweater, up.
+    Hood,
+    /// A band over the crown, cups over the ears.
+    Headphones,
+}
+
+/// What is around the neck.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Neck {
+    /// Nothing.
+    #[default]
+    None,
+    /// Up to the chin.
+    Scarf,
+    /// Turned up.
+    Collar,
+}
+
+/// What a hand holds, now and then.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Held {
+    /// The hands are out of the picture.
+    #[default]
+    None,
+    /// The chin.
+    Chin,
+    /// A sheet, beside the face or below it.
+    Paper,
+    /// Led to the mouth.
+    Cup,
+    /// At the ear.
+    Phone,
+    /// Nothing: it is laid over the mouth.
+    Mouth,
+}
+
+/// A person's looks, apart from the head itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Look {
+    /// Of all that is left to chance.
+    pub seed: u64,
+    /// Hair.
+    pub hair: HairStyle,
+    /// Its colour, RGB 0…255.
+    pub hair_colour: [f32; 3],
+    /// Beard.
+    pub beard: Beard,
+    /// Thickness of the rims of glasses, metres; 0: none.
+    pub rims_m: f32,
+    /// Headgear.
+    pub headgear: Headgear,
+    /// Neck.
+    pub neck: Neck,
+    /// Hand.
+    pub held: Held,
+    /// A chair whose headrest is behind the head.
+    pub chair: bool,
+    /// Somebody stands behind.
+    pub bystander: bool,
+    /// Clothes, RGB 0…255.
+    pub clothes: [f32; 3],
+}
+
+/// Colours of hair: black, dark brown, brown, blond, red, grey.
+pub(super) const HAIR_COLOURS: [[f32; 3]; 6] = [
+    [30.0, 27.0, 28.0],
+    [55.0, 40.0, 32.0],
+    [95.0, 68.0, 48.0],
+    [176.0, 142.0, 96.0],
+    [140.0, 74.0, 42.0],
+    [150.0, 148.0, 146.0],
+];
+
+impl Look {
+    /// What the person of the demonstration wears.
+    #[must_use]
+    pub fn demonstration() -> Self {
+        Self {
+            seed: 4,
+            hair: HairStyle::Short,
+            hair_colour: HAIR_COLOURS[1],
+            clothes: [62.0, 84.0, 118.0],
+            ..Self::default()
+        }
+    }
+
+    /// One of many: all hair styles in turn, and with them, at steps of their own, all things. `number` and seed give the
+    /// same look always.
+    #[cfg(feature = "studio")]
+    #[must_use]
+    pub fn numbered(number: usize, seed: u64) -> Self {
+        let seed = hash(seed, number as u64);
+        let pick = |k: u64, count: usize| (share(seed, k) * count as f32) as usize % count;
+        let hair = [
+            HairStyle::Short,
+            HairStyle::Long,
+            HairStyle::Bushy,
+            HairStyle::Fringe,
+            HairStyle::LongFringe,
+            HairStyle::Cropped,
+            HairStyle::Curly,
+            HairStyle::Bun,
+            HairStyle::Bald,
+        ][number % 9];
+        Self {
+            seed,
+            hair,
+            hair_colour: HAIR_COLOURS[pick(1, HAIR_COLOURS.len())],
+            beard: [
+                Beard::Stubble,
+                Beard::None,
+                Beard::None,
+                Beard::Full,
+                Beard::None,
+            ][number % 5],
+            rims_m: [0.0, 0.0012, 0.0, 0.0026][number % 4],
+            headgear: match number % 11 {
+                3 => Headgear::Headphones,
+                5 => Headgear::Cap,
+                7 => Headgear::Headphones,
+                8 => Headgear::Hood,
+                10 => Headgear::Cap,
+                _ => Headgear::None,
+            },
+            neck: match number % 7 {
+                1 => Neck::Scarf,
+                4 => Neck::Collar,
+                _ => Neck::None,
+            },
+            held: match number % 10 {
+                0 => Held::Paper,
+                2 => Held::Cup,
+                6 => Held::Chin,
+                9 => Held::Phone,
+                _ => Held::None,
+            },
+            chair: number % 3 == 2,
+            bystander: number % 6 == 4,
+            clothes: [2, 3, 4].map(|k| {
+                let bright = 30.0 + 150.0 * share(seed, 10);
+                bright * (0.7 + 0.6 * share(seed, k + 10))
+            }),
+        }
+    }
+
+    /// Stuff of the hair: dark swallows more light.
+    pub(super) fn hair_stuff(&self) -> Stuff {
+        if self.hair_colour.iter().sum::<f32>() < 140.0 {
+            Stuff::DarkHair
+        } else {
+            Stuff::Hair
+        }
+    }
+}
+
+#[cfg(feature = "studio")]
+impl std::fmt::Display for Look {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let shade = match self.hair_stuff() {
+            Stuff::DarkHair => "dark ",
+            _ => "",
+        };
+        match self.hair {
+            HairStyle::Bald => write!(f, "bald")?,
+            HairStyle::Fringe => write!(f, "{shade}fringe")?,
+            HairStyle::LongFringe => write!(f, "{shade}long hair and fringe")?,
+            HairStyle::Bun => write!(f, "{shade}bun")?,
+            style => write!(f, "{shade}{} hair", format!("{style:?}").to_lowercase())?,
+        }
+        let things: [(bool, &str); 14] = [
+            (self.beard == Beard::Stubble, "stubble"),
+            (self.beard == Beard::Full, "full beard"),
+            (self.rims_m > 0.0, "glasses"),
+            (self.headgear == Headgear::Cap, "cap"),
+            (self.headgear == Headgear::Hood, "hood"),
+            (self.headgear == Headgear::Headphones, "headphones"),
+            (self.neck == Neck::Scarf, "scarf"),
+            (self.neck == Neck::Collar, "collar"),
+            (self.held == Held::Chin, "hand at the chin"),
+            (self.held == Held::Paper, "sheet of paper"),
+            (self.held == Held::Cup, "cup"),
+            (self.held == Held::Phone, "phone"),
+            (self.held == Held::Mouth, "hand over the mouth"),
+            (self.chair, "chair"),
+        ];
+        for (_, thing) in things.iter().filter(|(worn, _)| *worn) {
+            write!(f, ", {thing}")?;
+        }
+        if self.bystander {
+            write!(f, ", somebody behind")?;
+        }
+        Ok(())
+    }
+}
