@@ -7,6 +7,7 @@ pub mod checksum;
 pub mod geometry;
 #[cfg(feature = "std")]
 pub(crate) mod insertion_sort;
+pub mod one_euro;
 #[cfg(not(feature = "std"))]
 pub(crate) mod prelude;
 pub mod shared_cell;

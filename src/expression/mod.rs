@@ -64,7 +64,7 @@ use newcomer::Newcomer;
 use paper::{PaperLearner, PaperSettings};
 use robust::RobustLearner;
 use settings::LEAST_CONFIDENCE;
-use smooth::OneEuro;
+use smooth::MeasureFilter;
 use together::Together;
 use units::{Explained, Kind, Side};
 
@@ -145,7 +145,7 @@ pub struct Expression {
     further: heapless::Vec<usize, UNITS>,
     scale: EyeDistance,
     learners: Learners,
-    filters: [OneEuro; LEARNT_MEASURES],
+    filters: [MeasureFilter; LEARNT_MEASURES],
     together: Option<Together>,
     newcomer: Newcomer,
     mouth: CoveredMouth,
@@ -330,7 +330,7 @@ impl Expression {
             Learners::Robust(learners) => learners.iter_mut().for_each(RobustLearner::reset),
             Learners::Paper(learners) => learners.iter_mut().for_each(PaperLearner::reset),
         }
-        self.filters.iter_mut().for_each(OneEuro::reset);
+        self.filters.iter_mut().for_each(MeasureFilter::reset);
         if let Some(together) = &mut self.together {
             together.reset();
         }
@@ -431,7 +431,7 @@ impl Expression {
                 self.newcomer.after_loss();
             }
         }
-        self.filters.iter_mut().for_each(OneEuro::reset);
+        self.filters.iter_mut().for_each(MeasureFilter::reset);
         self.mouth.interrupt();
     }
 
@@ -475,7 +475,7 @@ impl Expression {
                     .zip(&self.corrected)
                 {
                     if certain(row) {
-                        learner.observe(g, omega, dt, true);
+                        learner.observe(g, omega, dt);
                     } else {
                         learner.interrupt();
                     }
@@ -511,7 +511,7 @@ impl Expression {
         let fade = ((self.present_s - FADE_S.start) / (FADE_S.end - FADE_S.start)).clamp(0.0, 1.0);
         if fade == 0.0 {
             // Rest is still being placed; the filters must not carry that into what is shown.
-            self.filters.iter_mut().for_each(OneEuro::reset);
+            self.filters.iter_mut().for_each(MeasureFilter::reset);
             if let Some(together) = &mut self.together {
                 together.interrupt();
             }

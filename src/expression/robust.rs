@@ -117,8 +117,8 @@ impl RobustLearner {
         self.frames = 0;
     }
 
-    /// Takes a frame's finite value of weight ω, `dt` seconds after the last. Without `ends` it teaches rest only.
-    pub fn observe(&mut self, g: f64, omega: f64, dt: f64, teaches_ends: bool) {
+    /// Takes a frame's finite value of weight ω, `dt` seconds after the last.
+    pub fn observe(&mut self, g: f64, omega: f64, dt: f64) {
         if omega.is_nan() || omega < LEAST_WEIGHT || !g.is_finite() {
             self.interrupt();
             return;
@@ -143,11 +143,7 @@ impl RobustLearner {
         }
         self.nodes.advance(dt, self.settings.half_life_s);
         let rest_weight = omega * omega * dt / (1.0 + self.held_s / HOLD_S);
-        self.nodes.push(
-            clean,
-            rest_weight,
-            if teaches_ends { omega * dt } else { 0.0 },
-        );
+        self.nodes.push(clean, rest_weight, omega * dt);
 
         if self.seconds >= self.next_estimate_s {
             let every = if self.seconds < FREE_S {
@@ -336,7 +332,7 @@ mod tests {
             } else {
                 0.0
             };
-            learner.observe(1.5 + smile * e + jitter(random), 0.95, DT, true);
+            learner.observe(1.5 + smile * e + jitter(random), 0.95, DT);
         }
     }
 
@@ -376,7 +372,7 @@ mod tests {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         act(&mut learner, 60.0, 0.45, &mut random);
         for _ in 0..1800 {
-            learner.observe(1.95 + jitter(&mut random), 0.95, DT, true);
+            learner.observe(1.95 + jitter(&mut random), 0.95, DT);
         }
         assert!(
             (learner.range().rest - 1.5).abs() < 0.02,
@@ -391,10 +387,10 @@ mod tests {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         for _ in 0..8 {
             act(&mut learner, 20.0, 0.45, &mut random);
-            learner.observe(1.5 + 0.8, 0.95, DT, true);
+            learner.observe(1.5 + 0.8, 0.95, DT);
             act(&mut learner, 20.0, 0.45, &mut random);
             for _ in 0..3 {
-                learner.observe(1.5 - 0.8, 0.95, DT, true);
+                learner.observe(1.5 - 0.8, 0.95, DT);
             }
         }
         let range = learner.range();
@@ -411,7 +407,7 @@ mod tests {
         let mut last = learner.range();
         for frame in 0..9000 {
             let g = if (frame / 300) % 2 == 0 { 1.2 } else { 1.9 };
-            learner.observe(g + jitter(&mut random), 0.95, DT, true);
+            learner.observe(g + jitter(&mut random), 0.95, DT);
             let range = learner.range();
             // 2 R/s with R the mean of two sides, each at most doubled.
             let most = 2.0 * DT * (range.high - range.low);
@@ -427,9 +423,9 @@ mod tests {
     fn invalid_samples_teach_nothing() {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         for _ in 0..300 {
-            learner.observe(2.0, 0.33, DT, true);
-            learner.observe(f64::NAN, 1.0, DT, true);
-            learner.observe(2.0, f64::NAN, DT, true);
+            learner.observe(2.0, 0.33, DT);
+            learner.observe(f64::NAN, 1.0, DT);
+            learner.observe(2.0, f64::NAN, DT);
         }
         assert_eq!(
             learner.range(),
@@ -467,7 +463,7 @@ mod tests {
     fn nothing_reaches_across_a_doubtful_frame() {
         let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
         for (g, omega) in [(1.0, 1.0), (1.0, 1.0), (1.0, 0.1), (2.0, 1.0)] {
-            learner.observe(g, omega, DT, true);
+            learner.observe(g, omega, DT);
         }
         // Of three the median would still be 1.
         let last = learner.nodes().as_slice().last().map(|node| node.value);

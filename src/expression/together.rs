@@ -10,7 +10,7 @@ use super::range::Range;
 use super::readings::Reading;
 use super::robust::RobustLearner;
 use super::settings::{LEAST_CONFIDENCE, Settings};
-use super::smooth::OneEuro;
+use super::smooth::MeasureFilter;
 use super::units::{Kind, Units};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
 use crate::base::geometry::Rotation;
@@ -40,7 +40,7 @@ pub(super) struct Together {
     units: Box<[RobustLearner]>,
     /// `None` for the [`SLIGHT`] ones.
     strays: [Option<SlowNoise>; UNITS],
-    filters: [OneEuro; UNITS],
+    filters: [MeasureFilter; UNITS],
     values: [f64; FEATURES],
     departures: [f64; INPUTS],
     read: [f64; UNITS],
@@ -67,7 +67,7 @@ impl Together {
                 let reading = units.readings.get(k)?;
                 (!SLIGHT.contains(&reading.unit.as_str())).then(SlowNoise::new)
             }),
-            filters: core::array::from_fn(|_| OneEuro::default()),
+            filters: core::array::from_fn(|_| MeasureFilter::default()),
             values: [0.0; FEATURES],
             departures: [0.0; INPUTS],
             read: [0.0; UNITS],
@@ -129,7 +129,7 @@ impl Together {
         let (lengths, gaze) = self.features.split_at_mut(LENGTHS);
         for (learner, &g) in gaze.iter_mut().zip(&self.values[LENGTHS..]) {
             if self.sees && g.is_finite() {
-                learner.observe(g, omega, dt, true);
+                learner.observe(g, omega, dt);
             } else {
                 learner.interrupt();
             }
@@ -140,7 +140,7 @@ impl Together {
                 (sum + landmarks.point_confidence[i], count + 1.0)
             });
             if g.is_finite() && sum >= LEAST_CONFIDENCE * count {
-                learner.observe(g, omega, dt, true);
+                learner.observe(g, omega, dt);
             } else {
                 learner.interrupt();
             }
@@ -148,7 +148,7 @@ impl Together {
         if expressions {
             let learners = self.units.iter_mut().zip(&mut self.strays);
             for ((learner, strays), &read) in learners.zip(&self.read) {
-                learner.observe(read, omega, dt, true);
+                learner.observe(read, omega, dt);
                 let range = learner.range();
                 if let Some(strays) = strays {
                     strays.observe((read - range.rest) / (range.high - range.rest), dt);
@@ -203,7 +203,7 @@ impl Together {
     pub(super) fn interrupt(&mut self) {
         self.features.iter_mut().for_each(RobustLearner::interrupt);
         self.units.iter_mut().for_each(RobustLearner::interrupt);
-        self.filters.iter_mut().for_each(OneEuro::reset);
+        self.filters.iter_mut().for_each(MeasureFilter::reset);
     }
 
     /// Forgets the person.
@@ -213,7 +213,7 @@ impl Together {
         for strays in self.strays.iter_mut().flatten() {
             *strays = SlowNoise::new();
         }
-        self.filters.iter_mut().for_each(OneEuro::reset);
+        self.filters.iter_mut().for_each(MeasureFilter::reset);
     }
 
     /// Starts from the saved ranges of this person's measures: who moves a measure far reads its units high.

@@ -1,10 +1,10 @@
 //! Temporal filter of the shape: a still face stands still, a moving one is followed at once.
 //!
-//! Each shape coefficient has its own first-order filter whose gain grows with the speed of the coefficient (the one-euro
-//! filter of Casiez, Roussel, Vogel 2012). Parameters are filtered and not points, so the filtered face is still a face.
+//! Each shape coefficient has its own first-order filter whose gain grows with the speed of the coefficient ([`crate::base::one_euro`]). Parameters are filtered and not points, so the filtered face is still a face.
 //! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
 //! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter starts anew.
 
+use crate::base::one_euro::{Cutoffs, OneEuro};
 use crate::base::time::Timestamp;
 use crate::face_model::MAX_MODES;
 
@@ -36,15 +36,8 @@ impl Default for Steadiness {
 #[derive(Clone, Debug)]
 pub struct ShapeFilter {
     settings: Steadiness,
-    shape: [f32; MAX_MODES],
-    speed: [f32; MAX_MODES],
+    filters: [OneEuro<f32>; MAX_MODES],
     last: Option<Timestamp>,
-}
-
-/// Gain of a first-order low-pass for one step.
-fn gain(cutoff_hz: f32, step_s: f32) -> f32 {
-    let r = core::f32::consts::TAU * cutoff_hz * step_s;
-    r / (1.0 + r)
 }
 
 impl ShapeFilter {
@@ -53,8 +46,7 @@ impl ShapeFilter {
     pub fn new(settings: Steadiness) -> Self {
         Self {
             settings,
-            shape: [0.0; MAX_MODES],
-            speed: [0.0; MAX_MODES],
+            filters: [OneEuro::default(); MAX_MODES],
             last: None,
         }
     }
@@ -69,18 +61,18 @@ impl ShapeFilter {
         let step = self.last.map(|last| at.seconds_since(last));
         self.last = Some(at);
         let Some(step) = step.filter(|s| *s > 0.0 && *s < GAP_S) else {
-            self.shape = *measured;
-            self.speed = [0.0; MAX_MODES];
-            return self.shape;
+            for (filter, b) in self.filters.iter_mut().zip(measured) {
+                filter.reset();
+                filter.start(*b);
+            }
+            return *measured;
         };
-        let step = step as f32;
-        let speed_gain = gain(self.settings.speed_hz, step);
-        for ((b, speed), measured) in self.shape.iter_mut().zip(&mut self.speed).zip(measured) {
-            *speed += speed_gain * ((measured - *b) / step - *speed);
-            let cutoff = self.settings.still_hz + self.settings.follow * speed.abs();
-            *b += gain(cutoff, step) * (measured - *b);
-        }
-        self.shape
+        let cutoffs = Cutoffs {
+            still_hz: self.settings.still_hz,
+            per_speed: self.settings.follow,
+            speed_hz: self.settings.speed_hz,
+        };
+        core::array::from_fn(|i| self.filters[i].filter(measured[i], 1.0, &cutoffs, step as f32))
     }
 }
 

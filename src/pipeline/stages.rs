@@ -25,7 +25,7 @@ use crate::face_model::FaceModel;
 use crate::landmarks::LandmarkStage;
 use crate::output::{Command, Report};
 use crate::pose::{PoseError, PoseTracker};
-use crate::segment::{HeadCloud, Segmenter};
+use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::{Camera, Registration};
 use crate::users::choice::{Candidate, Choice};
@@ -528,12 +528,6 @@ impl Pipeline {
     #[must_use]
     pub fn camera(&self) -> &Camera {
         &self.camera
-    }
-
-    /// The depth points of the first head of the last frame, if one was found.
-    #[must_use]
-    pub fn head_cloud(&self) -> Option<&HeadCloud> {
-        self.segmenter.heads().first()
     }
 
     /// The segmenter, for pictures of what it saw.

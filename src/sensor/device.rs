@@ -64,15 +64,6 @@ impl Model {
         }
     }
 
-    /// Product id of the camera.
-    #[must_use]
-    pub const fn camera_product(self) -> u16 {
-        match self {
-            Self::Windows1517 => 0x02bf,
-            _ => 0x02ae,
-        }
-    }
-
     /// Alternate setting of interface 0 that has the isochronous endpoints.
     #[must_use]
     pub const fn alternate_setting(self) -> u8 {

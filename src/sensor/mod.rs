@@ -30,6 +30,9 @@ use crate::base::time::Timestamp;
 /// Raw depth of a pixel without a measurement.
 pub const NO_DEPTH: u16 = 2047;
 
+/// Ticks of the 60 MHz counter from picture to picture, at 30 pictures a second.
+pub const FRAME_TICKS: i64 = 2_000_000;
+
 /// Grey levels that a picture of nothing may differ by.
 const BLANK_LEVELS: u8 = 4;
 

@@ -144,12 +144,6 @@ impl Recording {
         self.skipped
     }
 
-    /// Plays from the start again.
-    pub fn rewind(&mut self) {
-        self.next = 0;
-        self.skipped = 0;
-    }
-
     /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
     pub fn go_to(&mut self, number: usize) {
         let mut numbers = self.index.depth.iter().map(|depth| depth.number);

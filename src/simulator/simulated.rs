@@ -11,12 +11,10 @@ use crate::sensor::device::Model;
 use crate::sensor::kinect::{Kinect, Settings, develop};
 use crate::sensor::pairing::RawPair;
 use crate::sensor::picture_clock::PictureClock;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 
 /// Seed of the scene's movements and noise: every run is the same.
 const SEED: u64 = 1;
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: u64 = 2_000_000;
 /// Serial number of the sensor that does not exist.
 const SERIAL: &str = "simulated";
 
@@ -29,7 +27,7 @@ struct Drawn {
 
 impl View for Drawn {
     fn draw(&mut self, frame: &mut Frame) -> bool {
-        let ticks = self.frames * FRAME_TICKS;
+        let ticks = self.frames * FRAME_TICKS.cast_unsigned();
         self.truth = self
             .simulator
             .draw(timestamp_from_ticks(ticks.cast_signed()), frame);

@@ -16,7 +16,7 @@ use mien::sensor::camera::Camera;
 use mien::sensor::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
 
 /// Ticks of the sensor's counter per frame.
-pub const FRAME_TICKS: u32 = 2_000_000;
+pub const FRAME_TICKS: u32 = mien::sensor::FRAME_TICKS as u32;
 
 /// Where the public data sets lie: `MIEN_DATA`, or else `../shared/data`. `None`, told in one line, if they do not.
 pub fn data() -> Option<PathBuf> {

@@ -233,7 +233,7 @@ fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
     // Recorded again it is the same recording.
     let again = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::create(again.path(), recording.registration(), 1.7e9).unwrap();
-    recording.rewind();
+    let mut recording = Recording::open(directory.path()).unwrap();
     while recording.next_frame(&mut frame) {
         recorder.write(&frame).unwrap();
     }

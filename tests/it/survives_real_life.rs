@@ -519,7 +519,7 @@ fn a_year_of_samples() {
             0.0
         };
         let g = one.rest[m] + changed + away + 0.006 * actors::normal(&mut random);
-        ours.observe(g, 0.95, STEP_S, true);
+        ours.observe(g, 0.95, STEP_S);
         papers.observe(g, 0.95, STEP_S);
         second += STEP_S;
     }

@@ -749,13 +749,16 @@ pub(super) const KEYS: &[Key] = &[
             valid: |_| true,
         },
     ),
-    key("log", "level", "Least severity written.", |s| {
-        Kind::Choice {
+    key(
+        "log",
+        "level",
+        "Least severity written; \"trace\" is as \"debug\".",
+        |s| Kind::Choice {
             value: index_of(&LEVELS, &s.log.level),
             names: &["error", "warn", "info", "debug", "trace"],
             set: |s, index| s.log.level = LEVELS[index],
-        }
-    }),
+        },
+    ),
 ];
 
 fn single<'a>(value: &'a mut f32, min: f32, max: f32, unit: &'static str) -> Kind<'a> {

@@ -18,8 +18,8 @@
 
 use std::collections::BinaryHeap;
 
-/// Ticks per frame period, at 60 MHz and 30 frames a second.
-pub(super) const FRAME_TICKS: i64 = 2_000_000;
+use crate::sensor::FRAME_TICKS;
+
 /// A step back beyond this many ticks (a second) is a restart, not pictures out of order.
 const RESTART_TICKS: i64 = 60_000_000;
 /// Longest gap between the neighbours of a stamp that is held to be a fault (10 s).

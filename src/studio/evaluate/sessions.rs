@@ -24,16 +24,13 @@ use crate::face_model::FaceModel;
 use crate::face_model::refinement::PUFFS;
 use crate::landmarks::Landmarks;
 use crate::pipeline::{Pipeline, PipelineError};
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
 use crate::studio::fit::FitError;
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::DatasetError;
 use crate::users::TrackingState;
-
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
 
 /// Why sessions cannot be played.
 #[derive(Debug, thiserror::Error)]

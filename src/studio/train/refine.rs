@@ -18,13 +18,13 @@ use crate::face_model::refinement::{Inputs, PUFFS, Refinement};
 use crate::landmarks::LandmarkFitter;
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{lighting, seed_of};
 use crate::studio::heads::{HeadsError, textured_heads};
 
-/// Ticks of the 60 MHz counter per frame, at half the sensor's rate: neighbours say the same.
-const FRAME_TICKS: i64 = 4_000_000;
+/// Every second picture: neighbours say the same.
+const STEP_TICKS: i64 = 2 * FRAME_TICKS;
 const FRAMES_PER_S: f64 = 15.0;
 /// Frames before anything is kept: the constants of the person are still being averaged.
 const SETTLE_FRAMES: i64 = 30;
@@ -107,7 +107,7 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
     let mut frame = Frame::default();
     let mut examples = Vec::new();
     for index in 0..(seconds * FRAMES_PER_S) as i64 {
-        let at = timestamp_from_ticks(index * FRAME_TICKS);
+        let at = timestamp_from_ticks(index * STEP_TICKS);
         let truth = simulator.draw(at, &mut frame);
         let found = segmenter
             .segment(&frame, &camera)

@@ -21,7 +21,7 @@ use crate::expression::readings::{input_name, input_named};
 use crate::expression::{Units, features};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::evaluate::acted::{Acted, UNITS};
 use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
@@ -29,8 +29,6 @@ use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::users::TrackingState;
 
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
 /// Seconds after which rest has been learnt.
 const SETTLED_S: f64 = 6.0;
 /// Every so many frames make an example: neighbours say the same.

@@ -5,13 +5,11 @@ use crate::base::capacity::{LANDMARKS, USERS};
 use crate::base::geometry::yaw_pitch_roll;
 use crate::expression::units::Units;
 use crate::pipeline::Pipeline;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
 use crate::studio::evaluate::acted::Acted;
 use crate::studio::inspect::album::{Album, Curve, Plot};
 
-/// Ticks of the sensor's clock in a frame.
-const FRAME_TICKS: i64 = 2_000_000;
 /// Seconds of a session in which ranges are learnt and nothing is judged.
 const LEARNS_S: f64 = 4.0;
 

@@ -4,13 +4,11 @@ use image::RgbImage;
 
 use super::{FiguresError, Studio, crop, draw_points, title};
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Held, Look, Scene, Simulator};
 use crate::studio::bake::render::sheet;
 use crate::studio::inspect::draw_axes;
 
-/// Ticks of the sensor's clock in a frame.
-const FRAME_TICKS: i64 = 2_000_000;
 /// Half of what is shown of a picture, colour pixels.
 const HALF: [u32; 2] = [80, 95];
 

@@ -18,15 +18,13 @@ use crate::pipeline::PipelineError;
 use crate::pose::{HeadPose, PoseTracker};
 use crate::segment::Segmenter;
 use crate::sensor::camera::Camera;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_of};
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
 /// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
 const SPARSE: i64 = 5;
 /// Covered points: a fifth.
