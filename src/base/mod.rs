@@ -4,6 +4,7 @@
 pub(crate) mod bounded_read;
 pub mod capacity;
 pub mod checksum;
+pub mod frames;
 pub mod geometry;
 #[cfg(feature = "std")]
 pub(crate) mod insertion_sort;

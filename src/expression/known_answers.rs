@@ -5,6 +5,7 @@ use super::nodes::Nodes;
 use super::units::{Kind, Prior};
 use super::{Expression, Settings, Units, rest};
 use crate::base::capacity::LANDMARKS;
+use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
@@ -90,7 +91,8 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
                 confidence: 1.0,
             };
             let at = Timestamp::from_us(k * 33_333);
-            expression.observe(&landmarks, &Rigid::translation(0.0, 0.0, 0.7), at);
+            let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7));
+            expression.observe(&landmarks, &facing, at);
             assert!(k > 6 || hidden, "frame {k} is shown");
             shown.push(expression.weights().units);
         }

@@ -53,7 +53,7 @@ pub use units::{UnitName, Units};
 use alloc::sync::Arc;
 
 use crate::base::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
-use crate::base::geometry::Rigid;
+use crate::base::frames::SensorFromFace;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -368,7 +368,7 @@ impl Expression {
     pub fn observe(
         &mut self,
         landmarks: &Landmarks,
-        sensor_from_head: &Rigid,
+        sensor_from_face: &SensorFromFace,
         at: Timestamp,
     ) -> &Weights {
         let raw = measures::with_cheeks(&landmarks.head, landmarks.cheeks);
@@ -385,7 +385,7 @@ impl Expression {
         }
         self.present_s += dt;
 
-        let omega = weight::sample_weight(sensor_from_head, self.settings.best_distance_m);
+        let omega = weight::sample_weight(sensor_from_face, self.settings.best_distance_m);
         let learns = !self.weights.frozen && landmarks.confidence >= LEAST_CONFIDENCE;
         let w = raw[Measure::EyeDistance as usize];
         if learns && measures::confidence(Measure::EyeDistance, landmarks) >= LEAST_CONFIDENCE {
@@ -401,7 +401,7 @@ impl Expression {
         if let (Some(together), Learners::Robust(learners)) = (&mut self.together, &self.learners) {
             together.read(
                 landmarks,
-                &sensor_from_head.rotation,
+                &sensor_from_face.rotation,
                 divisor,
                 &self.weights.measures,
                 learners,

@@ -3,7 +3,9 @@
 use super::measures::tests::toy_face;
 use super::*;
 use crate::base::capacity::LANDMARKS;
+use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Point;
+use crate::base::geometry::Rigid;
 
 fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
     Landmarks {
@@ -17,8 +19,8 @@ fn landmarks(head: [Point; LANDMARKS]) -> Landmarks {
     }
 }
 
-fn facing() -> Rigid {
-    Rigid::translation(0.0, 0.0, 0.7)
+fn facing() -> SensorFromFace {
+    SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.7))
 }
 
 fn frame(n: u64) -> Timestamp {
@@ -135,7 +137,7 @@ fn frozen_and_doubtful_frames_teach_nothing() {
     }
     assert_eq!(expression.ranges(), before);
     // Turned away: ω < 1/3.
-    let away = Rigid::from_parts(
+    let away = SensorFromFace::from_parts(
         nalgebra::Translation3::new(0.0, 0.0, 0.7),
         crate::base::geometry::rotation_from_yaw_pitch_roll(1.5, 0.0, 0.0),
     );

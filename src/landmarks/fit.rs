@@ -22,6 +22,7 @@ use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::PIXELS;
+use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -157,7 +158,7 @@ pub struct LandmarkFitter {
     /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
     shift: Vector,
     /// See [`Self::strayed`].
-    strayed: Rigid,
+    strayed: Motion<Head, Head>,
     landmarks: Landmarks,
 }
 
@@ -188,7 +189,7 @@ impl LandmarkFitter {
             turned_s: 0.0,
             tries: 0,
             shift: Vector::zeros(),
-            strayed: Rigid::identity(),
+            strayed: Motion::identity(),
             landmarks: empty_landmarks(),
         }
     }
@@ -228,13 +229,13 @@ impl LandmarkFitter {
             return None;
         };
         self.settle(&placement, &fit, step_s);
-        let shape = self.refined(&fit, depth, camera, &pose.sensor_from_head, step_s);
+        let sensor_from_face = pose.sensor_from_head * self.head_from_face();
+        let shape = self.refined(&fit, depth, camera, &sensor_from_face, step_s);
         self.report(luma, &placement, &fit, &shape, &belief, at);
-        let face = pose.sensor_from_head * Rigid::from_parts(self.shift.into(), self.turn);
         let mouth = &self.landmarks.head[MOUTH];
         let hidden = mouth
             .iter()
-            .filter(|p| relief::is_hidden(depth, camera, &face, p));
+            .filter(|p| relief::is_hidden(depth, camera, &sensor_from_face, p));
         self.landmarks.mouth_hidden = hidden.count() as f32 / MOUTH.len() as f32;
         Some(&self.landmarks)
     }
@@ -246,8 +247,8 @@ impl LandmarkFitter {
         camera: &Camera,
         pose: &HeadPose,
     ) -> Option<(Placement, FaceFit, Belief)> {
-        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
-        let placement = Placement::of_pose(camera, &(pose.sensor_from_head * head_from_face))?;
+        let placement =
+            Placement::of_pose(camera, &(pose.sensor_from_head * self.head_from_face()))?;
         let mut start = placement.start;
         start.log_scale += self.log_size.map_or(0.0, |(mean, _)| mean);
         let (fit, belief) = self.run(luma, &placement, &start);
@@ -256,41 +257,48 @@ impl LandmarkFitter {
         (belief.face >= self.settings.min_confidence * share).then_some((placement, fit, belief))
     }
 
-    /// What to turn a depth pose by (`sensor_from_head * turn`) to agree with the face in the picture. Where a head's frame
+    /// What to turn a depth pose by to agree with the face in the picture. Where a head's frame
     /// sits on a face is a convention that depth alone knows badly: a person's forehead leans as much as their chin. The
     /// picture tells; averaged over seconds, because it is a constant of the person.
     #[must_use]
-    pub fn turn(&self) -> Rotation {
-        self.turn
+    pub fn turn(&self) -> HeadFromFace {
+        HeadFromFace::from_parts(Vector::zeros(), self.turn)
+    }
+
+    /// Where the face sits in the head that depth sees.
+    fn head_from_face(&self) -> HeadFromFace {
+        HeadFromFace::from_parts(self.shift, self.turn)
     }
 
     /// From the head that the last fit's face implies to the one that depth gave, if the face sits in its head as usual:
     /// `sensor_from_head * strayed` is what the picture says of the pose.
     #[must_use]
-    pub fn strayed(&self) -> Rigid {
+    pub fn strayed(&self) -> Motion<Head, Head> {
         self.strayed
     }
 
-    /// Whether a face is near a guess (`sensor_from_head`), whatever is known of this one: how surely, and where the head then
+    /// Whether a face is near a guess, whatever is known of this one: how surely, and where the head then
     /// is. Nothing is learnt from it.
     #[must_use]
     pub fn spot(
         &self,
         luma: &[u8; PIXELS],
         camera: &Camera,
-        guess: &Rigid,
-    ) -> Option<(f32, Rigid)> {
+        guess: &SensorFromHead,
+    ) -> Option<(f32, SensorFromHead)> {
         let placement = Placement::of_pose(camera, guess)?;
         let (fit, belief) = self.run(luma, &placement, &placement.start);
         let is_sure = belief.face >= SPOTTED;
-        is_sure.then(|| (belief.face, guess * moved(&placement.start, &fit.view)))
+        // Nothing is known of how this face sits in its head: as usual.
+        let found = || *guess * Motion::<Head, Head>::of(moved(&placement.start, &fit.view));
+        is_sure.then(|| (belief.face, found()))
     }
 
     /// Where the face of the last fit is in the head that depth sees, if that is so far off that depth has the wrong pose;
     /// the next fit then starts from the pose alone.
-    pub fn straighten(&mut self) -> Option<Rigid> {
+    pub fn straighten(&mut self) -> Option<HeadFromFace> {
         let off = self.turn.angle() > WRONG_RAD || self.shift.norm() > WRONG_M;
-        let head_from_face = Rigid::from_parts(self.shift.into(), self.turn);
+        let head_from_face = self.head_from_face();
         off.then(|| {
             (self.turn, self.turned_s) = (Rotation::identity(), 0.0);
             self.shift = Vector::zeros();
@@ -339,11 +347,11 @@ impl LandmarkFitter {
         let mean = mean + (log_size - mean) * share;
         let moved = moved(&placement.start, &fit.view);
         // Further off than this is no way to sit in a head.
-        let usual = Rigid::new(
+        let usual = HeadFromFace::of(Rigid::new(
             self.shift.cap_magnitude(WRONG_M),
             self.turn.scaled_axis().cap_magnitude(WRONG_RAD),
-        );
-        let seen = Rigid::from_parts(self.shift.into(), self.turn) * moved;
+        ));
+        let seen = HeadFromFace::of(*self.head_from_face() * moved);
         self.strayed = seen * usual.inverse();
         self.shift += self.turn * moved.translation.vector * share;
         self.turned_s = (self.turned_s + step_s).min(TURN_TIME_S);
@@ -363,7 +371,7 @@ impl LandmarkFitter {
         fit: &FaceFit,
         depth: &[u16; PIXELS],
         camera: &Camera,
-        pose: &Rigid,
+        sensor_from_face: &SensorFromFace,
         step_s: f32,
     ) -> [f32; MAX_MODES] {
         let mut shape = fit.shape;
@@ -375,7 +383,7 @@ impl LandmarkFitter {
             self.size(),
             depth,
             camera,
-            &(pose * Rigid::from_parts(self.shift.into(), self.turn)),
+            sensor_from_face,
         );
         if let Some(refinement) = &self.refinement {
             let mut inputs = self.inputs.clone();
@@ -480,17 +488,17 @@ mod tests {
         let turn = Rotation::new(Vector::new(0.03, -0.12, 0.05));
         let more = Rotation::new(Vector::new(0.02, 0.01, -0.06));
         fitter.settle(&at, &ended(&at, turn, 0.0, [0.0; 2]), 0.1);
-        assert!(fitter.turn().angle_to(&turn) < 1e-3);
+        assert!(fitter.turn().rotation.angle_to(&turn) < 1e-3);
         fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 0.1);
         let half = turn * Rotation::new(more.scaled_axis() * 0.5);
-        assert!(fitter.turn().angle_to(&half) < 1e-3);
+        assert!(fitter.turn().rotation.angle_to(&half) < 1e-3);
         // From forty seconds on a second is a fortieth.
         for _ in 0..400 {
             fitter.settle(&at, &ended(&at, none, 0.0, [0.0; 2]), 0.1);
         }
         fitter.settle(&at, &ended(&at, more, 0.0, [0.0; 2]), 1.0);
         let last = half * Rotation::new(more.scaled_axis() / 40.0);
-        assert!(fitter.turn().angle_to(&last) < 1e-3);
+        assert!(fitter.turn().rotation.angle_to(&last) < 1e-3);
     }
 
     #[test]
@@ -520,13 +528,13 @@ mod tests {
         fitter.settle(&at, &ended(&at, turn, 0.1, [9.0, 0.0]), 0.1);
         let (shift, size) = (fitter.shift, fitter.size());
         fitter.lose();
-        assert!((fitter.turn().angle() - 0.06).abs() < 1e-4);
+        assert!((fitter.turn().rotation.angle() - 0.06).abs() < 1e-4);
         assert!((fitter.shift - shift * 0.5).norm() < 1e-7);
         assert!((fitter.turned_s - 0.05).abs() < 1e-6 && fitter.last_at.is_none());
         // A person's size stays theirs, until they are forgotten.
         assert!((fitter.size() - size).abs() < 1e-7);
         fitter.reset();
-        assert!(fitter.turn().angle() < 1e-6 && fitter.shift.norm() < 1e-9);
+        assert!(fitter.turn().rotation.angle() < 1e-6 && fitter.shift.norm() < 1e-9);
         assert!((fitter.size() - 1.0).abs() < 1e-6 && fitter.turned_s == 0.0);
     }
 
@@ -543,13 +551,13 @@ mod tests {
             let turn = Rotation::new(Vector::new(0.0, turn, 0.0));
             let aside = [aside_m * PIXELS_PER_METRE, 0.0];
             fitter.settle(&at, &ended(&at, turn, 0.0, aside), 0.1);
-            let (shift, turn) = (fitter.shift, fitter.turn());
+            let (shift, turn) = (fitter.shift, fitter.turn().rotation);
             let found = fitter.straighten();
             assert_eq!(found.is_some(), is_wrong, "{turn} {aside_m}");
             if let Some(head_from_face) = found {
                 assert!(head_from_face.rotation.angle_to(&turn) < 1e-6);
                 assert!((head_from_face.translation.vector - shift).norm() < 1e-7);
-                assert!(fitter.straighten().is_none() && fitter.turn().angle() < 1e-6);
+                assert!(fitter.straighten().is_none() && fitter.turn().rotation.angle() < 1e-6);
             }
         }
     }

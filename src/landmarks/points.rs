@@ -2,7 +2,8 @@
 
 use super::eyes::Eyes;
 use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Rigid};
+use crate::base::frames::SensorFromFace;
+use crate::base::geometry::Point;
 use crate::face_model::refinement;
 use crate::sensor::camera::Camera;
 
@@ -30,10 +31,10 @@ pub struct Landmarks {
 
 impl Landmarks {
     /// The same face at another pose of its head.
-    pub fn move_to(&mut self, sensor_from_head: &Rigid, camera: &Camera) {
+    pub fn move_to(&mut self, sensor_from_face: &SensorFromFace, camera: &Camera) {
         self.pixels = self
             .head
-            .map(|point| camera.colour_pixel(&(sensor_from_head * point)));
+            .map(|point| camera.colour_pixel(&(sensor_from_face * point)));
     }
 }
 

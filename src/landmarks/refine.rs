@@ -2,7 +2,8 @@
 
 use super::relief;
 use crate::base::capacity::{LANDMARKS, PIXELS};
-use crate::base::geometry::{Point, Rigid, Vector};
+use crate::base::frames::SensorFromFace;
+use crate::base::geometry::{Point, Vector};
 use crate::face_model::refinement::{Inputs, MAX_INPUTS, places};
 use crate::sensor::camera::Camera;
 
@@ -16,12 +17,12 @@ pub fn inputs(
     size: f32,
     depth: &[u16; PIXELS],
     camera: &Camera,
-    sensor_from_head: &Rigid,
+    sensor_from_face: &SensorFromFace,
 ) -> Inputs {
     let mut inputs = Inputs::new();
     let [x, y, z] = [turn.x, turn.y, turn.z];
     let seen = places(head).map(|place| {
-        relief::height(depth, camera, sensor_from_head, &(place * size))
+        relief::height(depth, camera, sensor_from_face, &(place * size))
             .map_or(f32::NAN, |height| height / size + place.z)
     });
     let all = shape

@@ -6,7 +6,8 @@
 //! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.
 
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::base::geometry::{Point, Rigid, Vector};
+use crate::base::frames::SensorFromFace;
+use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::camera::Camera;
@@ -27,10 +28,10 @@ const LEAST: usize = 8;
 pub fn height(
     depth: &[u16; PIXELS],
     camera: &Camera,
-    sensor_from_head: &Rigid,
+    sensor_from_face: &SensorFromFace,
     place: &Point,
 ) -> Option<f32> {
-    let seen = sensor_from_head * place;
+    let seen = sensor_from_face * place;
     if seen.z < 0.2 {
         return None;
     }
@@ -41,8 +42,8 @@ pub fn height(
         let to = ((centre + reach).floor() + 1.0).clamp(0.0, most as f32) as usize;
         from..to.max(from)
     };
-    let origin = sensor_from_head * Point::origin();
-    let towards = sensor_from_head.rotation * -Vector::z();
+    let origin = sensor_from_face * Point::origin();
+    let towards = sensor_from_face.rotation * -Vector::z();
     let mut heights = heapless::Vec::<f32, 169>::new();
     for y in span(row, HEIGHT) {
         for x in span(col, WIDTH) {
@@ -74,10 +75,10 @@ const BEFORE_M: f32 = 0.02;
 pub fn is_hidden(
     depth: &[u16; PIXELS],
     camera: &Camera,
-    sensor_from_head: &Rigid,
+    sensor_from_face: &SensorFromFace,
     place: &Point,
 ) -> bool {
-    let seen = sensor_from_head * place;
+    let seen = sensor_from_face * place;
     if seen.z < 0.2 {
         return false;
     }
@@ -94,6 +95,7 @@ pub fn is_hidden(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Rigid;
     use crate::sensor::NO_DEPTH;
 
     /// A depth picture of the plane z = 0.8 m + slope · x, in the camera's whole steps.
@@ -111,7 +113,7 @@ mod tests {
     fn a_plane_is_where_it_is_in_the_head_frame() {
         let camera = Camera::nominal();
         let depth = plane(&camera, 0.2);
-        let pose = Rigid::translation(0.01, -0.02, 0.83);
+        let pose = SensorFromFace::of(Rigid::translation(0.01, -0.02, 0.83));
         for place in [[0.0, 0.0], [0.03, 0.02], [-0.04, 0.05]] {
             let truth = -(0.8 + 0.2 * (place[0] + 0.01) - 0.83);
             let guess = Point::new(place[0], place[1], -truth + 0.008);
@@ -125,7 +127,7 @@ mod tests {
     fn what_is_far_from_the_place_is_not_taken_for_it() {
         let camera = Camera::nominal();
         let depth = plane(&camera, 0.0);
-        let pose = Rigid::translation(0.0, 0.0, 0.8);
+        let pose = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
         assert!(height(&depth, &camera, &pose, &Point::new(0.0, 0.0, 0.05)).is_none());
         assert!(height(&depth, &camera, &pose, &Point::new(3.0, 0.0, 0.0)).is_none());
         let nothing: Box<[u16; PIXELS]> = vec![NO_DEPTH; PIXELS].try_into().expect("long");

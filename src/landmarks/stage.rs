@@ -4,7 +4,7 @@ use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
 use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
-use crate::base::geometry::{Rigid, Rotation};
+use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::shared_cell::Shared;
@@ -94,16 +94,16 @@ impl LandmarkStage {
 
     /// What to turn depth poses of this person by, as the picture tells; nothing with the paper's method.
     #[must_use]
-    pub fn turn(&self) -> Rotation {
+    pub fn turn(&self) -> HeadFromFace {
         match self {
             Self::Cascade(fitter) => fitter.turn(),
-            Self::Paper(_) => Rotation::identity(),
+            Self::Paper(_) => HeadFromFace::identity(),
         }
     }
 
     /// See [`LandmarkFitter::strayed`]; `None` with the paper's method.
     #[must_use]
-    pub fn strayed(&self) -> Option<Rigid> {
+    pub fn strayed(&self) -> Option<Motion<Head, Head>> {
         match self {
             Self::Cascade(fitter) => Some(fitter.strayed()),
             Self::Paper(_) => None,
@@ -116,8 +116,8 @@ impl LandmarkStage {
         &self,
         luma: &[u8; PIXELS],
         camera: &Camera,
-        guess: &Rigid,
-    ) -> Option<(f32, Rigid)> {
+        guess: &SensorFromHead,
+    ) -> Option<(f32, SensorFromHead)> {
         match self {
             Self::Cascade(fitter) => fitter.spot(luma, camera, guess),
             Self::Paper(_) => None,
@@ -125,7 +125,7 @@ impl LandmarkStage {
     }
 
     /// See [`LandmarkFitter::straighten`]; nothing with the paper's method.
-    pub fn straighten(&mut self) -> Option<Rigid> {
+    pub fn straighten(&mut self) -> Option<HeadFromFace> {
         match self {
             Self::Cascade(fitter) => fitter.straighten(),
             Self::Paper(_) => None,

@@ -5,7 +5,8 @@
 
 use super::stage::Stage;
 use crate::base::capacity::UNITS;
-use crate::base::geometry::{Rigid, Vector};
+use crate::base::frames::SensorFromFace;
+use crate::base::geometry::Vector;
 use crate::base::time::Timestamp;
 use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
@@ -51,7 +52,7 @@ pub(crate) struct Follower {
     pub(crate) presence: Presence,
     pub(crate) state: TrackingState,
     /// Where the head was last; kept while it is held.
-    head: Option<Rigid>,
+    head: Option<SensorFromFace>,
     /// The points seen last; kept while the face is held.
     points: Option<Landmarks>,
     /// 0…1: of the points, or of the pose where there are none.
@@ -215,11 +216,11 @@ impl Follower {
             .and_then(|_| self.landmarks.strayed())
             .and_then(|strayed| self.pose.lean(&(pose.sensor_from_head * strayed)))
             .unwrap_or(pose.sensor_from_head);
-        let sensor_from_head = leant * self.landmarks.turn();
+        let sensor_from_face = leant * self.landmarks.turn();
         let landmarks = match fitted {
             Some(landmarks) => {
                 self.expression
-                    .observe(&landmarks, &sensor_from_head, frame.at);
+                    .observe(&landmarks, &sensor_from_face, frame.at);
                 self.ranges = self.expression.unit_ranges();
                 self.pose.learn(cloud);
                 self.face.see(&landmarks.head);
@@ -229,7 +230,7 @@ impl Follower {
                 self.pose.take_back();
                 return false;
             }
-            None => match self.turned_away(&sensor_from_head, camera, frame.at) {
+            None => match self.turned_away(&sensor_from_face, camera, frame.at) {
                 Some(landmarks) => landmarks,
                 // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
                 None if self.frames >= KNOWN_FRAMES && sure => {
@@ -244,7 +245,7 @@ impl Follower {
             },
         };
         after(Stage::Expression);
-        self.find(sensor_from_head, cloud, frame.at);
+        self.find(sensor_from_face, cloud, frame.at);
         if self.frames < CORRECTED_FRAMES
             && let Some(head_from_face) = self.landmarks.straighten()
         {
@@ -262,8 +263,8 @@ impl Follower {
     }
 
     /// The head is there, with its face or without.
-    fn find(&mut self, sensor_from_head: Rigid, cloud: &HeadCloud, at: Timestamp) {
-        let origin = sensor_from_head.translation.vector;
+    fn find(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
+        let origin = sensor_from_face.translation.vector;
         match &mut self.place {
             Some(place) => place.see(cloud.centre, origin, at),
             None => self.place = Some(Place::new(cloud.centre, origin, at)),
@@ -271,7 +272,7 @@ impl Follower {
         if self.head.is_none() {
             self.since = at;
         }
-        self.head = Some(sensor_from_head);
+        self.head = Some(sensor_from_face);
         self.last_seen = at;
     }
 
@@ -291,9 +292,9 @@ impl Follower {
         cloud: &HeadCloud,
         at: Timestamp,
     ) {
-        let sensor_from_head = pose.sensor_from_head * self.landmarks.turn();
+        let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
         self.pose.learn(cloud);
-        self.find(sensor_from_head, cloud, at);
+        self.find(sensor_from_face, cloud, at);
         self.doubted = 0;
         self.missed = false;
         self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
@@ -302,14 +303,19 @@ impl Follower {
             self.points = None;
         }
         match &mut self.points {
-            Some(points) => points.move_to(&sensor_from_head, camera),
+            Some(points) => points.move_to(&sensor_from_face, camera),
             None => self.confidence = pose.confidence,
         }
     }
 
     /// A known head that turns away is followed by depth alone: its points stay where they were on the head, the weights as
     /// they were. `None` for a head that faces the sensor and yet shows no face, or was not followed up to now.
-    fn turned_away(&self, pose: &Rigid, camera: &Camera, at: Timestamp) -> Option<Landmarks> {
+    fn turned_away(
+        &self,
+        pose: &SensorFromFace,
+        camera: &Camera,
+        at: Timestamp,
+    ) -> Option<Landmarks> {
         let last = self.points.as_ref()?;
         let known = self.frames >= KNOWN_FRAMES && at.seconds_since(self.last_seen) < AWAY_GAP_S;
         let facing = (pose.rotation * Vector::z()).dot(&pose.translation.vector.normalize());
@@ -400,7 +406,7 @@ impl Follower {
         }
         let known = Report {
             confidence: self.confidence,
-            sensor_from_head: self.head.as_ref(),
+            sensor_from_head: self.head.as_deref(),
             head_box: self.rect,
             frozen: self.expression.weights().frozen,
             ..known
@@ -421,6 +427,8 @@ impl Follower {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::frames::SensorFromHead;
+    use crate::base::geometry::Rigid;
     use crate::base::geometry::Rotation;
     use crate::base::shared_cell::Shared;
     use crate::expression::Units;
@@ -457,7 +465,7 @@ mod tests {
 
     fn pose(sensor_from_head: Rigid) -> HeadPose {
         HeadPose {
-            sensor_from_head,
+            sensor_from_head: SensorFromHead::of(sensor_from_head),
             confidence: 0.9,
             residual: 0.001,
             coverage: 0.9,

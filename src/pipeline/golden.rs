@@ -8,6 +8,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use crate::base::capacity::LANDMARKS;
+use crate::base::frames::SensorFromFace;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::base::time::Timestamp;
 use crate::expression::measures::tests::toy_face;
@@ -125,7 +126,9 @@ fn learned(name: &str, settings: ExpressionSettings, units: Units) {
         let place = nalgebra::Translation3::new(0.1, 0.0, 0.7 + 0.3 * (n as f32 * 0.003).sin());
         let at = Timestamp::from_us(n * 33_333);
         let pose = Rigid::from_parts(place, turn);
-        let weights = expression.observe(&face, &pose, at).clone();
+        let weights = expression
+            .observe(&face, &SensorFromFace::of(pose), at)
+            .clone();
         match n {
             1000 => expression.freeze(true),
             1050 => expression.freeze(false),

@@ -5,7 +5,8 @@
 //! about the vertical; a fit that starts that far off still ends on the face. Sensor frame, metres. Degenerate: an empty
 //! cloud has none.
 
-use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
+use crate::base::frames::SensorFromHead;
+use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -26,9 +27,9 @@ const PLACES: [[f32; 2]; 12] = [
 ];
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
-/// The guesses (`sensor_from_head`) of one frame: those at place number `count`, round and round through all places.
+/// The guesses of one frame: those at place number `count`, round and round through all places.
 #[must_use]
-pub fn guesses(cloud: &[Point], count: usize) -> Option<[Rigid; 3]> {
+pub fn guesses(cloud: &[Point], count: usize) -> Option<[SensorFromHead; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];
     let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
     for point in cloud {
@@ -46,7 +47,7 @@ pub fn guesses(cloud: &[Point], count: usize) -> Option<[Rigid; 3]> {
     let near = cloud.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
     Some(YAWS_RAD.map(|yaw| {
         let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
-        Rigid::from_parts(near.coords.into(), turn)
+        SensorFromHead::from_parts(near.coords, turn)
     }))
 }
 
@@ -63,7 +64,7 @@ mod tests {
                 Point::new(0.10 + x * 0.005, -0.05 + y * 0.005, 0.8)
             })
             .collect();
-        let all: Vec<Rigid> = (0..12)
+        let all: Vec<SensorFromHead> = (0..12)
             .filter_map(|k| guesses(&cloud, k))
             .flatten()
             .collect();
@@ -71,7 +72,8 @@ mod tests {
         for x in [0.04, 0.06, 0.08, 0.10, 0.12] {
             for y in [0.06, 0.08, 0.10, 0.12] {
                 let face = Point::new(0.10 + x, -0.05 + y, 0.8);
-                let apart = |guess: &Rigid| (guess.translation.vector - face.coords).norm();
+                let apart =
+                    |guess: &SensorFromHead| (guess.translation.vector - face.coords).norm();
                 let nearest = all.iter().map(apart).fold(f32::MAX, f32::min);
                 assert!(nearest < 0.025, "{nearest} at {x} {y}");
             }

@@ -12,6 +12,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::plane::WORTH_M2;
+use crate::base::frames::{Head, Motion, SensorFromHead};
 use crate::base::geometry::{Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -29,10 +30,14 @@ const FREE_PITCH: f32 = 1.5;
 /// Knowledge of a direction in which depth knows nothing, per unit of weight.
 const NOTHING: f64 = 1e-6;
 
-/// The pose (`sensor_from_head`) between `depth`, whose alignment knows `known` (turn and shift in the head frame, per unit of
+/// The pose between `depth`, whose alignment knows `known` (turn and shift in the head frame, per unit of
 /// weight), and what the picture `told`.
-pub(super) fn lean(depth: &Rigid, known: &SMatrix<f64, 6, 6>, told: &Rigid) -> Option<Rigid> {
-    let off = told.inverse() * depth;
+pub(super) fn lean(
+    depth: &SensorFromHead,
+    known: &SMatrix<f64, 6, 6>,
+    told: &SensorFromHead,
+) -> Option<SensorFromHead> {
+    let off = told.inverse() * *depth;
     let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
     let roomy = Vector::new(turn.x / FREE_PITCH, turn.y, turn.z);
     let far = (roomy.norm() / FREE_RAD).hypot(shift.norm() / FREE_M);
@@ -57,7 +62,7 @@ pub(super) fn lean(depth: &Rigid, known: &SMatrix<f64, 6, 6>, told: &Rigid) -> O
     let step = (depths + picture).cholesky()?.solve(&(picture * wanted));
     let [a, b, c, x, y, z] = core::array::from_fn(|k| step[k] as f32);
     let step = Rigid::new(Vector::new(x, y, z), Vector::new(a, b, c));
-    Some(depth * step.inverse())
+    Some(*depth * Motion::<Head, Head>::of(step).inverse())
 }
 
 #[cfg(test)]
@@ -65,9 +70,9 @@ mod tests {
     use super::*;
     use crate::base::geometry::{Rotation, rotation_from_yaw_pitch_roll};
 
-    fn depth() -> Rigid {
-        Rigid::from_parts(
-            Vector::new(0.05, -0.02, 0.8).into(),
+    fn depth() -> SensorFromHead {
+        SensorFromHead::from_parts(
+            Vector::new(0.05, -0.02, 0.8),
             rotation_from_yaw_pitch_roll(0.2, -0.1, 0.05),
         )
     }
@@ -86,7 +91,7 @@ mod tests {
         let depth = depth();
         let sight = depth.translation.vector.normalize();
         let turn = 0.2;
-        let told = Rigid::from_parts(
+        let told = SensorFromHead::from_parts(
             depth.translation,
             Rotation::new(sight * turn) * depth.rotation,
         );
@@ -100,7 +105,9 @@ mod tests {
     #[test]
     fn where_depth_knows_nothing_the_picture_decides_and_never_how_far_off_a_head_is() {
         let depth = depth();
-        let told = depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0));
+        let told = SensorFromHead::of(
+            *depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0)),
+        );
         let leant = lean(&depth, &SMatrix::zeros(), &told).expect("far apart");
         assert!(leant.rotation.angle_to(&told.rotation) < FREE_RAD + 0.005);
         let along = depth.translation.vector.normalize();
@@ -114,7 +121,8 @@ mod tests {
     #[test]
     fn small_differences_are_depths() {
         let depth = depth();
-        let near = |turn: Vector, shift: Vector| depth * Rigid::new(shift, turn);
+        let near =
+            |turn: Vector, shift: Vector| SensorFromHead::of(*depth * Rigid::new(shift, turn));
         let none = Vector::zeros();
         for (turn, shift, is_left) in [
             (Vector::y() * 0.033, none, true),

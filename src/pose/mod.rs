@@ -29,6 +29,7 @@ use alloc::sync::Arc;
 use nalgebra::SMatrix;
 
 use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::frames::{HeadFromFace, HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -44,7 +45,7 @@ use smoothing::{PoseFilter, Smoothing};
 #[derive(Clone, Copy, Debug)]
 pub struct HeadPose {
     /// Maps head coordinates to the depth camera's.
-    pub sensor_from_head: Rigid,
+    pub sensor_from_head: SensorFromHead,
     /// 0…1: share of the evidence that agrees.
     pub confidence: f32,
     /// Root mean square distance of the accepted pairs, metres.
@@ -204,8 +205,8 @@ const BLANK_COLUMNS: u16 = 8;
 
 /// Both last poses and the filter, as they were before an unproven one.
 type Before = (
-    Option<(Rigid, Timestamp)>,
-    Option<(Rigid, Timestamp)>,
+    Option<(SensorFromHead, Timestamp)>,
+    Option<(SensorFromHead, Timestamp)>,
     PoseFilter,
 );
 
@@ -216,9 +217,9 @@ pub struct PoseTracker {
     shape: HeadShape,
     filter: PoseFilter,
     /// Last pose as measured, before the filter, and when.
-    last: Option<(Rigid, Timestamp)>,
+    last: Option<(SensorFromHead, Timestamp)>,
     /// The one before that.
-    earlier: Option<(Rigid, Timestamp)>,
+    earlier: Option<(SensorFromHead, Timestamp)>,
     /// What an unproven pose took the place of.
     before: Option<Before>,
     /// The filter before the last pose, and what the alignment knows of that pose, to lean it by.
@@ -234,9 +235,9 @@ pub struct PoseTracker {
     /// Anchor points that a cloud reaches.
     hit: Vec<bool>,
     /// Where a search that is half done has come to, and when.
-    finalists: heapless::Vec<Rigid, FINALISTS>,
+    finalists: heapless::Vec<HeadFromSensor, FINALISTS>,
     /// What has come of a search that is done: poses that are left should the first one show no face, best first.
-    ends: heapless::Vec<Rigid, ENDS>,
+    ends: heapless::Vec<HeadFromSensor, ENDS>,
     searched: Timestamp,
     /// The last frame's fit, until it has taught the shape.
     lesson: Option<PlaneFit>,
@@ -367,27 +368,28 @@ impl PoseTracker {
         }
     }
 
-    /// The last pose was wrong: the head is at `head_from_true` in it. The next cloud is aligned from there.
-    pub fn correct(&mut self, head_from_true: &Rigid) {
+    /// The last pose was wrong: the head is where the face is, `head_from_face`, in it. The next cloud is aligned from there.
+    pub fn correct(&mut self, head_from_face: &HeadFromFace) {
         self.previous = None;
         self.filter.reset();
         // The one before was as wrong: the head's speed stays.
         for (pose, _) in self.last.iter_mut().chain(&mut self.earlier) {
-            *pose *= head_from_true;
+            // The face sits in this head as it should.
+            *pose = SensorFromHead::of(*(*pose * *head_from_face));
         }
     }
 
     /// The last pose combined with the one that the picture gives ([`lean`]), smoothed; `None` if it stays as it was.
-    pub fn lean(&mut self, told: &Rigid) -> Option<Rigid> {
+    pub fn lean(&mut self, told: &SensorFromHead) -> Option<SensorFromHead> {
         let (depth, at) = self.last?;
         let leant = lean::lean(&depth, &self.known, told)?;
         self.last = Some((leant, at));
         self.filter.clone_from(&self.unfiltered);
-        Some(self.filter.smooth(leant, at))
+        Some(SensorFromHead::of(self.filter.smooth(*leant, at)))
     }
 
     /// The picture shows a face where depth found none: the next cloud is aligned from `sensor_from_head` on.
-    pub fn look_at(&mut self, sensor_from_head: Rigid, at: Timestamp) {
+    pub fn look_at(&mut self, sensor_from_head: SensorFromHead, at: Timestamp) {
         self.lose();
         self.last = Some((sensor_from_head, at));
         (self.middle, self.moved) = (None, Vector::zeros());
@@ -457,7 +459,7 @@ impl PoseTracker {
     /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
     /// there its points are to be gathered for [`Self::follow`]. Nothing with the paper's method.
     #[must_use]
-    pub fn expected(&self, at: Timestamp) -> Option<(Rigid, f32)> {
+    pub fn expected(&self, at: Timestamp) -> Option<(SensorFromHead, f32)> {
         let pose = self.predicted(at)?.inverse();
         (self.settings.method == Method::Plane).then(|| (pose, self.head_scale()))
     }
@@ -478,13 +480,13 @@ impl PoseTracker {
         // What is gathered around a pose has the middle of that pose.
         self.middle = None;
         HeadPose {
-            sensor_from_head: self.filter.smooth(found.sensor_from_head, at),
+            sensor_from_head: SensorFromHead::of(self.filter.smooth(*found.sensor_from_head, at)),
             ..found
         }
     }
 
-    /// Pose at `at` if the head keeps its speed, as `head_from_sensor`; only if it was seen lately.
-    fn predicted(&self, at: Timestamp) -> Option<Rigid> {
+    /// Pose at `at` if the head keeps its speed; only if it was seen lately.
+    fn predicted(&self, at: Timestamp) -> Option<HeadFromSensor> {
         let (last, last_at) = self.last?;
         let since = at.seconds_since(last_at);
         if since > COAST_S {
@@ -492,7 +494,7 @@ impl PoseTracker {
         }
         let Some((earlier, earlier_at)) = self.earlier else {
             let moved = last.translation.vector + self.moved.cap_magnitude(STEP_M);
-            return Some(Rigid::from_parts(moved.into(), last.rotation).inverse());
+            return Some(SensorFromHead::from_parts(moved, last.rotation).inverse());
         };
         let dt = last_at.seconds_since(earlier_at);
         if dt <= 0.0 {
@@ -502,8 +504,8 @@ impl PoseTracker {
         let ratio = (since / dt).min(2.0) as f32 * 0.9;
         let turn = (last.rotation * earlier.rotation.inverse()).scaled_axis() * ratio;
         let shift = (last.translation.vector - earlier.translation.vector) * ratio;
-        let sensor_from_head = Rigid::from_parts(
-            (last.translation.vector + shift).into(),
+        let sensor_from_head = SensorFromHead::from_parts(
+            last.translation.vector + shift,
             crate::base::geometry::Rotation::new(turn) * last.rotation,
         );
         Some(sensor_from_head.inverse())
@@ -523,11 +525,11 @@ impl PoseTracker {
         (covered.middle >= least).then_some(covered)
     }
 
-    /// The cloud from `start` (`head_from_sensor`) on against the head as it is known so far.
+    /// The cloud from `start` on against the head as it is known so far.
     fn aligned(
         &self,
         cloud: &[Point],
-        start: Rigid,
+        start: HeadFromSensor,
         cutoffs_m: &[f32],
         stride: usize,
         scale_sigma: f64,
@@ -644,9 +646,9 @@ impl PoseTracker {
     /// Second half: the finalists, moved with the cloud, on all points; the best of them stay, each a pose of its own.
     fn decide(&mut self, cloud: &[Point], scale_sigma: f64) {
         let back = self.moved_back();
-        let mut ends: heapless::Vec<(f32, Rigid), FINALISTS> = heapless::Vec::new();
+        let mut ends: heapless::Vec<(f32, HeadFromSensor), FINALISTS> = heapless::Vec::new();
         for start in &self.finalists {
-            let start = start * back;
+            let start = moved_by(start, &back);
             let Some(fit) =
                 self.aligned(cloud, start, &SETTLE_M, FINAL_STRIDE, scale_sigma, BESIDE)
             else {
@@ -661,7 +663,8 @@ impl PoseTracker {
         self.finalists.clear();
         self.ends.clear();
         for (_, end) in &ends {
-            let is_new = |other: &Rigid| (other.inverse() * end).rotation.angle() > APART_RAD;
+            let is_new =
+                |other: &HeadFromSensor| (other.inverse() * *end).rotation.angle() > APART_RAD;
             if !self.ends.is_full() && self.ends.iter().all(is_new) {
                 // Room was seen to.
                 let _ = self.ends.push(*end);
@@ -673,13 +676,13 @@ impl PoseTracker {
     fn settle(&mut self, head: &HeadCloud, scale_sigma: f64) -> Option<HeadPose> {
         let back = self.moved_back();
         while !self.ends.is_empty() {
-            let start = self.ends.remove(0) * back;
+            let start = moved_by(&self.ends.remove(0), &back);
             let cloud = &head.points;
             let fit = self.aligned(cloud, start, &FOLLOW_M, 1, scale_sigma, BESIDE);
             let coverage = fit.and_then(|fit| self.accepted(cloud, &fit, COVERED_FOUND));
             if let (Some(fit), Some(coverage)) = (fit, coverage) {
                 for end in &mut self.ends {
-                    *end *= back;
+                    *end = moved_by(end, &back);
                 }
                 return Some(self.believed(head, fit, coverage));
             }
@@ -714,7 +717,7 @@ impl PoseTracker {
                     &roughly,
                     &mut self.scratch,
                 )?;
-                last.inverse() * step.target_from_moving
+                HeadFromSensor::of(*last.inverse() * step.target_from_moving)
             }
             _ => {
                 *searches = searches.checked_sub(1)?;
@@ -726,11 +729,11 @@ impl PoseTracker {
             ..to_frame
         };
         let standard = self.standard.as_deref().unwrap_or(&self.anchor.target);
-        let found = icp::align(standard, cloud, start, &to_anchor, &mut self.scratch)
+        let found = icp::align(standard, cloud, *start, &to_anchor, &mut self.scratch)
             .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
         Some(HeadPose {
-            sensor_from_head: found.target_from_moving.inverse(),
+            sensor_from_head: HeadFromSensor::of(found.target_from_moving).inverse(),
             confidence: found.paired,
             residual: found.residual,
             coverage: 1.0,
@@ -739,7 +742,7 @@ impl PoseTracker {
     }
 
     /// The first frame of the paper's method: each start a little way, then the best.
-    fn search_points(&mut self, cloud: &[Point]) -> Option<Rigid> {
+    fn search_points(&mut self, cloud: &[Point]) -> Option<HeadFromSensor> {
         let thin: Vec<Point> = cloud.iter().step_by(SEARCH_STRIDE).copied().collect();
         let brief = icp::Settings {
             iterations: 15,
@@ -749,15 +752,29 @@ impl PoseTracker {
         };
         let mut best: Option<icp::Alignment> = None;
         for start in start::starts(&self.anchor, cloud) {
-            let end = icp::align(&self.anchor.target, &thin, start, &brief, &mut self.scratch);
+            let end = icp::align(
+                &self.anchor.target,
+                &thin,
+                *start,
+                &brief,
+                &mut self.scratch,
+            );
             if let Some(end) = end
                 && best.is_none_or(|best| end.residual < best.residual)
             {
                 best = Some(end);
             }
         }
-        best.map(|best| best.target_from_moving)
+        best.map(|best| HeadFromSensor::of(best.target_from_moving))
     }
+}
+
+/// A pose of a cloud that has moved on: `back` leads from where it is now to where it was, in the sensor's frame.
+fn moved_by(
+    head_from_sensor: &HeadFromSensor,
+    back: &nalgebra::Translation3<f32>,
+) -> HeadFromSensor {
+    HeadFromSensor::of(**head_from_sensor * back)
 }
 
 #[cfg(test)]
@@ -894,7 +911,7 @@ mod tests {
         let at = |ms: u64| Timestamp::from_us(1_000_000 + ms * 1000);
         let pose = |x: f32, yaw: f32| {
             let turn = rotation_from_yaw_pitch_roll(yaw, 0.0, 0.0);
-            Rigid::from_parts(Vector::new(x, 0.0, 0.8).into(), turn)
+            SensorFromHead::from_parts(Vector::new(x, 0.0, 0.8), turn)
         };
         assert!(tracker.predicted(at(0)).is_none());
         tracker.last = Some((pose(0.01, 0.1), at(40)));
@@ -934,7 +951,7 @@ mod tests {
     #[test]
     fn the_best_few_are_kept_in_order() {
         let fit = |support: f32| PlaneFit {
-            head_from_sensor: Rigid::identity(),
+            head_from_sensor: HeadFromSensor::identity(),
             scale: 1.0,
             agreement: 0.0,
             support,
@@ -957,7 +974,7 @@ mod tests {
         let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
         let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
         let fit = |agreement: f32, agreeing: u32| PlaneFit {
-            head_from_sensor: placed(0.0, 0.0, 0.0).inverse(),
+            head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
             scale: 1.0,
             agreement,
             support: 1.0,
@@ -1008,7 +1025,7 @@ mod tests {
     #[test]
     fn the_best_ends_are_kept_best_first_and_of_equals_the_first() {
         let fit = |support: f32, name: f32| PlaneFit {
-            head_from_sensor: Rigid::identity(),
+            head_from_sensor: HeadFromSensor::identity(),
             scale: 1.0,
             agreement: name,
             support,

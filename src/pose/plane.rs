@@ -17,6 +17,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::anchor::Anchor;
 use super::shape::{HeadShape, MAX_LOG_SCALE};
+use crate::base::frames::{Head, HeadFromSensor, Motion};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -43,7 +44,7 @@ pub(crate) struct Effort<'a> {
 /// Where an alignment ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneFit {
-    pub(crate) head_from_sensor: Rigid,
+    pub(crate) head_from_sensor: HeadFromSensor,
     pub(crate) scale: f32,
     /// Of the live points on the bare face, the share that agrees, 0…1: hair beside it agrees with nothing.
     pub(crate) agreement: f32,
@@ -163,7 +164,7 @@ impl Sums {
         anchor: &Anchor,
         shape: &HeadShape,
         cloud: impl Iterator<Item = &'a Point>,
-        (pose, inverse_scale): (&Rigid, f32),
+        (pose, inverse_scale): (&HeadFromSensor, f32),
         (cutoff, beside): (f32, f32),
         middle2: f32,
     ) -> Self {
@@ -220,12 +221,12 @@ impl Sums {
     }
 }
 
-/// Aligns `cloud` (sensor frame) from `start` (`head_from_sensor`) on.
+/// Aligns `cloud` (sensor frame) from `start` on.
 pub(crate) fn align(
     anchor: &Anchor,
     shape: &HeadShape,
     cloud: &[Point],
-    start: Rigid,
+    start: HeadFromSensor,
     effort: &Effort,
 ) -> Option<PlaneFit> {
     let mut pose = start;
@@ -300,13 +301,15 @@ pub(crate) fn align(
         let turn = Vector::new(step[0] as f32, step[1] as f32, step[2] as f32);
         let shift = Vector::new(step[3] as f32, step[4] as f32, step[5] as f32);
         let turn = turn.cap_magnitude(MAX_TURN_RAD);
-        pose = Rigid::new(shift.cap_magnitude(MAX_SHIFT_M), turn) * pose;
+        let moved = Rigid::new(shift.cap_magnitude(MAX_SHIFT_M), turn);
+        pose = Motion::<Head, Head>::of(moved) * pose;
         log_scale = (log_scale + step[6]).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
     let mut fit = fit?;
     // The figures are those of the last but one place; the place is the last one.
-    fit.head_from_sensor = pose;
-    fit.head_from_sensor.rotation.renormalize();
+    let mut pose = *pose;
+    pose.rotation.renormalize();
+    fit.head_from_sensor = HeadFromSensor::of(pose);
     fit.scale = log_scale.exp() as f32;
     fit.head_from_sensor
         .translation
@@ -338,7 +341,7 @@ mod tests {
             .expect("a face");
         // The head as the camera at its z sees it, not turned.
         let q = anchor.points[i] + anchor.normals[i] * off;
-        let pose = Rigid::translation(0.0, 0.0, q.z - z);
+        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, q.z - z));
         let p = pose.inverse() * q;
         let place = (&pose, 1.0);
         Sums::of(
@@ -428,7 +431,7 @@ mod tests {
         let head = half_egg();
         let anchor = Anchor::new(&head).expect("a head");
         let shape = HeadShape::standard(anchor.points.len());
-        let pose = Rigid::translation(0.0, 0.0, -0.75);
+        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.75));
         let fit = |belongs: fn(&Point) -> bool| {
             let cloud: Vec<Point> = head
                 .iter()

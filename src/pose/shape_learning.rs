@@ -107,6 +107,7 @@ impl HeadShape {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::frames::HeadFromSensor;
     use crate::base::geometry::Rigid;
     use crate::pose::anchor::tests::half_egg;
     use crate::pose::signature::Signature;
@@ -173,7 +174,7 @@ mod tests {
     fn a_bump_that_is_seen_is_learned_and_a_size_is_a_mean() {
         let anchor = Anchor::new(&half_egg()).unwrap();
         let mut shape = HeadShape::standard(anchor.points.len());
-        let pose = Rigid::translation(0.0, 0.0, -0.7);
+        let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, -0.7));
         // The tip of a nose is 4 mm longer than the standard one, over 2 cm.
         let bump = |p: &Point| 0.004 * (-p.coords.xy().norm_squared() / 2e-4).exp();
         let all = anchor.points.iter().zip(&anchor.normals);

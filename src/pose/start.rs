@@ -9,16 +9,17 @@
 
 use super::anchor::Anchor;
 use super::plane::FACING;
-use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::frames::{HeadFromSensor, SensorFromHead};
+use crate::base::geometry::{Point, Vector, rotation_from_yaw_pitch_roll};
 
 const YAWS_DEG: [f32; 5] = [0.0, -25.0, 25.0, -52.0, 52.0];
 const PITCHES_DEG: [f32; 5] = [0.0, -22.0, 22.0, -40.0, 40.0];
 
-/// The starts as `head_from_sensor`, frontal first.
+/// The starts, frontal first.
 pub(crate) fn starts<'a>(
     anchor: &'a Anchor,
     cloud: &[Point],
-) -> impl Iterator<Item = Rigid> + use<'a> {
+) -> impl Iterator<Item = HeadFromSensor> + use<'a> {
     let middle = mean(cloud.iter().copied());
     let ray = middle.coords.try_normalize(1e-6).unwrap_or(Vector::z());
     PITCHES_DEG.into_iter().flat_map(move |pitch| {
@@ -33,7 +34,7 @@ pub(crate) fn starts<'a>(
                     .map(|(p, _)| *p),
             );
             let shift = middle.coords - turn * seen.coords;
-            Rigid::from_parts(shift.into(), turn).inverse()
+            SensorFromHead::from_parts(shift, turn).inverse()
         })
     })
 }

@@ -11,7 +11,8 @@ use super::cut::Head;
 use super::head_cloud::{HeadCloud, PixelRect};
 use super::regions::{CELL_PX, COLUMNS, Regions};
 use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
-use crate::base::geometry::{Point, Rigid};
+use crate::base::frames::SensorFromHead;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
@@ -82,7 +83,7 @@ fn in_head(p: &Point) -> bool {
 pub(crate) fn around(
     depth: &[u16; PIXELS],
     camera: &Camera,
-    sensor_from_head: &Rigid,
+    sensor_from_head: &SensorFromHead,
     scale: f32,
     cloud: &mut HeadCloud,
 ) -> bool {

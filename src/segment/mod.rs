@@ -21,7 +21,8 @@ pub mod kmeans;
 mod regions;
 
 use crate::base::capacity::{HEADS, RAW_DEPTH_VALUES};
-use crate::base::geometry::{Point, Rigid};
+use crate::base::frames::SensorFromHead;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::Frame;
@@ -136,7 +137,7 @@ impl Segmenter {
         &mut self,
         frame: &Frame,
         camera: &Camera,
-        (sensor_from_head, scale): (Rigid, f32),
+        (sensor_from_head, scale): (SensorFromHead, f32),
     ) -> Option<&HeadCloud> {
         let into = &mut self.expected;
         let enough = cloud::around(&frame.depth, camera, &sensor_from_head, scale, into);

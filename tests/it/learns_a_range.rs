@@ -7,6 +7,7 @@
 
 use crate::common::actors::{ACTED, Acting, FRAME_S, Jitter, Person};
 use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::frames::SensorFromFace;
 use mien::base::geometry::Rigid;
 use mien::base::time::Timestamp;
 use mien::expression::units::Kind;
@@ -50,7 +51,8 @@ impl Session {
             confidence: 1.0,
         };
         let at = Timestamp::from_us((from_frame + self.frame) * 33_333);
-        expression.observe(&landmarks, &Rigid::translation(0.0, 0.0, 0.8), at);
+        let facing = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
+        expression.observe(&landmarks, &facing, at);
         self.frame += 1;
         truth
     }

@@ -13,6 +13,7 @@ use std::path::Path;
 
 use crate::common::actors::{self, ACTED, Acting, FRAME_S, Jitter, Person};
 use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::frames::SensorFromFace;
 use mien::base::geometry::{Point, Rigid};
 use mien::base::time::Timestamp;
 use mien::expression::one_way::Scan;
@@ -137,7 +138,8 @@ impl Scene {
         self.time_s += FRAME_S;
         let at = Timestamp::from_us((self.time_s * 1e6) as u64);
         let pose = Rigid::translation(0.0, 0.0, 0.8);
-        self.expression.observe(landmarks, &pose, at);
+        self.expression
+            .observe(landmarks, &SensorFromFace::of(pose), at);
         if !self.expression.weights().warming && self.ready_s.is_none() {
             self.ready_s = Some(self.time_s);
             self.figures.ready_s = self.time_s;

@@ -144,7 +144,7 @@ fn play(ict: &IctHead, seed: u64, scene: Scene, frames: u64, settings: Settings)
         let found = segmenter
             .segment(&frame, simulator.camera())
             .and_then(|cloud| tracker.track(cloud, at(k)));
-        run.add(&truth.sensor_from_head, found.map(|f| f.sensor_from_head));
+        run.add(&truth.sensor_from_head, found.map(|f| *f.sensor_from_head));
     }
     run.scale = tracker.head_scale();
     run
@@ -240,7 +240,7 @@ fn filters_and_times() {
                 let start = std::time::Instant::now();
                 let found = cloud.and_then(|cloud| tracker.track(cloud, at(k)));
                 pose_us.push(start.elapsed().as_micros());
-                poses.push((truth.sensor_from_head, found.map(|f| f.sensor_from_head)));
+                poses.push((truth.sensor_from_head, found.map(|f| *f.sensor_from_head)));
             }
             Run::heading(&format!("{scene:?}, person {seed}"));
             for (name, smoothing) in filters {

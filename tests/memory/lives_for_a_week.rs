@@ -16,6 +16,7 @@ use std::time::{Duration, Instant, SystemTime};
 use mien::appliance::settings::Settings;
 use mien::appliance::source::Source;
 use mien::base::capacity::{LANDMARKS, LEARNT_MEASURES};
+use mien::base::frames::SensorFromFace;
 use mien::base::geometry::{Point, Rigid, Vector};
 use mien::base::time::Timestamp;
 use mien::expression::{Expression, Measure, Settings as Learning, Units};
@@ -356,7 +357,7 @@ fn a_week_of_visitors() {
                     }
                 }
                 seat.expression
-                    .observe(&seat.landmarks, &sensor_from_head, at);
+                    .observe(&seat.landmarks, &SensorFromFace::of(sensor_from_head), at);
                 let ready = !seat.expression.weights().warming;
                 seat.state = seat.presence.seen(at, ready);
                 let weights = seat.expression.weights().units();

@@ -14,7 +14,7 @@ enum { PIXELS = 640 * 480 };
 
 static int depth_frames, depth_wrong, colour_frames, colour_wrong;
 
-/* The test pattern of src/sensor/virtual_kinect.rs. */
+/* The test pattern of src/simulator/virtual_kinect.rs. */
 static uint64_t mixed(uint64_t number)
 {
 	uint64_t z = number + 0x9e3779b97f4a7c15u;

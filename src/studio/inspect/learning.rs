@@ -8,6 +8,7 @@ use image::{Rgb, RgbImage};
 use super::album::{Album, Curve, Plot};
 use super::canvas;
 use crate::base::capacity::LEARNT_MEASURES;
+use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
 use crate::expression::{Expression, Measure, Settings, Units};
@@ -43,7 +44,8 @@ impl Learning {
     pub(super) fn observe(&mut self, at: Timestamp, face: Option<(&Landmarks, &Rigid)>) {
         self.t.push(at.as_us() as f64 * 1e-6);
         if let Some((landmarks, sensor_from_head)) = face {
-            self.expression.observe(landmarks, sensor_from_head, at);
+            let sensor_from_face = SensorFromFace::of(*sensor_from_head);
+            self.expression.observe(landmarks, &sensor_from_face, at);
         }
         let (values, ranges) = (self.expression.corrected(), self.expression.ranges());
         for (m, curves) in self.curves.iter_mut().enumerate() {

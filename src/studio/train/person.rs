@@ -235,7 +235,7 @@ mod tests {
                 continue;
             };
             let pose = crate::pose::HeadPose {
-                sensor_from_head: *pose,
+                sensor_from_head: crate::base::frames::SensorFromHead::of(*pose),
                 confidence: 1.0,
                 residual: 0.0,
                 coverage: 1.0,

@@ -81,6 +81,7 @@ pub fn priors(head: &IctHead, people: usize, seed: u64) -> Priors {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::frames::SensorFromFace;
     use crate::base::time::Timestamp;
     use crate::expression::{Expression, Settings, Units};
     use crate::landmarks::Landmarks;
@@ -227,7 +228,11 @@ mod tests {
                 mouth_hidden: 0.0,
                 confidence: 1.0,
             };
-            expression.observe(&landmarks, &pose, Timestamp::from_us(n * 33_333));
+            expression.observe(
+                &landmarks,
+                &SensorFromFace::of(pose),
+                Timestamp::from_us(n * 33_333),
+            );
             if n < 600 {
                 continue;
             }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::{Calibration, Errors};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
+use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::base::time::Timestamp;
 use crate::face_model::{FaceModel, scheme};
@@ -379,8 +380,8 @@ impl<'a> Player<'a> {
         let shift = Vector::new(about(0.1), about(0.1), about(0.1));
         let turn = rotation_from_yaw_pitch_roll(about(0.5), about(0.5), about(0.5));
         HeadPose {
-            sensor_from_head: Rigid::from_parts(
-                (pose.sensor_from_head.translation.vector + shift).into(),
+            sensor_from_head: SensorFromHead::from_parts(
+                pose.sensor_from_head.translation.vector + shift,
                 turn * pose.sensor_from_head.rotation,
             ),
             ..*pose
