@@ -6,6 +6,8 @@ mod follower;
 #[cfg(all(test, feature = "std"))]
 mod golden;
 #[cfg(feature = "std")]
+mod people;
+#[cfg(feature = "std")]
 mod settings;
 #[cfg(feature = "std")]
 mod stage;
@@ -13,10 +15,12 @@ mod stage;
 mod stages;
 
 #[cfg(feature = "std")]
+pub use people::PipelineError;
+#[cfg(feature = "studio")]
+pub(crate) use people::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
+#[cfg(feature = "std")]
 pub use settings::Settings;
 #[cfg(feature = "std")]
 pub use stage::Stage;
-#[cfg(feature = "studio")]
-pub(crate) use stages::{FIRST_LOOK, FIRST_LOOK_APART, SECOND_LOOK, SECOND_LOOK_APART};
 #[cfg(feature = "std")]
-pub use stages::{Pipeline, PipelineError};
+pub use stages::Pipeline;

@@ -1,99 +1,32 @@
-//! The stages in order: the drawing of the library as code.
+//! Frame to reports: the drawing of the library as code.
 //!
-//! Heads are cut from the depth picture and given to the users they belong to ([`crate::users::matching`]); each user has
-//! stages of their own ([`crate::pipeline::follower`]). A head that is nobody's goes to a follower at the door, one at a time: it
-//! becomes a user once a face is found on it (or, without colour, once depth has followed it for a while) and, if there are people who left, after a few more frames that tell whether
-//! it is one of them ([`crate::users::memory`]). What has no face is left alone for a few frames. At most half of a search for
-//! a pose from nothing is done in a frame, so that no frame costs much more than following.
-//!
-//! All memory is taken in [`Pipeline::new`]. With every slot taken, who comes has to wait until one is forgotten.
-//! One file: who gets which head, from door to memory, is one decision.
+//! ```text
+//! frame ─► segment ─► heads ─► people ─► follower of each: pose ─► landmarks ─► expression ─► report of each
+//! ```
+//! All memory is taken in [`Pipeline::new`].
 
-use alloc::sync::Arc;
-
-use super::follower::Follower;
+use super::people::{People, PipelineError};
 use super::settings::Settings;
 use super::stage::Stage;
-use crate::base::capacity::{HEADS, REMEMBERED, USERS};
-use crate::base::geometry::Point;
-use crate::base::shared_cell::Shared;
+use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
 use crate::expression::measures::Measure;
-use crate::expression::units::Units;
 use crate::face_model::FaceModel;
-use crate::landmarks::LandmarkStage;
 use crate::output::{Command, Report};
-use crate::pose::{PoseError, PoseTracker};
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::{Camera, Registration};
-use crate::users::choice::{Candidate, Choice};
+use crate::users::TrackingState;
+#[cfg(feature = "studio")]
 use crate::users::likeness::Likeness;
-use crate::users::matching::Place;
-use crate::users::memory::{Gone, Memory};
-use crate::users::{self, Presence, TrackingState, matching};
-
-/// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
-pub(crate) const FIRST_LOOK: u64 = 4;
-/// and the distance of two people ([`crate::users::likeness`]) up to which they are one: of eight
-/// frames' looks seven of ten who are back are nearer, and three strangers of a thousand.
-pub(crate) const FIRST_LOOK_APART: f32 = 1.0;
-/// A head that is cut off by the picture's edge tells nothing; for so many frames it is waited for.
-const LONGEST_LOOK: u64 = 40;
-/// Every so many frames, up to the last look, a new user is compared once more: who walks in shows one side first, and
-/// goes back to the slot they had.
-const LOOK_STEP: u64 = 8;
-const LAST_LOOK: u64 = 48;
-/// Beyond this distance from all of them a newcomer is a stranger at once; who is between is looked at for longer,
-const STRANGER_APART: f32 = 1.6;
-/// for so many frames: with what it takes to be there at all, a newcomer has a slot within ten,
-pub(crate) const SECOND_LOOK: u64 = 5;
-/// with this distance: of ten frames' looks nine of ten who are back are nearer, and two strangers of a hundred.
-pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
-/// A head without a face is tried again after so many frames.
-const REFUSED_FRAMES: u64 = 4;
-/// A refused head that has moved less than this is the same one, metres.
-const REFUSED_M: f32 = 0.06;
-/// What is cut out so near to a user's head is part of it, metres.
-const SAME_M: f32 = 0.12;
+use crate::users::memory::Gone;
 
 /// Frame to reports: segmentation, then pose, landmarks and expression of each user.
 pub struct Pipeline {
     camera: Camera,
     segmenter: Segmenter,
-    /// By slot, and last the one at the door.
-    followers: Vec<Follower>,
-    settings: users::Settings,
-    memory: Memory,
-    choice: Choice,
-    /// Heads without a face, and the frame from which they are tried again.
-    refused: heapless::Deque<(Point, u64), HEADS>,
-    /// Slots whose users were forgotten in this frame.
-    left: [bool; USERS],
-    frame: u64,
-    /// Frames followed so far.
-    count: u64,
-    at: Timestamp,
-}
-
-/// The follower of the one who may become a user.
-const DOOR: usize = USERS;
-
-/// Why a pipeline cannot be made of these settings and this model.
-#[derive(Debug, thiserror::Error)]
-pub enum PipelineError {
-    /// The model's standard head.
-    #[error(transparent)]
-    Pose(#[from] PoseError),
-    /// The model's appearance.
-    #[error(transparent)]
-    Landmarks(#[from] crate::landmarks::LandmarkError),
-}
-
-/// Whether a user is compared once more after so many frames that taught their head.
-fn is_looked_at(taught: u64) -> bool {
-    taught > SECOND_LOOK && taught <= LAST_LOOK && taught.is_multiple_of(LOOK_STEP)
+    people: People,
 }
 
 impl Pipeline {
@@ -106,32 +39,10 @@ impl Pipeline {
         registration: &Registration,
         model: &FaceModel,
     ) -> Result<Self, PipelineError> {
-        let anchor = model.standard_head.oriented();
-        let pose = PoseTracker::new(settings.pose, &anchor)?;
-        let scratch = Shared::default();
-        let units = Arc::new(Units::shipped());
-        let follower = |_| {
-            Ok(Follower::new(
-                pose.another(),
-                LandmarkStage::new(settings.landmarks, model, &scratch)?,
-                Expression::new(settings.learning.clone(), units.clone()),
-                Presence::new(settings.users.hold_s, settings.users.forget_s),
-            ))
-        };
         Ok(Self {
             camera: Camera::new(registration),
             segmenter: Segmenter::new(settings.segment),
-            followers: (0..=DOOR)
-                .map(follower)
-                .collect::<Result<_, PipelineError>>()?,
-            memory: Memory::default(),
-            choice: Choice::new(settings.users.single),
-            settings: settings.users.clone(),
-            refused: heapless::Deque::new(),
-            left: [false; USERS],
-            frame: 0,
-            count: 0,
-            at: Timestamp::default(),
+            people: People::new(settings, model)?,
         })
     }
 
@@ -142,331 +53,17 @@ impl Pipeline {
 
     /// As [`Pipeline::follow`], and calls `after` at the end of each stage that is reached.
     pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
-        (self.frame, self.at) = (frame.index, frame.at);
-        self.count += 1;
-        self.left = [false; USERS];
-        self.memory
-            .forget_older(frame.at, self.settings.remember_s.into());
         self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
-        // With nobody to follow there is time for both halves of a search.
-        let busy = self.followers[..USERS]
-            .iter()
-            .any(|user| user.state.is_present());
-        let mut searches = if busy { 1 } else { 2 };
-        let free = self.follow_users(frame, &mut searches, &mut after);
-        self.watch_door(frame, &free, &mut searches, &mut after);
-        self.choose();
-    }
-
-    /// Runs the users' stages on their heads; the heads that are nobody's.
-    fn follow_users(
-        &mut self,
-        frame: &Frame,
-        searches: &mut u32,
-        after: &mut impl FnMut(Stage),
-    ) -> heapless::Vec<usize, HEADS> {
-        let heads = self.segmenter.heads().iter();
-        let centres: heapless::Vec<Point, HEADS> = heads.map(|head| head.centre).collect();
-        let expected = core::array::from_fn(|slot| {
-            let user = &self.followers[slot];
-            let place = user.place.filter(|_| user.is_taken());
-            place.map(|place| place.expected(frame.at))
-        });
-        let theirs = matching::assign(&expected, &centres);
-        // Who is served first when several are lost changes from frame to frame.
-        for k in 0..USERS as u64 {
-            let slot = ((k + self.count) % USERS as u64) as usize;
-            let user = &mut self.followers[slot];
-            if !user.is_taken() {
-                continue;
-            }
-            user.rect = None;
-            if let Some(head) = theirs[slot] {
-                user.pose.meet(centres[head]);
-            }
-            let expected = user.pose.expected(frame.at);
-            let cloud =
-                expected.and_then(|place| self.segmenter.around(frame, &self.camera, place));
-            let found = cloud
-                .and_then(|cloud| user.follow_expected(frame, &self.camera, cloud, after))
-                .unwrap_or_else(|| {
-                    theirs[slot].is_some_and(|head| {
-                        let head = &self.segmenter.heads()[head];
-                        user.follow(frame, &self.camera, head, searches, after)
-                    })
-                });
-            if !found {
-                let before = user.state;
-                user.miss(frame.at);
-                if user.state == TrackingState::Absent && before != TrackingState::Absent {
-                    self.left[slot] = true;
-                }
-            }
-        }
-        let users = &self.followers[..USERS];
-        let taken = |head: &usize| {
-            theirs.contains(&Some(*head))
-                || users.iter().any(|user| {
-                    let place = user.place.filter(|_| user.rect.is_some());
-                    place.is_some_and(|place| (centres[*head] - place.centre()).norm() < SAME_M)
-                })
-        };
-        let heads = 0..centres.len();
-        let free: heapless::Vec<usize, HEADS> = heads.filter(|head| !taken(head)).collect();
-        for slot in 0..USERS {
-            if self.left[slot] {
-                self.remember(slot);
-                self.followers[slot].forget();
-            } else if theirs[slot].is_some() && is_looked_at(self.followers[slot].pose.taught()) {
-                self.look_again(slot);
-            }
-        }
-        free
-    }
-
-    /// Keeps what is known of the user of a slot.
-    fn remember(&mut self, slot: usize) {
-        let user = &self.followers[slot];
-        if self.settings.remember_s > 0.0 {
-            self.memory.keep(user.gone(slot));
-        }
-    }
-
-    /// Those who left, longest gone first, and those who are there, as if they left now; nobody if none is to be remembered.
-    pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
-        let users = self.followers[..USERS].iter().enumerate();
-        let known = users.filter(|(_, user)| user.is_taken() && user.pose.taught() >= FIRST_LOOK);
-        let there = known.map(|(slot, user)| user.gone(slot));
-        let left = self.memory.gone().iter().cloned();
-        let all = left.chain(there);
-        all.take_while(|_| self.settings.remember_s > 0.0).collect()
-    }
-
-    /// Remembers people of an earlier run.
-    pub fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
-        people.into_iter().for_each(|gone| self.memory.keep(gone));
-    }
-
-    /// Time of the last frame.
-    #[must_use]
-    pub fn at(&self) -> Timestamp {
-        self.at
-    }
-
-    /// Looks at one head that is nobody's; it may become a user.
-    fn watch_door(
-        &mut self,
-        frame: &Frame,
-        free: &[usize],
-        searches: &mut u32,
-        after: &mut impl FnMut(Stage),
-    ) {
-        let heads = self.segmenter.heads();
-        let present = (0..USERS).filter(|&slot| self.followers[slot].state.is_present());
-        if present.count() >= self.settings.most as usize {
-            self.followers[DOOR].forget();
-            return;
-        }
-        let guest = &mut self.followers[DOOR];
-        let head = match &guest.place {
-            Some(place) => {
-                let (place, reach) = place.expected(frame.at);
-                let apart = |head: usize| (heads[head].centre - place).norm();
-                let near = free.iter().copied().filter(|&head| apart(head) <= reach);
-                near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
-            }
-            None => {
-                // Who was never refused comes first: what stands about is no face again and again.
-                let refused = |head: usize| {
-                    let here = |place: &Point| (heads[head].centre - place).norm() < REFUSED_M;
-                    let until = self.refused.iter().filter(|(place, _)| here(place));
-                    until.map(|(_, until)| *until).max().unwrap_or(0)
-                };
-                let free = free.iter().copied();
-                free.filter(|&head| refused(head) <= self.count)
-                    .min_by_key(|&head| refused(head) > 0)
-            }
-        };
-        let Some(head) = head else {
-            if guest.place.is_some() {
-                guest.forget();
-            }
-            return;
-        };
-        if *searches == 0 && guest.place.is_none() {
-            return;
-        }
-        if !guest.follow(frame, &self.camera, &heads[head], searches, after) {
-            if guest.pose.is_searching() {
-                let centre = heads[head].centre;
-                guest.place = Some(Place::new(centre, centre.coords, frame.at));
-                return;
-            }
-            guest.forget();
-            if self.refused.is_full() {
-                self.refused.pop_front();
-            }
-            // Not full: just seen to.
-            let _ = self
-                .refused
-                .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
-            return;
-        }
-        if guest.is_somebody() {
-            self.admit();
-        }
-    }
-
-    /// Gives the one at the door a slot, once it is known whose.
-    fn admit(&mut self) {
-        let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
-        let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
-        let guest = &self.followers[DOOR];
-        let (taught, waited) = (guest.pose.taught(), guest.followed() >= LONGEST_LOOK);
-        if anybody && taught < FIRST_LOOK && !waited {
-            return;
-        }
-        let most = self.settings.most as usize;
-        let sure = taught >= SECOND_LOOK || waited;
-        let apart = if sure {
-            SECOND_LOOK_APART
-        } else {
-            FIRST_LOOK_APART
-        };
-        let known = self.recognise(DOOR, apart);
-        // Who may be one of them is looked at for longer: a slot is not to be taken back.
-        if known.is_none() && !sure && self.most_like(DOOR, STRANGER_APART).is_some() {
-            return;
-        }
-        let slot = known.filter(|&slot| slot < most);
-        // Else a free slot; with none, who is lost longest makes room.
-        let slot = slot.or_else(|| {
-            let slot = self.memory.slot_for_newcomer(&self.free_slots())?;
-            self.memory.forget_slot(slot);
-            Some(slot)
-        });
-        let slot = slot.or_else(|| {
-            let lost = (0..most).filter(|&slot| self.followers[slot].state == TrackingState::Lost);
-            lost.min_by_key(|&slot| self.followers[slot].last_seen)
-        });
-        if let Some(slot) = slot {
-            if known.is_some() {
-                self.memory.forget_slot(slot);
-            } else if self.followers[slot].is_taken() {
-                self.remember(slot);
-            }
-            self.followers.swap(slot, DOOR);
-        }
-        self.followers[DOOR].forget();
-    }
-
-    /// Compares a user who came a second ago once more with those who left; they move to the slot they had.
-    fn look_again(&mut self, slot: usize) {
-        let known = self.recognise(slot, SECOND_LOOK_APART);
-        if let Some(theirs) = known.filter(|&theirs| theirs != slot) {
-            self.memory.forget_slot(theirs);
-            self.followers.swap(slot, theirs);
-            self.followers[slot].forget();
-            self.left[slot] = true;
-        }
-    }
-
-    fn free_slots(&self) -> [bool; USERS] {
-        let most = self.settings.most as usize;
-        core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
-    }
-
-    /// Whether a follower's person is one who is lost or left; they get their ranges back. Returned is the slot that is
-    /// theirs, if it is to be had.
-    fn recognise(&mut self, of: usize, most_apart: f32) -> Option<usize> {
-        let (slot, is_lost) = self.most_like(of, most_apart)?;
-        if is_lost {
-            // The ranges of then, the pose of now.
-            let [one, other] = self.followers.get_disjoint_mut([of, slot]).ok()?;
-            core::mem::swap(&mut one.expression, &mut other.expression);
-            one.since = other.since;
-            return Some(slot);
-        }
-        let gone = self.memory.take(slot)?;
-        self.followers[of].expression.restore(&gone.learned);
-        (slot == of || self.free_slots()[slot]).then_some(slot)
-    }
-
-    /// Of those who are lost or left the one who is most like a follower's person: their slot, and whether they are lost.
-    fn most_like(&self, of: usize, most_apart: f32) -> Option<(usize, bool)> {
-        let one = &self.followers[of];
-        let likeness = one.likeness();
-        let lost = (0..USERS)
-            .filter(|&slot| slot != of && self.followers[slot].state == TrackingState::Lost);
-        let lost = lost.map(|slot| (slot, true, self.followers[slot].likeness()));
-        let gone = self.memory.gone().iter();
-        let gone = gone.map(|gone| (gone.slot, false, gone.likeness.clone()));
-        let apart = lost.chain(gone).filter_map(|(slot, is_lost, other)| {
-            let apart = self.apart(&likeness, &other)?;
-            (apart < most_apart).then_some((apart, slot, is_lost))
-        });
-        let (_, slot, is_lost) = apart.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some((slot, is_lost))
-    }
-
-    /// How far apart two people are; `None` when too little was seen to tell.
-    pub(crate) fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
-        let pose = &self.followers[DOOR].pose;
-        Some(one.apart(other, pose.differ(&one.head, &other.head)?))
-    }
-
-    /// What the user of a slot is known by so far.
-    #[cfg(feature = "studio")]
-    pub(crate) fn likeness(&self, slot: usize) -> Likeness {
-        self.followers[slot].likeness()
-    }
-
-    /// Whom single-user outputs show.
-    fn choose(&mut self) {
-        let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
-        for (slot, user) in self.followers[..USERS].iter().enumerate() {
-            if let Some(place) = user.place.filter(|_| user.state.is_present()) {
-                // As many as slots.
-                let _ = there.push(Candidate {
-                    slot,
-                    since: user.since,
-                    place: place.centre(),
-                });
-            }
-        }
-        self.choice.look(&there, self.at);
+        self.people
+            .follow(frame, &self.camera, &mut self.segmenter, &mut after);
     }
 
     /// What is known after the last frame: a report for each user, one with the state absent for who was forgotten in this
     /// frame, and one without a user if there is neither.
     #[must_use]
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
-        let nobody = Report {
-            frame: self.frame,
-            at: self.at,
-            ..Report::default()
-        };
-        let mut reports = heapless::Vec::new();
-        for (slot, user) in self.followers[..USERS].iter().enumerate() {
-            if user.is_taken() || self.left[slot] {
-                // Room for all slots and one more.
-                let _ = reports.push(user.report(Report {
-                    user: Some(slot),
-                    aside: self.choice.shown().is_some_and(|shown| shown != slot),
-                    ..nobody
-                }));
-            }
-        }
-        if !self.followers[..USERS].iter().any(Follower::is_taken) {
-            match reports.first_mut() {
-                Some(gone) => gone.alone = true,
-                None => {
-                    let _ = reports.push(nobody);
-                }
-            }
-        }
-        reports
+        self.people.reports()
     }
 
     /// The report of the user whom single-user outputs show; of nobody if there is none.
@@ -488,40 +85,40 @@ impl Pipeline {
     /// Names of the units, in the order of [`Report::weights`].
     #[must_use]
     pub fn unit_names(&self) -> Vec<&str> {
-        self.expression(0)
-            .unit_names()
-            .iter()
-            .map(|name| name.as_str())
-            .collect()
+        self.people.unit_names()
     }
 
     /// Does what a receiver asks for; a slot without a user is left as it is.
     pub fn obey(&mut self, command: Command) {
-        let (Command::Forget(slot) | Command::Freeze(slot, _) | Command::Neutral(slot)) = command;
-        if slot >= USERS {
-            return;
-        }
-        let user = &mut self.followers[slot];
-        match command {
-            Command::Forget(_) => {
-                self.memory.forget_slot(slot);
-                user.expression.reset();
-                user.pose.reset();
-                user.landmarks.reset();
-            }
-            Command::Freeze(_, frozen) => user.expression.freeze(frozen),
-            Command::Neutral(_) => user.expression.take_neutral(),
-        }
+        self.people.obey(command);
+    }
+
+    /// Those who left, longest gone first, and those who are there, as if they left now; nobody if none is to be remembered.
+    pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
+        self.people.people()
+    }
+
+    /// Remembers people of an earlier run.
+    pub fn recall(&mut self, people: impl IntoIterator<Item = Gone>) {
+        self.people.recall(people);
+    }
+
+    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
+    pub fn adopt(&mut self, before: &Self) {
+        self.people.adopt(&before.people);
     }
 
     /// The frames now come from another camera.
     pub fn set_camera(&mut self, registration: &Registration) {
         self.camera = Camera::new(registration);
         self.segmenter.reset();
-        self.refused.clear();
-        for follower in &mut self.followers {
-            follower.forget();
-        }
+        self.people.forget();
+    }
+
+    /// Time of the last frame.
+    #[must_use]
+    pub fn at(&self) -> Timestamp {
+        self.people.at()
     }
 
     /// The camera the pipeline assumes.
@@ -539,19 +136,19 @@ impl Pipeline {
     /// What was learnt of the user of a slot (the door's beyond the last), for pictures and tables.
     #[must_use]
     pub fn expression(&self, slot: usize) -> &Expression {
-        &self.followers[slot.min(DOOR)].expression
+        self.people.expression(slot)
     }
 
-    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
-    pub fn adopt(&mut self, before: &Self) {
-        let before_users = before.followers.iter().take(DOOR);
-        for (follower, before) in self.followers.iter_mut().zip(before_users) {
-            if before.is_taken() {
-                follower.adopt(before);
-            }
-        }
-        self.memory = before.memory.clone();
-        self.choice.adopt(&before.choice);
+    /// How far apart two people are; `None` when too little was seen to tell.
+    #[cfg(feature = "studio")]
+    pub(crate) fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
+        self.people.apart(one, other)
+    }
+
+    /// What the user of a slot is known by so far.
+    #[cfg(feature = "studio")]
+    pub(crate) fn likeness(&self, slot: usize) -> Likeness {
+        self.people.likeness(slot)
     }
 }
 
@@ -579,19 +176,19 @@ mod tests {
             frame.at
         };
         follow(&mut pipeline, 45, true);
-        let since = pipeline.followers[0].since;
-        assert!(pipeline.followers[0].state.has_face());
+        let since = pipeline.people.followers[0].since;
+        assert!(pipeline.people.followers[0].state.has_face());
         // Lost, in another slot, and not where they were.
-        pipeline.followers.swap(0, 2);
+        pipeline.people.followers.swap(0, 2);
         follow(&mut pipeline, 45, false);
-        assert_eq!(pipeline.followers[2].state, TrackingState::Lost);
-        pipeline.followers[2].place = None;
-        pipeline.followers[2].pose.doubt();
-        let left = pipeline.followers[2].last_seen;
+        assert_eq!(pipeline.people.followers[2].state, TrackingState::Lost);
+        pipeline.people.followers[2].place = None;
+        pipeline.people.followers[2].pose.doubt();
+        let left = pipeline.people.followers[2].last_seen;
         let now = follow(&mut pipeline, 15, true);
-        let user = &pipeline.followers[2];
+        let user = &pipeline.people.followers[2];
         assert!(user.state.has_face(), "known again: {:?}", user.state);
-        assert!(!pipeline.followers[0].is_taken());
+        assert!(!pipeline.people.followers[0].is_taken());
         assert_eq!(user.since, since, "came at {left:?}, it is {now:?}");
         assert!(user.since < left);
     }
