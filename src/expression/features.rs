@@ -6,6 +6,11 @@
 
 use crate::base::capacity::{FEATURES, LANDMARKS, LENGTHS};
 use crate::base::geometry::Point;
+use crate::face_model::scheme::{
+    CHIN, EYE_CORNERS_L, EYE_CORNERS_R, LOWER_LID_L, LOWER_LID_R, LOWER_LIP, LOWER_LIP_INSIDE,
+    MOUTH_CORNER_L, MOUTH_CORNER_R, NOSE_BASE, OUTER_BROW_L, OUTER_BROW_R, UPPER_LID_L,
+    UPPER_LID_R, UPPER_LIP, UPPER_LIP_INSIDE,
+};
 
 /// A length between two groups of points along an axis of the head.
 #[derive(Clone, Copy, Debug)]
@@ -37,23 +42,23 @@ const fn feature(
 /// All lengths, in the order of the inputs.
 pub const ALL: [Feature; LENGTHS] = [
     feature("brow_distance", 0, &[22], &[21]),
-    feature("upper_lid_L", 1, &[42, 45], &[43, 44]),
-    feature("upper_lid_R", 1, &[36, 39], &[37, 38]),
-    feature("lower_lid_L", 1, &[46, 47], &[42, 45]),
-    feature("lower_lid_R", 1, &[40, 41], &[36, 39]),
-    feature("upper_lip_height", 1, &[61, 62, 63], &[50, 51, 52]),
-    feature("lower_lip_height", 1, &[56, 57, 58], &[65, 66, 67]),
-    feature("chin_height", 1, &[7, 8, 9], &[56, 57, 58]),
-    feature("lower_lip_drop", 1, &[56, 57, 58], &[33]),
-    feature("corner_out_L", 0, &[54], &[33]),
-    feature("corner_out_R", 0, &[33], &[48]),
-    feature("outer_brow_L", 1, &[42, 45], &[25, 26]),
-    feature("outer_brow_R", 1, &[36, 39], &[17, 18]),
-    feature("lower_lip_L", 1, &[55], &[33]),
-    feature("lower_lip_R", 1, &[59], &[33]),
+    feature("upper_lid_L", 1, &EYE_CORNERS_L, &UPPER_LID_L),
+    feature("upper_lid_R", 1, &EYE_CORNERS_R, &UPPER_LID_R),
+    feature("lower_lid_L", 1, &LOWER_LID_L, &EYE_CORNERS_L),
+    feature("lower_lid_R", 1, &LOWER_LID_R, &EYE_CORNERS_R),
+    feature("upper_lip_height", 1, &UPPER_LIP_INSIDE, &UPPER_LIP),
+    feature("lower_lip_height", 1, &LOWER_LIP, &LOWER_LIP_INSIDE),
+    feature("chin_height", 1, &CHIN, &LOWER_LIP),
+    feature("lower_lip_drop", 1, &LOWER_LIP, &[NOSE_BASE]),
+    feature("corner_out_L", 0, &[MOUTH_CORNER_L], &[NOSE_BASE]),
+    feature("corner_out_R", 0, &[NOSE_BASE], &[MOUTH_CORNER_R]),
+    feature("outer_brow_L", 1, &EYE_CORNERS_L, &OUTER_BROW_L),
+    feature("outer_brow_R", 1, &EYE_CORNERS_R, &OUTER_BROW_R),
+    feature("lower_lip_L", 1, &[55], &[NOSE_BASE]),
+    feature("lower_lip_R", 1, &[59], &[NOSE_BASE]),
     feature("nose_width", 0, &[35], &[31]),
-    feature("upper_lip_shift", 0, &[51], &[33]),
-    feature("upper_lip_drop", 1, &[50, 51, 52], &[33]),
+    feature("upper_lip_shift", 0, &[51], &[NOSE_BASE]),
+    feature("upper_lip_drop", 1, &UPPER_LIP, &[NOSE_BASE]),
 ];
 
 impl Feature {

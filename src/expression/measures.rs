@@ -18,6 +18,11 @@
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
 use crate::face_model::refinement::PUFFS;
+use crate::face_model::scheme::{
+    CHIN, EYE_CORNERS_L, EYE_CORNERS_R, INNER_BROW_L, INNER_BROW_R, INNER_EYE_CORNERS, LOWER_LID_L,
+    LOWER_LID_R, LOWER_LIP, LOWER_LIP_INSIDE, MOUTH_CORNER_L, MOUTH_CORNER_R, NOSE_BASE, NOSTRIL_L,
+    NOSTRIL_R, UPPER_LID_L, UPPER_LID_R, UPPER_LIP, UPPER_LIP_INSIDE,
+};
 use crate::landmarks::Landmarks;
 
 /// The measures in the order of all arrays and columns.
@@ -128,31 +133,35 @@ impl Measure {
         Self::ALL.into_iter().find(|measure| measure.name() == name)
     }
 
-    /// The landmarks it is made of.
+    /// The groups of landmarks it is made of; none where depth tells.
     #[must_use]
-    pub const fn landmarks(self) -> &'static [usize] {
+    pub const fn groups(self) -> &'static [&'static [usize]] {
         match self {
-            Self::LipGap => &[61, 62, 63, 65, 66, 67],
-            Self::MouthWidth => &[48, 54],
-            Self::LipShift | Self::LipThrust => &[50, 51, 52, 56, 57, 58],
-            Self::LipProtrusion => &[50, 51, 52, 56, 57, 58, 39, 42],
-            Self::BrowL => &[22, 23, 24, 25, 26, 42, 45],
-            Self::BrowR => &[17, 18, 19, 20, 21, 36, 39],
-            Self::LidL => &[43, 44, 46, 47],
-            Self::LidR => &[37, 38, 40, 41],
-            Self::NostrilL => &[34, 35, 42],
-            Self::NostrilR => &[31, 32, 39],
-            Self::JawDrop => &[7, 8, 9, 39, 42],
-            Self::CornerL => &[54, 33],
-            Self::CornerR => &[48, 33],
-            Self::InnerBrowL => &[22, 23, 42, 45],
-            Self::InnerBrowR => &[20, 21, 36, 39],
-            Self::UpperLipL => &[52, 53, 33, 34],
-            Self::UpperLipR => &[49, 50, 32, 33],
-            // Depth tells; the landmarks only say where the cheeks are.
+            Self::LipGap => &[&UPPER_LIP_INSIDE, &LOWER_LIP_INSIDE],
+            Self::MouthWidth => &[&[MOUTH_CORNER_R], &[MOUTH_CORNER_L]],
+            Self::LipShift | Self::LipThrust => &[&UPPER_LIP, &LOWER_LIP],
+            Self::LipProtrusion => &[&UPPER_LIP, &LOWER_LIP, &INNER_EYE_CORNERS],
+            Self::BrowL => &[&LEFT_BROW, &EYE_CORNERS_L],
+            Self::BrowR => &[&RIGHT_BROW, &EYE_CORNERS_R],
+            Self::LidL => &[&UPPER_LID_L, &LOWER_LID_L],
+            Self::LidR => &[&UPPER_LID_R, &LOWER_LID_R],
+            Self::NostrilL => &[&NOSTRIL_L, &[INNER_EYE_L]],
+            Self::NostrilR => &[&NOSTRIL_R, &[INNER_EYE_R]],
+            Self::JawDrop => &[&CHIN, &INNER_EYE_CORNERS],
+            Self::CornerL => &[&[MOUTH_CORNER_L], &[NOSE_BASE]],
+            Self::CornerR => &[&[MOUTH_CORNER_R], &[NOSE_BASE]],
+            Self::InnerBrowL => &[&INNER_BROW_L, &EYE_CORNERS_L],
+            Self::InnerBrowR => &[&INNER_BROW_R, &EYE_CORNERS_R],
+            Self::UpperLipL => &[&UPPER_LIP_L, &BESIDE_NOSE_BASE_L],
+            Self::UpperLipR => &[&UPPER_LIP_R, &BESIDE_NOSE_BASE_R],
             Self::CheekL | Self::CheekR => &[],
-            Self::EyeDistance => &[39, 42],
+            Self::EyeDistance => &[&INNER_EYE_CORNERS],
         }
+    }
+
+    /// The landmarks it is made of.
+    pub fn landmarks(self) -> impl Iterator<Item = usize> {
+        self.groups().iter().copied().flatten().copied()
     }
 }
 
@@ -175,6 +184,17 @@ fn mean(points: &[Point; LANDMARKS], indices: &[usize]) -> Point {
     Point::from(sum / indices.len() as f32)
 }
 
+/// The whole brows.
+const LEFT_BROW: [usize; 5] = [22, 23, 24, 25, 26];
+const RIGHT_BROW: [usize; 5] = [17, 18, 19, 20, 21];
+const INNER_EYE_R: usize = INNER_EYE_CORNERS[0];
+const INNER_EYE_L: usize = INNER_EYE_CORNERS[1];
+/// Edge of the upper lip beside its middle, and what lies above it.
+const UPPER_LIP_L: [usize; 2] = [52, 53];
+const UPPER_LIP_R: [usize; 2] = [49, 50];
+const BESIDE_NOSE_BASE_L: [usize; 2] = [33, 34];
+const BESIDE_NOSE_BASE_R: [usize; 2] = [32, 33];
+
 /// How far a full puff moves a cheek, metres.
 const PUFF_M: f32 = 0.01;
 
@@ -190,32 +210,32 @@ pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
 pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; MEASURES] {
     let height_below =
         |lower: &[usize], upper: &[usize]| mean(points, lower).y - mean(points, upper).y;
-    let upper_lip = mean(points, &[50, 51, 52]);
-    let lower_lip = mean(points, &[56, 57, 58]);
-    let eyes = mean(points, &[39, 42]);
+    let upper_lip = mean(points, &UPPER_LIP);
+    let lower_lip = mean(points, &LOWER_LIP);
+    let eyes = mean(points, &INNER_EYE_CORNERS);
     let lips = nalgebra::center(&upper_lip, &lower_lip);
     Measure::ALL.map(|measure| match measure {
-        Measure::LipGap => height_below(&[65, 66, 67], &[61, 62, 63]),
-        Measure::MouthWidth => nalgebra::distance(&points[48], &points[54]),
+        Measure::LipGap => height_below(&LOWER_LIP_INSIDE, &UPPER_LIP_INSIDE),
+        Measure::MouthWidth => nalgebra::distance(&points[MOUTH_CORNER_R], &points[MOUTH_CORNER_L]),
         Measure::LipShift => lower_lip.x - upper_lip.x,
         Measure::LipThrust => upper_lip.z - lower_lip.z,
         Measure::LipProtrusion => eyes.z - lips.z,
-        Measure::BrowL => height_below(&[42, 45], &[22, 23, 24, 25, 26]),
-        Measure::BrowR => height_below(&[36, 39], &[17, 18, 19, 20, 21]),
-        Measure::LidL => height_below(&[46, 47], &[43, 44]),
-        Measure::LidR => height_below(&[40, 41], &[37, 38]),
-        Measure::NostrilL => height_below(&[34, 35], &[42]),
-        Measure::NostrilR => height_below(&[31, 32], &[39]),
-        Measure::JawDrop => height_below(&[7, 8, 9], &[39, 42]),
-        Measure::CornerL => height_below(&[33], &[54]),
-        Measure::CornerR => height_below(&[33], &[48]),
-        Measure::InnerBrowL => height_below(&[42, 45], &[22, 23]),
-        Measure::InnerBrowR => height_below(&[36, 39], &[20, 21]),
-        Measure::UpperLipL => height_below(&[52, 53], &[33, 34]),
-        Measure::UpperLipR => height_below(&[49, 50], &[32, 33]),
+        Measure::BrowL => height_below(&EYE_CORNERS_L, &LEFT_BROW),
+        Measure::BrowR => height_below(&EYE_CORNERS_R, &RIGHT_BROW),
+        Measure::LidL => height_below(&LOWER_LID_L, &UPPER_LID_L),
+        Measure::LidR => height_below(&LOWER_LID_R, &UPPER_LID_R),
+        Measure::NostrilL => height_below(&NOSTRIL_L, &[INNER_EYE_L]),
+        Measure::NostrilR => height_below(&NOSTRIL_R, &[INNER_EYE_R]),
+        Measure::JawDrop => height_below(&CHIN, &INNER_EYE_CORNERS),
+        Measure::CornerL => height_below(&[NOSE_BASE], &[MOUTH_CORNER_L]),
+        Measure::CornerR => height_below(&[NOSE_BASE], &[MOUTH_CORNER_R]),
+        Measure::InnerBrowL => height_below(&EYE_CORNERS_L, &INNER_BROW_L),
+        Measure::InnerBrowR => height_below(&EYE_CORNERS_R, &INNER_BROW_R),
+        Measure::UpperLipL => height_below(&UPPER_LIP_L, &BESIDE_NOSE_BASE_L),
+        Measure::UpperLipR => height_below(&UPPER_LIP_R, &BESIDE_NOSE_BASE_R),
         Measure::CheekR => PUFF_M * cheeks[0],
         Measure::CheekL => PUFF_M * cheeks[1],
-        Measure::EyeDistance => nalgebra::distance(&points[39], &points[42]),
+        Measure::EyeDistance => nalgebra::distance(&points[INNER_EYE_R], &points[INNER_EYE_L]),
     })
 }
 
@@ -230,12 +250,12 @@ pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
 /// Mean confidence of the landmarks behind a measure, 0…1.
 #[must_use]
 pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
-    let indices = measure.landmarks();
-    if indices.is_empty() {
+    let count = measure.landmarks().count();
+    if count == 0 {
         return landmarks.confidence;
     }
-    let sum: f32 = indices.iter().map(|&i| landmarks.point_confidence[i]).sum();
-    sum / indices.len() as f32
+    let points = measure.landmarks().map(|i| landmarks.point_confidence[i]);
+    points.sum::<f32>() / count as f32
 }
 
 /// Eye-corner distances outside of this, in metres, are not a face: adults and children span 0.022 to 0.045.
@@ -421,7 +441,7 @@ pub(crate) mod tests {
                 let moved = (measured(&p, measure) - measured(&toy_face(), measure)).abs() > 1e-7;
                 assert_eq!(
                     moved,
-                    measure.landmarks().contains(&i),
+                    measure.landmarks().any(|own| own == i),
                     "{} and point {i}",
                     measure.name()
                 );
@@ -486,7 +506,7 @@ pub(crate) mod tests {
             mouth_hidden: 0.0,
             confidence: 0.75,
         };
-        let corners = Measure::MouthWidth.landmarks();
+        let corners: Vec<usize> = Measure::MouthWidth.landmarks().collect();
         face.point_confidence[corners[0]] = 0.9;
         let expected = 0.5 + 0.4 / corners.len() as f32;
         let found = confidence(Measure::MouthWidth, &face);
@@ -494,7 +514,7 @@ pub(crate) mod tests {
         assert!((confidence(Measure::BrowL, &face) - 0.5).abs() < 1e-6);
         // What no landmark is behind is as certain as the face.
         for measure in Measure::ALL {
-            if measure.landmarks().is_empty() {
+            if measure.groups().is_empty() {
                 assert_eq!(confidence(measure, &face), 0.75, "{}", measure.name());
             }
         }

@@ -24,6 +24,46 @@ pub const EYE_L: Range<usize> = 42..48;
 pub const MOUTH: Range<usize> = 48..68;
 /// All but the jaw.
 pub const INNER: Range<usize> = 17..68;
+/// The chin.
+pub const CHIN: [usize; 3] = [7, 8, 9];
+/// Outer ends of the brows.
+pub const OUTER_BROW_R: [usize; 2] = [17, 18];
+/// Outer ends of the brows.
+pub const OUTER_BROW_L: [usize; 2] = [25, 26];
+/// Inner ends of the brows.
+pub const INNER_BROW_R: [usize; 2] = [20, 21];
+/// Inner ends of the brows.
+pub const INNER_BROW_L: [usize; 2] = [22, 23];
+/// The base of the nose, between the nostrils.
+pub const NOSE_BASE: usize = 33;
+/// Outer edges of the nostrils.
+pub const NOSTRIL_R: [usize; 2] = [31, 32];
+/// Outer edges of the nostrils.
+pub const NOSTRIL_L: [usize; 2] = [34, 35];
+/// Both corners of the right eye, outer first.
+pub const EYE_CORNERS_R: [usize; 2] = [36, 39];
+/// Both corners of the left eye, inner first.
+pub const EYE_CORNERS_L: [usize; 2] = [42, 45];
+/// Upper lid of the right eye.
+pub const UPPER_LID_R: [usize; 2] = [37, 38];
+/// Upper lid of the left eye.
+pub const UPPER_LID_L: [usize; 2] = [43, 44];
+/// Lower lid of the right eye.
+pub const LOWER_LID_R: [usize; 2] = [40, 41];
+/// Lower lid of the left eye.
+pub const LOWER_LID_L: [usize; 2] = [46, 47];
+/// Right corner of the mouth.
+pub const MOUTH_CORNER_R: usize = 48;
+/// Left corner of the mouth.
+pub const MOUTH_CORNER_L: usize = 54;
+/// Middle of the upper lip's outer edge.
+pub const UPPER_LIP: [usize; 3] = [50, 51, 52];
+/// Middle of the lower lip's outer edge.
+pub const LOWER_LIP: [usize; 3] = [56, 57, 58];
+/// Middle of the upper lip's inner edge.
+pub const UPPER_LIP_INSIDE: [usize; 3] = [61, 62, 63];
+/// Middle of the lower lip's inner edge.
+pub const LOWER_LIP_INSIDE: [usize; 3] = [65, 66, 67];
 /// Inner corners of the right and left eye.
 pub const INNER_EYE_CORNERS: [usize; 2] = [39, 42];
 /// Outer corners of the right and left eye: their distance is the unit in which landmark errors are given.
