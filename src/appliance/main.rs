@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use mien::appliance::cli::{self, Command};
 use mien::appliance::memory::Counting;
-use mien::appliance::service;
 use mien::appliance::settings::Settings;
+use mien::appliance::{run, send_test, service};
 use mien::face_model::FaceModel;
 
 #[global_allocator]
@@ -56,8 +56,8 @@ fn main() -> ExitCode {
         Command::Bench(bench) => {
             mien::appliance::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())
         }
-        Command::SendTest(file) => service::send_test(file.as_deref()),
-        Command::Run(run) => service::run(&run),
+        Command::SendTest(file) => send_test::send_test(file.as_deref()),
+        Command::Run(run) => run::run(&run),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,10 +2,13 @@
 //! wired without a face. The head looks straight at the sensor from 0.8 m; for outputs that carry distances the landmarks of
 //! an average face move as the unit moves them.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::appliance::service::{Failure, model, settings};
 use crate::appliance::settings::Settings;
+use crate::appliance::signals::Signals;
 use crate::appliance::wires;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector};
@@ -25,6 +28,19 @@ const NEUTRAL: u32 = 15;
 const FRAME: Duration = Duration::from_nanos(33_333_333);
 /// Where the head is, metres.
 const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
+
+/// `mien send-test`: every unit swept on every output.
+///
+/// # Errors
+/// As [`Failure`] lists.
+pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
+    let settings = settings(config)?;
+    // The names are what the command is for.
+    crate::appliance::log::start(settings.log.level.max(tracing::Level::INFO));
+    let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
+    let signals = Signals::watch()?;
+    Ok(sweep(&settings, &model(named)?, &signals.stop)?)
+}
 
 /// How landmarks move at the full expression: points, and millimetres to the subject's left, down, into the head.
 type Motion = (&'static str, &'static [usize], [f32; 3]);

@@ -30,7 +30,7 @@ fn main() {
     };
     // Length of the table and requests so far, in memory taken beforehand.
     let mut samples: Vec<(u64, u64)> = Vec::with_capacity(1 << 16);
-    let thread = std::thread::spawn(move || mien::appliance::service::run(&run));
+    let thread = std::thread::spawn(move || mien::appliance::run::run(&run));
     while !thread.is_finished() && samples.len() < samples.capacity() {
         let length = std::fs::metadata(&csv).map_or(0, |file| file.len());
         samples.push((length, MEMORY.requests()));

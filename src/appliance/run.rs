@@ -1,0 +1,424 @@
+//! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
+//! One file: the order of a run from its start to its end.
+
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use crate::appliance::cli::{CsvTarget, Run};
+use crate::appliance::pipe::{Pipe, Rows};
+use crate::appliance::service::{Failure, NoKinect, SYSTEM_CONFIG, model, open, settings};
+use crate::appliance::service_manager::ServiceManager;
+use crate::appliance::settings::{Settings, SettingsError};
+use crate::appliance::signals::Signals;
+use crate::appliance::source::{Pacer, Source, SourceError};
+use crate::appliance::status::Status;
+use crate::appliance::{live_line, memory, wires};
+use crate::base::geometry::yaw_pitch_roll;
+use crate::base::time::Timestamp;
+use crate::face_model::FaceModel;
+use crate::output::csv::Csv;
+use crate::output::{Output, OutputError, Report, Tally};
+use crate::pipeline::Pipeline;
+use crate::sensor::Frame;
+use crate::users::saved::People;
+
+/// Time between two lines about what receivers ask for.
+const HEARD_PERIOD: Duration = Duration::from_secs(1);
+
+/// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
+///
+/// # Errors
+/// As [`Failure`] lists.
+pub fn run(run: &Run) -> Result<(), Failure> {
+    let Some(mut session) = Session::start(run)? else {
+        return Ok(());
+    };
+    while session.goes_on() {
+        session.renew();
+        if session.next_frame()? {
+            session.follow();
+            session.tell()?;
+        }
+    }
+    session.finish();
+    Ok(())
+}
+
+/// A run, from the first frame to the last.
+struct Session<'r> {
+    run: &'r Run,
+    settings: Settings,
+    model: FaceModel,
+    /// Of the source, as it was asked for.
+    name: String,
+    source: Source,
+    pipeline: Pipeline,
+    signals: Signals,
+    csv: Option<Csv<Rows>>,
+    wires: Vec<Box<dyn Output>>,
+    status: Status,
+    people: Option<People>,
+    live: Option<Live>,
+    manager: ServiceManager,
+    frame: Frame,
+    pacer: Pacer,
+    heard: Heard,
+    /// Frames still to come.
+    left: u64,
+    ended: bool,
+    /// When the last frame was taken up, and when it was whole in memory.
+    taken: Instant,
+    arrived: Instant,
+}
+
+impl<'r> Session<'r> {
+    /// Opens everything, and takes all memory; `None` if it is to stop before anybody read its table.
+    fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
+        let settings = settings(run.config.as_deref())?;
+        crate::appliance::log::start(settings.log.level);
+        let named =
+            Some(PathBuf::from(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
+        let model = model(run.model.as_deref().or(named.as_deref()))?;
+        let name = run
+            .source
+            .clone()
+            .unwrap_or_else(|| settings.sensor.source.clone());
+        // Who names the Kinect on the command line wants that one, now or when it is plugged in.
+        let no_kinect = match (run.require_device, &run.source) {
+            (true, _) => NoKinect::Refuse,
+            (false, Some(_)) => NoKinect::Wait,
+            (false, None) => NoKinect::Simulate,
+        };
+        let source = open(&name, no_kinect, settings.sensor.kinect)?;
+        let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)?;
+        let signals = Signals::watch()?;
+        let csv = run.csv.as_ref();
+        let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
+        let csv = match csv.transpose() {
+            // Nobody came to read it.
+            Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
+            csv => csv?,
+        };
+        let wires = wires::open(&settings, &pipeline.unit_names())?;
+        let status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+        let people = people(&settings, &source);
+        if let Some(people) = &people {
+            pipeline.recall(people.load());
+        }
+        let live = (run.csv != Some(CsvTarget::StandardOutput))
+            .then(Live::on_a_terminal)
+            .flatten();
+        let manager = ServiceManager::from_environment();
+        lock_memory(&manager);
+        manager.ready();
+        Ok(Some(Self {
+            run,
+            settings,
+            model,
+            name,
+            source,
+            pipeline,
+            signals,
+            csv,
+            wires,
+            status,
+            people,
+            live,
+            manager,
+            frame: Frame::default(),
+            pacer: Pacer::default(),
+            heard: Heard::default(),
+            left: run.frames.unwrap_or(u64::MAX),
+            ended: false,
+            taken: Instant::now(),
+            arrived: Instant::now(),
+        }))
+    }
+
+    fn goes_on(&self) -> bool {
+        self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed)
+    }
+
+    /// Reads the configuration again if a signal asks for it; what cannot be changes nothing.
+    fn renew(&mut self) {
+        if !self.signals.reload.swap(false, Ordering::Relaxed) {
+            return;
+        }
+        self.manager.reloading();
+        match reload(self.run, &mut self.settings, &self.source, &self.model) {
+            Ok(None) => tracing::info!("configuration read again, nothing in it has changed"),
+            Ok(Some((mut renewed, opened))) => {
+                tracing::info!("configuration read again");
+                renewed.adopt(&self.pipeline);
+                self.pipeline = renewed;
+                // Those before say goodbye, and leave their ports.
+                self.wires = opened;
+                let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
+                self.status = Status::new(path, &self.name, &units);
+                self.people = people(&self.settings, &self.source);
+            }
+            Err(problem) => tracing::error!("{problem}; the old configuration stays"),
+        }
+        self.manager.ready();
+    }
+
+    /// Takes the next frame, at its pace; `false` if there is none now, or none any more.
+    fn next_frame(&mut self) -> Result<bool, Failure> {
+        match self.source.next_frame(&mut self.frame) {
+            Ok(true) => {}
+            Ok(false) => {
+                self.ended = true;
+                return Ok(false);
+            }
+            // For what, the sensor's thread has said.
+            Err(SourceError::Waiting(_)) => {
+                self.wait()?;
+                return Ok(false);
+            }
+            Err(problem) => return Err(problem.into()),
+        }
+        if !self.run.fast && !matches!(self.source, Source::Kinect(_)) {
+            self.pacer.wait(self.frame.at);
+        }
+        self.taken = Instant::now();
+        self.arrived = self.source.arrived().unwrap_or(self.taken);
+        Ok(true)
+    }
+
+    /// Half a second without a frame: the wires' heartbeat goes on.
+    fn wait(&mut self) -> Result<(), Failure> {
+        let nobody = nobody(&self.frame, self.taken.elapsed());
+        // The CSV has rows of frames only.
+        for wire in &mut self.wires {
+            wire.send(&nobody)?;
+        }
+        self.status.observe(&nobody, None);
+        self.keep_up(format_args!("waiting for the sensor"));
+        Ok(())
+    }
+
+    fn follow(&mut self) {
+        // Another Kinect may have been plugged in.
+        if self.source.registration() != self.pipeline.camera().registration() {
+            self.pipeline.set_camera(self.source.registration());
+        }
+        self.pipeline.follow(&self.frame);
+    }
+
+    /// Hands the frame's reports to everything that wants them.
+    fn tell(&mut self) -> Result<(), Failure> {
+        let latency_us = self.arrived.elapsed().as_micros();
+        let mut reports = self.pipeline.reports();
+        for report in &mut reports {
+            report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
+            if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
+                // Whoever plays a recording wants its table; people who are there want their wires.
+                if !matches!(self.source, Source::Kinect(_)) {
+                    return Err(problem.into());
+                }
+                tracing::error!("{problem}; the table ends here, the run goes on");
+                self.csv = None;
+            }
+            for wire in &mut self.wires {
+                wire.send(report)?;
+            }
+        }
+        let mut latency = Some(self.arrived.elapsed());
+        for report in &reports {
+            self.status.observe(report, latency.take());
+        }
+        let shown = self.pipeline.report();
+        if let Some(live) = &mut self.live {
+            let units = self.pipeline.expression(0).unit_names();
+            live.show(&shown, units.iter().map(|name| name.as_str()));
+        }
+        let state = shown.state;
+        drop(reports);
+        if let Source::Kinect(live) = &mut self.source {
+            live.show_tracking(state.has_face());
+        }
+        if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
+            people.save(self.pipeline.people().iter(), self.pipeline.at());
+        }
+        self.keep_up(format_args!("{}", state.name()));
+        self.left -= 1;
+        Ok(())
+    }
+
+    /// What is due with or without a frame: commands, status, the service manager.
+    fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
+        self.heard.obey(&mut self.wires, &mut self.pipeline);
+        self.status.write(tallies(self.csv.as_ref(), &self.wires));
+        let now = Instant::now();
+        self.manager.alive(now);
+        self.manager.state(state, now);
+    }
+
+    fn finish(mut self) {
+        self.manager.stopping();
+        if let Some(people) = &mut self.people {
+            people.save(self.pipeline.people().iter(), self.pipeline.at());
+        }
+        if let Some(live) = self.live {
+            live.end();
+        }
+        if self.source.skipped() > 0 {
+            tracing::warn!(
+                frames = self.source.skipped(),
+                "damaged frames were skipped"
+            );
+        }
+    }
+}
+
+fn lock_memory(manager: &ServiceManager) {
+    match memory::lock() {
+        Ok(()) => tracing::debug!("memory is locked"),
+        // Only as a service is somebody there who can permit it once and for all.
+        Err(problem) if manager.is_there() => tracing::info!(
+            "memory is not locked ({problem}), so frames may wait for pages; LimitMEMLOCK=infinity in the unit permits it"
+        ),
+        Err(problem) => tracing::debug!("memory is not locked ({problem})"),
+    }
+}
+
+/// Where people are saved, if they are: a recording must replay alike however often it has been played.
+fn people(settings: &Settings, source: &Source) -> Option<People> {
+    let saves = settings.state.persist && matches!(source, Source::Kinect(_));
+    saves.then(|| People::at(Path::new(&settings.state.path)))
+}
+
+/// What is known while no frames come: the wires' heartbeat goes on, and faces on them are let go.
+fn nobody(last: &Frame, since: Duration) -> Report<'static> {
+    Report {
+        frame: last.index,
+        at: Timestamp::from_us(last.at.as_us() + since.as_micros() as u64),
+        ..Report::default()
+    }
+}
+
+/// What the table and the wires have done.
+fn tallies<'a>(
+    csv: Option<&'a Csv<Rows>>,
+    wires: &'a [Box<dyn Output>],
+) -> impl Iterator<Item = Tally> + Clone + 'a {
+    let wires = wires.iter().map(|wire| wire.tally());
+    csv.map(Output::tally).into_iter().chain(wires)
+}
+
+/// What receivers ask for, told in a line a second at most.
+#[derive(Default)]
+struct Heard {
+    told: Option<Instant>,
+    untold: u32,
+}
+
+impl Heard {
+    /// Obeys.
+    fn obey(&mut self, wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+        for wire in wires {
+            while let Some(command) = wire.next_command() {
+                pipeline.obey(command);
+                let now = Instant::now();
+                if self.told.is_some_and(|told| now - told < HEARD_PERIOD) {
+                    self.untold += 1;
+                    continue;
+                }
+                tracing::info!("asked over OSC: {command:?}, {} before", self.untold);
+                (self.told, self.untold) = (Some(now), 0);
+            }
+        }
+    }
+}
+
+/// Stages and wires that a configuration wants.
+type Standing = (Pipeline, Vec<Box<dyn Output>>);
+
+/// Reads the configuration again; if it has changed, the stages and wires it wants, all of which stand. Only then are the
+/// settings those read.
+fn reload(
+    run: &Run,
+    settings: &mut Settings,
+    source: &Source,
+    model: &FaceModel,
+) -> Result<Option<Standing>, Failure> {
+    let path = run.config.as_deref().unwrap_or(Path::new(SYSTEM_CONFIG));
+    // What a pipe would give is not waited for.
+    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+        return Err(Failure::Settings(SettingsError::Unreadable {
+            path: path.into(),
+            reason: "it is no file".to_owned(),
+        }));
+    }
+    let new = self::settings(run.config.as_deref())?;
+    if new == *settings {
+        return Ok(None);
+    }
+    let pipeline = Pipeline::new(&new.stages(), source.registration(), model)?;
+    let wires = wires::open(&new, &pipeline.unit_names())?;
+    let later = [
+        ("sensor", new.sensor != settings.sensor),
+        ("log", new.log != settings.log),
+    ];
+    for (section, _) in later.iter().filter(|(_, changed)| *changed) {
+        tracing::warn!("what has changed in [{section}] needs a restart");
+    }
+    *settings = new;
+    Ok(Some((pipeline, wires)))
+}
+
+/// The table that is asked for.
+fn table(
+    to: &CsvTarget,
+    signals: &Signals,
+    source: &Source,
+    pipeline: &Pipeline,
+) -> Result<Csv<Rows>, OutputError> {
+    let live = matches!(source, Source::Kinect(_));
+    let rows = match to {
+        CsvTarget::StandardOutput => Pipe::of(io::stdout()),
+        CsvTarget::File(path) => Pipe::create(path, &signals.stop),
+    };
+    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, live));
+    let rows = rows.map_err(|source| OutputError::Csv { source })?;
+    Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
+}
+
+/// The line of weights that a terminal shows.
+struct Live {
+    out: Pipe,
+    shown: bool,
+}
+
+impl Live {
+    /// Only there: a log is no place for weights.
+    fn on_a_terminal() -> Option<Self> {
+        let terminal = Some(io::stdout()).filter(IsTerminal::is_terminal);
+        let out = Pipe::of(terminal?).ok()?;
+        Some(Self { out, shown: false })
+    }
+
+    fn show<'a>(&mut self, report: &Report, names: impl Iterator<Item = &'a str>) {
+        let turn = report
+            .sensor_from_head
+            .map(|pose| yaw_pitch_roll(&pose.rotation));
+        let mut units = names.zip(report.weights.iter().copied());
+        let line = live_line::line(
+            report.at.as_us() as f64 * 1e-6,
+            report.state,
+            report.confidence,
+            turn,
+            &mut units,
+        );
+        // Over the one before. A terminal that takes nothing more is not waited for.
+        self.shown |= self.out.offer(line.as_bytes());
+    }
+
+    fn end(self) {
+        if self.shown {
+            self.out.offer(b"\n");
+        }
+    }
+}
