@@ -1,4 +1,4 @@
-//! What the programme tells of itself: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
+//! What the program tells of itself: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
 //!
 //! Each file is written under another name and then renamed, so that a reader never sees half of one. They belong on a
 //! file system in memory (`/run`): nothing is synchronised. If they cannot be written, that is said once and tried again.

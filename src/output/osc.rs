@@ -15,7 +15,7 @@
 //! the configuration. Receivers may ask for something, if the configuration lets them ([`commands`]).
 //!
 //! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
-//! programmes that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
+//! programs that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
 
 pub mod commands;
 pub mod faceosc;

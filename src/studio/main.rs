@@ -10,7 +10,7 @@ use signal_hook::consts::SIGPIPE;
 #[expect(clippy::print_stderr, reason = "this is the door")]
 fn main() -> ExitCode {
     mien::appliance::log::start(tracing::Level::INFO);
-    // A reader of standard output that goes away (`| head -1`) ends the programme quietly, with the code shells give for it.
+    // A reader of standard output that goes away (`| head -1`) ends the program quietly, with the code shells give for it.
     let always = Arc::new(AtomicBool::new(true));
     let _ = signal_hook::flag::register_conditional_shutdown(SIGPIPE, 128 + SIGPIPE, always);
     match cli::run(std::env::args_os().skip(1)) {

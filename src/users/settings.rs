@@ -8,7 +8,7 @@ use crate::base::capacity::USERS;
 pub struct Settings {
     /// People followed at once, at most.
     pub most: u32,
-    /// Whom wires show that have room for one.
+    /// Which person a single-person output sends.
     pub single: Policy,
     /// Seconds during which values are kept after the face was last seen.
     pub hold_s: f32,

@@ -2,7 +2,7 @@
 #![allow(
     dead_code,
     unreachable_pub,
-    reason = "each test programme uses some of them"
+    reason = "each test program uses some of them"
 )]
 
 pub mod actors;

@@ -1,5 +1,5 @@
 //! A run with everything on: a recording of people, a serial port that is read, a configuration with every output.
-#![allow(unreachable_pub, reason = "each test programme is a crate of its own")]
+#![allow(unreachable_pub, reason = "each test program is a crate of its own")]
 
 use std::io::Read;
 use std::path::Path;

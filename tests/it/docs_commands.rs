@@ -61,7 +61,7 @@ fn commands(document: &str) -> Vec<String> {
     out
 }
 
-/// The folder the reader works in; the programmes are found, the data are where the README says they are.
+/// The folder the reader works in; the programs are found, the data are where the README says they are.
 struct Reader {
     folder: tempfile::TempDir,
     path: std::ffi::OsString,
@@ -76,8 +76,8 @@ impl Reader {
         };
         std::fs::create_dir(folder.path().join("mien")).unwrap();
         ["config", "tests", "systemd"].into_iter().for_each(link);
-        let programmes = Path::new(env!("CARGO_BIN_EXE_mien")).parent().unwrap();
-        let mut path = programmes.as_os_str().to_owned();
+        let programs = Path::new(env!("CARGO_BIN_EXE_mien")).parent().unwrap();
+        let mut path = programs.as_os_str().to_owned();
         path.push(":");
         path.push(std::env::var_os("PATH").unwrap_or_default());
         Self { folder, path }

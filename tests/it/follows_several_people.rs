@@ -170,7 +170,7 @@ fn four_are_followed_at_once_and_ask_for_no_memory_after_the_start() {
     let bench = Command::new(env!("CARGO_BIN_EXE_mien"))
         .args(["bench", "--source", "simulated:four", "--frames", "15"])
         .output()
-        .expect("the programme runs");
+        .expect("the program runs");
     let text = String::from_utf8_lossy(&bench.stdout);
     assert!(text.contains("allocations_after_start 0"), "{text}");
 }

@@ -42,6 +42,10 @@ const FOLLOWS: [(&str, &[&str], f64); 17] = [
     ("AU9R", &["noseSneer_R"], 0.5),
 ];
 
+/// Where the head may be against where it is: mean and 95th percentile.
+const MOST_TURN_DEG: [f32; 2] = [0.01, 0.01];
+const MOST_SHIFT_MM: [f32; 2] = [0.01, 0.01];
+
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let n = pairs.len() as f64;
     let mean = |f: fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / n;
@@ -69,6 +73,7 @@ fn units_follow_the_actor() {
     let mut pairs = vec![Vec::new(); FOLLOWS.len()];
     let mut measured = vec![Vec::new(); MEASURES];
     let mut lost = 0;
+    let (mut turned, mut shifted) = (Vec::new(), Vec::new());
     for n in 0..FRAMES {
         let truth = simulator
             .draw(Timestamp::from_us((FIRST + n) * 33_333), &mut frame)
@@ -82,6 +87,14 @@ fn units_follow_the_actor() {
         if n < LEARNING {
             continue;
         }
+        let head = report.sensor_from_head.expect("a face has a head");
+        turned.push(
+            head.rotation
+                .angle_to(&truth.sensor_from_head.rotation)
+                .to_degrees(),
+        );
+        let apart = head.translation.vector - truth.sensor_from_head.translation.vector;
+        shifted.push(1e3 * apart.norm());
         let true_raw = measures::raw(&truth.landmarks_head);
         let w = true_raw[Measure::EyeDistance as usize];
         let true_measures = measures::scaled(&true_raw, w);
@@ -106,6 +119,21 @@ fn units_follow_the_actor() {
     for (measure, pairs) in Measure::ALL.iter().zip(&measured) {
         let r = correlation(pairs);
         println!("m_{:15} r {r:.3} with its true value", measure.name());
+    }
+    for (what, unit, errors, most) in [
+        ("turn", "degrees", &mut turned, MOST_TURN_DEG),
+        ("place", "mm", &mut shifted, MOST_SHIFT_MM),
+    ] {
+        errors.sort_by(f32::total_cmp);
+        let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+        let p95 = errors[errors.len() * 95 / 100];
+        println!(
+            "{what} off by {mean:.2} {unit} in the mean, {p95:.2} in nineteen of twenty frames"
+        );
+        assert!(
+            mean < most[0] && p95 < most[1],
+            "{what}: {mean} and {p95} {unit}"
+        );
     }
     let mut low = Vec::new();
     for ((unit, follows, least), pairs) in FOLLOWS.iter().zip(&pairs) {

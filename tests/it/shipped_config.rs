@@ -1,4 +1,4 @@
-//! The shipped configuration is what the programme does without one.
+//! The shipped configuration is what the program does without one.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-// What tests/preview/run does in the browser. Words: folder of the programmes, folder for screenshots and files.
+// What tests/preview/run does in the browser. Words: folder of the programs, folder for screenshots and files.
 const { chromium } = require("playwright-core");
 const { spawn, execFileSync } = require("node:child_process");
 const dgram = require("node:dgram");
@@ -8,7 +8,7 @@ const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
 
-const [programmes, shots] = process.argv.slice(2);
+const [programs, shots] = process.argv.slice(2);
 const running = [];
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "mien-preview-"));
 let failures = 0;
@@ -19,7 +19,7 @@ function check(what, holds, found = "") {
 }
 
 function start(name, words, options = {}) {
-  const child = spawn(path.join(programmes, name), words, { stdio: ["pipe", "pipe", "inherit"], ...options });
+  const child = spawn(path.join(programs, name), words, { stdio: ["pipe", "pipe", "inherit"], ...options });
   running.push(child);
   return child;
 }
@@ -254,7 +254,7 @@ async function table(browser, csv) {
   check("a table can be paused and scrubbed", Math.abs(half.now - half.length / 2) < 0.1 && half.now === same.now, `${half.now.toFixed(2)} of ${half.length.toFixed(2)} s`);
   // A head by drag and drop: a dense one made elsewhere would do as well.
   const head = path.join(work, "dropped.glb");
-  execFileSync(path.join(programmes, "mien-studio"), ["head", "--out", head]);
+  execFileSync(path.join(programs, "mien-studio"), ["head", "--out", head]);
   const bytes = fs.readFileSync(head).toString("base64");
   await page.evaluate(async (base64) => {
     const data = new DataTransfer();
@@ -271,7 +271,7 @@ async function table(browser, csv) {
 
 async function recording(browser) {
   const session = path.join(work, "session");
-  execFileSync(path.join(programmes, "mien-studio"), ["record", "--source", "simulated:two", "--seconds", "3", "--out", session]);
+  execFileSync(path.join(programs, "mien-studio"), ["record", "--source", "simulated:two", "--seconds", "3", "--out", session]);
   const { child, url } = await preview(["--source", session]);
   const page = await open(browser, url);
   await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 2.8, null, { timeout: 60000 });
@@ -310,7 +310,7 @@ async function recording(browser) {
 // A session in which nobody is seen.
 async function nobody(browser) {
   const session = path.join(work, "nobody");
-  execFileSync(path.join(programmes, "mien-studio"), ["record", "--source", "simulated:empty", "--seconds", "1", "--out", session]);
+  execFileSync(path.join(programs, "mien-studio"), ["record", "--source", "simulated:empty", "--seconds", "1", "--out", session]);
   const { child, url } = await preview(["--source", session]);
   const page = await open(browser, url);
   await page.waitForFunction(() => window.mien.stream.last - window.mien.stream.first > 0.9, null, { timeout: 60000 });

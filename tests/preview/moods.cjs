@@ -10,9 +10,9 @@ const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
 
-const [programmes, ...files] = process.argv.slice(2);
+const [programs, ...files] = process.argv.slice(2);
 const [heads, out] = [files.slice(0, -1), files.at(-1)];
-const studio = path.join(programmes, "mien-studio");
+const studio = path.join(programs, "mien-studio");
 const work = fs.mkdtempSync(path.join(os.tmpdir(), "mien-moods-"));
 // Each mood lasts 3 s and is at its height in the middle; the second turn, when the ranges are known.
 const TIMES = [13.6, 16.6, 19.6, 22.6];

@@ -20,7 +20,7 @@ import tty
 import session
 
 FULL = 1000
-# How long a programme may take to start, or to find a port again, on a machine that is busy.
+# How long a program may take to start, or to find a port again, on a machine that is busy.
 PATIENCE_S = 300
 
 

@@ -24,7 +24,7 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ),
     (UNITS, UNITS_ABOUT),
     ("osc", "OSC over UDP, the native schema."),
-    ("vmc", "OSC for avatar programmes, VMC protocol."),
+    ("vmc", "OSC for avatar programs, VMC protocol."),
     ("vrchat", "OSC for VRChat, Unified Expressions."),
     ("faceosc", "OSC as FaceOSC sends it."),
     ("serial", "A serial port."),
@@ -32,7 +32,7 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
         "state",
         "What outlives a restart, of people before a Kinect.",
     ),
-    ("status", "What the programme tells of itself, in files."),
+    ("status", "What the program tells of itself, in files."),
     ("log", "What is written to standard error."),
 ];
 
@@ -167,7 +167,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "model",
-        "Face model file; --model goes before it.",
+        "Face model file; the option --model takes precedence.",
         |s| Kind::Text {
             value: &mut s.sensor.model,
             form: "a path, or empty for the built-in model",
@@ -425,7 +425,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "users",
         "single",
-        "Whom wires show that have room for one (vmc, vrchat, faceosc, serial): who came first, is nearest, or in the middle.",
+        "Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central.",
         |s| Kind::Choice {
             value: index_of(&POLICIES, &s.users.single),
             names: &["first", "nearest", "central"],
@@ -533,7 +533,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vmc",
         "role",
-        "What this programme is to the receiver.",
+        "What this program is to the receiver.",
         |s| Kind::Choice {
             value: index_of(&ROLES, &s.vmc.role),
             names: &["performer", "assistant"],

@@ -22,7 +22,7 @@ pub struct Settings {
     pub units: Vec<output::UnitView>,
     /// OSC over UDP.
     pub osc: output::osc::Settings,
-    /// OSC for avatar programmes, VMC protocol.
+    /// OSC for avatar programs, VMC protocol.
     pub vmc: output::osc::vmc::Settings,
     /// OSC for VRChat.
     pub vrchat: output::osc::vrchat::Settings,

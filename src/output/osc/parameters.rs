@@ -1,4 +1,4 @@
-//! Other programmes' parameters as sums of our units: `config/rigs.toml`, resolved against the units there are at the start.
+//! Other programs' parameters as sums of our units: `config/rigs.toml`, resolved against the units there are at the start.
 //!
 //! The table is built in; the file says how it is written. One that cannot be read is refused with one sentence.
 

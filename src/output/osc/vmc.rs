@@ -20,7 +20,7 @@ use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, Vie
 /// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
 const CALIBRATED: [i32; 2] = [3, 0];
 
-/// What this programme is to the receiver.
+/// What this program is to the receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
     /// Sends all a marionette needs.
@@ -51,7 +51,7 @@ pub struct Settings {
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// What this programme is to the receiver.
+    /// What this program is to the receiver.
     pub role: Role,
     /// Whose names the blend shapes have.
     pub names: Names,

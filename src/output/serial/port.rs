@@ -28,7 +28,7 @@ const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5
 const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
 /// A port that takes nothing for so long is given up and opened again.
 const STUCK: Duration = Duration::from_secs(2);
-/// The same when the programme is ending.
+/// The same when the program is ending.
 const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
 
 /// Whether a port is there.
@@ -143,7 +143,7 @@ pub(super) fn feed(
     thread
         .spawn(move || {
             let mut pause = PAUSES[0];
-            // The first failure is not told: before a reload the port is still this programme's own for a moment.
+            // The first failure is not told: before a reload the port is still this program's own for a moment.
             let (mut failures, mut cut) = (0_u32, false);
             loop {
                 match open(&path, baud, dtr) {

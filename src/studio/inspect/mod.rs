@@ -39,7 +39,7 @@ pub enum InspectError {
     },
     /// None of the things that can be shown.
     #[error(
-        "{path} is nothing that can be shown; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
+        "cannot show {path}; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
     )]
     Unknown {
         /// The path.
