@@ -179,7 +179,7 @@ pub(in crate::studio) fn face_lines() -> impl Iterator<Item = [usize; 2]> {
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.
 ///
 /// # Errors
-/// If it is nothing that can be shown, or broken; the text says where and what to do.
+/// If it is of an unknown kind, or broken; the text says where and what to do.
 pub fn album(
     path: &Path,
     model: &FaceModel,
@@ -272,7 +272,7 @@ mod tests {
         assert!(message(folder.path(), "a.html").contains("INDEX.txt"));
         let other = folder.path().join("x.bin");
         std::fs::write(&other, [0, 255, 3]).unwrap();
-        assert!(message(&other, "a.html").contains("nothing that can be shown"));
+        assert!(message(&other, "a.html").contains("cannot show"));
         assert!(message(&other, "a.gif").contains(".html or .png"));
         assert!(!folder.path().join("a.html").exists(), "no partial output");
     }
