@@ -10,6 +10,7 @@ pub const HELP: &str = "\
 mien - facial expression from a Kinect v1 as FACS weights
 
 mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--fast] [--model FILE] [--require-device]
+                    [-q|-v]
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
 mien devices                         sensors and serial ports that are there
@@ -23,6 +24,8 @@ mien help | --help | --version
 --frames N        end after N frames
 --fast            a recording or a simulation as fast as it goes, not at its own pace
 --model FILE      a face model in place of the built-in one
+-q, --quiet       warnings and errors only, and no live line on a terminal
+-v, --verbose     log what is being done, too
 --require-device  exit 3 if there is no sensor, instead of playing the simulated one
 
 Without --config: /etc/mien/mien.toml if it is there, else the built-in defaults.
@@ -70,6 +73,32 @@ pub struct Run {
     pub model: Option<PathBuf>,
     /// No sensor is a failure.
     pub require_device: bool,
+    /// How much is said.
+    pub talk: Talk,
+}
+
+/// How much a run says, beyond what it was asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Talk {
+    /// Warnings and errors.
+    Less,
+    /// As configured, and a live line on a terminal.
+    #[default]
+    AsConfigured,
+    /// What is being done, too.
+    More,
+}
+
+impl Talk {
+    /// The level of the log, where the configuration says `level`.
+    #[must_use]
+    pub fn level(self, level: tracing::Level) -> tracing::Level {
+        match self {
+            Self::Less => level.min(tracing::Level::WARN),
+            Self::AsConfigured => level,
+            Self::More => level.max(tracing::Level::DEBUG),
+        }
+    }
 }
 
 /// Arguments of `bench`.
@@ -182,6 +211,8 @@ fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
             Long("fast") => run.fast = true,
             Long("model") => run.model = Some(parser.value()?.into()),
             Long("require-device") => run.require_device = true,
+            Long("quiet") | Short('q') => run.talk = Talk::Less,
+            Long("verbose") | Short('v') => run.talk = Talk::More,
             Long("help") => return Ok(Command::Help),
             other => return Err(other.unexpected().into()),
         }
@@ -232,6 +263,22 @@ mod tests {
         );
         assert_eq!(words("--version").unwrap(), Command::Version);
         assert_eq!(words("").unwrap(), Command::Help);
+    }
+
+    #[test]
+    fn quiet_and_verbose_bound_the_log_s_level() {
+        let Ok(Command::Run(run)) = words("run -q") else {
+            panic!("run")
+        };
+        use tracing::Level;
+        assert_eq!(run.talk, Talk::Less);
+        assert_eq!(run.talk.level(Level::INFO), Level::WARN);
+        assert_eq!(run.talk.level(Level::ERROR), Level::ERROR);
+        let Ok(Command::Run(run)) = words("run --verbose") else {
+            panic!("run")
+        };
+        assert_eq!(run.talk.level(Level::INFO), Level::DEBUG);
+        assert_eq!(Talk::default().level(Level::INFO), Level::INFO);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Level, Metadata, Subscriber};
 
 use crate::appliance::pipe::Pipe;
+use crate::appliance::terminal::OVER;
 
 /// Longest line; what is beyond is cut, so that a line never allocates without bound.
 const LINE: usize = 512;
@@ -130,7 +131,10 @@ impl Subscriber for Lines {
     fn event(&self, event: &Event<'_>) {
         let Some(error) = &self.error else { return };
         let mut line = Line::default();
-        if !self.terminal {
+        if self.terminal {
+            // Over the live line, which comes back below.
+            let _ = line.0.push_str(OVER);
+        } else {
             let _ = write!(line, "<{}>", priority(*event.metadata().level()));
         }
         let left_out = self.left_out.load(Ordering::Relaxed);

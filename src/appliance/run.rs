@@ -1,12 +1,12 @@
 //! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
 //! One file: the order of a run from its start to its end.
 
-use std::io::{self, IsTerminal};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use crate::appliance::cli::{CsvTarget, Run};
+use crate::appliance::cli::{CsvTarget, Run, Talk};
 use crate::appliance::pipe::{Pipe, Rows};
 use crate::appliance::service::{Failure, NoKinect, SYSTEM_CONFIG, model, open, settings};
 use crate::appliance::service_manager::ServiceManager;
@@ -14,8 +14,8 @@ use crate::appliance::settings::{Settings, SettingsError};
 use crate::appliance::signals::Signals;
 use crate::appliance::source::{Pacer, Source, SourceError};
 use crate::appliance::status::Status;
-use crate::appliance::{live_line, memory, wires};
-use crate::base::geometry::yaw_pitch_roll;
+use crate::appliance::terminal::Live;
+use crate::appliance::{memory, wires};
 use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::output::csv::Csv;
@@ -68,6 +68,7 @@ struct Session<'r> {
     /// Frames still to come.
     left: u64,
     ended: bool,
+    started: Instant,
     /// When the last frame was taken up, and when it was whole in memory.
     taken: Instant,
     arrived: Instant,
@@ -77,7 +78,7 @@ impl<'r> Session<'r> {
     /// Opens everything, and takes all memory; `None` if it is to stop before anybody read its table.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
-        crate::appliance::log::start(settings.log.level);
+        crate::appliance::log::start(run.talk.level(settings.log.level));
         let named =
             Some(PathBuf::from(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
         let model = model(run.model.as_deref().or(named.as_deref()))?;
@@ -107,9 +108,12 @@ impl<'r> Session<'r> {
         if let Some(people) = &people {
             pipeline.recall(people.load());
         }
-        let live = (run.csv != Some(CsvTarget::StandardOutput))
+        let live = (run.csv != Some(CsvTarget::StandardOutput) && run.talk != Talk::Less)
             .then(Live::on_a_terminal)
             .flatten();
+        if let Some(live) = &live {
+            live.greet(&name, &wires::named(&settings));
+        }
         let manager = ServiceManager::from_environment();
         lock_memory(&manager);
         manager.ready();
@@ -132,6 +136,7 @@ impl<'r> Session<'r> {
             heard: Heard::default(),
             left: run.frames.unwrap_or(u64::MAX),
             ended: false,
+            started: Instant::now(),
             taken: Instant::now(),
             arrived: Instant::now(),
         }))
@@ -229,12 +234,10 @@ impl<'r> Session<'r> {
         for report in &reports {
             self.status.observe(report, latency.take());
         }
-        let shown = self.pipeline.report();
         if let Some(live) = &mut self.live {
-            let units = self.pipeline.expression(0).unit_names();
-            live.show(&shown, units.iter().map(|name| name.as_str()));
+            live.show(&reports, self.pipeline.expression(0).unit_names());
         }
-        let state = shown.state;
+        let state = self.pipeline.report().state;
         drop(reports);
         if let Source::Kinect(live) = &mut self.source {
             live.show_tracking(state.has_face());
@@ -262,7 +265,7 @@ impl<'r> Session<'r> {
             people.save(self.pipeline.people().iter(), self.pipeline.at());
         }
         if let Some(live) = self.live {
-            live.end();
+            live.end(self.started.elapsed());
         }
         if self.source.skipped() > 0 {
             tracing::warn!(
@@ -384,41 +387,4 @@ fn table(
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, live));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;
     Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
-}
-
-/// The line of weights that a terminal shows.
-struct Live {
-    out: Pipe,
-    shown: bool,
-}
-
-impl Live {
-    /// Only there: a log is no place for weights.
-    fn on_a_terminal() -> Option<Self> {
-        let terminal = Some(io::stdout()).filter(IsTerminal::is_terminal);
-        let out = Pipe::of(terminal?).ok()?;
-        Some(Self { out, shown: false })
-    }
-
-    fn show<'a>(&mut self, report: &Report, names: impl Iterator<Item = &'a str>) {
-        let turn = report
-            .sensor_from_head
-            .map(|pose| yaw_pitch_roll(&pose.rotation));
-        let mut units = names.zip(report.weights.iter().copied());
-        let line = live_line::line(
-            report.at.as_us() as f64 * 1e-6,
-            report.state,
-            report.confidence,
-            turn,
-            &mut units,
-        );
-        // Over the one before. A terminal that takes nothing more is not waited for.
-        self.shown |= self.out.offer(line.as_bytes());
-    }
-
-    fn end(self) {
-        if self.shown {
-            self.out.offer(b"\n");
-        }
-    }
 }

@@ -14,6 +14,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector};
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
+use crate::expression::unit_words;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::landmarks::Landmarks;
@@ -115,10 +116,23 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         }
         let name = shown.name(unit);
         let of = units.len();
+        let words = unit_words::of(unit);
+        let (plain, side) = words.map_or(("", ""), |(words, side)| {
+            (
+                words.plain,
+                if side.is_empty() {
+                    ""
+                } else if side == "L" {
+                    "left "
+                } else {
+                    "right "
+                },
+            )
+        });
         if name == *unit {
-            tracing::info!("{unit} ({} of {of})", i + 1);
+            tracing::info!("{unit} {plain} {side}({} of {of})", i + 1);
         } else {
-            tracing::info!("{unit} as {name} ({} of {of})", i + 1);
+            tracing::info!("{unit} {plain} {side}as {name} ({} of {of})", i + 1);
         }
         for step in 1..=SWEEP {
             weights[i] = 1.0 - (2.0 * step as f32 / SWEEP as f32 - 1.0).abs();

@@ -1,5 +1,6 @@
 //! What signals ask for.
 
+use std::io::{IsTerminal, stderr, stdout};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -23,8 +24,14 @@ impl Signals {
             signal_hook::flag::register(signal, Arc::clone(&signals.stop))
                 .map_err(Failure::Signals)?;
         }
-        signal_hook::flag::register(SIGHUP, Arc::clone(&signals.reload))
-            .map_err(Failure::Signals)?;
+        // A terminal that is closed ends what runs on it; a service manager asks for the configuration to be read again.
+        let on_a_terminal = stdout().is_terminal() || stderr().is_terminal();
+        let hang_up = if on_a_terminal {
+            &signals.stop
+        } else {
+            &signals.reload
+        };
+        signal_hook::flag::register(SIGHUP, Arc::clone(hang_up)).map_err(Failure::Signals)?;
         Ok(signals)
     }
 }

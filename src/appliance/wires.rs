@@ -40,3 +40,25 @@ pub(crate) fn open(
     }
     Ok(wires)
 }
+
+/// Where the outputs that are switched on send, for a person to read.
+pub(crate) fn named(settings: &Settings) -> String {
+    let networked = [
+        ("OSC", settings.osc.enabled, &settings.osc.targets),
+        ("VMC", settings.vmc.enabled, &settings.vmc.targets),
+        ("VRChat", settings.vrchat.enabled, &settings.vrchat.targets),
+        (
+            "FaceOSC",
+            settings.faceosc.enabled,
+            &settings.faceosc.targets,
+        ),
+    ];
+    let networked = networked.into_iter().filter(|(_, enabled, _)| *enabled);
+    let mut all: Vec<String> = networked
+        .map(|(name, _, targets)| format!("{name} to {}", targets.join(" and ")))
+        .collect();
+    if !settings.serial.port.is_empty() {
+        all.push(format!("serial to {}", settings.serial.port));
+    }
+    all.join(", ")
+}

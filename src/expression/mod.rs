@@ -41,6 +41,7 @@ mod settings;
 pub mod smooth;
 mod together;
 pub mod two_way;
+pub mod unit_words;
 pub mod units;
 pub mod weight;
 

@@ -1,4 +1,4 @@
-//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of three files with unsafe code.
+//! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of four files with unsafe code.
 //!
 //! Per stream there are 16 transfers of 16 packets (32 ms of the bus). One that has landed is queued as it is; when polled, its
 //! packets are read where they lie and it is submitted again. Whoever does not poll for 32 ms, a long request to the device

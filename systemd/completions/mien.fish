@@ -18,4 +18,6 @@ complete -c mien -n '__fish_seen_subcommand_from run' -l csv -r -F -d 'One row p
 complete -c mien -n '__fish_seen_subcommand_from run' -l fast -d 'As fast as it goes'
 complete -c mien -n '__fish_seen_subcommand_from run' -l model -r -F -d 'Face model'
 complete -c mien -n '__fish_seen_subcommand_from run' -l require-device -d 'Exit 3 without a sensor'
+complete -c mien -n '__fish_seen_subcommand_from run' -s q -l quiet -d 'Warnings and errors only'
+complete -c mien -n '__fish_seen_subcommand_from run' -s v -l verbose -d 'Log what is being done'
 complete -c mien -n '__fish_seen_subcommand_from check-config' -F

@@ -125,3 +125,72 @@ fn a_recording_plays_like_what_was_recorded_every_time_and_a_cut_file_costs_its_
     assert!(!damaged.lines().any(|line| line.starts_with("10,")));
     assert_eq!(damaged.lines().count(), 30);
 }
+
+/// What a shell's words print on a terminal of 70 columns; `None` where there is no `script` to make one.
+fn on_a_terminal(words: &str) -> Option<String> {
+    let words = format!("stty cols 70; {words}");
+    let output = Command::new("script")
+        .args(["-qec", &words, "/dev/null"])
+        .stdin(std::process::Stdio::null())
+        .output();
+    match output {
+        Ok(output) => Some(String::from_utf8_lossy(&output.stdout).into_owned()),
+        Err(problem) => {
+            println!("skipped: no terminal ({problem})");
+            None
+        }
+    }
+}
+
+#[test]
+fn a_terminal_shows_where_it_sends_one_line_that_never_wraps_and_a_summary() {
+    let mien = env!("CARGO_BIN_EXE_mien");
+    let run = format!("{mien} run --source simulated:two --fast --frames 40");
+    let Some(said) = on_a_terminal(&run) else {
+        return;
+    };
+    let lines: Vec<&str> = said.lines().map(str::trim_end).collect();
+    assert!(
+        lines[0].starts_with("mien ") && lines[0].ends_with("simulated:two"),
+        "{said}"
+    );
+    assert_eq!(lines[1], "sends to: OSC to 127.0.0.1:9130");
+    assert!(lines[2].starts_with("next: "), "{said}");
+    let live: Vec<&str> = said.split("\r\x1b[K").skip(1).collect();
+    assert!(live.len() >= 40, "{said}");
+    for line in live.iter().filter(|line| !line.contains("status.json")) {
+        assert!(
+            line.trim_end().len() < 70 || line.contains('\n'),
+            "{line:?}"
+        );
+    }
+    assert!(
+        live.iter()
+            .any(|line| line.contains("| 1 ") && line.contains("| 2 ")),
+        "{said}"
+    );
+    let summary = lines
+        .iter()
+        .rev()
+        .find(|line| !line.is_empty())
+        .expect("a last line");
+    assert!(
+        summary.starts_with("40 frames in ") && summary.contains("2 people"),
+        "{said}"
+    );
+    let quiet = on_a_terminal(&format!("{run} -q")).expect("a terminal, as before");
+    assert!(
+        !quiet.contains("frames in") && !quiet.contains("\x1b[K  0:"),
+        "{quiet}"
+    );
+}
+
+#[test]
+fn a_terminal_that_is_closed_ends_what_runs_on_it() {
+    let mien = env!("CARGO_BIN_EXE_mien");
+    let words =
+        format!("{mien} run --source simulated & sleep 2; kill -HUP $!; wait $!; echo ended $?");
+    if let Some(said) = on_a_terminal(&words) {
+        assert!(said.trim_end().ends_with("ended 0"), "{said}");
+    }
+}

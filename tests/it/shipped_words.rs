@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use mien::appliance::cli::HELP;
+use mien::expression::unit_words;
 
 /// Options in a text; completions of fish have them as `-l name`.
 fn options(text: &str) -> BTreeSet<String> {
@@ -39,4 +40,23 @@ fn man_page_and_completions_know_what_help_says() {
             assert!(plain.contains(command), "{name} does not know {command}");
         }
     }
+}
+
+#[test]
+fn the_page_of_units_has_every_unit_s_words() {
+    let page = include_str!("../../docs/units.md");
+    for words in &unit_words::ALL {
+        let row = page
+            .lines()
+            .find(|line| line.starts_with(&format!("| {} |", words.code)))
+            .unwrap_or_else(|| panic!("no row of {}", words.code));
+        for part in [words.facs, words.plain, words.does] {
+            assert!(row.contains(&format!("| {part} |")), "{row}: {part}");
+        }
+        for shape in words.arkit.split_whitespace() {
+            assert!(row.contains(&format!("`{shape}`")), "{row}: {shape}");
+        }
+    }
+    let rows = page.lines().filter(|line| line.starts_with("| AU"));
+    assert_eq!(rows.count(), unit_words::ALL.len());
 }

@@ -1,0 +1,330 @@
+//! What a person sees who runs `mien` on a terminal: what goes where, one line that is written over and over, and at the
+//! end what there was.
+//!
+//! One of four files with unsafe code: the width of a terminal is not to be had without.
+#![expect(
+    unsafe_code,
+    reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"
+)]
+
+use core::fmt::Write as _;
+use std::io::{self, IsTerminal};
+use std::os::fd::AsRawFd;
+use std::time::Duration;
+
+use crate::appliance::pipe::Pipe;
+use crate::base::capacity::USERS;
+use crate::expression::unit_words;
+use crate::output::{Report, TrackingState};
+
+/// Puts what follows over the live line.
+pub(crate) const OVER: &str = "\r\x1b[K";
+/// Columns of the narrowest and the widest line.
+const NARROW: usize = 60;
+const WIDE: usize = 160;
+/// Bytes of the longest line, and what puts it there.
+const LINE: usize = WIDE + OVER.len();
+/// Columns where the width cannot be told.
+const USUAL: usize = 80;
+/// Weights below this are not worth a place on the line.
+const SHOWN: f32 = 0.15;
+/// Units of one person on the line, at most.
+const MOST: usize = 8;
+
+/// Columns of the terminal behind a stream.
+fn width(of: &impl AsRawFd) -> usize {
+    let mut size = libc::winsize {
+        ws_row: 0,
+        ws_col: 0,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    // SAFETY: TIOCGWINSZ writes one `winsize`, which is there and ours alone.
+    let told = unsafe { libc::ioctl(of.as_raw_fd(), libc::TIOCGWINSZ, &raw mut size) };
+    if told == 0 && size.ws_col > 0 {
+        usize::from(size.ws_col)
+    } else {
+        USUAL
+    }
+}
+
+/// A line of at most so many columns: what does not fit whole is left out.
+struct Line {
+    text: heapless::String<LINE>,
+    columns: usize,
+}
+
+impl Line {
+    fn new(columns: usize) -> Self {
+        let mut text = heapless::String::new();
+        let _ = text.push_str(OVER);
+        // The last column stays free: some terminals wrap as soon as it is written.
+        let columns = columns.clamp(NARROW, WIDE) - 1;
+        Self { text, columns }
+    }
+
+    /// Adds words if they fit.
+    fn add(&mut self, words: core::fmt::Arguments<'_>) -> bool {
+        let mut piece: heapless::String<48> = heapless::String::new();
+        let whole = piece.write_fmt(words).is_ok();
+        // ASCII only, so bytes are columns.
+        let fits = whole && self.text.len() - OVER.len() + piece.len() <= self.columns;
+        fits && self.text.push_str(&piece).is_ok()
+    }
+
+    /// Adds the strongest units of a face, by their plain names; what both sides do is one.
+    fn add_units(&mut self, names: &[impl AsRef<str>], weights: &[f32]) {
+        let mut strong: heapless::Vec<(f32, &str, bool), MOST> = heapless::Vec::new();
+        let all = || {
+            let all = names.iter().map(AsRef::as_ref).zip(weights.iter().copied());
+            all.filter(|(_, weight)| *weight >= SHOWN)
+        };
+        for (name, weight) in all() {
+            let other = |side: char, other: char| {
+                let code = name.strip_suffix(side)?;
+                let is_other = |name: &str| name.strip_suffix(other) == Some(code);
+                all()
+                    .find(|(name, _)| is_other(name))
+                    .map(|(_, weight)| weight)
+            };
+            // The left side speaks for both.
+            if other('R', 'L').is_some() {
+                continue;
+            }
+            let both = other('L', 'R');
+            let weight = both.map_or(weight, |other| 0.5 * (weight + other));
+            let at = strong.iter().position(|(other, _, _)| weight > *other);
+            let at = at.unwrap_or(strong.len());
+            if strong.is_full() && at < strong.len() {
+                strong.pop();
+            }
+            // A full list ends with the weakest, which this one is weaker than.
+            let _ = strong.insert(at, (weight.min(9.99), name, both.is_some()));
+        }
+        for (weight, name, both) in strong {
+            let written = match unit_words::of(name) {
+                Some((words, side)) if !both && !side.is_empty() => {
+                    self.add(format_args!(" {} {side} {weight:.2} ", words.plain))
+                }
+                Some((words, _)) => self.add(format_args!(" {} {weight:.2} ", words.plain)),
+                None => self.add(format_args!(" {name} {weight:.2} ")),
+            };
+            if !written {
+                break;
+            }
+        }
+    }
+}
+
+/// One readable line: the time, and of everybody who is there the state and the strongest units.
+fn line(
+    columns: usize,
+    reports: &[Report<'_>],
+    names: &[impl AsRef<str>],
+) -> heapless::String<LINE> {
+    let mut line = Line::new(columns);
+    let at_s = reports
+        .first()
+        .map_or(0.0, |report| report.at.as_us() as f64 * 1e-6);
+    line.add(format_args!(
+        "{:3}:{:04.1} ",
+        (at_s / 60.0) as u64,
+        at_s % 60.0
+    ));
+    let there = || {
+        let known = reports.iter().filter(|report| report.user.is_some());
+        known.filter(|report| report.state != TrackingState::Absent)
+    };
+    match there().count() {
+        0 => {
+            line.add(format_args!("nobody in view"));
+        }
+        1 => {
+            for report in there() {
+                let sure = report.confidence * 100.0;
+                line.add(format_args!("{:8} {sure:3.0}% |", report.state.name()));
+                line.add_units(names, report.weights);
+            }
+        }
+        many => {
+            let all = line.columns;
+            let start = line.text.len() - OVER.len();
+            for (k, report) in there().enumerate() {
+                // Everybody has the same share of the line.
+                line.columns = start + (all - start) * (k + 1) / many;
+                let user = report.user.unwrap_or_default() + 1;
+                line.add(format_args!("| {user} {:8}", report.state.name()));
+                line.add_units(names, report.weights);
+            }
+        }
+    }
+    line.text
+}
+
+/// What there was of a run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    frames: u64,
+    people: u64,
+    latency_us: u64,
+    slowest_us: u32,
+    there: [bool; USERS],
+}
+
+impl Tally {
+    fn count(&mut self, reports: &[Report<'_>]) {
+        self.frames += 1;
+        let latency = reports
+            .iter()
+            .map(|report| report.latency_us)
+            .max()
+            .unwrap_or(0);
+        self.latency_us += u64::from(latency);
+        self.slowest_us = self.slowest_us.max(latency);
+        for report in reports {
+            let Some(there) = report.user.and_then(|user| self.there.get_mut(user)) else {
+                continue;
+            };
+            let is_there = report.state != TrackingState::Absent;
+            self.people += u64::from(is_there && !*there);
+            *there = is_there;
+        }
+    }
+
+    fn summary(&self, took: Duration) -> String {
+        let seconds = took.as_secs_f64().max(1e-3);
+        let people = match self.people {
+            0 => "nobody".to_owned(),
+            1 => "1 person".to_owned(),
+            many => format!("{many} people"),
+        };
+        format!(
+            "{} frames in {seconds:.1} s ({:.1} per second), {people}, {:.1} ms from frame to wire, {:.1} ms at most",
+            self.frames,
+            self.frames as f64 / seconds,
+            self.latency_us as f64 * 1e-3 / self.frames.max(1) as f64,
+            f64::from(self.slowest_us) * 1e-3,
+        )
+    }
+}
+
+/// The terminal of a run.
+pub(super) struct Live {
+    out: Pipe,
+    shown: bool,
+    tally: Tally,
+}
+
+impl Live {
+    /// Only on a terminal: a log is no place for weights.
+    pub(super) fn on_a_terminal() -> Option<Self> {
+        let terminal = Some(io::stdout()).filter(IsTerminal::is_terminal);
+        Some(Self {
+            out: Pipe::of(terminal?).ok()?,
+            shown: false,
+            tally: Tally::default(),
+        })
+    }
+
+    /// What runs, where it sends, what to do next.
+    pub(super) fn greet(&self, source: &str, wires: &str) {
+        let version = env!("CARGO_PKG_VERSION");
+        let to = if wires.is_empty() { "nowhere" } else { wires };
+        let next = if wires.is_empty() {
+            "switch an output on in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
+        } else {
+            "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
+        };
+        for words in [
+            format!("mien {version}: {source}\n"),
+            format!("sends to: {to}\n"),
+            format!("next: {next}\n"),
+        ] {
+            self.out.offer(words.as_bytes());
+        }
+    }
+
+    /// Shows a frame's reports, over those of the frame before. A terminal that takes nothing more is not waited for.
+    pub(super) fn show(&mut self, reports: &[Report<'_>], names: &[impl AsRef<str>]) {
+        self.tally.count(reports);
+        let line = line(width(&io::stdout()), reports, names);
+        self.shown |= self.out.offer(line.as_bytes());
+    }
+
+    /// Leaves the line, and says what there was.
+    pub(super) fn end(self, took: Duration) {
+        if self.shown {
+            self.out.offer(b"\n");
+        }
+        let summary = self.tally.summary(took);
+        self.out.offer(format!("{summary}\n").as_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Timestamp;
+
+    const NAMES: [&str; 4] = ["AU26", "AU12L", "AU12R", "AU2L"];
+
+    fn report(user: usize, weights: &[f32]) -> Report<'_> {
+        Report {
+            at: Timestamp::from_us(63_250_000),
+            user: Some(user),
+            state: TrackingState::Tracking,
+            confidence: 0.93,
+            weights,
+            ..Report::default()
+        }
+    }
+
+    #[test]
+    fn the_line_names_what_is_strongest_first() {
+        let weights = [0.5, 0.1, 0.16, 0.8];
+        assert_eq!(
+            line(80, &[report(0, &weights)], &NAMES).as_str(),
+            "\r\x1b[K  1:03.2 tracking  93% | outer brow up L 0.80  jaw drop 0.50  smile R 0.16 "
+        );
+        let nobody = Report::default();
+        assert_eq!(
+            line(80, &[nobody], &NAMES).as_str(),
+            "\r\x1b[K  0:00.0 nobody in view"
+        );
+    }
+
+    #[test]
+    fn everybody_is_on_it_and_it_never_wraps() {
+        let names: Vec<String> = (0..40).map(|_| "AU43L".to_owned()).collect();
+        let weights = [1.0; 40];
+        for columns in [60, 80, 100, 300] {
+            for people in 0..=USERS {
+                let reports: Vec<Report> = (0..people).map(|user| report(user, &weights)).collect();
+                let line = line(columns, &reports, &names);
+                assert!(line.len() - OVER.len() < columns, "{columns}: {line:?}");
+                for user in (0..people).filter(|_| people > 1) {
+                    let part = format!("| {} tracking", user + 1);
+                    assert!(columns < 80 || line.contains(&part), "{columns}: {line:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_summary_counts_people_and_time() {
+        let weights = [0.0; 4];
+        let mut tally = Tally::default();
+        for latency_us in [2000, 6000] {
+            let there = Report {
+                latency_us,
+                ..report(1, &weights)
+            };
+            tally.count(&[there]);
+        }
+        tally.count(&[Report::default()]);
+        assert_eq!(
+            tally.summary(Duration::from_secs(2)),
+            "3 frames in 2.0 s (1.5 per second), 1 person, 2.7 ms from frame to wire, 6.0 ms at most"
+        );
+    }
+}

@@ -1,0 +1,251 @@
+//! What the action units are called: FACS's names, plain ones, ARKit's, and what the face does.
+//!
+//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes are without sides; `L` and
+//! `R` are the subject's own left and right.
+
+/// What one unit is called.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UnitWords {
+    /// FACS code without a side.
+    pub code: &'static str,
+    /// FACS name (Ekman & Friesen 1978).
+    pub facs: &'static str,
+    /// What an animator would call it.
+    pub plain: &'static str,
+    /// ARKit's blend shapes that show it, without a side; empty if there is none.
+    pub arkit: &'static str,
+    /// What the face does.
+    pub does: &'static str,
+}
+
+const fn unit(
+    code: &'static str,
+    facs: &'static str,
+    plain: &'static str,
+    arkit: &'static str,
+    does: &'static str,
+) -> UnitWords {
+    UnitWords {
+        code,
+        facs,
+        plain,
+        arkit,
+        does,
+    }
+}
+
+/// Every unit that has a column.
+pub const ALL: [UnitWords; 24] = [
+    unit(
+        "AU1",
+        "inner brow raiser",
+        "inner brow up",
+        "browInnerUp",
+        "the inner end of the brow rises",
+    ),
+    unit(
+        "AU2",
+        "outer brow raiser",
+        "outer brow up",
+        "browOuterUp",
+        "the outer half of the brow rises",
+    ),
+    unit(
+        "AU4",
+        "brow lowerer",
+        "brow down",
+        "browDown",
+        "the brow falls and is drawn in",
+    ),
+    unit(
+        "AU5",
+        "upper lid raiser",
+        "eye wide",
+        "eyeWide",
+        "the upper lid rises above its rest",
+    ),
+    unit(
+        "AU9",
+        "nose wrinkler",
+        "nose wrinkle",
+        "noseSneer",
+        "the nostril is drawn up, the nose wrinkles",
+    ),
+    unit(
+        "AU10",
+        "upper lip raiser",
+        "upper lip up",
+        "mouthUpperUp",
+        "the upper lip rises",
+    ),
+    unit(
+        "AU12",
+        "lip corner puller",
+        "smile",
+        "mouthSmile",
+        "the corner of the mouth rises and goes out",
+    ),
+    unit(
+        "AU14",
+        "dimpler",
+        "dimple",
+        "mouthDimple",
+        "the corner of the mouth is drawn in tight",
+    ),
+    unit(
+        "AU15",
+        "lip corner depressor",
+        "frown",
+        "mouthFrown",
+        "the corner of the mouth falls",
+    ),
+    unit(
+        "AU17",
+        "chin raiser",
+        "chin up",
+        "mouthShrugLower",
+        "the chin pushes the lower lip up",
+    ),
+    unit(
+        "AU18",
+        "lip pucker",
+        "pucker",
+        "mouthPucker",
+        "the mouth gets narrow, as for a kiss",
+    ),
+    unit(
+        "AU20",
+        "lip stretcher",
+        "stretch",
+        "mouthStretch",
+        "the mouth gets wide",
+    ),
+    unit(
+        "AU22",
+        "lip funneler",
+        "funnel",
+        "mouthFunnel",
+        "the lips open and go forward",
+    ),
+    unit("AU25", "lips part", "lips part", "", "the lips come apart"),
+    unit(
+        "AU26",
+        "jaw drop",
+        "jaw drop",
+        "jawOpen",
+        "the jaw falls, the mouth opens",
+    ),
+    unit(
+        "AU28",
+        "lip suck",
+        "lips in",
+        "mouthRollLower mouthRollUpper",
+        "the lips are rolled in over the teeth",
+    ),
+    unit(
+        "AU29",
+        "jaw thrust",
+        "jaw forward",
+        "jawForward",
+        "the jaw goes forward",
+    ),
+    unit(
+        "AU30",
+        "jaw sideways",
+        "jaw",
+        "jaw",
+        "the jaw goes to one side",
+    ),
+    unit(
+        "AU34",
+        "cheek puff",
+        "cheek puff",
+        "cheekPuff",
+        "the cheek is blown out",
+    ),
+    unit("AU43", "eye closure", "blink", "eyeBlink", "the eye closes"),
+    unit(
+        "AU61",
+        "eyes turn left",
+        "look left",
+        "eyeLookOut eyeLookIn",
+        "both eyes turn to the subject's left",
+    ),
+    unit(
+        "AU62",
+        "eyes turn right",
+        "look right",
+        "eyeLookOut eyeLookIn",
+        "both eyes turn to the subject's right",
+    ),
+    unit(
+        "AU63",
+        "eyes up",
+        "look up",
+        "eyeLookUp",
+        "both eyes look up",
+    ),
+    unit(
+        "AU64",
+        "eyes down",
+        "look down",
+        "eyeLookDown",
+        "both eyes look down",
+    ),
+];
+
+/// A unit's words and its side (`"L"`, `"R"` or none); `None` for a name that is no unit's.
+#[must_use]
+pub fn of(unit: &str) -> Option<(&'static UnitWords, &str)> {
+    let code = unit.trim_end_matches(['L', 'R']);
+    let words = ALL.iter().find(|words| words.code == code)?;
+    Some((words, &unit[code.len()..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Units;
+
+    #[test]
+    fn every_column_has_words_and_every_word_a_column() {
+        let units = Units::shipped();
+        for paper in [false, true] {
+            for column in units.columns(paper) {
+                assert!(of(&column).is_some(), "{column} has no words");
+            }
+        }
+        let columns = units.columns(false);
+        for words in &ALL {
+            let has = |name: &str| columns.iter().any(|column| column == name);
+            let side = |side: &str| has(&format!("{}{side}", words.code));
+            assert!(has(words.code) || side("L") && side("R"), "{}", words.code);
+        }
+        assert_eq!(
+            of("AU12L").map(|(words, side)| (words.plain, side)),
+            Some(("smile", "L"))
+        );
+        assert!(of("AU").is_none() && of("gaze").is_none());
+    }
+
+    #[test]
+    fn arkit_s_names_are_those_of_the_rigs() {
+        let rigs = include_str!("../../config/rigs.toml");
+        let arkit = rigs
+            .split("[arkit]")
+            .nth(1)
+            .and_then(|text| text.split("\n[").next());
+        let arkit = arkit.expect("a section of ARKit's names");
+        for words in &ALL {
+            for name in words.arkit.split_whitespace() {
+                let rows = arkit.lines().filter(|line| line.starts_with(name));
+                assert!(
+                    rows.clone().any(|line| line.contains(words.code)),
+                    "{name} of {}: {:?}",
+                    words.code,
+                    rows.collect::<Vec<_>>()
+                );
+            }
+        }
+    }
+}
