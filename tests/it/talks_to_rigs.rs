@@ -448,9 +448,9 @@ fn send_test_sweeps_every_unit_and_names_it() {
     let mut at = 0;
     for (i, name) in names.iter().enumerate() {
         let logged = if name == "jaw" {
-            "AU26 as jaw ("
+            "AU26 jaw drop as jaw ("
         } else {
-            &format!("{name} (")
+            &format!("{name} ")
         };
         assert!(log.contains(logged), "{logged} not in {log}");
         // Up to 1 and down again, all others at rest, one unit after the other.
