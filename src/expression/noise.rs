@@ -159,6 +159,20 @@ mod tests {
     }
 
     #[test]
+    fn the_estimate_rises_only_for_what_is_above_it() {
+        // Half of all differences are above their median: one that is the median itself counts with those below.
+        for (jump, rises) in [(0.99, false), (1.0, false), (1.01, true)] {
+            let mut noise = Noise::new(1.0 / MEDIAN_OF_SECOND_DIFFERENCE);
+            let before = noise.sigma();
+            for g in [0.0, 0.0, jump] {
+                noise.observe(g);
+            }
+            assert_eq!(noise.sigma() > before, rises, "{jump}");
+            assert!((noise.sigma() / before - 1.0).abs() > 1e-3);
+        }
+    }
+
+    #[test]
     fn slow_straying_is_followed_and_an_expression_is_not() {
         let mut random = fastrand::Rng::with_seed(3);
         let dt = 1.0 / 30.0;

@@ -121,6 +121,17 @@ mod tests {
     }
 
     #[test]
+    fn the_population_is_worth_three_tenths_of_a_second() {
+        // Within h of r0 lie 2 h/(s0 √2π) = 0.199 47 of the people, worth 0.059 84 s; one s0 off lie 0.120 98 of them, 0.036 30 s,
+        // and all counts 0.882 50 there. So a node there wins with more than 0.031 51 s of its own. Neither is far from 1.1.
+        for (seconds, rest) in [(0.030, 1.0), (0.033, 1.2)] {
+            let mut nodes = Nodes::new();
+            nodes.push(1.2, seconds, seconds);
+            assert_eq!(find(&nodes, 1.1).value, rest, "{seconds} s");
+        }
+    }
+
+    #[test]
     fn a_far_competitor_must_win_clearly() {
         let mut nodes = Nodes::new();
         nodes.push(0.9, 10.0, 10.0);

@@ -160,6 +160,14 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn what_fell_below_a_thousandth_is_forgotten_and_leaves_its_place() {
+        let mut set = set::<4>(&[(1.0, 0.0022), (2.0, 0.0018), (3.0, 1.0)]);
+        set.decay(0.5);
+        let left: Vec<_> = set.samples().iter().map(|s| (s.value, s.weight)).collect();
+        assert_eq!(left, [(1.0, 0.0011), (3.0, 0.5)]);
+    }
+
+    #[test]
     fn merging_preserves_total_weight_mean_and_order() {
         let mut random = fastrand::Rng::with_seed(7);
         let mut set = SampleSet::<16>::new();

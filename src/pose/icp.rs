@@ -407,6 +407,23 @@ mod tests {
     }
 
     #[test]
+    fn it_ends_after_as_many_iterations_as_told() {
+        let head = scattered();
+        let target = Target::new(&head).unwrap();
+        let moving: Vec<Point> = head.iter().map(|p| p + Vector::repeat(0.004)).collect();
+        for iterations in [1, 3] {
+            let settings = Settings {
+                iterations,
+                stop_m: 0.0,
+                ..Settings::default()
+            };
+            let mut scratch = Scratch::default();
+            let found = align(&target, &moving, Rigid::identity(), &settings, &mut scratch);
+            assert_eq!(found.expect("an alignment").iterations, iterations);
+        }
+    }
+
+    #[test]
     fn too_little_to_align_is_none() {
         assert!(Target::new(&[Point::origin(); 3]).is_none());
         let target = Target::new(&scattered()).unwrap();

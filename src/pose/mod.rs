@@ -827,6 +827,36 @@ mod tests {
     }
 
     #[test]
+    fn a_followed_head_that_agrees_badly_is_unproven_and_one_that_agrees_worse_is_lost() {
+        let settings = Settings {
+            learn_shape: false,
+            ..Settings::default()
+        };
+        let here = placed(5.0, 0.0, 0.0);
+        let smooth = cloud(&here, 0.0, 1);
+        let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
+        assert!(tracker.track(&smooth, Timestamp::default()).is_some());
+        let at = |frame: u64| Timestamp::from_us(frame * 33_333);
+        let mut seen = [0; 3];
+        for k in 1..40u64 {
+            let before = tracker.follow(&smooth, at(2 * k));
+            assert!(before.is_some_and(|pose| pose.proven));
+            // Up to so far before and behind the surface, along the line of sight.
+            let rough = cloud(&here, 0.001 * k as f32, 2);
+            match tracker.follow(&rough, at(2 * k + 1)) {
+                Some(pose) => {
+                    // The whole egg is seen: the confidence is the agreement.
+                    assert_eq!(pose.proven, pose.confidence >= settings.min_agreement);
+                    assert!(pose.confidence >= 0.7 * settings.min_agreement);
+                    seen[usize::from(!pose.proven)] += 1;
+                }
+                None => seen[2] += 1,
+            }
+        }
+        assert!(seen.iter().all(|&count| count > 0), "{seen:?}");
+    }
+
+    #[test]
     fn a_search_may_take_two_frames() {
         let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
         let at = |k: u64| Timestamp::from_us(k * 33_333);
@@ -998,6 +1028,13 @@ mod tests {
                 .is_none()
         );
         assert!(tracker.accepted(&[], &fit(0.9, 500), 0.6).is_none());
+        // The least is enough.
+        let least = tracker.settings.min_agreement;
+        assert!(
+            tracker
+                .accepted(&head.points, &fit(least, 120), 0.6)
+                .is_some()
+        );
         let covered = |middle: f32, nose: f32| Coverage { middle, nose };
         let mut whole = head;
         whole.rect = PixelRect {
@@ -1010,6 +1047,7 @@ mod tests {
             (0.8, 0.9, 0.7, 0.8, true),
             (0.8, 0.9, 0.3, 0.4, true),
             (0.8, 0.3, 0.9, 0.4, true),
+            (0.6, 0.9, 0.9, 0.6, true),
             (0.59, 0.9, 0.9, 0.59, false),
         ] {
             let pose = tracker.believed(&whole, fit(agreement, 500), covered(middle, nose));
@@ -1020,6 +1058,36 @@ mod tests {
         whole.rect.x0 = 0;
         tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
         assert!(tracker.lesson.is_none(), "cut off at the side");
+    }
+
+    #[test]
+    fn the_first_sixty_frames_teach_one_by_one_then_every_third() {
+        let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+        let head = cloud(&placed(0.0, 0.0, 0.0), 0.0, 1);
+        let mut taught = Vec::new();
+        for frame in 1..=70 {
+            // Larger each time, so that a lesson moves the scale.
+            tracker.lesson = Some(PlaneFit {
+                head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
+                scale: 1.0 + 0.001 * frame as f32,
+                agreement: 0.8,
+                support: 1.0,
+                residual: 0.0,
+                agreeing: 500,
+                known: SMatrix::zeros(),
+            });
+            let before = tracker.head_scale();
+            tracker.learn(&head);
+            if tracker.head_scale() != before {
+                taught.push(frame);
+            }
+            // Nothing is learned twice.
+            let after = tracker.head_scale();
+            tracker.learn(&head);
+            assert_eq!(tracker.head_scale(), after);
+        }
+        let expected: Vec<i32> = (1..=60).chain([63, 66, 69]).collect();
+        assert_eq!(taught, expected);
     }
 
     #[test]

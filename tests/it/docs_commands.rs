@@ -201,6 +201,8 @@ fn every_command_of_the_documents_works_as_it_stands() {
             // Off a terminal it says nothing on its own: the table does.
             "run" if endless => reader.speak(&format!("{line} --csv -")),
             "send-test" => sweeps.push(reader.start(&line)),
+            // What it measures in hundreds of frames it says after some as well.
+            "bench" => reader.run(&format!("{line} --frames 20")),
             // What reports trouble with this machine says so in its exit code.
             "doctor" | "devices" => drop(reader.start(&line).wait_with_output()),
             _ => reader.run(&line),
