@@ -19,7 +19,7 @@ use nalgebra::SVector;
 
 use super::anchor::Anchor;
 use super::plane::{MAX_LOG_SCALE, PlaneFit, pair};
-use crate::geometry::Point;
+use crate::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
@@ -29,6 +29,8 @@ const MAX_OFFSET_M: f32 = 0.015;
 const TEACHING_M: f32 = 0.010;
 /// After so many frames an offset is a running mean of that length.
 const MEMORY_FRAMES: f32 = 150.0;
+/// Fewer where offsets tell the size, which is known only when they have settled.
+const SIZE_MEMORY_FRAMES: f32 = 50.0;
 /// The standard head counts as so many frames: one noisy look must not bend it.
 const PRIOR_FRAMES: f32 = 4.0;
 /// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
@@ -88,11 +90,52 @@ impl HeadShape {
         let found = f64::from(fit.scale).ln();
         self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
             .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
-        self.sums.fill((0.0, 0.0));
-        let camera = Point::from(fit.head_from_sensor.translation.vector);
         let inverse_scale = 1.0 / fit.scale;
+        self.note(
+            anchor,
+            cloud,
+            &fit.head_from_sensor,
+            inverse_scale,
+            MEMORY_FRAMES,
+        );
+        self.spread(anchor);
+        self.settle(anchor);
+    }
+
+    /// As [`Self::learn`] for an alignment that leaves the size alone: it is what the offsets say of it.
+    pub(crate) fn learn_size(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &Rigid,
+    ) {
+        let inverse_scale = (-self.log_scale).exp() as f32;
+        let memory = SIZE_MEMORY_FRAMES;
+        self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
+        self.spread(anchor);
+        let growth = self.settle(anchor);
+        self.log_scale = (self.log_scale + growth).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
+    }
+
+    /// An anchor point where this head has it, head frame, metres.
+    pub(crate) fn place(&self, anchor: &Anchor, i: usize) -> Point {
+        let size = self.log_scale.exp() as f32;
+        Point::from((anchor.points[i] + anchor.normals[i] * self.offset[i]).coords * size)
+    }
+
+    /// Adds one frame's distances to the running means.
+    fn note(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &Rigid,
+        inverse_scale: f32,
+        memory: f32,
+    ) {
+        self.sums.fill((0.0, 0.0));
+        let camera = Point::from(head_from_sensor.translation.vector);
         for p in cloud {
-            let q = fit.head_from_sensor * p;
+            let q = head_from_sensor * p;
             if let Some((i, r)) = pair(anchor, self, &q, inverse_scale, &camera)
                 && r.abs() < TEACHING_M
             {
@@ -103,12 +146,10 @@ impl HeadShape {
         for i in 0..self.offset.len() {
             let (sum, count) = self.sums[i];
             if count > 0.0 {
-                self.seen[i] = (self.seen[i] + 1.0).min(MEMORY_FRAMES);
+                self.seen[i] = (self.seen[i] + 1.0).min(memory);
                 self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
             }
         }
-        self.spread(anchor);
-        self.settle(anchor);
     }
 
     fn spread(&mut self, anchor: &Anchor) {
@@ -129,8 +170,8 @@ impl HeadShape {
     }
 
     /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the bare face: what is hair
-    /// elsewhere may be learned, but moves nothing.
-    fn settle(&mut self, anchor: &Anchor) {
+    /// elsewhere may be learned, but moves nothing. Returns the growth that was in them, as a logarithm.
+    fn settle(&mut self, anchor: &Anchor) -> f64 {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
         for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
@@ -143,13 +184,13 @@ impl HeadShape {
             let moved: f32 = (0..7).map(|a| j[a] * motion[a]).sum();
             *offset -= moved;
         }
+        f64::from(motion[6])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Rigid;
     use crate::pose::anchor::tests::half_egg;
     use crate::pose::signature::Signature;
 

@@ -412,6 +412,12 @@ pub(super) const KEYS: &[Key] = &[
         |s| double(&mut s.learning.scan.scanned, 0.0, 100.0, "%"),
     ),
     key(
+        "learning",
+        "rest_percent",
+        "Samples beyond the rest end of a one-way range, of all; 0: l, k and m as at the other end (paper).",
+        |s| double(&mut s.learning.scan.rest, 0.0, 100.0, "%"),
+    ),
+    key(
         "users",
         "most",
         "People followed at once, at most; with 1 whoever comes has slot 0.",
