@@ -2,7 +2,7 @@
 //! or the merging to three.
 //!
 //! Method: Jiang Na et al., sections 2.3 to 2.6; the pieces are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper is silent: the population's range fades over to the literal estimate during the first two seconds of
+//! where the paper is silent: the population's range fades over to the literal estimate during the first seconds of
 //! presence (after that the estimate is literal), nodes glide to a new estimate with a time constant of a second (two
 //! estimates in a row can differ by a whole range), and weights fade with a half-life if one is set.
 //! Memory: 16 bytes a sample and some. Cost: three pushes a frame; the estimate runs twice a second, since nothing needs
@@ -18,8 +18,6 @@ use crate::capacity::PAPER_SAMPLES;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
 
-/// Seconds of presence until the prior has faded out.
-const PRIOR_FADES_S: f64 = 2.0;
 /// Seconds between two estimates.
 const ESTIMATE_EVERY_S: f64 = 0.5;
 /// Time constant of the nodes' glide, seconds.
@@ -34,6 +32,8 @@ pub struct PaperSettings {
     pub compensation_scale: f64,
     /// l, k and m of the interval of one-way units.
     pub scan: Scan,
+    /// Seconds of presence until the prior has faded out.
+    pub prior_s: f64,
 }
 
 /// Learner of one measure.
@@ -121,7 +121,7 @@ impl PaperLearner {
         let Some(estimate) = self.estimate else {
             return;
         };
-        let share = (self.seconds / PRIOR_FADES_S).min(1.0);
+        let share = (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0);
         let target = Range::of_prior(&self.prior, self.kind).towards(estimate, share);
         self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
     }
@@ -179,7 +179,7 @@ impl PaperLearner {
     /// 0…1: how far the estimate is the person's.
     #[must_use]
     pub fn readiness(&self) -> f64 {
-        (self.seconds / PRIOR_FADES_S).min(1.0)
+        (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0)
     }
 }
 
@@ -198,6 +198,7 @@ mod tests {
         half_life_s: 0.0,
         compensation_scale: 0.0,
         scan: Scan::DEFAULT,
+        prior_s: 10.0,
     };
 
     #[test]
@@ -260,6 +261,7 @@ mod tests {
             half_life_s: 300.0,
             compensation_scale: 0.25,
             scan: Scan::DEFAULT,
+            prior_s: 10.0,
         };
         let mut learner = PaperLearner::new(settings, PRIOR, Kind::TwoWay, 0.0);
         let act = |learner: &mut PaperLearner, shift: f64, frames: u32, dt: f64| {

@@ -26,7 +26,6 @@ use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use super::{Landmarks, empty_landmarks};
 use crate::capacity::{LANDMARKS, PIXELS};
-use crate::geometry::{Rotation, Vector};
 use crate::pose::HeadPose;
 #[cfg(not(feature = "std"))]
 use crate::prelude::*;
@@ -61,42 +60,8 @@ pub struct PaperAamFitter {
     window: Vec<f32>,
     /// The last frame's fit, and the view that its depth pose gave.
     last: Option<(AamFit, View)>,
-    lean: Lean,
     landmarks: Landmarks,
 }
-
-/// How this person's depth poses lie to the pictures' views: where a head's frame sits on a stranger's face is not what the
-/// bases were learnt with. Turn in the head frame, radians, and logarithm of the size; running means.
-#[derive(Clone, Copy, Default)]
-struct Lean {
-    turn: Vector,
-    log_scale: f32,
-    fits: f32,
-}
-
-impl Lean {
-    /// The view to expect at a depth pose.
-    fn expected(&self, depth: &View) -> View {
-        View {
-            log_scale: depth.log_scale + self.log_scale,
-            rotation: depth.rotation * Rotation::from_scaled_axis(self.turn),
-            ..*depth
-        }
-    }
-
-    /// What a believed fit says of it.
-    fn learn(&mut self, depth: &View, found: &View) {
-        self.fits = (self.fits + 1.0).min(LEAN_FITS);
-        let share = 1.0 / (self.fits + LEAN_PRIOR_FITS);
-        let turn = (depth.rotation.inverse() * found.rotation).scaled_axis();
-        self.turn += (turn - self.turn) * share;
-        self.log_scale += (found.log_scale - depth.log_scale - self.log_scale) * share;
-    }
-}
-
-/// Fits of the running mean, and of no lean at first.
-const LEAN_FITS: f32 = 300.0;
-const LEAN_PRIOR_FITS: f32 = 10.0;
 
 impl PaperAamFitter {
     /// A fitter without history.
@@ -109,7 +74,6 @@ impl PaperAamFitter {
             solver: Solver::new(PaperAam::parse(bytes)?),
             window: vec![0.0; WINDOW * WINDOW],
             last: None,
-            lean: Lean::default(),
             landmarks: empty_landmarks(),
         })
     }
@@ -117,7 +81,6 @@ impl PaperAamFitter {
     /// Forgets the person: the next frame starts cold.
     pub fn reset(&mut self) {
         self.last = None;
-        self.lean = Lean::default();
     }
 
     /// Fits one frame; `None` if there is no face to be found at the pose.
@@ -134,19 +97,18 @@ impl PaperAamFitter {
         };
         placement.resample(&sensor_picture(luma), &Region::WHOLE, &mut self.window);
         let start = placement.start;
-        let expected = self.lean.expected(&start);
         let believed = |fit: &AamFit| fit.confidence >= self.settings.min_confidence;
         let warm = self.last.take().map(|(last, depth)| {
             let first = self.solver.warm(&last, &depth, &start);
             self.solver
-                .run(&self.window, first, &expected, self.settings.warm_steps)
+                .run(&self.window, first, &start, self.settings.warm_steps)
         });
         let fit = match warm {
             Some(fit) if believed(&fit) => fit,
             _ => {
-                let first = self.solver.cold(&expected);
+                let first = self.solver.cold(&start);
                 self.solver
-                    .run(&self.window, first, &expected, self.settings.cold_steps)
+                    .run(&self.window, first, &start, self.settings.cold_steps)
             }
         };
         if !believed(&fit) {
@@ -158,7 +120,6 @@ impl PaperAamFitter {
         self.landmarks.head = self.solver.head(&fit);
         self.landmarks.point_confidence = fit.point_confidence;
         self.landmarks.confidence = fit.confidence;
-        self.lean.learn(&start, &fit.view);
         self.last = Some((fit, start));
         Some(&self.landmarks)
     }
