@@ -177,6 +177,7 @@ impl Expression {
                     half_life_s: settings.half_life_s,
                     compensation_scale: settings.compensation_scale,
                     scan: settings.scan,
+                    prior_s: settings.prior_s,
                 };
                 let learner = |m: usize| {
                     let row = &units.rows[m];

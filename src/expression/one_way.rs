@@ -23,6 +23,9 @@ pub struct Scan {
     pub count: f64,
     /// Scanned total that ends the scan, percent of all.
     pub scanned: f64,
+    /// Share of the samples beyond rest, percent: a face rests most of the time, so its rest end is where most samples are.
+    /// 0: l, k and m as at the other end.
+    pub rest: f64,
 }
 
 impl Scan {
@@ -32,6 +35,7 @@ impl Scan {
         gap: 3.0,
         count: 0.5,
         scanned: 10.0,
+        rest: 0.0,
     };
 }
 
@@ -91,6 +95,20 @@ pub fn interval(samples: &[Sample], scan: Scan) -> Option<(f64, f64)> {
     (g_max > g_min).then_some((g_min, g_max))
 }
 
+/// The rest end instead, if it is given as a share ([`Scan::rest`]): so much of all weight lies beyond it, below it with
+/// `rising`, else above. `None` without samples.
+#[must_use]
+pub fn rest_end(samples: &[Sample], scan: Scan, rising: bool) -> Option<f64> {
+    let share = if rising { scan.rest } else { 100.0 - scan.rest };
+    let total: f64 = samples.iter().map(|s| s.weight).sum();
+    let mut below = 0.0;
+    let found = samples.iter().find(|sample| {
+        below += sample.weight;
+        below >= 0.01 * share * total
+    });
+    found.or(samples.last()).map(|sample| sample.value)
+}
+
 /// Equation (8) for a unit that acts as the measure rises. `g_max > g_min`; negative values are invalid.
 #[must_use]
 pub fn weight_rising(g: f64, g_min: f64, g_max: f64) -> f64 {
@@ -118,6 +136,7 @@ mod tests {
         gap: 10.0,
         count: 5.0,
         scanned: 10.0,
+        rest: 0.0,
     };
 
     #[test]
@@ -162,6 +181,24 @@ mod tests {
         ];
         let (low, _) = interval(&samples(&values), SCAN).unwrap();
         assert_eq!(low, 4.0);
+    }
+
+    #[test]
+    fn the_rest_end_has_its_share_of_the_samples_beyond_it() {
+        let five = samples(&[(1.0, 1.0), (2.0, 2.0), (3.0, 4.0), (4.0, 2.0), (9.0, 1.0)]);
+        let end = |rest: f64, rising: bool| rest_end(&five, Scan { rest, ..SCAN }, rising);
+        for (rest, rising, expected) in [
+            (10.0, true, 1.0),
+            (11.0, true, 2.0),
+            (50.0, true, 3.0),
+            (50.0, false, 3.0),
+            (25.0, false, 4.0),
+            (100.0, true, 9.0),
+            (100.0, false, 1.0),
+        ] {
+            assert_eq!(end(rest, rising), Some(expected), "{rest} {rising}");
+        }
+        assert_eq!(rest_end(&[], SCAN, true), None);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! or the merging to three.
 //!
 //! Method: Jiang Na et al., sections 2.3 to 2.6; the pieces are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper is silent: the population's range fades over to the literal estimate during the first ten seconds of
+//! where the paper is silent: the population's range fades over to the literal estimate during the first seconds of
 //! presence (after that the estimate is literal), nodes glide to a new estimate with a time constant of a second (two
 //! estimates in a row can differ by a whole range), and weights fade with a half-life if one is set.
 //! Memory: 16 bytes a sample and some. Cost: three pushes a frame; the estimate runs twice a second, since nothing needs
@@ -18,8 +18,6 @@ use crate::base::capacity::PAPER_SAMPLES;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Seconds of presence until the prior has faded out.
-const PRIOR_FADES_S: f64 = 10.0;
 /// Seconds between two estimates.
 const ESTIMATE_EVERY_S: f64 = 0.5;
 /// Time constant of the nodes' glide, seconds.
@@ -34,6 +32,8 @@ pub struct PaperSettings {
     pub compensation_scale: f64,
     /// l, k and m of the interval of one-way units.
     pub scan: Scan,
+    /// Seconds of presence until the prior has faded out.
+    pub prior_s: f64,
 }
 
 /// Learner of one measure.
@@ -43,6 +43,9 @@ pub struct PaperLearner {
     prior: Prior,
     kind: Kind,
     samples: SampleSet<PAPER_SAMPLES>,
+    /// The first value, and whether another one came.
+    first: Option<f64>,
+    moves: bool,
     estimate: Option<Range>,
     range: Range,
     seconds: f64,
@@ -59,6 +62,8 @@ impl PaperLearner {
             prior,
             kind,
             samples: SampleSet::new(),
+            first: None,
+            moves: false,
             estimate: None,
             range: Range::of_prior(&prior, kind),
             seconds: 0.0,
@@ -90,6 +95,7 @@ impl PaperLearner {
             return;
         }
         self.seconds += dt;
+        self.moves |= *self.first.get_or_insert(g) != g;
         self.samples.push(Sample {
             value: g,
             weight: omega,
@@ -115,7 +121,7 @@ impl PaperLearner {
         let Some(estimate) = self.estimate else {
             return;
         };
-        let share = (self.seconds / PRIOR_FADES_S).min(1.0);
+        let share = (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0);
         let target = Range::of_prior(&self.prior, self.kind).towards(estimate, share);
         self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
     }
@@ -131,9 +137,15 @@ impl PaperLearner {
                 high: nodes.g_max,
             });
         }
-        let (low, high) = one_way::interval(self.samples.samples(), self.settings.scan)?;
-        let rest = if self.kind == Kind::Rising { low } else { high };
-        Some(Range { low, rest, high })
+        let (samples, scan) = (self.samples.samples(), self.settings.scan);
+        let (mut low, mut high) = one_way::interval(samples, scan)?;
+        let rising = self.kind == Kind::Rising;
+        let rest = if rising { &mut low } else { &mut high };
+        if scan.rest > 0.0 {
+            *rest = one_way::rest_end(samples, scan, rising)?;
+        }
+        let rest = *rest;
+        (low < high).then_some(Range { low, rest, high })
     }
 
     /// Nodes in use.
@@ -142,9 +154,13 @@ impl PaperLearner {
         self.range
     }
 
-    /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0.
+    /// Signed weight by equation (8) or (9); an invalid one-way weight (below 0) is 0, and so is one of a measure that has never
+    /// moved: the landmarks do not tell it.
     #[must_use]
     pub fn weight(&self, g: f64) -> f64 {
+        if !self.moves {
+            return 0.0;
+        }
         let Range { low, rest, high } = self.range;
         match self.kind {
             Kind::Rising => one_way::weight_rising(g, low, high).max(0.0),
@@ -163,7 +179,7 @@ impl PaperLearner {
     /// 0…1: how far the estimate is the person's.
     #[must_use]
     pub fn readiness(&self) -> f64 {
-        (self.seconds / PRIOR_FADES_S).min(1.0)
+        (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0)
     }
 }
 
@@ -182,6 +198,7 @@ mod tests {
         half_life_s: 0.0,
         compensation_scale: 0.0,
         scan: Scan::DEFAULT,
+        prior_s: 10.0,
     };
 
     #[test]
@@ -244,6 +261,7 @@ mod tests {
             half_life_s: 300.0,
             compensation_scale: 0.25,
             scan: Scan::DEFAULT,
+            prior_s: 10.0,
         };
         let mut learner = PaperLearner::new(settings, PRIOR, Kind::TwoWay, 0.0);
         let act = |learner: &mut PaperLearner, shift: f64, frames: u32, dt: f64| {

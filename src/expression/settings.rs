@@ -37,6 +37,8 @@ pub struct Settings {
     pub compensation_scale: f64,
     /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
     pub scan: Scan,
+    /// Seconds until the population's ranges have faded into the person's (paper); 0 to 60.
+    pub prior_s: f64,
 }
 
 impl Default for Settings {
@@ -52,6 +54,7 @@ impl Default for Settings {
             infer_covered: true,
             compensation_scale: 0.0,
             scan: Scan::DEFAULT,
+            prior_s: 10.0,
         }
     }
 }

@@ -47,6 +47,32 @@ fn bare(p: &Point) -> bool {
     p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
 }
 
+/// A place between three anchor points: how many of [`PARTS`] parts of the way to the second, and to the third.
+#[derive(Clone, Copy)]
+struct Between {
+    corners: [u16; 3],
+    shares: [u8; 2],
+}
+
+impl Between {
+    fn place(&self, of: impl Fn(usize) -> Point) -> Point {
+        let [a, b, c] = self.corners.map(|i| of(usize::from(i)));
+        let [u, v] = self.shares.map(|n| f32::from(n) / PARTS as f32);
+        a + (b - a) * u + (c - a) * v
+    }
+}
+
+/// A head's surface between its anchor points.
+pub(crate) struct Surface(Vec<Between>);
+
+impl Surface {
+    /// Its points, with the anchor points where `of` has them. `None` if they cannot be told apart.
+    pub(crate) fn target(&self, of: impl Fn(usize) -> Point) -> Option<Target> {
+        let points: Vec<Point> = self.0.iter().map(|between| between.place(&of)).collect();
+        Target::new(&points)
+    }
+}
+
 /// The prepared standard head.
 pub struct Anchor {
     pub(crate) points: Vec<Point>,
@@ -135,23 +161,24 @@ impl Anchor {
 
     /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it slides only in leaps.
     #[must_use]
-    pub(crate) fn fine_target(&self) -> Option<Target> {
+    pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
-        let mut fine: Vec<([i32; 3], Point)> = Vec::new();
+        let mut fine: Vec<([i32; 3], Between)> = Vec::new();
         let near = |a: usize, b: usize| (self.points[a] - self.points[b]).norm() < NEIGHBOUR_M;
         for (i, beside) in self.neighbours.iter().enumerate() {
-            let beside = beside.map(usize::from);
             for (n, &j) in beside.iter().enumerate() {
                 for &k in &beside[n + 1..] {
+                    let corners = [i as u16, j, k];
+                    let [i, j, k] = corners.map(usize::from);
                     if !(near(i, j) && near(i, k) && near(j, k)) {
                         continue;
                     }
-                    let [a, b, c] = [i, j, k].map(|v| self.points[v]);
                     for u in 0..=PARTS {
                         for v in 0..=PARTS - u {
-                            let [u, v] = [u, v].map(|n| n as f32 / PARTS as f32);
-                            let p = a + (b - a) * u + (c - a) * v;
-                            fine.push((place(&p).into(), p));
+                            let shares = [u as u8, v as u8];
+                            let between = Between { corners, shares };
+                            let p = between.place(|i| self.points[i]);
+                            fine.push((place(&p).into(), between));
                         }
                     }
                 }
@@ -159,8 +186,7 @@ impl Anchor {
         }
         fine.sort_by_key(|(cell, _)| *cell);
         fine.dedup_by_key(|(cell, _)| *cell);
-        let points: Vec<Point> = fine.into_iter().map(|(_, p)| p).collect();
-        Target::new(&points)
+        Surface(fine.into_iter().map(|(_, between)| between).collect())
     }
 
     /// Number of the point nearest to `q` (head frame), to within the grid's coarseness; `None` when none is near.
@@ -283,7 +309,7 @@ pub(crate) mod tests {
     fn the_fine_surface_has_no_holes_between_neighbours() {
         let head = half_egg();
         let anchor = Anchor::new(&head).unwrap();
-        let fine = anchor.fine_target().unwrap();
+        let fine = anchor.fine_surface().target(|i| anchor.points[i]).unwrap();
         let coarse = |p: &Point| anchor.target.nearest(p).1.sqrt();
         let mut furthest = [0.0_f32; 2];
         for (i, beside) in anchor.neighbours.iter().enumerate() {

@@ -3,6 +3,8 @@
 //! A uniform scale, and for every anchor point an offset along its normal. Head frame, metres. Memory: 12 bytes per anchor
 //! point.
 
+use super::anchor::Anchor;
+use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -51,6 +53,12 @@ impl HeadShape {
     pub(crate) fn measured(&self, i: usize) -> Option<f32> {
         let seen = self.seen[i];
         (seen >= 1.0).then(|| self.offset[i] * (seen + PRIOR_FRAMES) / seen)
+    }
+
+    /// An anchor point where this head has it, head frame, metres.
+    pub(crate) fn place(&self, anchor: &Anchor, i: usize) -> Point {
+        let size = self.log_scale.exp() as f32;
+        Point::from((anchor.points[i] + anchor.normals[i] * self.offset[i]).coords * size)
     }
 
     /// Freedom of the scale around its estimate: wide for a newcomer, narrow once known.

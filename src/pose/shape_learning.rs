@@ -20,6 +20,7 @@ use nalgebra::SVector;
 use super::anchor::Anchor;
 use super::plane::{PlaneFit, pair};
 use super::shape::{HeadShape, MAX_LOG_SCALE, PRIOR_FRAMES};
+use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -35,6 +36,8 @@ const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
 /// After so many frames an offset is a running mean of that length.
 const MEMORY_FRAMES: f32 = 150.0;
+/// Fewer where offsets tell the size, which is known only when they have settled.
+const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
 /// Largest learned offset, metres.
 const MAX_OFFSET_M: f32 = 0.015;
@@ -46,11 +49,46 @@ impl HeadShape {
         let found = f64::from(fit.scale).ln();
         self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
             .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
-        self.sums.fill((0.0, 0.0));
-        let camera = Point::from(fit.head_from_sensor.translation.vector);
         let inverse_scale = 1.0 / fit.scale;
+        self.note(
+            anchor,
+            cloud,
+            &fit.head_from_sensor,
+            inverse_scale,
+            MEMORY_FRAMES,
+        );
+        self.spread(anchor);
+        self.settle(anchor);
+    }
+
+    /// As [`Self::learn`] for an alignment that leaves the size alone: it is what the offsets say of it.
+    pub(crate) fn learn_size(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &HeadFromSensor,
+    ) {
+        let inverse_scale = (-self.log_scale).exp() as f32;
+        let memory = SIZE_MEMORY_FRAMES;
+        self.note(anchor, cloud, head_from_sensor, inverse_scale, memory);
+        self.spread(anchor);
+        let growth = self.settle(anchor);
+        self.log_scale = (self.log_scale + growth).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
+    }
+
+    /// Adds one frame's distances to the running means.
+    fn note(
+        &mut self,
+        anchor: &Anchor,
+        cloud: &[Point],
+        head_from_sensor: &HeadFromSensor,
+        inverse_scale: f32,
+        memory: f32,
+    ) {
+        self.sums.fill((0.0, 0.0));
+        let camera = Point::from(head_from_sensor.translation.vector);
         for p in cloud {
-            let q = fit.head_from_sensor * p;
+            let q = head_from_sensor * p;
             if let Some((i, r)) = pair(anchor, self, &q, inverse_scale, &camera)
                 && r.abs() < TEACHING_M
             {
@@ -61,12 +99,10 @@ impl HeadShape {
         for i in 0..self.offset.len() {
             let (sum, count) = self.sums[i];
             if count > 0.0 {
-                self.seen[i] = (self.seen[i] + 1.0).min(MEMORY_FRAMES);
+                self.seen[i] = (self.seen[i] + 1.0).min(memory);
                 self.offset[i] += sum / count / (self.seen[i] + PRIOR_FRAMES);
             }
         }
-        self.spread(anchor);
-        self.settle(anchor);
     }
 
     fn spread(&mut self, anchor: &Anchor) {
@@ -87,8 +123,8 @@ impl HeadShape {
     }
 
     /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the bare face: what is hair
-    /// elsewhere may be learned, but moves nothing.
-    fn settle(&mut self, anchor: &Anchor) {
+    /// elsewhere may be learned, but moves nothing. Returns the growth that was in them, as a logarithm.
+    fn settle(&mut self, anchor: &Anchor) -> f64 {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
         for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
@@ -101,6 +137,7 @@ impl HeadShape {
             let moved: f32 = (0..7).map(|a| j[a] * motion[a]).sum();
             *offset -= moved;
         }
+        f64::from(motion[6])
     }
 }
 

@@ -5,15 +5,18 @@
 //! loses its footing shows; before it had a shape model that could open its mouth, rotation was off by 8°, points by 13 %,
 //! and no measure was followed.
 
-use std::path::Path;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use mien::appliance::settings::Settings;
-use mien::base::geometry::{Rotation, Vector};
+use mien::base::geometry::{Point, Rotation, Vector};
 use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
 use mien::sensor::camera::Registration;
+use mien::sensor::recording::Recording;
 use mien::simulator::simulated::Simulated;
 use mien::{expression, landmarks, pose};
 
@@ -141,4 +144,107 @@ fn a_person_never_trained_on_is_followed_by_the_papers_system() {
         let measured = of.expect("a unit of it").measured;
         assert!(measured > least, "{}: {measured}", measure.name());
     }
+}
+
+/// Frames of the second world's scene, and those at its start that do not count.
+const WORLD_FRAMES: usize = 360;
+const WORLD_SKIPPED: usize = 60;
+
+/// Person 1 of the second world (`MIEN_WORLD`, else `../shared/world`), drawn once a build. `None`, told in one line, where
+/// there is no such world.
+fn second_world() -> Option<PathBuf> {
+    let world = std::env::var_os("MIEN_WORLD").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/world"),
+        PathBuf::from,
+    );
+    if !world.join("Cargo.toml").is_file() {
+        println!(
+            "skipped: no second world at {}; set MIEN_WORLD",
+            world.display()
+        );
+        return None;
+    }
+    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("second-world");
+    let scene = kept.join(format!("person1-{WORLD_FRAMES}"));
+    if scene.join("truth.csv").is_file() {
+        return Some(scene);
+    }
+    let built = Command::new(env!("CARGO"))
+        .args(["build", "--release", "--quiet", "--locked"])
+        .current_dir(&world)
+        .env("CARGO_TARGET_DIR", &kept)
+        .status();
+    assert!(built.expect("cargo").success(), "the second world's build");
+    let drawn = Command::new(kept.join("release/kinect-synth"))
+        .arg("single")
+        .arg(&scene)
+        .args(["--frames", &WORLD_FRAMES.to_string()])
+        .args(["--seed", "7007", "--identity", "1001"])
+        .current_dir(&world)
+        .output();
+    assert!(
+        drawn.expect("kinect-synth").status.success(),
+        "the drawing of a scene"
+    );
+    Some(scene)
+}
+
+#[test]
+fn a_person_of_the_second_world_is_followed_by_the_papers_system() {
+    let Some(scene) = second_world() else { return };
+    let truth = std::fs::read_to_string(scene.join("truth.csv")).expect("the scene's truth");
+    let mut lines = truth.lines();
+    let names = lines.next().expect("names of the columns").split(',');
+    let column: HashMap<&str, usize> = names.enumerate().map(|(k, name)| (name, k)).collect();
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let mut recording = Recording::open(&scene).expect("a recording");
+    let registration = recording.registration().clone();
+    let model = FaceModel::shipped();
+    let mut pipeline =
+        Pipeline::new(&settings().stages(), &registration, &model).expect("the shipped model");
+    let units = ["AU25", "AU43L", "AU43R"].map(|name| {
+        let names = pipeline.unit_names();
+        names.iter().position(|unit| *unit == name).expect("a unit")
+    });
+    let mut frame = Frame::default();
+    let mut off = Vec::new();
+    let mut pairs = units.map(|_| Vec::new());
+    for row in &rows {
+        assert!(recording.next_frame(&mut frame), "as many frames as lines");
+        pipeline.follow(&frame);
+        let report = pipeline.report();
+        let (true, Some(found)) = (report.state.is_present(), report.landmarks) else {
+            continue;
+        };
+        let at = |name: String| -> f32 { row[column[name.as_str()]].parse().expect("a number") };
+        if at("frame".into()) < WORLD_SKIPPED as f32 {
+            continue;
+        }
+        let placed: Vec<[f32; 2]> = (0..found.pixels.len())
+            .map(|i| [at(format!("u{i}")), at(format!("v{i}"))])
+            .collect();
+        let eye = (placed[36][0] - placed[45][0]).hypot(placed[36][1] - placed[45][1]);
+        let both = placed.iter().zip(&found.pixels);
+        let sum: f32 = both.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
+        off.push(100.0 * sum / (placed.len() as f32 * eye));
+        let head: [Point; 68] = std::array::from_fn(|i| {
+            let [x, y, z] = ["x", "y", "z"].map(|axis| at(format!("{axis}{i}")));
+            Point::new(x, y, z)
+        });
+        let raw = measures::raw(&head);
+        let true_measures =
+            [Measure::LipGap, Measure::LidL, Measure::LidR].map(|m| raw[m as usize]);
+        for ((pairs, unit), measure) in pairs.iter_mut().zip(units).zip(true_measures) {
+            pairs.push([report.weights[unit], measure]);
+        }
+    }
+    let mean = off.iter().sum::<f32>() / off.len() as f32;
+    let [lips, left, right] = pairs.each_ref().map(|pairs| correlation(pairs));
+    println!(
+        "{} frames; landmarks {mean:.2} %; weight against true measure: lips {lips:.3}, lids {left:.3}, {right:.3}",
+        off.len()
+    );
+    assert!(off.len() > (WORLD_FRAMES - WORLD_SKIPPED) * 95 / 100);
+    // Near what it reaches: 3.6 %, 0.92. Lids are told and not held: in the first ten seconds this person's are not followed.
+    assert!(mean < 4.2 && lips > 0.85);
 }

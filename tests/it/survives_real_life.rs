@@ -503,6 +503,7 @@ fn a_year_of_samples() {
         half_life_s: 300.0,
         compensation_scale: 0.0,
         scan: Scan::DEFAULT,
+        prior_s: 10.0,
     };
     let mut ours = RobustLearner::new(robust, prior, 0.0);
     let mut papers = PaperLearner::new(literal, prior, units.rows[m].paper_kind, 0.0);

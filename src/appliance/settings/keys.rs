@@ -412,6 +412,18 @@ pub(super) const KEYS: &[Key] = &[
         |s| double(&mut s.learning.scan.scanned, 0.0, 100.0, "%"),
     ),
     key(
+        "learning",
+        "rest_percent",
+        "Samples beyond the rest end of a one-way range, of all; 0: l, k and m as at the other end (paper).",
+        |s| double(&mut s.learning.scan.rest, 0.0, 100.0, "%"),
+    ),
+    key(
+        "learning",
+        "prior_s",
+        "Time in which the population's ranges fade into the person's (paper).",
+        |s| double(&mut s.learning.prior_s, 0.0, 60.0, "s"),
+    ),
+    key(
         "users",
         "most",
         "People followed at once, at most; with 1 whoever comes has slot 0.",
