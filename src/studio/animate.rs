@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::bake::command::{BakeError, write};
+use super::bake::error::BakeError;
+use super::bake::files::write;
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::base::bounded_read;

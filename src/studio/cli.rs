@@ -20,7 +20,7 @@ use crate::appliance::service::{self, NoKinect};
 use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
-use crate::studio::evaluate::landmark_bars;
+use crate::studio::evaluate::landmark_accuracy;
 use crate::studio::evaluate::sessions::{self, Sessions};
 use crate::studio::heads::default_head;
 use crate::studio::people_split::Split;
@@ -415,7 +415,7 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
             seconds,
             ..sessions
         };
-        landmark_bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
+        landmark_accuracy::measure(&data(words), &model, &settings, &sessions, &mut say)?;
         return Ok(());
     }
     if let Some(folder) = words.path("figures") {

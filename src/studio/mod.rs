@@ -3,6 +3,7 @@
 pub mod animate;
 pub mod bake;
 pub mod cli;
+pub mod correlation;
 pub mod evaluate;
 pub mod fit;
 pub mod heads;

@@ -1,24 +1,25 @@
 //! `mien-studio bake`: files in, files out.
 
 use std::io::{IsTerminal, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use super::glb::{Glb, GlbError};
-use super::head::{Head, HeadError};
-use super::locate::{LocateError, locate};
+use super::error::BakeError;
+use super::files::{read, read_bytes, write};
+use super::glb::Glb;
+use super::head::Head;
+use super::locate::locate;
 use super::mesh::{Mesh, Vec3};
-use super::obj::{self, ObjError};
+use super::obj;
 use super::patch::Foreign;
-use super::recipe::{Recipe, RecipeError, SHIPPED};
+use super::recipe::{Recipe, SHIPPED};
 use super::request::Request;
-use super::rig::{self, Shape};
+use super::rig;
+use super::shape::Shape;
 use super::solve::Settings;
-use super::sparse::Singular;
 use super::table::table;
 use super::{morphs, report};
-use crate::base::bounded_read;
 use crate::face_model::FaceModel;
 use crate::studio::text_files;
 
@@ -26,137 +27,6 @@ use crate::studio::text_files;
 const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
 const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
-
-/// Why nothing was baked.
-#[derive(Debug, thiserror::Error)]
-pub enum BakeError {
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The mesh text is damaged.
-    #[error("{path}: {source}")]
-    Obj {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        source: ObjError,
-    },
-    /// The glTF file is damaged or of a kind that cannot be baked onto.
-    #[error("{path}: {source}")]
-    Glb {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: GlbError,
-    },
-    /// The landmarks are not numbers.
-    #[error("{path}: line {line}: expected a vertex number, found {found:?}")]
-    Landmarks {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// The line.
-        found: String,
-    },
-    /// No landmarks on the mesh.
-    #[error("{path}: {source}")]
-    Locate {
-        /// The mesh.
-        path: PathBuf,
-        /// Why.
-        source: LocateError,
-    },
-    /// The head does not fit its landmarks.
-    #[error(transparent)]
-    Head(#[from] HeadError),
-    /// The recipe is damaged.
-    #[error("{path}: {source}")]
-    Recipe {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        source: RecipeError,
-    },
-    /// The controls are damaged.
-    #[error("{path}: line {line}: expected {expected}, found {found:?}")]
-    Controls {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// The line.
-        found: String,
-    },
-    /// The unit cannot be told.
-    #[error(
-        "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
-    )]
-    Scale {
-        /// Distance in mesh units.
-        found: f64,
-    },
-    /// More than this program makes room for.
-    #[error(
-        "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {most}; bake fewer shapes or a coarser mesh"
-    )]
-    Large {
-        /// How many shapes.
-        shapes: usize,
-        /// Vertices of the mesh.
-        vertices: usize,
-        /// Bytes they take.
-        bytes: usize,
-        /// Bytes there may be.
-        most: usize,
-    },
-    /// A system could not be solved.
-    #[error(transparent)]
-    Singular(#[from] Singular),
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
-    bounded_read::read(path, text_files::MOST).map_err(|source| BakeError::Read {
-        path: path.into(),
-        source,
-    })
-}
-
-pub(super) fn read(path: &Path) -> Result<String, BakeError> {
-    Ok(text_files::decoded(&bytes(path)?))
-}
-
-/// Writes through a temporary neighbour, so that no half file is left behind.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
-    let failed = |source| BakeError::Write {
-        path: path.into(),
-        source,
-    };
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    std::fs::write(&part, bytes)
-        .and_then(|()| std::fs::rename(&part, path))
-        .inspect_err(|_| {
-            let _ = std::fs::remove_file(&part);
-        })
-        .map_err(failed)
-}
 
 /// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
 ///
@@ -182,7 +52,7 @@ pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
 /// If something cannot be read, solved or written; nothing half-written is left.
 pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
-    let bytes = bytes(&request.mesh)?;
+    let bytes = read_bytes(&request.mesh)?;
     let (mesh, source, foreign) = if bytes.starts_with(b"glTF") {
         let refuse = |source| BakeError::Glb {
             path: request.mesh.clone(),

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::glb::{FLOAT, Glb, U16, U32, push};
 use super::mesh::{Mesh, Vec3};
-use super::rig::Shape;
+use super::shape::Shape;
 
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;

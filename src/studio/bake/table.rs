@@ -6,7 +6,8 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
 
-use super::command::{BakeError, read};
+use super::error::BakeError;
+use super::files::read;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;

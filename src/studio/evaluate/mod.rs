@@ -3,5 +3,5 @@
 pub(crate) mod acted;
 pub mod figures;
 pub mod head_scenes;
-pub mod landmark_bars;
+pub mod landmark_accuracy;
 pub mod sessions;

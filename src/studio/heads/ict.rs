@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Vector3};
 
 use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::Part;
 
 /// Vertex ranges of the mesh by part (half-open).
 pub mod part {
@@ -234,4 +235,20 @@ impl IctHead {
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|delta| delta.name == name)
     }
+}
+
+/// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
+#[must_use]
+pub fn part_of(vertex: usize) -> Option<Part> {
+    [
+        (part::FACE, Part::Skin),
+        (part::HEAD_AND_NECK, Part::Skin),
+        (part::MOUTH_SOCKET, Part::MouthSocket),
+        (part::EYE_SOCKETS, Part::EyeSocket),
+        (part::GUMS_AND_TONGUE, Part::Gums),
+        (part::TEETH, Part::Teeth),
+        (part::EYEBALLS, Part::Eye),
+    ]
+    .into_iter()
+    .find_map(|(range, part)| range.contains(&vertex).then_some(part))
 }

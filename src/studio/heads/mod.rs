@@ -5,7 +5,6 @@
 
 pub mod average;
 pub mod default_head;
-pub mod dress;
 pub mod expressions;
 pub(crate) mod eyes;
 pub mod fit;
@@ -13,6 +12,7 @@ pub mod ict;
 pub mod portraits;
 pub mod reduce;
 pub mod tps;
+pub mod wardrobe;
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use crate::base::geometry::{Rotation, Vector};
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
-use crate::studio::heads::ict::{IctError, IctHead, part};
+use crate::studio::heads::ict::{IctError, IctHead, part, part_of};
 use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.
@@ -70,7 +70,7 @@ pub fn textured_heads(
     let mut portraits = portraits::read(&data.join("faces_frl189"))?;
     portraits.retain(|portrait| keep(portrait.person));
     let plain = plain_head(&ict);
-    let wardrobe = dress::Wardrobe::new(plain.clone());
+    let wardrobe = wardrobe::Wardrobe::new(plain.clone());
     portraits
         .par_iter()
         .map(|portrait| {
@@ -105,22 +105,6 @@ pub fn usable_in_portraits(ict: &mut IctHead) -> Vec<bool> {
         .iter()
         .map(|e| own.contains(&e.name))
         .collect()
-}
-
-/// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
-#[must_use]
-pub fn part_of(vertex: usize) -> Option<Part> {
-    [
-        (part::FACE, Part::Skin),
-        (part::HEAD_AND_NECK, Part::Skin),
-        (part::MOUTH_SOCKET, Part::MouthSocket),
-        (part::EYE_SOCKETS, Part::EyeSocket),
-        (part::GUMS_AND_TONGUE, Part::Gums),
-        (part::TEETH, Part::Teeth),
-        (part::EYEBALLS, Part::Eye),
-    ]
-    .into_iter()
-    .find_map(|(range, part)| range.contains(&vertex).then_some(part))
 }
 
 /// The generic head in plain skin colour: for depth pictures.

@@ -8,8 +8,8 @@ use std::path::Path;
 use image::RgbImage;
 use nalgebra::{Rotation3, Vector3};
 
-use super::InspectError;
-use super::album::Album;
+use super::album::{Album, name_of};
+use super::error::InspectError;
 use crate::studio::bake::glb::{Glb, GlbError};
 
 const SIZE: u32 = 420;
@@ -154,7 +154,7 @@ pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
 /// Three views of a mesh.
 fn views(path: &Path, mesh: &Mesh) -> Album {
     let mut album = Album {
-        title: format!("Mesh {}", super::name_of(path)),
+        title: format!("Mesh {}", name_of(path)),
         ..Album::default()
     };
     album.fact("vertices", mesh.vertices.len().to_string());

@@ -32,7 +32,7 @@ fn face(
     colour: Colour,
 ) {
     let size = picture.width();
-    for [a, b] in super::face_lines() {
+    for [a, b] in canvas::face_lines() {
         canvas::line(
             picture,
             pixel(size, flat(&points[a])),

@@ -5,8 +5,9 @@
 use image::RgbImage;
 
 use super::album::{Album, Curve, Plot};
+use super::canvas::{self, face_lines};
+use super::error::InspectError;
 use super::learning::Learning;
-use super::{InspectError, canvas, face_lines};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};

@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::InspectError;
-use super::album::{Album, Curve, Plot};
+use super::album::{Album, Curve, Plot, name_of};
+use super::error::InspectError;
 
 struct Table {
     header: Vec<String>,
@@ -172,7 +172,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
     let table = Table::read(path, text)?;
     let mut album = Album {
-        title: format!("Run {}", super::name_of(path)),
+        title: format!("Run {}", name_of(path)),
         ..Album::default()
     };
     let time = table.column("time_us").expect("checked while reading");

@@ -1,6 +1,9 @@
 //! The command `mien-studio nrsfm`.
 
-use super::{Error, Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
+use super::align::{rigid_mean_shape, shape_error};
+use super::error::Error;
+use super::reconstruction::{Settings, nrsfm};
+use super::tracks::{Shapes, Tracks};
 use std::path::Path;
 use std::time::Instant;
 

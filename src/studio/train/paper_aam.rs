@@ -17,10 +17,10 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::person::Seen;
+use super::error::TrainError;
 use super::render::{Renderer, TrainingSample};
 use super::samples::{Disturbance, NEAR, TruePicture};
-use super::schedule::TrainError;
+use super::seen_face::Seen;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
 use crate::expression::measures::{self, Measure};

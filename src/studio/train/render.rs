@@ -8,7 +8,7 @@
 //! beards, glasses, hair, headwear, hands and other things in front.
 //! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
 //! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
-//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair`).
+//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair_and_headwear`).
 //! One file: all steps of a picture draw from one stream of random numbers, in this order.
 
 use std::ops::Range;
@@ -18,8 +18,10 @@ use fastrand::Rng;
 use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
-use super::hair::{self, Picture};
-use super::wear;
+use super::beards_glasses_hands::{beard, glasses, hand};
+use super::grey_picture::Picture;
+use super::hair_and_headwear::{headwear, mane};
+use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::scheme::MIRROR;
@@ -274,7 +276,7 @@ impl Renderer {
             }
         }
         if rng.f32() < 0.2 {
-            wear::beard(
+            beard(
                 &mut rng,
                 &points,
                 width,
@@ -284,7 +286,7 @@ impl Renderer {
             );
         }
         if rng.f32() < 0.15 {
-            wear::glasses(&mut rng, &points, width, height, &mut scratch.grey);
+            glasses(&mut rng, &points, width, height, &mut scratch.grey);
         }
         let mut picture = Picture {
             width,
@@ -293,13 +295,13 @@ impl Renderer {
             visible: &mut visible,
         };
         if rng.f32() < 0.35 {
-            hair::mane(&mut rng, &points, &mut picture);
+            mane(&mut rng, &points, &mut picture);
         }
         if rng.f32() < 0.15 {
-            hair::headwear(&mut rng, &points, &mut picture);
+            headwear(&mut rng, &points, &mut picture);
         }
         if rng.f32() < 0.22 {
-            let cover: Cover = if rng.f32() < 0.35 { wear::hand } else { block };
+            let cover: Cover = if rng.f32() < 0.35 { hand } else { block };
             cover(
                 &mut rng,
                 &points,
@@ -533,17 +535,6 @@ fn mix_skins(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], canvas: &mut Canvas,
             *a = (from + share * (to - from) + 0.5).clamp(0.0, 255.0) as u8;
         }
     }
-}
-
-/// A number of mean 0 and deviation 1.
-pub(super) fn normal(rng: &mut Rng) -> f32 {
-    let sum: f32 = (0..6).map(|_| rng.f32()).sum();
-    (sum - 3.0) * std::f32::consts::SQRT_2
-}
-
-/// A number in −1…1.
-pub(super) fn either(rng: &mut Rng) -> f32 {
-    2.0 * rng.f32() - 1.0
 }
 
 fn pose(rng: &mut Rng) -> Rigid {

@@ -12,29 +12,28 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::cascade::{Progress, StageSettings, advance, inner_error_percent, learn_stage};
+use super::cascade::{
+    Progress, StageSettings, advance, cold_starts, fit_cold, inner_error_percent, learn_stage,
+};
 use super::dataset::{DatasetError, read_folder};
+use super::error::TrainError;
 use super::evaluate::{Errors, differences, mean_offsets};
 use super::paper_aam::{PaperPractice, paper_aam_block};
 use super::person::learn_session;
 use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
-use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
+use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, report, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
 use crate::face_model::{
-    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ModelError, ShapeModel, StandardHead, file,
+    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
 };
-use crate::landmarks::cascade::{FaceFit, Solver};
+use crate::landmarks::cascade::Solver;
 use crate::landmarks::refine::Refinement;
-use crate::landmarks::window::WINDOW;
-use crate::pipeline::PipelineError;
 use crate::sensor::camera::Camera;
-use crate::sensor::recording::RecordingError;
-use crate::studio::heads::HeadsError;
-use crate::studio::heads::ict::{IctError, IctHead};
-use crate::studio::nrsfm::{self, Tracks};
+use crate::studio::heads::ict::IctHead;
+use crate::studio::nrsfm::Tracks;
 use crate::studio::people_split::Split;
 
 /// What to train from and where to write.
@@ -112,71 +111,6 @@ impl TrainArgs {
     }
 }
 
-/// Why training cannot be done.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// The pictures.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
-    /// The head set.
-    #[error(transparent)]
-    Head(#[from] IctError),
-    /// The drawn heads.
-    #[error(transparent)]
-    Drawn(#[from] HeadsError),
-    /// The 3D shape of the paper's model.
-    #[error(transparent)]
-    Nrsfm(#[from] nrsfm::Error),
-    /// A picture of the page.
-    #[error(transparent)]
-    Picture(#[from] image::ImageError),
-    /// Too little to learn from.
-    #[error(
-        "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
-    )]
-    TooFew {
-        /// Least number.
-        expected: usize,
-        /// Number there.
-        found: usize,
-    },
-    /// A recording.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-    /// The stages that follow it.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// Too little of a face in it.
-    #[error(
-        "expected at least {expected} frames of one face that is surely found, found {found}; record for longer, near and facing the sensor"
-    )]
-    TooShort {
-        /// Least number.
-        expected: usize,
-        /// Number there.
-        found: usize,
-    },
-    /// No model.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}; expected a face model, such as config/face.model")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file cannot be written.
-    #[error("cannot write {path}: {source}; give another place with --out")]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
-
 /// Pictures by what they may be used for.
 #[derive(Default)]
 pub struct Pictures {
@@ -224,58 +158,6 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainErro
         });
     }
     Ok(pictures)
-}
-
-/// `starts` disturbed starts at each picture, by the disturbances in turn.
-#[must_use]
-pub fn disturbed(
-    pictures: &[TruePicture],
-    starts: usize,
-    disturbances: &[Disturbance],
-    spoiled: bool,
-    seed: u64,
-) -> Vec<Sample> {
-    (0..pictures.len() * starts)
-        .into_par_iter()
-        .map_init(
-            || vec![0.0; WINDOW * WINDOW],
-            |window, k| {
-                let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-                let disturbance = &disturbances[k % disturbances.len()];
-                sample(&pictures[k / starts], disturbance, spoiled, seed, window)
-            },
-        )
-        .collect()
-}
-
-/// Cold starts of samples: mean shape at the depth pose.
-#[must_use]
-pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
-    samples
-        .iter()
-        .enumerate()
-        .map(|(k, s)| Progress {
-            sample: k,
-            fit: FaceFit {
-                view: s.depth,
-                shape: [0.0; MAX_MODES],
-            },
-            anchor: s.depth,
-        })
-        .collect()
-}
-
-/// Cold and warm stages in the order of the appliance.
-pub fn fit_cold(
-    samples: &[Sample],
-    shape: &ShapeModel,
-    cold: &[CascadeStage],
-    warm: &[CascadeStage],
-) -> Vec<Progress> {
-    let mut progress = cold_starts(samples);
-    advance(samples, &mut progress, shape, cold);
-    advance(samples, &mut progress, shape, warm);
-    progress
 }
 
 /// Distance of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape come

@@ -1,6 +1,7 @@
 //! Figures of numbers over time and over conditions.
 
-use super::{FiguresError, Studio};
+use super::error::FiguresError;
+use super::subjects::Studio;
 use crate::base::capacity::{LANDMARKS, USERS};
 use crate::base::geometry::yaw_pitch_roll;
 use crate::expression::units::Units;

@@ -2,7 +2,9 @@
 
 use image::RgbImage;
 
-use super::{FiguresError, Studio, crop, draw_points, title};
+use super::error::FiguresError;
+use super::pictures::{crop, draw_points, title};
+use super::subjects::Studio;
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
 use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Held, Look, Scene, Simulator};

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::{Calibration, Errors};
+use super::tallies::{Calibration, Errors};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};

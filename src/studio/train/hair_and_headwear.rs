@@ -2,39 +2,12 @@
 //! masks; drawn over the grey picture.
 //!
 //! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
-//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `wear`.
+//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `beards_glasses_hands`.
 
 use fastrand::Rng;
 
-use super::render::either;
-use super::wear::inside;
-use crate::base::capacity::LANDMARKS;
-
-type Points = [[f32; 2]; LANDMARKS];
-
-/// The grey picture, and which landmarks are still seen.
-pub(super) struct Picture<'a> {
-    pub width: usize,
-    pub height: usize,
-    pub grey: &'a mut [f32],
-    pub visible: &'a mut [bool; LANDMARKS],
-}
-
-impl Picture<'_> {
-    /// Paints a region: `shade` gives a place's grey, none outside.
-    fn paint(&mut self, points: &Points, shade: impl Fn(f32, f32) -> Option<f32>) {
-        for row in 0..self.height {
-            for column in 0..self.width {
-                if let Some(grey) = shade(column as f32, row as f32) {
-                    self.grey[row * self.width + column] = grey;
-                }
-            }
-        }
-        for (point, visible) in points.iter().zip(self.visible.iter_mut()) {
-            *visible &= shade(point[0], point[1]).is_none();
-        }
-    }
-}
+use super::grey_picture::{Picture, Points, inside};
+use super::random::either;
 
 /// Axes of a face in the picture: origin between the brows, `right` towards point 16, `down` towards the chin; `size` is
 /// the height from there to the chin, which yaw leaves alone.
