@@ -153,6 +153,7 @@ mod tests {
     use crate::landmarks::paper_aam::{PaperAamFitter, PaperAamSettings};
     use crate::sensor::timestamp_from_ticks;
     use crate::simulator::virtual_head::{Scene, Simulator};
+    use crate::studio::correlation::correlation;
 
     /// Frames of the session that is learnt from, and of another one that is judged.
     const LEARNT: i64 = 900;
@@ -245,7 +246,7 @@ mod tests {
         }
         println!("{} of {JUDGED} frames", pairs[0].len());
         assert!(pairs[0].len() > JUDGED as usize / 2);
-        pairs.map(|pairs| super::super::paper_aam::correlation(&pairs))
+        pairs.map(|pairs| correlation(pairs) as f32)
     }
 
     #[test]

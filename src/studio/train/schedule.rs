@@ -32,6 +32,7 @@ use crate::face_model::{
 use crate::landmarks::cascade::Solver;
 use crate::landmarks::refine::Refinement;
 use crate::sensor::camera::Camera;
+use crate::studio::correlation::correlation;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::nrsfm::Tracks;
 use crate::studio::people_split::Split;
@@ -602,21 +603,6 @@ fn measures(head: &[Point; LANDMARKS]) -> [(&'static str, f32); 6] {
     ]
 }
 
-fn correlation(pairs: &[(f32, f32)]) -> f32 {
-    let n = pairs.len().max(1) as f32;
-    let mean = pairs
-        .iter()
-        .fold((0.0, 0.0), |s, p| (s.0 + p.0 / n, s.1 + p.1 / n));
-    let (mut ab, mut aa, mut bb) = (0.0, 1e-20, 1e-20);
-    for p in pairs {
-        let (a, b) = (p.0 - mean.0, p.1 - mean.1);
-        ab += a * b;
-        aa += a * a;
-        bb += b * b;
-    }
-    ab / (aa * bb).sqrt()
-}
-
 /// How often a face is within 5 % where its confidence says so: share of the faces, their mean confidence, share within.
 fn calibration(model: &FaceModel, samples: &[Sample], ends: &[Progress]) -> String {
     let told: Vec<(f32, bool)> = ends
@@ -671,8 +657,8 @@ fn report_drawn(
         measured(&samples, &ends, &model.shape).0.line()
     ));
     let mean = reference_of(&model.shape);
-    let mut pairs: [Vec<(f32, f32)>; 6] = Default::default();
-    let mut floors: [Vec<(f32, f32)>; 6] = Default::default();
+    let mut pairs: [Vec<[f32; 2]>; 6] = Default::default();
+    let mut floors: [Vec<[f32; 2]>; 6] = Default::default();
     let mut names = [""; 6];
     let mut head = mean;
     for end in &ends {
@@ -687,7 +673,7 @@ fn report_drawn(
             .zip(measures(&head))
             .enumerate()
         {
-            floors[k].push((a.1, b.1));
+            floors[k].push([a.1, b.1]);
         }
         model.shape.shape(&end.fit.shape, &mut head);
         for (k, (a, b)) in measures(&truth)
@@ -695,7 +681,7 @@ fn report_drawn(
             .zip(measures(&head))
             .enumerate()
         {
-            pairs[k].push((a.1, b.1));
+            pairs[k].push([a.1, b.1]);
             names[k] = a.0;
         }
     }
@@ -705,8 +691,8 @@ fn report_drawn(
         .map(|(name, (pairs, floors))| {
             format!(
                 "{name} {:.3} of {:.3}",
-                correlation(pairs),
-                correlation(floors)
+                correlation(pairs.iter().copied()),
+                correlation(floors.iter().copied())
             )
         })
         .collect();
