@@ -6,6 +6,7 @@ use crate::face_model::ModelError;
 use crate::pipeline::PipelineError;
 use crate::sensor::recording::RecordingError;
 use crate::studio::bake::glb::GlbError;
+use crate::studio::bake::obj::ObjError;
 use crate::users::saved::PeopleError;
 
 /// Why nothing could be shown.
@@ -89,16 +90,12 @@ pub enum InspectError {
         found: String,
     },
     /// A mesh that is none.
-    #[error(
-        "{path}, line {line}: expected OBJ lines `v x y z` and `f a b c` with vertices that were given before, found {found:?}"
-    )]
+    #[error("{path}: {source}")]
     Mesh {
         /// The path.
         path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// As written.
-        found: String,
+        /// Where and what.
+        source: ObjError,
     },
     /// A mesh that is none.
     #[error("{path}: {source}")]
