@@ -17,6 +17,7 @@ use super::record;
 use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
+use crate::studio::atomic_write;
 use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
@@ -495,7 +496,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
     let mut progress = |line: &str| eprintln!("{line}");
     let text = readings::learn(&data(words), &model, &settings, &practice, &mut progress)?;
     match words.path("out") {
-        Some(out) => std::fs::write(&out, text)
+        Some(out) => atomic_write::write(&out, text)
             .map_err(|source| TrainError::Unwritable { path: out, source })?,
         None => print!("{text}"),
     }

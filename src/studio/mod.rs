@@ -1,6 +1,7 @@
 //! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
 
 pub mod animate;
+pub mod atomic_write;
 pub mod bake;
 pub mod cli;
 pub mod correlation;

@@ -12,6 +12,7 @@ use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::face_model::{FaceModel, file::MAGIC};
 use crate::sensor::recording::Recording;
+use crate::studio::atomic_write;
 
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.
 ///
@@ -73,7 +74,7 @@ pub fn inspect(
         album.sheet().write_to(&mut png, image::ImageFormat::Png)?;
         png.into_inner()
     };
-    std::fs::write(&out, bytes).map_err(|source| InspectError::Unwritable {
+    atomic_write::write(&out, bytes).map_err(|source| InspectError::Unwritable {
         path: out.clone(),
         source,
     })?;

@@ -32,6 +32,7 @@ use crate::face_model::{
 use crate::landmarks::cascade::Solver;
 use crate::landmarks::refine::Refinement;
 use crate::sensor::camera::Camera;
+use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::nrsfm::Tracks;
@@ -225,7 +226,7 @@ fn measured(
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    std::fs::write(path, bytes).map_err(|source| TrainError::Unwritable {
+    atomic_write::write(path, bytes).map_err(|source| TrainError::Unwritable {
         path: path.to_owned(),
         source,
     })

@@ -25,6 +25,7 @@ use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
 use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
+use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::{Acted, UNITS};
 use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
@@ -112,7 +113,7 @@ pub fn learn(
             .concat(),
     };
     if let (Some(path), None) = (&practice.examples, kept) {
-        std::fs::write(path, written(&examples)).map_err(|e| at(path, e))?;
+        atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;
     }
     let gaze = gaze::learn(&mut examples);
     say(&gaze.say);
