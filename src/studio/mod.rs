@@ -5,6 +5,7 @@ pub mod atomic_write;
 pub mod bake;
 pub mod cli;
 pub mod correlation;
+pub mod csv;
 pub mod evaluate;
 pub mod fit;
 pub mod heads;
