@@ -8,6 +8,7 @@ pub mod correlation;
 pub mod csv;
 pub mod evaluate;
 pub mod fit;
+pub mod frame_time;
 pub mod heads;
 pub mod inspect;
 pub mod nrsfm;

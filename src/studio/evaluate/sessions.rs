@@ -24,17 +24,15 @@ use crate::face_model::FaceModel;
 use crate::landmarks::Landmarks;
 use crate::landmarks::refine::PUFFS;
 use crate::pipeline::{Pipeline, PipelineError};
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
 use crate::studio::correlation::correlation;
 use crate::studio::fit::FitError;
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::DatasetError;
 use crate::users::TrackingState;
-
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
 
 /// Why sessions cannot be played.
 #[derive(Debug, thiserror::Error)]
@@ -315,7 +313,7 @@ fn play_one(
         ..Played::default()
     };
     for index in 0..(sessions.seconds * 30.0) as i64 {
-        let at = timestamp_from_ticks(index * FRAME_TICKS);
+        let at = frame_time(index);
         let Some(shown) = simulator.draw(at, &mut frame) else {
             continue;
         };

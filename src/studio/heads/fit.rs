@@ -49,13 +49,6 @@ impl PortraitFit {
             q.z,
         )
     }
-
-    /// Mean length of the residual over the outer-eye-corner distance of the points.
-    #[must_use]
-    pub fn relative_error(&self, points: &[[f32; 2]; LANDMARKS]) -> f32 {
-        let unit = (points[36][0] - points[45][0]).hypot(points[36][1] - points[45][1]);
-        self.residual.iter().map(|r| r[0].hypot(r[1])).sum::<f32>() / LANDMARKS as f32 / unit
-    }
 }
 
 fn weight(landmark: usize) -> f64 {

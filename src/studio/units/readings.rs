@@ -23,18 +23,17 @@ use crate::expression::readings::input_name;
 use crate::expression::{Units, features};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::{Acted, UNITS};
 use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::users::TrackingState;
 
-/// Ticks of the 60 MHz counter per frame.
-const FRAME_TICKS: i64 = 2_000_000;
 /// Seconds after which rest has been learnt.
 const SETTLED_S: f64 = 6.0;
 /// Every so many frames make an example: neighbours say the same.
@@ -190,7 +189,7 @@ fn practise(
     let mut frame = Frame::default();
     let mut examples = Vec::new();
     for index in 0..(practice.seconds * 30.0) as i64 {
-        let shown = simulator.draw(timestamp_from_ticks(index * FRAME_TICKS), &mut frame);
+        let shown = simulator.draw(frame_time(index), &mut frame);
         pipeline.follow(&frame);
         let state = pipeline.report().state;
         let followed = matches!(state, TrackingState::Warming | TrackingState::Tracking);

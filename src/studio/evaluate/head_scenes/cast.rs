@@ -16,8 +16,9 @@ use crate::pipeline::{
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
 use crate::sensor::camera::Camera;
-use crate::sensor::{Frame, colour, timestamp_from_ticks};
+use crate::sensor::{Frame, colour};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 use crate::users::likeness::Likeness;
 
@@ -30,7 +31,7 @@ const LOOKS: [(usize, f32); 2] = [
 const TIMED: usize = 3;
 
 pub(super) fn at(frame: usize) -> Timestamp {
-    timestamp_from_ticks(frame as i64 * 2_000_000)
+    frame_time(frame as i64)
 }
 
 /// Who plays, and before which pipeline.
