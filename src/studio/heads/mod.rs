@@ -1,5 +1,14 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
 //!
+//! ```text
+//! ict                  the mesh as it comes; expressions: those that it lacks
+//! portraits            photographs with 68 points
+//! fit                  the mesh fitted to the points of one
+//! wardrobe             the photograph put on the mesh, bent by a thin_plate_spline; eyes: drawn ones instead
+//! average, reduce      nobody's head, small enough for the appliance
+//! default_head         that head baked, to look at
+//! ```
+//!
 //! Head frames: metres, origin between the inner eye corners, turned so that the stable points of the neutral face lie best
 //! on those of the mean head (least squares).
 
@@ -11,7 +20,7 @@ pub mod fit;
 pub mod ict;
 pub mod portraits;
 pub mod reduce;
-pub mod tps;
+pub mod thin_plate_spline;
 pub mod wardrobe;
 
 use std::path::{Path, PathBuf};

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use nalgebra::{Point3, Vector3};
 
 use super::fit::PortraitFit;
-use super::tps::ThinPlate;
+use super::thin_plate_spline::ThinPlate;
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
 use crate::studio::heads::ict::{IctHead, part, part_of};
