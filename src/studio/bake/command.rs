@@ -13,7 +13,7 @@ use super::locate::locate;
 use super::mesh::{Mesh, Vec3};
 use super::obj;
 use super::patch::Foreign;
-use super::recipe::{Recipe, SHIPPED};
+use super::recipe::{Recipe, SHIPPED, Target};
 use super::request::Request;
 use super::rig;
 use super::shape::Shape;
@@ -46,62 +46,75 @@ pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
         .collect()
 }
 
-/// Bakes what the request asks for and writes it; prints one line per step.
-///
-/// # Errors
-/// If something cannot be read, solved or written; nothing half-written is left.
-pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
-    let start = Instant::now();
-    let bytes = read_bytes(&request.mesh)?;
-    let (mesh, source, foreign) = if bytes.starts_with(b"glTF") {
-        let refuse = |source| BakeError::Glb {
-            path: request.mesh.clone(),
-            source,
-        };
-        let glb = Glb::parse(&bytes).map_err(refuse)?;
-        let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
-        let source = request.obj.is_some().then(|| obj::emit(&mesh));
-        (mesh, source.unwrap_or_default(), Some(foreign))
-    } else {
-        let source = text_files::decoded(&bytes);
-        let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
+/// A mesh as it came.
+struct Source {
+    mesh: Mesh,
+    /// As OBJ text, if it came so or OBJ is wanted.
+    obj: String,
+    /// The glTF that it came in.
+    foreign: Option<Foreign>,
+}
+
+impl Source {
+    fn read(request: &Request) -> Result<Self, BakeError> {
+        let bytes = read_bytes(&request.mesh)?;
+        if bytes.starts_with(b"glTF") {
+            let refuse = |source| BakeError::Glb {
+                path: request.mesh.clone(),
+                source,
+            };
+            let glb = Glb::parse(&bytes).map_err(refuse)?;
+            let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
+            let obj = request.obj.is_some().then(|| obj::emit(&mesh));
+            return Ok(Self {
+                mesh,
+                obj: obj.unwrap_or_default(),
+                foreign: Some(foreign),
+            });
+        }
+        let obj = text_files::decoded(&bytes);
+        let mesh = obj::parse(&obj).map_err(|source| BakeError::Obj {
             path: request.mesh.clone(),
             source,
         })?;
-        (mesh, source, None)
-    };
-    let numbers = if request.landmarks.as_os_str() == "auto" {
-        found(request, &mesh, foreign.as_ref())?
-    } else {
+        Ok(Self {
+            mesh,
+            obj,
+            foreign: None,
+        })
+    }
+
+    /// Vertex numbers of the landmarks, as told or as found.
+    fn landmarks(&self, request: &Request) -> Result<Vec<u64>, BakeError> {
+        if request.landmarks.as_os_str() == "auto" {
+            return found(request, &self.mesh, self.foreign.as_ref());
+        }
         let numbers = landmarks(&read(&request.landmarks)?, &request.landmarks)?;
-        match &foreign {
+        Ok(match &self.foreign {
             Some(foreign) => foreign.landmarks(&numbers),
             None => numbers,
-        }
-    };
-    let head = Head::new(mesh, &numbers)?;
-    let (metres, how) = match request.metres {
-        Some(metres) => (metres, "as told"),
-        None => {
-            let found = head.eye_distance;
-            let fits = [1.0, 1e-2, 1e-3]
-                .into_iter()
-                .find(|m| (0.02..0.06).contains(&(found * m)));
-            (
-                fits.ok_or(BakeError::Scale { found })?,
-                "told from the eyes",
-            )
-        }
-    };
-    println!(
-        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
-        request.mesh.display(),
-        head.mesh.positions.len(),
-        head.mesh.faces(),
-        head.eye_distance * metres * 1e3
-    );
+        })
+    }
+}
+
+/// Metres per unit of the mesh, and how that is known.
+fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), BakeError> {
+    if let Some(metres) = request.metres {
+        return Ok((metres, "as told"));
+    }
+    let found = head.eye_distance;
+    let mut units = [1.0, 1e-2, 1e-3].into_iter();
+    let fits = units.find(|m| (0.02..0.06).contains(&(found * m)));
+    Ok((
+        fits.ok_or(BakeError::Scale { found })?,
+        "told from the eyes",
+    ))
+}
+
+/// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
+fn targets(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
     let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => table(path, &head, request.derive)?,
+        (Some(path), _) => table(path, head, request.derive)?,
         (None, path) => {
             let text = path
                 .as_ref()
@@ -111,7 +124,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
                 source,
             };
             let recipe = Recipe::read(&text).map_err(named)?;
-            recipe.targets(&head).map_err(named)?
+            recipe.targets(head).map_err(named)?
         }
     };
     let vertices = head.mesh.positions.len();
@@ -124,6 +137,11 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             most: SHAPES_MOST,
         });
     }
+    Ok(targets)
+}
+
+/// Bakes with a bar on a terminal.
+fn baked(request: &Request, head: &Head, targets: &[Target]) -> Result<Vec<Shape>, BakeError> {
     let count = AtomicUsize::new(0);
     let terminal = std::io::stderr().is_terminal();
     let total = targets.len();
@@ -139,16 +157,37 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             let _ = std::io::stderr().flush();
         }
     };
-    let shapes = rig::bake(&head, &targets, &Settings::default(), request.method, &done)?;
+    let shapes = rig::bake(head, targets, &Settings::default(), request.method, &done)?;
     if terminal {
         eprintln!();
     }
+    Ok(shapes)
+}
+
+/// Bakes what the request asks for and writes it; prints one line per step.
+///
+/// # Errors
+/// If something cannot be read, solved or written; nothing half-written is left.
+pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
+    let start = Instant::now();
+    let source = Source::read(request)?;
+    let numbers = source.landmarks(request)?;
+    let head = Head::new(source.mesh, &numbers)?;
+    let (metres, how) = scale(request, &head)?;
+    println!(
+        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
+        request.mesh.display(),
+        head.mesh.positions.len(),
+        head.mesh.faces(),
+        head.eye_distance * metres * 1e3
+    );
+    let shapes = baked(request, &head, &targets(request, &head)?)?;
     println!(
         "{} shapes baked at {:.2} s",
         shapes.len(),
         start.elapsed().as_secs_f64()
     );
-    let out = match foreign {
+    let out = match source.foreign {
         Some(foreign) => foreign.patched(&shapes, request.dense),
         None => morphs::build(&head.mesh, &shapes, metres, request.dense),
     };
@@ -159,30 +198,41 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         start.elapsed().as_secs_f64()
     );
     if let Some(folder) = &request.obj {
-        folder_of_obj(folder, &source, &head, &shapes)?;
+        folder_of_obj(folder, &source.obj, &head, &shapes)?;
         println!("{} written", folder.display());
     }
     if let Some(path) = &request.report {
-        let title = format!(
-            "Blendshapes of {}",
-            request
-                .mesh
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-        );
-        let (text, figures) = report::html(&head, &shapes, &title);
-        write(path, text.as_bytes())?;
-        let inverted: usize = figures.iter().map(|f| f.inverted).sum();
-        let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
-        let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
-        println!(
-            "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
-             lids at most {depth:.5} eye distances deeper in the eye",
-            path.display()
-        );
+        write_report(path, request, &head, &shapes)?;
     }
     Ok(shapes)
+}
+
+/// Writes the page about the shapes and prints its worst figures.
+fn write_report(
+    path: &Path,
+    request: &Request,
+    head: &Head,
+    shapes: &[Shape],
+) -> Result<(), BakeError> {
+    let title = format!(
+        "Blendshapes of {}",
+        request
+            .mesh
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+    );
+    let (text, figures) = report::html(head, shapes, &title);
+    write(path, text.as_bytes())?;
+    let inverted: usize = figures.iter().map(|f| f.inverted).sum();
+    let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
+    let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
+    println!(
+        "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
+         lids at most {depth:.5} eye distances deeper in the eye",
+        path.display()
+    );
+    Ok(())
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
