@@ -32,6 +32,7 @@ use crate::face_model::{
 use crate::landmarks::cascade::Solver;
 use crate::landmarks::refine::Refinement;
 use crate::sensor::camera::Camera;
+use crate::simulator::virtual_head::Site;
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::heads::ict::IctHead;
@@ -93,6 +94,15 @@ impl TrainArgs {
     /// Whether people of this part are trained on.
     fn learns_from(&self, split: Split) -> bool {
         split == Split::Train || (split == Split::Dev && !self.hold_out_dev)
+    }
+
+    /// People who are neither trained on nor kept for later: figures are of them.
+    fn strangers(&self) -> Split {
+        if self.hold_out_dev {
+            Split::Dev
+        } else {
+            Split::Test
+        }
     }
 
     /// So many faces drawn of the people that `keep` accepts.
@@ -232,17 +242,38 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     })
 }
 
-/// Trains a model and writes it; `say` gets one line per step.
-///
-/// # Errors
-/// If the data cannot be read, is too little, or the result cannot be written.
-pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, TrainError> {
-    let began = Instant::now();
-    let since = |began: &Instant| format!("{:5.0} s", began.elapsed().as_secs_f32());
-    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
-    crate::studio::heads::expressions::complete(&mut ict);
-    let sites = crate::studio::heads::plain_head(&ict).landmarks;
-    let mut faces = shape::population(&ict, &sites, 6000, args.seed);
+/// What is said while it goes on, and what the page tells of it at the end.
+struct Log<'a> {
+    began: Instant,
+    say: &'a mut dyn FnMut(&str),
+    told: Vec<(String, String)>,
+}
+
+impl Log<'_> {
+    fn since(&self) -> String {
+        format!("{:5.0} s", self.began.elapsed().as_secs_f32())
+    }
+
+    /// A step that is done.
+    fn done(&mut self, what: &str) {
+        let since = self.since();
+        (self.say)(&format!("{since} {what}"));
+    }
+
+    /// A figure.
+    fn figure(&mut self, what: &str) {
+        (self.say)(&format!("  {what}"));
+    }
+}
+
+/// Shape modes of a population that looks as the portraits show people, not as the head set alone.
+fn learn_shape(
+    args: &TrainArgs,
+    ict: &IctHead,
+    sites: &[Site],
+    log: &mut Log,
+) -> Result<ShapeModel, TrainError> {
+    let mut faces = shape::population(ict, sites, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
     let modes = args.modes.min(MAX_MODES);
     let rough = shape::principal_components(&faces, &reference, modes);
@@ -259,15 +290,12 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         }
     }
     let shape = shape::principal_components(&faces, &reference, modes);
-    say(&format!(
-        "{} shape model: {} modes from {} faces",
-        since(&began),
+    log.done(&format!(
+        "shape model: {} modes from {} faces",
         shape.modes.len(),
         faces.len()
     ));
-
-    let mut told = Vec::new();
-    let strange = shape::population(&ict, &sites, 300, args.seed + 1);
+    let strange = shape::population(ict, sites, 300, args.seed + 1);
     for count in [10, 20, 30, modes] {
         let mut floor = Errors::default();
         for face in &strange {
@@ -275,16 +303,24 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             floor.add(&left_by(&shape, &face, count));
         }
         let line = floor.line();
-        say(&format!(
-            "  {count} modes leave of drawn faces, seen from the front: {line}"
+        log.figure(&format!(
+            "{count} modes leave of drawn faces, seen from the front: {line}"
         ));
-        told.push((format!("{count} modes leave of drawn faces"), line));
+        log.told
+            .push((format!("{count} modes leave of drawn faces"), line));
     }
+    Ok(shape)
+}
 
-    let mut pictures = portraits(args, &shape)?;
-    say(&format!(
-        "{} portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
-        since(&began),
+/// The portraits, with what the shape model leaves of those to test on.
+fn read_portraits(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    log: &mut Log,
+) -> Result<Pictures, TrainError> {
+    let pictures = portraits(args, shape)?;
+    log.done(&format!(
+        "portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
         pictures.train.len(),
         pictures.dev.len(),
         pictures.test.len()
@@ -292,28 +328,33 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     let mut floor = Errors::default();
     let mut solver = Solver::default();
     for picture in &pictures.test {
-        solver.project(&shape, &picture.truth);
+        solver.project(shape, &picture.truth);
         floor.add(&differences(&solver.window, &picture.points));
     }
-    say(&format!(
-        "  what the shape model leaves of the test portraits: {}",
+    log.figure(&format!(
+        "what the shape model leaves of the test portraits: {}",
         floor.line()
     ));
-    let drawn = args.drawn_faces(args.drawn, args.seed, &shape, |s| args.learns_from(s))?;
-    say(&format!("{} {} drawn faces", since(&began), drawn.len()));
+    Ok(pictures)
+}
+
+/// The stages, cold and warm, from portraits and drawn faces; the drawn ones join what is trained on.
+fn learn_stages(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    pictures: &mut Pictures,
+    log: &mut Log,
+) -> Result<[Vec<CascadeStage>; 2], TrainError> {
+    let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
+    log.done(&format!("{} drawn faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
-    let portraits_read = pictures.train.len();
     pictures.train.extend(drawn);
-    say(&format!("{} {} starts", since(&began), samples.len()));
+    log.done(&format!("{} starts", samples.len()));
 
     // People not trained on are taken along from stage to stage: what the stages are worth beyond the training people.
-    let strangers = if args.hold_out_dev {
-        Split::Dev
-    } else {
-        Split::Test
-    };
-    let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, &shape, |s| s == strangers)?;
+    let strangers = args.strangers();
+    let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, shape, |s| s == strangers)?;
     let watched = disturbed(&watched, 1, &[NEAR], false, args.seed + 5);
     let mut watched_progress = cold_starts(&watched);
     let mut progress = cold_starts(&samples);
@@ -324,36 +365,91 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             modes,
             penalty: args.penalty,
         };
-        let stage = learn_stage(&samples, &mut progress, &shape, settings);
+        let stage = learn_stage(&samples, &mut progress, shape, settings);
         let this = std::slice::from_ref(&stage);
-        advance(&watched, &mut watched_progress, &shape, this);
+        advance(&watched, &mut watched_progress, shape, this);
         let figure = format!(
             "{:.2} % on the training starts, {:.2} % on strangers (points 17–67)",
-            inner_error_percent(&samples, &progress, &shape),
-            inner_error_percent(&watched, &watched_progress, &shape)
+            inner_error_percent(&samples, &progress, shape),
+            inner_error_percent(&watched, &watched_progress, shape)
         );
-        say(&format!("{} stage {}: {figure}", since(&began), k + 1));
-        told.push((format!("after stage {}", k + 1), figure));
+        log.done(&format!("stage {}: {figure}", k + 1));
+        log.told.push((format!("after stage {}", k + 1), figure));
         if k < COLD_STAGES {
             cold.push(stage);
         } else {
             warm.push(stage);
         }
     }
-    drop(samples);
-    say(&format!(
-        "  strangers: {}",
-        measured(&watched, &watched_progress, &shape).0.line()
+    log.figure(&format!(
+        "strangers: {}",
+        measured(&watched, &watched_progress, shape).0.line()
     ));
+    Ok([cold, warm])
+}
 
-    let confidence = learn_confidence(
-        args,
-        &pictures.train[..portraits_read],
-        &shape,
-        &cold,
-        &warm,
-    )?;
-    say(&format!("{} confidence", since(&began)));
+/// Errors on portraits of people not trained on.
+fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log: &mut Log) {
+    for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
+        if pictures.is_empty() {
+            continue;
+        }
+        let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
+        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+        let (errors, all) = measured(&samples, &ends, &model.shape);
+        log.done(&format!(
+            "{name} people, portraits, cold: {}",
+            errors.line()
+        ));
+        let offsets = mean_offsets(&all);
+        let mut clean = Errors::default();
+        for d in &all {
+            clean.add(&super::evaluate::without(d, &offsets));
+        }
+        log.figure(&format!("with mean offsets taken out: {}", clean.line()));
+        log.figure(&calibration(model, &samples, &ends));
+    }
+}
+
+/// Mean offsets per landmark, of people of the same annotation who are not the test people.
+fn write_offsets(
+    args: &TrainArgs,
+    model: &FaceModel,
+    pictures: &Pictures,
+    path: &Path,
+) -> Result<(), TrainError> {
+    let samples = disturbed(
+        &pictures.train[..pictures.train.len().min(150)],
+        4,
+        &[COLD],
+        false,
+        args.seed + 13,
+    );
+    let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+    let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
+    write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())
+}
+
+/// Trains a model and writes it; `say` gets one line per step.
+///
+/// # Errors
+/// If the data cannot be read, is too little, or the result cannot be written.
+pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, TrainError> {
+    let log = &mut Log {
+        began: Instant::now(),
+        say,
+        told: Vec::new(),
+    };
+    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
+    crate::studio::heads::expressions::complete(&mut ict);
+    let sites = crate::studio::heads::plain_head(&ict).landmarks;
+    let shape = learn_shape(args, &ict, &sites, log)?;
+    let mut pictures = read_portraits(args, &shape, log)?;
+    let portraits_read = pictures.train.len();
+    let [cold, warm] = learn_stages(args, &shape, &mut pictures, log)?;
+    let photographs = &pictures.train[..portraits_read];
+    let confidence = learn_confidence(args, photographs, &shape, &cold, &warm)?;
+    log.done("confidence");
 
     let (points, normals) = standard_head::standard_head(&ict).into_iter().unzip();
     let mut model = FaceModel {
@@ -367,82 +463,45 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         standard_head: StandardHead { points, normals },
         ..FaceModel::default()
     };
-    for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
-        if pictures.is_empty() {
-            continue;
-        }
-        let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
-        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
-        let (errors, all) = measured(&samples, &ends, &model.shape);
-        say(&format!(
-            "{} {name} people, portraits, cold: {}",
-            since(&began),
-            errors.line()
-        ));
-        let offsets = mean_offsets(&all);
-        let mut clean = Errors::default();
-        for d in &all {
-            clean.add(&super::evaluate::without(d, &offsets));
-        }
-        say(&format!("  with mean offsets taken out: {}", clean.line()));
-        say(&format!("  {}", calibration(&model, &samples, &ends)));
-    }
+    tell_portraits(args, &model, &pictures, log);
+    let strangers = args.strangers();
     let renderer = Renderer::new(&args.data, |person| Split::of(person) == strangers)?;
     let drawn = renderer.samples(0..400, args.seed + 11);
-    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, say);
+    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, log.say);
     let names: Vec<String> = renderer
         .expression_names()
         .into_iter()
         .map(String::from)
         .collect();
     if let Some(path) = &args.offsets {
-        // People of the same annotation who are not the test people.
-        let samples = disturbed(
-            &pictures.train[..pictures.train.len().min(150)],
-            4,
-            &[COLD],
-            false,
-            args.seed + 13,
-        );
-        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
-        let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
-        write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())?;
+        write_offsets(args, &model, &pictures, path)?;
     }
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write(&args.out, &file::emit(&model))?;
     if let Some(kept) = &args.paper_aam {
         model.paper_aam = kept.clone();
     } else if args.paper_pictures > 0 {
-        model.paper_aam = learn_paper(args, &model.shape, say)?.into();
+        model.paper_aam = learn_paper(args, &model.shape, log.say)?.into();
     }
     if args.drawn > 0 {
         model.refinement = learn_depth(args, &model)?;
-        say(&format!("{} what depth adds", since(&began)));
+        log.done("what depth adds");
     }
     let bytes = file::emit(&model);
-    model.id = u32::from_le_bytes([
-        bytes[bytes.len() - 4],
-        bytes[bytes.len() - 3],
-        bytes[bytes.len() - 2],
-        bytes[bytes.len() - 1],
-    ]);
+    let [.., a, b, c, d] = bytes[..] else {
+        unreachable!("a model ends with its checksum");
+    };
+    model.id = u32::from_le_bytes([a, b, c, d]);
     write(&args.out, &bytes)?;
-    told.push((
-        "model".into(),
-        format!("{} bytes, id {:08x}", bytes.len(), model.id),
-    ));
-    told.push(("time".into(), since(&began)));
+    let size = format!("{} bytes, id {:08x}", bytes.len(), model.id);
+    log.told.push(("model".into(), size.clone()));
+    log.told.push(("time".into(), log.since()));
     let page = args.out.with_extension("html");
+    let told = std::mem::take(&mut log.told);
     let album = report::page(&model, &drawn, &names, told, args.seed + 19);
     write(&page, album.html()?.as_bytes())?;
-    say(&format!("{} wrote {}", since(&began), page.display()));
-    say(&format!(
-        "{} wrote {}: {} bytes, id {:08x}",
-        since(&began),
-        args.out.display(),
-        bytes.len(),
-        model.id
-    ));
+    log.done(&format!("wrote {}", page.display()));
+    log.done(&format!("wrote {}: {size}", args.out.display()));
     Ok(model)
 }
 
