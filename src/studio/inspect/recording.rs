@@ -361,8 +361,10 @@ pub(super) fn inspect(
     Ok(album)
 }
 
-/// Title, curves and least span of every plot.
-const PLOTS: [(&str, Range<usize>, Option<(f64, f64)>); 5] = [
+/// Title, curves and least span of a plot.
+type PlotOf = (&'static str, Range<usize>, Option<(f64, f64)>);
+
+const PLOTS: [PlotOf; 5] = [
     (
         "Position of the head, metres in the sensor frame",
         0..3,

@@ -598,9 +598,7 @@ mod tests {
         );
         assert!(off < 2.0, "{off}");
         // The jaw's drop is half a stranger's chin.
-        let least = follows
-            .iter()
-            .fold(1.0, |least: f64, r| least.min(f64::from(*r)));
+        let least = follows.iter().fold(1.0, |least: f64, r| least.min(*r));
         assert!(least > 0.65, "{follows:?}");
     }
 }
