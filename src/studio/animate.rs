@@ -8,10 +8,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::bake::command::{BakeError, write};
+use super::bake::error::BakeError;
+use super::bake::files::write;
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::base::bounded_read;
+use crate::studio::csv;
 use crate::studio::text_files::{self, decoded};
 
 /// The options of `mien-studio animate`, explained.
@@ -78,25 +80,19 @@ fn track(
     user: Option<&str>,
     columns: &[Vec<String>],
 ) -> Result<(Track, usize), AnimateError> {
-    let refuse = |line: usize, expected, found: &str| AnimateError::Table {
+    let refuse = |line, expected, found: &str| AnimateError::Table {
         path: path.into(),
-        line: line + 1,
+        line,
         expected,
         found: found.chars().take(60).collect(),
     };
-    let mut lines = text.lines().enumerate();
-    let header: Vec<&str> = lines
-        .next()
-        .map_or("", |(_, l)| l)
-        .split(',')
-        .map(str::trim)
-        .collect();
-    let find = |name: &str| header.iter().position(|h| *h == name);
+    let table = csv::Table::new(text);
+    let find = |name: &str| table.find(name);
     let (Some(time), Some(slot)) = (find("time_us"), find("user")) else {
         return Err(refuse(
-            0,
+            1,
             "a header with time_us, user and w_<unit> columns",
-            &header.join(","),
+            &table.columns().join(","),
         ));
     };
     let source: Vec<Option<usize>> = columns
@@ -110,13 +106,9 @@ fn track(
         weights: Vec::new(),
     };
     let mut first = None;
-    for (k, line) in lines {
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        if cells.len() != header.len() {
-            if line.trim().is_empty() {
-                continue;
-            }
-            return Err(refuse(k, "as many cells as the header has", line));
+    for csv::Row { line, text, cells } in table.rows() {
+        if cells.len() != table.columns().len() {
+            return Err(refuse(line, "as many cells as the header has", text));
         }
         if chosen.is_none() && !cells[slot].is_empty() {
             chosen = Some(cells[slot].to_owned());
@@ -126,7 +118,7 @@ fn track(
         }
         let now: u64 = cells[time]
             .parse()
-            .map_err(|_| refuse(k, "a time in microseconds", line))?;
+            .map_err(|_| refuse(line, "a time in microseconds", text))?;
         let start = *first.get_or_insert(now);
         let seconds = now.saturating_sub(start) as f64 * 1e-6;
         if out.times.last().is_some_and(|&last| seconds as f32 <= last) {
@@ -141,7 +133,7 @@ fn track(
                 cell.parse()
                     .ok()
                     .filter(|w: &f32| w.is_finite())
-                    .ok_or_else(|| refuse(k, "a finite weight", cell))?
+                    .ok_or_else(|| refuse(line, "a finite weight", cell))?
             };
             weights.push(weight);
         }

@@ -17,10 +17,11 @@ use super::record;
 use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
+use crate::studio::atomic_write;
 use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
-use crate::studio::evaluate::landmark_bars;
+use crate::studio::evaluate::landmark_accuracy;
 use crate::studio::evaluate::sessions::{self, Sessions};
 use crate::studio::heads::default_head;
 use crate::studio::people_split::Split;
@@ -415,7 +416,7 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
             seconds,
             ..sessions
         };
-        landmark_bars::measure(&data(words), &model, &settings, &sessions, &mut say)?;
+        landmark_accuracy::measure(&data(words), &model, &settings, &sessions, &mut say)?;
         return Ok(());
     }
     if let Some(folder) = words.path("figures") {
@@ -495,7 +496,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
     let mut progress = |line: &str| eprintln!("{line}");
     let text = readings::learn(&data(words), &model, &settings, &practice, &mut progress)?;
     match words.path("out") {
-        Some(out) => std::fs::write(&out, text)
+        Some(out) => atomic_write::write(&out, text)
             .map_err(|source| TrainError::Unwritable { path: out, source })?,
         None => print!("{text}"),
     }

@@ -19,6 +19,7 @@ use crate::landmarks::cascade::{FaceFit, Solver};
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
 use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
+use crate::studio::atomic_write;
 use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
 use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
@@ -495,7 +496,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
             }
         }
     }
-    std::fs::write(&args.out, csv).map_err(|source| FitError::Unwritable {
+    atomic_write::write(&args.out, csv).map_err(|source| FitError::Unwritable {
         path: args.out.clone(),
         source,
     })?;

@@ -1,10 +1,32 @@
-//! The workstation: training the face model, pictures, recordings. Exists only with the feature `studio`.
+//! The workstation: training the face model, baking heads, figures, pictures, recordings. Exists only with the feature
+//! `studio`.
+//!
+//! ```text
+//! cli            the command line: words to the commands below
+//! record         a recording from the sensor or the simulator
+//! inspect        any of our files as a page or a sheet of pictures
+//! preview        a page that shows live what is received
+//! train          the face model; units: what is known of units before anybody is seen
+//! fit            landmarks of still pictures
+//! evaluate       figures against truth
+//! bake           a head and 68 points become blendshapes; animate: a run moves them
+//! heads          heads to draw, with the photographs of people
+//! nrsfm          3D shapes from 2D tracks
+//!
+//! people_split   who is trained on and who is not
+//! text_files, csv, atomic_write   texts and tables in, files out
+//! correlation, frame_time         what several of them reckon with
+//! ```
 
 pub mod animate;
+pub mod atomic_write;
 pub mod bake;
 pub mod cli;
+pub mod correlation;
+pub mod csv;
 pub mod evaluate;
 pub mod fit;
+pub mod frame_time;
 pub mod heads;
 pub mod inspect;
 pub mod nrsfm;

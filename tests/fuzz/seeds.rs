@@ -23,7 +23,7 @@ use mien::sensor::Frame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
 use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
-use mien::studio::bake::rig::Shape;
+use mien::studio::bake::shape::Shape;
 use mien::studio::bake::{morphs, obj, recipe};
 use mien::base::time::Timestamp;
 use mien::users::saved;

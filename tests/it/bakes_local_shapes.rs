@@ -16,7 +16,8 @@ use mien::studio::bake::morphs;
 use mien::studio::bake::obj;
 use mien::studio::bake::patch::Foreign;
 use mien::studio::bake::recipe::{Recipe, SHIPPED, Target};
-use mien::studio::bake::rig::{self, Method, Shape};
+use mien::studio::bake::rig::{self, Method};
+use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::Settings;
 
 fn data(name: &str) -> Option<PathBuf> {

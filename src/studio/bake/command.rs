@@ -1,24 +1,25 @@
 //! `mien-studio bake`: files in, files out.
 
 use std::io::{IsTerminal, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use super::glb::{Glb, GlbError};
-use super::head::{Head, HeadError};
-use super::locate::{LocateError, locate};
+use super::error::BakeError;
+use super::files::{read, read_bytes, write};
+use super::glb::Glb;
+use super::head::Head;
+use super::locate::locate;
 use super::mesh::{Mesh, Vec3};
-use super::obj::{self, ObjError};
+use super::obj;
 use super::patch::Foreign;
-use super::recipe::{Recipe, RecipeError, SHIPPED};
+use super::recipe::{Recipe, SHIPPED, Target};
 use super::request::Request;
-use super::rig::{self, Shape};
+use super::rig;
+use super::shape::Shape;
 use super::solve::Settings;
-use super::sparse::Singular;
 use super::table::table;
 use super::{morphs, report};
-use crate::base::bounded_read;
 use crate::face_model::FaceModel;
 use crate::studio::text_files;
 
@@ -26,137 +27,6 @@ use crate::studio::text_files;
 const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
 const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
-
-/// Why nothing was baked.
-#[derive(Debug, thiserror::Error)]
-pub enum BakeError {
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The mesh text is damaged.
-    #[error("{path}: {source}")]
-    Obj {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        source: ObjError,
-    },
-    /// The glTF file is damaged or of a kind that cannot be baked onto.
-    #[error("{path}: {source}")]
-    Glb {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: GlbError,
-    },
-    /// The landmarks are not numbers.
-    #[error("{path}: line {line}: expected a vertex number, found {found:?}")]
-    Landmarks {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// The line.
-        found: String,
-    },
-    /// No landmarks on the mesh.
-    #[error("{path}: {source}")]
-    Locate {
-        /// The mesh.
-        path: PathBuf,
-        /// Why.
-        source: LocateError,
-    },
-    /// The head does not fit its landmarks.
-    #[error(transparent)]
-    Head(#[from] HeadError),
-    /// The recipe is damaged.
-    #[error("{path}: {source}")]
-    Recipe {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        source: RecipeError,
-    },
-    /// The controls are damaged.
-    #[error("{path}: line {line}: expected {expected}, found {found:?}")]
-    Controls {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// The line.
-        found: String,
-    },
-    /// The unit cannot be told.
-    #[error(
-        "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
-    )]
-    Scale {
-        /// Distance in mesh units.
-        found: f64,
-    },
-    /// More than this program makes room for.
-    #[error(
-        "{shapes} shapes of {vertices} vertices would take {bytes} bytes, expected at most {most}; bake fewer shapes or a coarser mesh"
-    )]
-    Large {
-        /// How many shapes.
-        shapes: usize,
-        /// Vertices of the mesh.
-        vertices: usize,
-        /// Bytes they take.
-        bytes: usize,
-        /// Bytes there may be.
-        most: usize,
-    },
-    /// A system could not be solved.
-    #[error(transparent)]
-    Singular(#[from] Singular),
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
-    bounded_read::read(path, text_files::MOST).map_err(|source| BakeError::Read {
-        path: path.into(),
-        source,
-    })
-}
-
-pub(super) fn read(path: &Path) -> Result<String, BakeError> {
-    Ok(text_files::decoded(&bytes(path)?))
-}
-
-/// Writes through a temporary neighbour, so that no half file is left behind.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
-    let failed = |source| BakeError::Write {
-        path: path.into(),
-        source,
-    };
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    std::fs::write(&part, bytes)
-        .and_then(|()| std::fs::rename(&part, path))
-        .inspect_err(|_| {
-            let _ = std::fs::remove_file(&part);
-        })
-        .map_err(failed)
-}
 
 /// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
 ///
@@ -176,62 +46,75 @@ pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
         .collect()
 }
 
-/// Bakes what the request asks for and writes it; prints one line per step.
-///
-/// # Errors
-/// If something cannot be read, solved or written; nothing half-written is left.
-pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
-    let start = Instant::now();
-    let bytes = bytes(&request.mesh)?;
-    let (mesh, source, foreign) = if bytes.starts_with(b"glTF") {
-        let refuse = |source| BakeError::Glb {
-            path: request.mesh.clone(),
-            source,
-        };
-        let glb = Glb::parse(&bytes).map_err(refuse)?;
-        let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
-        let source = request.obj.is_some().then(|| obj::emit(&mesh));
-        (mesh, source.unwrap_or_default(), Some(foreign))
-    } else {
-        let source = text_files::decoded(&bytes);
-        let mesh = obj::parse(&source).map_err(|source| BakeError::Obj {
+/// A mesh as it came.
+struct Source {
+    mesh: Mesh,
+    /// As OBJ text, if it came so or OBJ is wanted.
+    obj: String,
+    /// The glTF that it came in.
+    foreign: Option<Foreign>,
+}
+
+impl Source {
+    fn read(request: &Request) -> Result<Self, BakeError> {
+        let bytes = read_bytes(&request.mesh)?;
+        if bytes.starts_with(b"glTF") {
+            let refuse = |source| BakeError::Glb {
+                path: request.mesh.clone(),
+                source,
+            };
+            let glb = Glb::parse(&bytes).map_err(refuse)?;
+            let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
+            let obj = request.obj.is_some().then(|| obj::emit(&mesh));
+            return Ok(Self {
+                mesh,
+                obj: obj.unwrap_or_default(),
+                foreign: Some(foreign),
+            });
+        }
+        let obj = text_files::decoded(&bytes);
+        let mesh = obj::parse(&obj).map_err(|source| BakeError::Obj {
             path: request.mesh.clone(),
             source,
         })?;
-        (mesh, source, None)
-    };
-    let numbers = if request.landmarks.as_os_str() == "auto" {
-        found(request, &mesh, foreign.as_ref())?
-    } else {
+        Ok(Self {
+            mesh,
+            obj,
+            foreign: None,
+        })
+    }
+
+    /// Vertex numbers of the landmarks, as told or as found.
+    fn landmarks(&self, request: &Request) -> Result<Vec<u64>, BakeError> {
+        if request.landmarks.as_os_str() == "auto" {
+            return found(request, &self.mesh, self.foreign.as_ref());
+        }
         let numbers = landmarks(&read(&request.landmarks)?, &request.landmarks)?;
-        match &foreign {
+        Ok(match &self.foreign {
             Some(foreign) => foreign.landmarks(&numbers),
             None => numbers,
-        }
-    };
-    let head = Head::new(mesh, &numbers)?;
-    let (metres, how) = match request.metres {
-        Some(metres) => (metres, "as told"),
-        None => {
-            let found = head.eye_distance;
-            let fits = [1.0, 1e-2, 1e-3]
-                .into_iter()
-                .find(|m| (0.02..0.06).contains(&(found * m)));
-            (
-                fits.ok_or(BakeError::Scale { found })?,
-                "told from the eyes",
-            )
-        }
-    };
-    println!(
-        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
-        request.mesh.display(),
-        head.mesh.positions.len(),
-        head.mesh.faces(),
-        head.eye_distance * metres * 1e3
-    );
+        })
+    }
+}
+
+/// Metres per unit of the mesh, and how that is known.
+fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), BakeError> {
+    if let Some(metres) = request.metres {
+        return Ok((metres, "as told"));
+    }
+    let found = head.eye_distance;
+    let mut units = [1.0, 1e-2, 1e-3].into_iter();
+    let fits = units.find(|m| (0.02..0.06).contains(&(found * m)));
+    Ok((
+        fits.ok_or(BakeError::Scale { found })?,
+        "told from the eyes",
+    ))
+}
+
+/// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
+fn targets(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
     let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => table(path, &head, request.derive)?,
+        (Some(path), _) => table(path, head, request.derive)?,
         (None, path) => {
             let text = path
                 .as_ref()
@@ -241,7 +124,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
                 source,
             };
             let recipe = Recipe::read(&text).map_err(named)?;
-            recipe.targets(&head).map_err(named)?
+            recipe.targets(head).map_err(named)?
         }
     };
     let vertices = head.mesh.positions.len();
@@ -254,6 +137,11 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             most: SHAPES_MOST,
         });
     }
+    Ok(targets)
+}
+
+/// Bakes with a bar on a terminal.
+fn baked(request: &Request, head: &Head, targets: &[Target]) -> Result<Vec<Shape>, BakeError> {
     let count = AtomicUsize::new(0);
     let terminal = std::io::stderr().is_terminal();
     let total = targets.len();
@@ -269,16 +157,37 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
             let _ = std::io::stderr().flush();
         }
     };
-    let shapes = rig::bake(&head, &targets, &Settings::default(), request.method, &done)?;
+    let shapes = rig::bake(head, targets, &Settings::default(), request.method, &done)?;
     if terminal {
         eprintln!();
     }
+    Ok(shapes)
+}
+
+/// Bakes what the request asks for and writes it; prints one line per step.
+///
+/// # Errors
+/// If something cannot be read, solved or written; nothing half-written is left.
+pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
+    let start = Instant::now();
+    let source = Source::read(request)?;
+    let numbers = source.landmarks(request)?;
+    let head = Head::new(source.mesh, &numbers)?;
+    let (metres, how) = scale(request, &head)?;
+    println!(
+        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
+        request.mesh.display(),
+        head.mesh.positions.len(),
+        head.mesh.faces(),
+        head.eye_distance * metres * 1e3
+    );
+    let shapes = baked(request, &head, &targets(request, &head)?)?;
     println!(
         "{} shapes baked at {:.2} s",
         shapes.len(),
         start.elapsed().as_secs_f64()
     );
-    let out = match foreign {
+    let out = match source.foreign {
         Some(foreign) => foreign.patched(&shapes, request.dense),
         None => morphs::build(&head.mesh, &shapes, metres, request.dense),
     };
@@ -289,30 +198,41 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         start.elapsed().as_secs_f64()
     );
     if let Some(folder) = &request.obj {
-        folder_of_obj(folder, &source, &head, &shapes)?;
+        folder_of_obj(folder, &source.obj, &head, &shapes)?;
         println!("{} written", folder.display());
     }
     if let Some(path) = &request.report {
-        let title = format!(
-            "Blendshapes of {}",
-            request
-                .mesh
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-        );
-        let (text, figures) = report::html(&head, &shapes, &title);
-        write(path, text.as_bytes())?;
-        let inverted: usize = figures.iter().map(|f| f.inverted).sum();
-        let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
-        let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
-        println!(
-            "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
-             lids at most {depth:.5} eye distances deeper in the eye",
-            path.display()
-        );
+        write_report(path, request, &head, &shapes)?;
     }
     Ok(shapes)
+}
+
+/// Writes the page about the shapes and prints its worst figures.
+fn write_report(
+    path: &Path,
+    request: &Request,
+    head: &Head,
+    shapes: &[Shape],
+) -> Result<(), BakeError> {
+    let title = format!(
+        "Blendshapes of {}",
+        request
+            .mesh
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+    );
+    let (text, figures) = report::html(head, shapes, &title);
+    write(path, text.as_bytes())?;
+    let inverted: usize = figures.iter().map(|f| f.inverted).sum();
+    let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
+    let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
+    println!(
+        "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
+         lids at most {depth:.5} eye distances deeper in the eye",
+        path.display()
+    );
+    Ok(())
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.

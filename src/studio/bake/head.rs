@@ -13,7 +13,7 @@
 
 use nalgebra::Matrix3;
 
-use super::derive::derived_points;
+use super::derived_points::derived_points;
 use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3};

@@ -2,7 +2,7 @@
 
 use super::head::Head;
 use super::mesh::Vec3;
-use super::rig::Shape;
+use super::shape::Shape;
 use super::surroundings::Surroundings;
 
 /// Figures of one shape. Lengths in eye distances.

@@ -93,6 +93,14 @@ impl Mesh {
         (2..face.len()).map(|k| [0, k - 1, k]).collect()
     }
 
+    /// Every face as a fan about its first corner, all of them, in the order of the file: for drawing.
+    pub fn fans(&self) -> impl Iterator<Item = [Corner; 3]> {
+        (0..self.faces()).flat_map(|f| {
+            let face = self.face(f);
+            (2..face.len()).map(|k| [face[0], face[k - 1], face[k]])
+        })
+    }
+
     /// All triangles as vertex indices, without those that name a vertex twice.
     #[must_use]
     pub fn triangles(&self) -> Vec<[u32; 3]> {

@@ -6,6 +6,24 @@
 //! recipe or table of controls ──────────────────┘
 //! ```
 //!
+//! ```text
+//! request, command      what is asked for, and the order of it; files, error
+//! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
+//! mesh, laplacian       positions and faces; the operator on them
+//! names, locate         the 68 points; found where nobody gives them
+//! derived_points        ten more on cheeks and forehead; derive: how they move
+//! head                  axes, lids and lips (seam), eyeball, mouth, parts, nearest
+//! recipe, table         targets: which point goes where
+//! influence             how far a point acts
+//! solve, sparse         the deformation, and its linear systems
+//! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
+//! relax, surroundings   inverted triangles, found and smoothed away
+//! rig, shape            all shapes, each as it is left
+//! morphs                a new glTF with them
+//! measure, render, report   figures and pictures of what was baked
+//! benchmark             how close to sculpted shapes
+//! ```
+//!
 //! Distances in recipes and settings are in units of the face (inner-eye-corner distance), so that one recipe fits any
 //! head; everything inside is in the mesh's own unit and axes, and becomes metres in the GLB.
 
@@ -13,7 +31,10 @@ pub mod benchmark;
 pub mod command;
 mod contact;
 pub mod derive;
+mod derived_points;
+pub mod error;
 pub mod eyeball;
+pub(in crate::studio) mod files;
 pub mod glb;
 mod goals;
 pub mod head;
@@ -36,6 +57,7 @@ pub mod report;
 pub mod request;
 pub mod rig;
 pub mod seam;
+pub mod shape;
 mod skin;
 pub mod solve;
 pub mod sparse;

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::glb::{FLOAT, Glb, U16, U32, push};
 use super::mesh::{Mesh, Vec3};
-use super::rig::Shape;
+use super::shape::Shape;
 
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
@@ -108,6 +108,165 @@ impl Encoded {
     }
 }
 
+/// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
+struct Split {
+    /// Vertex of the mesh that each came from.
+    source: Vec<usize>,
+    uv: Vec<[f32; 2]>,
+    normal: Vec<[f32; 3]>,
+    /// Corners of triangles, by material.
+    triangles: Vec<Vec<u32>>,
+}
+
+impl Split {
+    /// Splits a mesh whose vertices have these normals where the file gives none.
+    fn new(mesh: &Mesh, smooth: &[Vec3]) -> Self {
+        let mut known: HashMap<(u32, u32, u32), u32> = HashMap::new();
+        let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+        let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); mesh.materials.len()];
+        for f in 0..mesh.faces() {
+            let face = mesh.face(f);
+            for t in mesh.split(f) {
+                let t = t.map(|k| face[k]);
+                if t[0].vertex == t[1].vertex
+                    || t[1].vertex == t[2].vertex
+                    || t[0].vertex == t[2].vertex
+                {
+                    continue;
+                }
+                for corner in t {
+                    let key = (
+                        corner.vertex,
+                        corner.uv.unwrap_or(u32::MAX),
+                        corner.normal.unwrap_or(u32::MAX),
+                    );
+                    let at = *known.entry(key).or_insert_with(|| {
+                        source.push(corner.vertex as usize);
+                        // OBJ counts v from the bottom, glTF from the top.
+                        uv.push(corner.uv.map_or([0.0, 0.0], |k| {
+                            let [u, v] = mesh.uv[k as usize];
+                            [u, 1.0 - v]
+                        }));
+                        let n = corner.normal.map_or(smooth[corner.vertex as usize], |k| {
+                            let n = Vec3::from(mesh.normals[k as usize].map(f64::from));
+                            if n.norm() > 0.0 {
+                                n.normalize()
+                            } else {
+                                Vec3::z()
+                            }
+                        });
+                        normal.push(single(&n));
+                        source.len() as u32 - 1
+                    });
+                    triangles[mesh.face_material[f] as usize].push(at);
+                }
+            }
+        }
+        Self {
+            source,
+            uv,
+            normal,
+            triangles,
+        }
+    }
+
+    /// Writes the neutral vertices; returns the attributes of every primitive.
+    fn attributes(&self, glb: &mut Glb, mesh: &Mesh, metres: f64) -> Value {
+        let positions = self
+            .source
+            .iter()
+            .map(|&v| single(&(mesh.positions[v] * metres)));
+        let positions: Vec<[f32; 3]> = positions.collect();
+        let count = positions.len();
+        let (low, high) = bounds(&positions);
+        let view = glb.push_view(&bytes(positions), VERTICES);
+        let position = glb.push_accessor(json!({
+            "bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3", "min": low, "max": high,
+        }));
+        let view = glb.push_view(&bytes(self.normal.iter().copied()), VERTICES);
+        let normals = glb.push_accessor(
+            json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
+        );
+        let mut attributes = json!({"POSITION": position, "NORMAL": normals});
+        if !mesh.uv.is_empty() {
+            let uv = self.uv.iter().flatten();
+            let data: Vec<u8> = uv.flat_map(|v: &f32| v.to_le_bytes()).collect();
+            let view = glb.push_view(&data, VERTICES);
+            attributes["TEXCOORD_0"] = glb
+                .push_accessor(
+                    json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC2"}),
+                )
+                .into();
+        }
+        attributes
+    }
+
+    /// How a shape moves the vertices, and how it turns their normals.
+    fn encoded(
+        &self,
+        mesh: &Mesh,
+        smooth: &[Vec3],
+        shape: &Shape,
+        metres: f64,
+        dense: bool,
+    ) -> [Encoded; 2] {
+        let moved = self
+            .source
+            .iter()
+            .map(|&v| single(&(shape.displacement[v] * metres)));
+        let moved: Vec<[f32; 3]> = moved.collect();
+        let deformed = mesh.positions.iter().zip(&shape.displacement);
+        let deformed: Vec<Vec3> = deformed.map(|(p, d)| p + d).collect();
+        let turned = mesh.vertex_normals(&deformed);
+        let bent = self.source.iter().map(|&v| {
+            let d = single(&(turned[v] - smooth[v]));
+            if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
+                [0.0; 3]
+            } else {
+                d
+            }
+        });
+        [
+            Encoded::new(&moved, dense, true),
+            Encoded::new(&bent.collect::<Vec<_>>(), dense, false),
+        ]
+    }
+
+    /// Writes a primitive and its material for every material that is used.
+    fn primitives(
+        &self,
+        glb: &mut Glb,
+        materials: &[String],
+        attributes: &Value,
+        targets: &[Value],
+        names: &[&str],
+    ) -> Vec<Value> {
+        let mut primitives = Vec::new();
+        for (triangles, name) in self.triangles.iter().zip(materials) {
+            if triangles.is_empty() {
+                continue;
+            }
+            let data: Vec<u8> = triangles.iter().flat_map(|v| v.to_le_bytes()).collect();
+            let view = glb.push_view(&data, INDICES);
+            let indices = glb.push_accessor(json!({
+                "bufferView": view, "componentType": U32, "count": triangles.len(), "type": "SCALAR",
+            }));
+            let material = push(
+                &mut glb.json["materials"],
+                json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.72, 0.66, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.6}}),
+            );
+            let mut primitive =
+                json!({"attributes": attributes, "indices": indices, "material": material});
+            if !targets.is_empty() {
+                primitive["targets"] = json!(targets);
+                primitive["extras"] = json!({"targetNames": names});
+            }
+            primitives.push(primitive);
+        }
+        primitives
+    }
+}
+
 /// Builds the file: the neutral mesh scaled by `metres` per unit, and the shapes as morph targets.
 #[must_use]
 pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
@@ -120,113 +279,12 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
         }),
         bin: Vec::new(),
     };
-    // Corners that differ in texture or normal become vertices of their own.
-    let mut known: HashMap<(u32, u32, u32), u32> = HashMap::new();
-    let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
     let smooth = mesh.vertex_normals(&mesh.positions);
-    let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); mesh.materials.len()];
-    for f in 0..mesh.faces() {
-        let face = mesh.face(f);
-        for t in mesh.split(f) {
-            let t = t.map(|k| face[k]);
-            if t[0].vertex == t[1].vertex
-                || t[1].vertex == t[2].vertex
-                || t[0].vertex == t[2].vertex
-            {
-                continue;
-            }
-            for corner in t {
-                let key = (
-                    corner.vertex,
-                    corner.uv.unwrap_or(u32::MAX),
-                    corner.normal.unwrap_or(u32::MAX),
-                );
-                let at = *known.entry(key).or_insert_with(|| {
-                    source.push(corner.vertex as usize);
-                    // OBJ counts v from the bottom, glTF from the top.
-                    uv.push(corner.uv.map_or([0.0, 0.0], |k| {
-                        let [u, v] = mesh.uv[k as usize];
-                        [u, 1.0 - v]
-                    }));
-                    let n = corner.normal.map_or(smooth[corner.vertex as usize], |k| {
-                        let n = mesh.normals[k as usize];
-                        let n = Vec3::new(f64::from(n[0]), f64::from(n[1]), f64::from(n[2]));
-                        if n.norm() > 0.0 {
-                            n.normalize()
-                        } else {
-                            Vec3::z()
-                        }
-                    });
-                    normal.push(unit(&n));
-                    source.len() as u32 - 1
-                });
-                triangles[mesh.face_material[f] as usize].push(at);
-            }
-        }
-    }
-    let scaled = |p: &Vec3| {
-        [
-            (p.x * metres) as f32,
-            (p.y * metres) as f32,
-            (p.z * metres) as f32,
-        ]
-    };
-    let positions: Vec<[f32; 3]> = source.iter().map(|&v| scaled(&mesh.positions[v])).collect();
-    let count = positions.len();
-    let (low, high) = bounds(&positions);
-    let view = glb.push_view(&bytes(positions), VERTICES);
-    let position = glb.push_accessor(json!({
-        "bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3", "min": low, "max": high,
-    }));
-    let view = glb.push_view(&bytes(normal.iter().copied()), VERTICES);
-    let normals = glb.push_accessor(
-        json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
-    );
-    let mut attributes = json!({"POSITION": position, "NORMAL": normals});
-    if !mesh.uv.is_empty() {
-        let data: Vec<u8> = uv
-            .iter()
-            .flatten()
-            .flat_map(|v: &f32| v.to_le_bytes())
-            .collect();
-        let view = glb.push_view(&data, VERTICES);
-        attributes["TEXCOORD_0"] = glb
-            .push_accessor(
-                json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC2"}),
-            )
-            .into();
-    }
+    let split = Split::new(mesh, &smooth);
+    let attributes = split.attributes(&mut glb, mesh, metres);
     let encoded: Vec<[Encoded; 2]> = shapes
         .par_iter()
-        .map(|shape| {
-            let moved: Vec<[f32; 3]> = source
-                .iter()
-                .map(|&v| scaled(&shape.displacement[v]))
-                .collect();
-            let deformed: Vec<Vec3> = mesh
-                .positions
-                .iter()
-                .zip(&shape.displacement)
-                .map(|(p, d)| p + d)
-                .collect();
-            let turned = mesh.vertex_normals(&deformed);
-            let bent: Vec<[f32; 3]> = source
-                .iter()
-                .map(|&v| {
-                    let d = turned[v] - smooth[v];
-                    let d = [d.x as f32, d.y as f32, d.z as f32];
-                    if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
-                        [0.0; 3]
-                    } else {
-                        d
-                    }
-                })
-                .collect();
-            [
-                Encoded::new(&moved, dense, true),
-                Encoded::new(&bent, dense, false),
-            ]
-        })
+        .map(|shape| split.encoded(mesh, &smooth, shape, metres, dense))
         .collect();
     let mut targets = Vec::new();
     for [moved, bent] in encoded {
@@ -234,28 +292,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
-    let mut primitives = Vec::new();
-    for (k, name) in mesh.materials.iter().enumerate() {
-        if triangles[k].is_empty() {
-            continue;
-        }
-        let data: Vec<u8> = triangles[k].iter().flat_map(|v| v.to_le_bytes()).collect();
-        let view = glb.push_view(&data, INDICES);
-        let indices = glb.push_accessor(json!({
-            "bufferView": view, "componentType": U32, "count": triangles[k].len(), "type": "SCALAR",
-        }));
-        let material = push(
-            &mut glb.json["materials"],
-            json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.72, 0.66, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.6}}),
-        );
-        let mut primitive =
-            json!({"attributes": attributes, "indices": indices, "material": material});
-        if !targets.is_empty() {
-            primitive["targets"] = json!(targets);
-            primitive["extras"] = json!({"targetNames": names});
-        }
-        primitives.push(primitive);
-    }
+    let primitives = split.primitives(&mut glb, &mesh.materials, &attributes, &targets, &names);
     let mut head = json!({"name": "head", "primitives": primitives});
     if !targets.is_empty() {
         head["weights"] = json!(vec![0.0; shapes.len()]);
@@ -270,9 +307,9 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
     glb
 }
 
-/// A unit vector as floats whose length is 1 within float accuracy.
-fn unit(n: &Vec3) -> [f32; 3] {
-    [n.x as f32, n.y as f32, n.z as f32]
+/// A vector in single precision.
+fn single(v: &Vec3) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use super::glb::{Glb, GlbError};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::Encoded;
-use super::rig::Shape;
+use super::shape::Shape;
 use super::vrm::{Bound, add_expressions, add_expressions_to};
 use super::weld::{faces, sewn};
 

@@ -10,7 +10,7 @@ use super::head::Head;
 use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
 use super::render::{View, draw};
-use super::rig::Shape;
+use super::shape::Shape;
 use crate::studio::inspect::album::base64;
 
 const PIXELS: u32 = 300;

@@ -20,6 +20,7 @@ use super::mesh::{Rings, Vec3};
 use super::names::LANDMARKS;
 use super::recipe::Target;
 use super::relax::relax;
+use super::shape::Shape;
 use super::skin::{Solved, skin};
 use super::solve::{self, Settings, System};
 use super::sparse::Singular;
@@ -59,25 +60,6 @@ const PRINTED_WEIGHT: f64 = 10.0;
 const PRINTED_STEPS: usize = 100;
 const PRINTED_FACTOR: f64 = 30.0;
 const PRINTED_ROUNDS: usize = 7;
-
-/// One baked shape.
-#[derive(Clone, Debug)]
-pub struct Shape {
-    /// Name of the morph target.
-    pub name: String,
-    /// Expression unit that drives it.
-    pub unit: Option<String>,
-    /// Shape it is meant to be added to.
-    pub upon: Option<String>,
-    /// Per vertex, mesh units.
-    pub displacement: Vec<Vec3>,
-    /// Vertices that were allowed to move.
-    pub area: Vec<bool>,
-    /// Size of the solved system.
-    pub unknowns: usize,
-    /// Time it took, milliseconds.
-    pub milliseconds: f64,
-}
 
 /// Bakes all shapes; `done` is called after each with its name.
 ///

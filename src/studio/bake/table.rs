@@ -6,10 +6,12 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
 
-use super::command::{BakeError, read};
+use super::error::BakeError;
+use super::files::read;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;
+use crate::studio::csv;
 
 /// Shapes of one table.
 const SHAPES: usize = 1024;
@@ -33,48 +35,38 @@ pub fn targets(
     vertices: usize,
     derive: bool,
 ) -> Result<Vec<Target>, BakeError> {
-    let refuse = |line: usize, expected, found: &str| BakeError::Controls {
+    let refuse = |line, expected, found: &str| BakeError::Controls {
         path: path.into(),
-        line: line + 1,
+        line,
         expected,
         found: found.chars().take(60).collect(),
     };
-    let mut lines = text.lines().enumerate();
-    let header = lines.next().map_or("", |(_, l)| l);
-    let column = |name: &'static str| header.split(',').position(|c| c.trim() == name);
+    let table = csv::Table::new(text);
     const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
     let at: Option<Vec<usize>> = ["shape", "vertex", "dx", "dy", "dz"]
         .into_iter()
-        .map(column)
+        .map(|name| table.find(name))
         .collect();
-    let at = at.ok_or_else(|| refuse(0, HEADER, header))?;
+    let at = at.ok_or_else(|| refuse(1, HEADER, table.header))?;
     let mut targets: Vec<Target> = Vec::new();
-    for (k, line) in lines {
-        if line.trim().is_empty() {
-            continue;
-        }
+    for row in table.rows() {
         const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        let cell = |c: usize| {
-            cells
-                .get(at[c])
-                .copied()
-                .ok_or_else(|| refuse(k, ROW, line))
-        };
+        let refused = || refuse(row.line, ROW, row.text);
+        let cell = |c: usize| row.cells.get(at[c]).copied().ok_or_else(refused);
         let name = cell(0)?;
-        let vertex: usize = cell(1)?.parse().map_err(|_| refuse(k, ROW, line))?;
+        let vertex: usize = cell(1)?.parse().map_err(|_| refused())?;
         let mut d = Vec3::zeros();
         for c in 0..3 {
-            d[c] = cell(2 + c)?.parse().map_err(|_| refuse(k, ROW, line))?;
+            d[c] = cell(2 + c)?.parse().map_err(|_| refused())?;
         }
         if vertex >= vertices || !d.iter().all(|x: &f64| x.is_finite()) || name.is_empty() {
-            return Err(refuse(k, ROW, line));
+            return Err(refused());
         }
         // Rows of one shape stand together in practice; look from the end.
         let target = match targets.iter().rposition(|t| t.name == name) {
             Some(at) => &mut targets[at],
             None if targets.len() == SHAPES => {
-                return Err(refuse(k, "at most 1024 shapes in one table", name));
+                return Err(refuse(row.line, "at most 1024 shapes in one table", name));
             }
             None => {
                 targets.push(Target {

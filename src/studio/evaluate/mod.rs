@@ -1,7 +1,15 @@
 //! Figures against truth: rendered people through the whole pipeline, landmarks against their bars, the paper's experiments.
+//!
+//! ```text
+//! acted              what each weight should be while a drawn head acts
+//! sessions           people never trained on act before the simulated sensor: pose, points, weights
+//! head_scenes        one and several heads, hands, rooms: pose, ids, loss, time
+//! landmark_accuracy  the face model alone, under every condition and on photographs
+//! figures            the paper's figures, drawn again
+//! ```
 
 pub(crate) mod acted;
 pub mod figures;
 pub mod head_scenes;
-pub mod landmark_bars;
+pub mod landmark_accuracy;
 pub mod sessions;

@@ -24,9 +24,11 @@ use crate::face_model::FaceModel;
 use crate::face_model::refinement::PUFFS;
 use crate::landmarks::Landmarks;
 use crate::pipeline::{Pipeline, PipelineError};
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{HeadAsset, Light, Scene, Simulator, Truth};
+use crate::studio::correlation::correlation;
 use crate::studio::fit::FitError;
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::DatasetError;
@@ -311,7 +313,7 @@ fn play_one(
         ..Played::default()
     };
     for index in 0..(sessions.seconds * 30.0) as i64 {
-        let at = timestamp_from_ticks(index * FRAME_TICKS);
+        let at = frame_time(index);
         let Some(shown) = simulator.draw(at, &mut frame) else {
             continue;
         };
@@ -434,7 +436,8 @@ fn table(played: &[Played]) -> Table {
     }
     let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
         let told = played.iter().filter(|one| one.seen.len() > 2);
-        told.map(|one| correlation(&one.seen, pair)).collect()
+        told.map(|one| correlation(one.seen.iter().map(pair)))
+            .collect()
     };
     let frames_seen = || played.iter().flat_map(|one| &one.seen);
     let columns = played.first().map_or(&[][..], |one| &one.columns);
@@ -593,24 +596,6 @@ pub(super) fn mean_offset(seen: &[(Rigid, Rigid)]) -> Rigid {
     }
     let rotation = UnitQuaternion::from_quaternion(Quaternion::from(rotation));
     Rigid::from_parts((translation / seen.len() as f32).into(), rotation)
-}
-
-/// Pearson's r of two values per frame; 0 when either never moves.
-fn correlation(seen: &[Seen], pair: impl Fn(&Seen) -> [f64; 2]) -> f64 {
-    let n = seen.len() as f64;
-    let sum = |k: usize| seen.iter().map(|one| pair(one)[k]).sum::<f64>();
-    let (a, b) = (sum(0) / n, sum(1) / n);
-    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for s in seen {
-        let [x, y] = pair(s);
-        let (x, y) = (x - a, y - b);
-        (ab, aa, bb) = (ab + x * y, aa + x * x, bb + y * y);
-    }
-    if aa * bb > 0.0 {
-        ab / (aa * bb).sqrt()
-    } else {
-        0.0
-    }
 }
 
 impl Display for Table {

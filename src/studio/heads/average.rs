@@ -9,6 +9,7 @@ use super::{HeadsError, PersonHead, plain_head, textured_heads};
 use crate::base::geometry::{Point, Rigid};
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter};
 use crate::simulator::virtual_head::{HeadAsset, Light, Texture};
+use crate::studio::atomic_write;
 use crate::studio::heads::ict::IctHead;
 
 /// Size of the mean photograph, pixels.
@@ -111,7 +112,7 @@ pub fn make_simulated_head(
         None => Reduction::of(&plain).apply(&plain),
     };
     let bytes = small.emit();
-    std::fs::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
+    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
         path: out.into(),
         source,
     })?;

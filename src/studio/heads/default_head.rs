@@ -15,7 +15,8 @@ use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Value, json};
 
 use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
-use crate::studio::bake::command::{BakeError, write};
+use crate::studio::bake::error::BakeError;
+use crate::studio::bake::files::write;
 use crate::studio::bake::glb::{Glb, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::{Corner, Mesh, Vec3};

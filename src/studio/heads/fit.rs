@@ -32,8 +32,6 @@ pub struct PortraitFit {
     pub identity: Vec<f32>,
     /// Weights of the expressions, in the order of the head's.
     pub expression: Vec<f32>,
-    /// Points minus what the fit says, pixels.
-    pub residual: [[f32; 2]; LANDMARKS],
 }
 
 impl PortraitFit {
@@ -48,13 +46,6 @@ impl PortraitFit {
             ],
             q.z,
         )
-    }
-
-    /// Mean length of the residual over the outer-eye-corner distance of the points.
-    #[must_use]
-    pub fn relative_error(&self, points: &[[f32; 2]; LANDMARKS]) -> f32 {
-        let unit = (points[36][0] - points[45][0]).hypot(points[36][1] - points[45][1]);
-        self.residual.iter().map(|r| r[0].hypot(r[1])).sum::<f32>() / LANDMARKS as f32 / unit
     }
 }
 
@@ -106,8 +97,7 @@ pub fn fit(
     let mut rotation = Rotation3::<f64>::identity();
     let mut shift = [0, 1].map(|c| (eyes(39)[c] + eyes(42)[c]) * 0.5);
     let mut weights = DVector::<f64>::zeros(modes.len());
-    let mut residual = [[0.0f32; 2]; LANDMARKS];
-    for step in 0..=STEPS {
+    for _ in 0..STEPS {
         let mut jacobian = DMatrix::zeros(2 * LANDMARKS, m);
         let mut error = DVector::zeros(2 * LANDMARKS);
         for k in 0..LANDMARKS {
@@ -119,7 +109,6 @@ pub fn fit(
             let w = weight(k) / (POINT_SIGMA_M * scale);
             for c in 0..2 {
                 let r = target(k)[c] - (scale * q[c] + shift[c]);
-                residual[k][c] = r as f32;
                 let row = 2 * k + c;
                 error[row] = r * w;
                 jacobian[(row, 0)] = scale * q[c] * w;
@@ -133,9 +122,6 @@ pub fn fit(
                     jacobian[(row, 6 + j)] = scale * (rotation * mode[k])[c] * w;
                 }
             }
-        }
-        if step == STEPS {
-            break;
         }
         let mut normal = jacobian.tr_mul(&jacobian);
         let mut gradient = jacobian.tr_mul(&error);
@@ -163,6 +149,5 @@ pub fn fit(
         shift: shift.map(|v| v as f32),
         identity: weights.iter().take(identities).map(|&w| w as f32).collect(),
         expression: weights.iter().skip(identities).map(|&w| w as f32).collect(),
-        residual,
     }
 }

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Vector3};
 
 use crate::base::capacity::LANDMARKS;
+use crate::simulator::virtual_head::Part;
+use crate::studio::bake::obj;
 
 /// Vertex ranges of the mesh by part (half-open).
 pub mod part {
@@ -139,58 +141,20 @@ impl IctHead {
     pub fn read(folder: &Path) -> Result<Self, IctError> {
         let path = folder.join("generic_neutral_mesh.obj");
         let text = read_text(&path)?;
-        let malformed = |found: &str| IctError::Malformed {
+        let malformed = |found: String| IctError::Malformed {
             path: path.clone(),
             expected: "OBJ lines v, vt and f with v/vt corners",
-            found: format!("{found:?}"),
+            found,
         };
-        let (mut raw, mut uvs) = (Vec::new(), Vec::new());
+        let mesh = obj::parse(&text).map_err(|error| malformed(error.to_string()))?;
+        let raw: Vec<_> = mesh.positions.iter().map(|p| p.map(|v| v as f32)).collect();
         let (mut triangles, mut triangle_uv) = (Vec::new(), Vec::new());
-        for line in text.lines() {
-            let mut words = line.split_ascii_whitespace();
-            match words.next() {
-                Some("v") => {
-                    let mut next = || {
-                        words
-                            .next()
-                            .and_then(|w| w.parse::<f32>().ok())
-                            .ok_or_else(|| malformed(line))
-                    };
-                    raw.push(Vector3::new(next()?, next()?, next()?));
-                }
-                Some("vt") => {
-                    let mut next = || {
-                        words
-                            .next()
-                            .and_then(|w| w.parse::<f32>().ok())
-                            .ok_or_else(|| malformed(line))
-                    };
-                    uvs.push([next()?, next()?]);
-                }
-                Some("f") => {
-                    let mut corners: heapless::Vec<(u32, [f32; 2]), 8> = heapless::Vec::new();
-                    for word in words {
-                        let (v, t) = word
-                            .split_once('/')
-                            .and_then(|(v, t)| {
-                                Some((v.parse::<usize>().ok()?, t.parse::<usize>().ok()?))
-                            })
-                            .filter(|&(v, t)| {
-                                (1..=raw.len()).contains(&v) && (1..=uvs.len()).contains(&t)
-                            })
-                            .ok_or_else(|| malformed(line))?;
-                        corners
-                            .push((v as u32 - 1, uvs[t - 1]))
-                            .map_err(|_| malformed(line))?;
-                    }
-                    for k in 2..corners.len() {
-                        let (a, b, c) = (corners[0], corners[k - 1], corners[k]);
-                        triangles.push([a.0, b.0, c.0]);
-                        triangle_uv.push([a.1, b.1, c.1]);
-                    }
-                }
-                _ => {}
-            }
+        for fan in mesh.fans() {
+            let [Some(a), Some(b), Some(c)] = fan.map(|corner| corner.uv) else {
+                return Err(malformed("a corner without vt".to_owned()));
+            };
+            triangles.push(fan.map(|corner| corner.vertex));
+            triangle_uv.push([a, b, c].map(|uv| mesh.uv[uv as usize]));
         }
         let path = folder.join("landmarks68.txt");
         let landmarks: Vec<usize> = read_text(&path)?
@@ -234,4 +198,20 @@ impl IctHead {
     pub fn expression(&self, name: &str) -> Option<usize> {
         self.expressions.iter().position(|delta| delta.name == name)
     }
+}
+
+/// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
+#[must_use]
+pub fn part_of(vertex: usize) -> Option<Part> {
+    [
+        (part::FACE, Part::Skin),
+        (part::HEAD_AND_NECK, Part::Skin),
+        (part::MOUTH_SOCKET, Part::MouthSocket),
+        (part::EYE_SOCKETS, Part::EyeSocket),
+        (part::GUMS_AND_TONGUE, Part::Gums),
+        (part::TEETH, Part::Teeth),
+        (part::EYEBALLS, Part::Eye),
+    ]
+    .into_iter()
+    .find_map(|(range, part)| range.contains(&vertex).then_some(part))
 }

@@ -1,18 +1,27 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
 //!
+//! ```text
+//! ict                  the mesh as it comes; expressions: those that it lacks
+//! portraits            photographs with 68 points
+//! fit                  the mesh fitted to the points of one
+//! wardrobe             the photograph put on the mesh, bent by a thin_plate_spline; eyes: drawn ones instead
+//! average, reduce      nobody's head, small enough for the appliance
+//! default_head         that head baked, to look at
+//! ```
+//!
 //! Head frames: metres, origin between the inner eye corners, turned so that the stable points of the neutral face lie best
 //! on those of the mean head (least squares).
 
 pub mod average;
 pub mod default_head;
-pub mod dress;
 pub mod expressions;
 pub(crate) mod eyes;
 pub mod fit;
 pub mod ict;
 pub mod portraits;
 pub mod reduce;
-pub mod tps;
+pub mod thin_plate_spline;
+pub mod wardrobe;
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +29,7 @@ use rayon::prelude::*;
 
 use crate::base::geometry::{Rotation, Vector};
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
-use crate::studio::heads::ict::{IctError, IctHead, part};
+use crate::studio::heads::ict::{IctError, IctHead, part, part_of};
 use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.
@@ -70,7 +79,7 @@ pub fn textured_heads(
     let mut portraits = portraits::read(&data.join("faces_frl189"))?;
     portraits.retain(|portrait| keep(portrait.person));
     let plain = plain_head(&ict);
-    let wardrobe = dress::Wardrobe::new(plain.clone());
+    let wardrobe = wardrobe::Wardrobe::new(plain.clone());
     portraits
         .par_iter()
         .map(|portrait| {
@@ -105,22 +114,6 @@ pub fn usable_in_portraits(ict: &mut IctHead) -> Vec<bool> {
         .iter()
         .map(|e| own.contains(&e.name))
         .collect()
-}
-
-/// Part of a vertex; `None` for lashes and helper surfaces, which are not drawn.
-#[must_use]
-pub fn part_of(vertex: usize) -> Option<Part> {
-    [
-        (part::FACE, Part::Skin),
-        (part::HEAD_AND_NECK, Part::Skin),
-        (part::MOUTH_SOCKET, Part::MouthSocket),
-        (part::EYE_SOCKETS, Part::EyeSocket),
-        (part::GUMS_AND_TONGUE, Part::Gums),
-        (part::TEETH, Part::Teeth),
-        (part::EYEBALLS, Part::Eye),
-    ]
-    .into_iter()
-    .find_map(|(range, part)| range.contains(&vertex).then_some(part))
 }
 
 /// The generic head in plain skin colour: for depth pictures.

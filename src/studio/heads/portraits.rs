@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Texture;
+use crate::studio::csv;
 
 /// Why portraits could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -80,17 +81,12 @@ pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
         path: path.clone(),
         source,
     })?;
-    let mut lines = text.lines();
-    let header = lines.next().unwrap_or_default();
-    let columns: Vec<&str> = header.split(',').collect();
+    let table = csv::Table::new(&text);
     let column = |name: &str| {
-        columns
-            .iter()
-            .position(|c| *c == name)
-            .ok_or_else(|| PortraitError::Columns {
-                path: path.clone(),
-                found: header.chars().take(80).collect(),
-            })
+        table.find(name).ok_or_else(|| PortraitError::Columns {
+            path: path.clone(),
+            found: table.header.chars().take(80).collect(),
+        })
     };
     let (file, set, person, first) = (
         column("file")?,
@@ -98,7 +94,7 @@ pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
         column("person")?,
         column("x0")?,
     );
-    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    let rows: Vec<Vec<&str>> = table.rows().map(|row| row.cells).collect();
     let cell = |row: &[&str], k: usize| row.get(k).copied().unwrap_or_default().to_owned();
     let mut persons: Vec<(String, String)> = rows
         .iter()

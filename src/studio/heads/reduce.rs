@@ -38,7 +38,192 @@ struct Mesh<'a> {
     locked: Vec<bool>,
 }
 
-impl Mesh<'_> {
+/// Part of every vertex.
+fn part_of_each(asset: &HeadAsset) -> Vec<Part> {
+    let mut part_at = vec![Part::Skin; asset.neutral.len()];
+    for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
+        for &v in t {
+            part_at[v as usize] = part;
+        }
+    }
+    part_at
+}
+
+/// For every vertex the first of the skin at its place: coincident vertices are one.
+fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
+    let mut first: HashMap<([u32; 3], Part), u32> = HashMap::new();
+    (0..asset.neutral.len())
+        .map(|v| {
+            let p = asset.neutral[v];
+            let key = ([p.x, p.y, p.z].map(f32::to_bits), part_at[v]);
+            if part_at[v] == Part::Skin {
+                *first.entry(key).or_insert(v as u32)
+            } else {
+                v as u32
+            }
+        })
+        .collect()
+}
+
+/// How each vertex moves in the expressions that tell most.
+fn motion(asset: &HeadAsset) -> Vec<Vec<Vector3<f32>>> {
+    let telling = [
+        "jawOpen",
+        "eyeBlink_L",
+        "eyeBlink_R",
+        "mouthSmile_L",
+        "mouthSmile_R",
+        "mouthFunnel",
+        "browInnerUp_L",
+        "browInnerUp_R",
+    ];
+    let mut motion = vec![vec![Vector3::zeros(); telling.len()]; asset.neutral.len()];
+    for (k, name) in telling.iter().enumerate() {
+        if let Some(e) = asset.expression(name) {
+            for (&v, o) in asset.expressions[e]
+                .vertices
+                .iter()
+                .zip(&asset.expressions[e].offsets)
+            {
+                motion[v as usize][k] = *o;
+            }
+        }
+    }
+    motion
+}
+
+/// What a vertex counts: more about eyes, nose and mouth.
+fn weights(asset: &HeadAsset) -> Vec<f64> {
+    let fine: Vec<_> = (36..68)
+        .map(|k| asset.landmarks[k].on(&asset.neutral))
+        .collect();
+    asset
+        .neutral
+        .iter()
+        .map(|p| {
+            if fine.iter().any(|q| (p - q).norm() < DETAIL_M) {
+                DETAIL
+            } else {
+                1.0
+            }
+        })
+        .collect()
+}
+
+impl<'a> Mesh<'a> {
+    /// The skin sewn together, what must stay locked, and the planes of its triangles.
+    fn new(asset: &'a HeadAsset, part_at: &[Part]) -> Self {
+        let n = asset.neutral.len();
+        let same = merged(asset, part_at);
+        let triangles: Vec<Option<[u32; 3]>> = asset
+            .triangles
+            .iter()
+            .map(|t| {
+                Some(t.map(|v| same[v as usize])).filter(|[a, b, c]| a != b && b != c && c != a)
+            })
+            .collect();
+        let mut at = vec![BTreeSet::new(); n];
+        let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
+        for (k, t) in triangles.iter().enumerate() {
+            let Some(t) = t else { continue };
+            for i in 0..3 {
+                at[t[i] as usize].insert(k as u32);
+                let (a, b) = (t[i], t[(i + 1) % 3]);
+                *edges.entry((a.min(b), a.max(b))).or_default() += 1;
+            }
+        }
+        let mut locked = vec![false; n];
+        for (&(a, b), &count) in &edges {
+            if count != 2 {
+                locked[a as usize] = true;
+                locked[b as usize] = true;
+            }
+        }
+        for site in asset.landmarks.iter() {
+            for v in site.vertices {
+                locked[same[v as usize] as usize] = true;
+            }
+        }
+        let mut mesh = Mesh {
+            asset,
+            triangles,
+            at,
+            quadrics: vec![Matrix4::zeros(); n],
+            motion: motion(asset),
+            weight: weights(asset),
+            locked,
+        };
+        for t in mesh.triangles.clone().into_iter().flatten() {
+            let normal = mesh.normal(t);
+            let (area, unit) = (normal.norm(), normal.normalize());
+            if area > 0.0 {
+                let plane = Vector4::new(unit.x, unit.y, unit.z, -unit.dot(&mesh.place(t[0])));
+                // Weighted by area relative to a square centimetre, so that the sum stays a squared distance.
+                let quadric = plane * plane.transpose() * (area / 1e-5).min(1.0);
+                for v in t {
+                    mesh.quadrics[v as usize] += quadric;
+                }
+            }
+        }
+        mesh
+    }
+
+    /// Collapses the cheapest edges until of each part only its share is left.
+    fn collapse(&mut self, part_at: &[Part]) {
+        let alive: Vec<u32> = (0..self.at.len() as u32)
+            .filter(|&v| !self.at[v as usize].is_empty())
+            .collect();
+        let mut left = [0usize; Part::COUNT];
+        for &v in &alive {
+            left[part_at[v as usize] as usize] += 1;
+        }
+        let target: Vec<usize> = left
+            .iter()
+            .zip(KEPT)
+            .map(|(&l, k)| (l as f64 * k) as usize)
+            .collect();
+        let mut heap = BinaryHeap::new();
+        let push = |mesh: &Mesh, heap: &mut BinaryHeap<Reverse<(u64, u32, u32)>>, v: u32| {
+            for to in mesh.neighbours(v) {
+                for (a, b) in [(v, to), (to, v)] {
+                    let cost = mesh.cost(a, b);
+                    if cost.is_finite() {
+                        // Positive floats sort as their bits do.
+                        heap.push(Reverse((cost.to_bits(), a, b)));
+                    }
+                }
+            }
+        };
+        for &v in &alive {
+            push(self, &mut heap, v);
+        }
+        while let Some(Reverse((bits, from, to))) = heap.pop() {
+            let part = part_at[from as usize] as usize;
+            let gone = self.at[from as usize].is_empty() || self.at[to as usize].is_empty();
+            if gone || left[part] <= target[part] || self.cost(from, to).to_bits() != bits {
+                continue;
+            }
+            for k in std::mem::take(&mut self.at[from as usize]) {
+                let Some(t) = self.triangles[k as usize] else {
+                    continue;
+                };
+                if t.contains(&to) {
+                    self.triangles[k as usize] = None;
+                    for v in t {
+                        self.at[v as usize].remove(&k);
+                    }
+                } else {
+                    self.triangles[k as usize] = Some(t.map(|v| if v == from { to } else { v }));
+                    self.at[to as usize].insert(k);
+                }
+            }
+            let quadric = self.quadrics[from as usize];
+            self.quadrics[to as usize] += quadric;
+            left[part] -= 1;
+            push(self, &mut heap, to);
+        }
+    }
+
     fn place(&self, v: u32) -> Vector3<f64> {
         self.asset.neutral[v as usize].coords.cast()
     }
@@ -100,165 +285,10 @@ impl Reduction {
     /// Chooses the vertices that stay.
     #[must_use]
     pub fn of(asset: &HeadAsset) -> Self {
-        let n = asset.neutral.len();
-        // Coincident vertices of one part are one.
-        let mut part_at = vec![Part::Skin; n];
-        for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
-            for &v in t {
-                part_at[v as usize] = part;
-            }
-        }
-        let mut first: HashMap<([u32; 3], Part), u32> = HashMap::new();
-        let same: Vec<u32> = (0..n)
-            .map(|v| {
-                let p = asset.neutral[v];
-                let key = ([p.x, p.y, p.z].map(f32::to_bits), part_at[v]);
-                if part_at[v] == Part::Skin {
-                    *first.entry(key).or_insert(v as u32)
-                } else {
-                    v as u32
-                }
-            })
-            .collect();
-        let triangles: Vec<Option<[u32; 3]>> = asset
-            .triangles
-            .iter()
-            .map(|t| {
-                Some(t.map(|v| same[v as usize])).filter(|[a, b, c]| a != b && b != c && c != a)
-            })
-            .collect();
-        let mut at = vec![BTreeSet::new(); n];
-        let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
-        for (k, t) in triangles.iter().enumerate() {
-            let Some(t) = t else { continue };
-            for i in 0..3 {
-                at[t[i] as usize].insert(k as u32);
-                let (a, b) = (t[i], t[(i + 1) % 3]);
-                *edges.entry((a.min(b), a.max(b))).or_default() += 1;
-            }
-        }
-        let mut locked = vec![false; n];
-        for (&(a, b), &count) in &edges {
-            if count != 2 {
-                locked[a as usize] = true;
-                locked[b as usize] = true;
-            }
-        }
-        for site in asset.landmarks.iter() {
-            for v in site.vertices {
-                locked[same[v as usize] as usize] = true;
-            }
-        }
-        let telling = [
-            "jawOpen",
-            "eyeBlink_L",
-            "eyeBlink_R",
-            "mouthSmile_L",
-            "mouthSmile_R",
-            "mouthFunnel",
-            "browInnerUp_L",
-            "browInnerUp_R",
-        ];
-        let mut motion = vec![vec![Vector3::zeros(); telling.len()]; n];
-        for (k, name) in telling.iter().enumerate() {
-            if let Some(e) = asset.expression(name) {
-                for (&v, o) in asset.expressions[e]
-                    .vertices
-                    .iter()
-                    .zip(&asset.expressions[e].offsets)
-                {
-                    motion[v as usize][k] = *o;
-                }
-            }
-        }
-        let fine: Vec<_> = (36..68)
-            .map(|k| asset.landmarks[k].on(&asset.neutral))
-            .collect();
-        let weight = asset
-            .neutral
-            .iter()
-            .map(|p| {
-                if fine.iter().any(|q| (p - q).norm() < DETAIL_M) {
-                    DETAIL
-                } else {
-                    1.0
-                }
-            })
-            .collect();
-        let mut mesh = Mesh {
-            asset,
-            triangles,
-            at,
-            quadrics: vec![Matrix4::zeros(); n],
-            motion,
-            weight,
-            locked,
-        };
-        for t in mesh.triangles.clone().into_iter().flatten() {
-            let normal = mesh.normal(t);
-            let (area, unit) = (normal.norm(), normal.normalize());
-            if area > 0.0 {
-                let plane = Vector4::new(unit.x, unit.y, unit.z, -unit.dot(&mesh.place(t[0])));
-                // Weighted by area relative to a square centimetre, so that the sum stays a squared distance.
-                let quadric = plane * plane.transpose() * (area / 1e-5).min(1.0);
-                for v in t {
-                    mesh.quadrics[v as usize] += quadric;
-                }
-            }
-        }
-        let alive: Vec<u32> = (0..n as u32)
-            .filter(|&v| !mesh.at[v as usize].is_empty())
-            .collect();
-        let mut left = [0usize; Part::COUNT];
-        for &v in &alive {
-            left[part_at[v as usize] as usize] += 1;
-        }
-        let target: Vec<usize> = left
-            .iter()
-            .zip(KEPT)
-            .map(|(&l, k)| (l as f64 * k) as usize)
-            .collect();
-        let mut heap = BinaryHeap::new();
-        let push = |mesh: &Mesh, heap: &mut BinaryHeap<Reverse<(u64, u32, u32)>>, v: u32| {
-            for to in mesh.neighbours(v) {
-                for (a, b) in [(v, to), (to, v)] {
-                    let cost = mesh.cost(a, b);
-                    if cost.is_finite() {
-                        // Positive floats sort as their bits do.
-                        heap.push(Reverse((cost.to_bits(), a, b)));
-                    }
-                }
-            }
-        };
-        for &v in &alive {
-            push(&mesh, &mut heap, v);
-        }
-        while let Some(Reverse((bits, from, to))) = heap.pop() {
-            let part = part_at[from as usize] as usize;
-            let gone = mesh.at[from as usize].is_empty() || mesh.at[to as usize].is_empty();
-            if gone || left[part] <= target[part] || mesh.cost(from, to).to_bits() != bits {
-                continue;
-            }
-            for k in std::mem::take(&mut mesh.at[from as usize]) {
-                let Some(t) = mesh.triangles[k as usize] else {
-                    continue;
-                };
-                if t.contains(&to) {
-                    mesh.triangles[k as usize] = None;
-                    for v in t {
-                        mesh.at[v as usize].remove(&k);
-                    }
-                } else {
-                    mesh.triangles[k as usize] = Some(t.map(|v| if v == from { to } else { v }));
-                    mesh.at[to as usize].insert(k);
-                }
-            }
-            let quadric = mesh.quadrics[from as usize];
-            mesh.quadrics[to as usize] += quadric;
-            left[part] -= 1;
-            push(&mesh, &mut heap, to);
-        }
-        let kept: Vec<u32> = (0..n as u32)
+        let part_at = part_of_each(asset);
+        let mut mesh = Mesh::new(asset, &part_at);
+        mesh.collapse(&part_at);
+        let kept: Vec<u32> = (0..mesh.at.len() as u32)
             .filter(|&v| !mesh.at[v as usize].is_empty())
             .collect();
         let place: HashMap<u32, u32> = kept.iter().zip(0u32..).map(|(&v, k)| (v, k)).collect();

@@ -5,6 +5,7 @@
 
 use std::fmt::Write;
 use std::io::Cursor;
+use std::path::Path;
 
 use image::{ImageFormat, RgbImage};
 
@@ -356,6 +357,14 @@ impl Album {
         }
         sheet
     }
+}
+
+/// Last part of a path: the title of its album.
+pub(super) fn name_of(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or(path.as_os_str())
+        .to_string_lossy()
+        .into_owned()
 }
 
 #[cfg(test)]

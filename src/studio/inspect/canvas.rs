@@ -144,6 +144,20 @@ pub fn text(picture: &mut RgbImage, x: u32, y: u32, scale: u32, words: &str, col
     }
 }
 
+/// Pairs of landmarks that a drawing of a face connects.
+pub(in crate::studio) fn face_lines() -> impl Iterator<Item = [usize; 2]> {
+    let open = [0..17, 17..22, 22..27, 27..31, 31..36]
+        .into_iter()
+        .flat_map(|run| (run.start..run.end - 1).map(|i| [i, i + 1]));
+    let closed = [36..42, 42..48, 48..60, 60..68]
+        .into_iter()
+        .flat_map(|run| {
+            run.clone()
+                .map(move |i| [i, if i + 1 == run.end { run.start } else { i + 1 }])
+        });
+    open.chain(closed)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

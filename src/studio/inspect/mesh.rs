@@ -8,9 +8,10 @@ use std::path::Path;
 use image::RgbImage;
 use nalgebra::{Rotation3, Vector3};
 
-use super::InspectError;
-use super::album::Album;
+use super::album::{Album, name_of};
+use super::error::InspectError;
 use crate::studio::bake::glb::{Glb, GlbError};
+use crate::studio::bake::obj::{self, ObjError};
 
 const SIZE: u32 = 420;
 
@@ -20,58 +21,15 @@ struct Mesh {
 }
 
 impl Mesh {
-    fn read(path: &Path, text: &str) -> Result<Self, InspectError> {
-        let mut mesh = Self {
-            vertices: Vec::new(),
-            triangles: Vec::new(),
-        };
-        for (number, line) in text.lines().enumerate() {
-            let refuse = || InspectError::Mesh {
-                path: path.into(),
-                line: number + 1,
-                found: line.chars().take(60).collect(),
-            };
-            let mut words = line.split_ascii_whitespace();
-            match words.next() {
-                Some("v") => {
-                    let mut next = || {
-                        words
-                            .next()
-                            .and_then(|w| w.parse::<f32>().ok())
-                            .filter(|v| v.is_finite())
-                            .ok_or_else(refuse)
-                    };
-                    mesh.vertices.push(Vector3::new(next()?, next()?, next()?));
-                }
-                Some("f") => {
-                    let corner = |word: &str| {
-                        let index: i64 = word.split('/').next()?.parse().ok()?;
-                        let count = mesh.vertices.len() as i64;
-                        // Negative indices count from the end.
-                        let index = if index < 0 { count + index } else { index - 1 };
-                        (0..count).contains(&index).then_some(index as usize)
-                    };
-                    let corners: Vec<usize> = words
-                        .map(|word| corner(word).ok_or_else(refuse))
-                        .collect::<Result<_, _>>()?;
-                    if corners.len() < 3 {
-                        return Err(refuse());
-                    }
-                    mesh.triangles.extend(
-                        (2..corners.len()).map(|k| [corners[0], corners[k - 1], corners[k]]),
-                    );
-                }
-                _ => {}
-            }
-        }
-        if mesh.triangles.is_empty() {
-            return Err(InspectError::Mesh {
-                path: path.into(),
-                line: text.lines().count(),
-                found: "no faces".into(),
-            });
-        }
-        Ok(mesh)
+    fn of_obj(text: &str) -> Result<Self, ObjError> {
+        let mesh = obj::parse(text)?;
+        Ok(Self {
+            vertices: mesh.positions.iter().map(|p| p.map(|v| v as f32)).collect(),
+            triangles: mesh
+                .fans()
+                .map(|fan| fan.map(|corner| corner.vertex as usize))
+                .collect(),
+        })
     }
 
     /// The mesh turned, or in another form of it: `moved` has as many vertices. The neutral one sets the scale.
@@ -148,13 +106,17 @@ impl Mesh {
 
 /// Reads an OBJ and draws it.
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
-    Ok(views(path, &Mesh::read(path, text)?))
+    let mesh = Mesh::of_obj(text).map_err(|source| InspectError::Mesh {
+        path: path.into(),
+        source,
+    })?;
+    Ok(views(path, &mesh))
 }
 
 /// Three views of a mesh.
 fn views(path: &Path, mesh: &Mesh) -> Album {
     let mut album = Album {
-        title: format!("Mesh {}", super::name_of(path)),
+        title: format!("Mesh {}", name_of(path)),
         ..Album::default()
     };
     album.fact("vertices", mesh.vertices.len().to_string());
@@ -332,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_square_is_drawn_and_a_broken_face_is_refused() {
-        let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1/1 2/2 3/3 4/4\n";
+        let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\n";
         let album = inspect(Path::new("s.obj"), square).unwrap();
         let front = &album.pictures[0].1;
         assert_eq!(front.get_pixel(SIZE / 2 + 3, SIZE / 2 - 5).0[0], 235);

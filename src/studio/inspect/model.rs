@@ -32,7 +32,7 @@ fn face(
     colour: Colour,
 ) {
     let size = picture.width();
-    for [a, b] in super::face_lines() {
+    for [a, b] in canvas::face_lines() {
         canvas::line(
             picture,
             pixel(size, flat(&points[a])),
@@ -48,6 +48,64 @@ fn face(
 
 fn white(size: u32) -> RgbImage {
     RgbImage::from_pixel(size, size, image::Rgb([255; 3]))
+}
+
+/// The mean face with its numbers.
+fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
+    let mut numbered = white(640);
+    face(&mut numbered, mean, FRONT, [180, 180, 180]);
+    for (i, point) in mean.iter().enumerate() {
+        let [x, y] = pixel(640, FRONT(point));
+        let colour = if scheme::STABLE.contains(&i) {
+            [213, 94, 0]
+        } else {
+            [0, 80, 160]
+        };
+        canvas::text(
+            &mut numbered,
+            (x - 4.0).max(0.0) as u32,
+            (y - 12.0).max(0.0) as u32,
+            1,
+            &i.to_string(),
+            colour,
+        );
+    }
+    numbered
+}
+
+/// The mean face before the standard head, from the side.
+fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
+    let mut side = white(640);
+    let size = side.width();
+    for point in model
+        .standard_head
+        .points
+        .iter()
+        .filter(|p| p.x.abs() < 0.2)
+    {
+        let [x, y] = pixel(size, SIDE(point));
+        canvas::dot(&mut side, x, y, [170, 190, 210]);
+    }
+    face(&mut side, mean, SIDE, [40, 40, 40]);
+    side
+}
+
+/// What a mode does at 2 standard deviations to either side, from the front and from the side.
+fn mode(model: &FaceModel, mean: &[Point; LANDMARKS], k: usize) -> RgbImage {
+    let mut tile = RgbImage::from_pixel(420, 210, image::Rgb([255; 3]));
+    for (half, flat) in [FRONT, SIDE].into_iter().enumerate() {
+        let mut part = white(210);
+        face(&mut part, mean, flat, [215, 215, 215]);
+        for (b, colour) in [(-2.0, [0, 114, 178]), (2.0, [213, 94, 0])] {
+            let mut coefficients = [0.0; MAX_MODES];
+            coefficients[k] = b;
+            let mut shape = *mean;
+            model.shape.shape(&coefficients, &mut shape);
+            face(&mut part, &shape, flat, colour);
+        }
+        image::imageops::replace(&mut tile, &part, 210 * half as i64, 0);
+    }
+    tile
 }
 
 /// Draws a model.
@@ -81,63 +139,21 @@ pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
 
     let mut mean = [Point::origin(); LANDMARKS];
     model.shape.shape(&[], &mut mean);
-    let mut numbered = white(640);
-    face(&mut numbered, &mean, FRONT, [180, 180, 180]);
-    for (i, point) in mean.iter().enumerate() {
-        let [x, y] = pixel(640, FRONT(point));
-        let colour = if scheme::STABLE.contains(&i) {
-            [213, 94, 0]
-        } else {
-            [0, 80, 160]
-        };
-        canvas::text(
-            &mut numbered,
-            (x - 4.0).max(0.0) as u32,
-            (y - 12.0).max(0.0) as u32,
-            1,
-            &i.to_string(),
-            colour,
-        );
-    }
     album.pictures.push((
         "mean face; orange: points that carry the head frame".into(),
-        numbered,
+        numbered(&mean),
     ));
-    let mut side = white(640);
-    let size = side.width();
-    for point in model
-        .standard_head
-        .points
-        .iter()
-        .filter(|p| p.x.abs() < 0.2)
-    {
-        let [x, y] = pixel(size, SIDE(point));
-        canvas::dot(&mut side, x, y, [170, 190, 210]);
-    }
-    face(&mut side, &mean, SIDE, [40, 40, 40]);
-    album
-        .pictures
-        .push(("mean face and standard head from the side".into(), side));
+    album.pictures.push((
+        "mean face and standard head from the side".into(),
+        side(model, &mean),
+    ));
     for (k, deviation) in model.shape.deviations.iter().enumerate().take(SHOWN_MODES) {
-        let mut tile = RgbImage::from_pixel(420, 210, image::Rgb([255; 3]));
-        for (half, flat) in [FRONT, SIDE].into_iter().enumerate() {
-            let mut part = white(210);
-            face(&mut part, &mean, flat, [215, 215, 215]);
-            for (b, colour) in [(-2.0, [0, 114, 178]), (2.0, [213, 94, 0])] {
-                let mut coefficients = [0.0; MAX_MODES];
-                coefficients[k] = b;
-                let mut shape = mean;
-                model.shape.shape(&coefficients, &mut shape);
-                face(&mut part, &shape, flat, colour);
-            }
-            image::imageops::replace(&mut tile, &part, 210 * half as i64, 0);
-        }
         album.pictures.push((
             format!(
                 "mode {k}: -2 blue, +2 orange; deviation {:.1} mm",
                 deviation * 1e3
             ),
-            tile,
+            mode(model, &mean, k),
         ));
     }
     album.plots.push(Plot {

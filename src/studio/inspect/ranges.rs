@@ -10,8 +10,9 @@ use std::time::SystemTime;
 use image::{Rgb, RgbImage};
 use serde_json::Value;
 
-use super::album::Album;
-use super::{InspectError, canvas, name_of};
+use super::album::{Album, name_of};
+use super::canvas;
+use super::error::InspectError;
 use crate::expression::units::{Prior, Units};
 use crate::expression::{Measure, Range};
 use crate::users::saved;

@@ -2,11 +2,14 @@
 //! if there is one, with landmarks and the axes of the heads, and pose, confidence and states over time. All frames pass the
 //! stages, as in a run; some are drawn. Curves of the pose are those of the user whom wires show that have room for one.
 
+use std::ops::Range;
+
 use image::RgbImage;
 
 use super::album::{Album, Curve, Plot};
+use super::canvas::{self, face_lines};
+use super::error::InspectError;
 use super::learning::Learning;
-use super::{InspectError, canvas, face_lines};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
@@ -208,6 +211,112 @@ fn draw_depth(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
     picture
 }
 
+/// What is counted of a recording, frames.
+#[derive(Default)]
+struct Counts {
+    frames: usize,
+    coloured: usize,
+    heads: usize,
+    posed: usize,
+    faces: usize,
+    /// Of every user, by the code of the state.
+    in_state: [usize; TrackingState::ALL.len()],
+}
+
+impl Counts {
+    fn add(&mut self, frame: &Frame, pipeline: &Pipeline) {
+        let report = pipeline.report();
+        let posed = report.sensor_from_head.is_some();
+        self.frames += 1;
+        self.coloured += usize::from(frame.has_colour);
+        self.heads += usize::from(!pipeline.segmenter().heads().is_empty());
+        self.posed += usize::from(posed);
+        self.faces += usize::from(posed && report.landmarks.is_some());
+        for report in pipeline.reports() {
+            self.in_state[usize::from(report.state.code())] += 1;
+        }
+    }
+
+    /// States as they were counted, those that were.
+    fn states(&self) -> String {
+        let states = TrackingState::ALL.iter().zip(self.in_state);
+        let states = states.filter(|(_, count)| *count > 0);
+        let states: Vec<String> = states
+            .map(|(state, count)| format!("{} {count}", state.name()))
+            .collect();
+        states.join(", ")
+    }
+
+    fn tell(&self, album: &mut Album, skipped: &str, duration: f64) {
+        let share = |n: usize| {
+            let percent = 100.0 * n as f64 / self.frames.max(1) as f64;
+            format!("{n} ({percent:.1} %)")
+        };
+        album.fact("frames", format!("{} whole, {skipped}", self.frames));
+        album.fact("frames with colour", share(self.coloured));
+        album.fact(
+            "in depth pictures",
+            "every head with its box and the state of its user".to_owned(),
+        );
+        album.fact("duration", format!("{duration:.2} s"));
+        album.fact("frames with a head", share(self.heads));
+        album.fact("frames with a pose", share(self.posed));
+        album.fact("frames with a face", share(self.faces));
+        album.fact("states of users, frames", self.states());
+    }
+}
+
+/// Values of the curves at one frame.
+fn values(pipeline: &Pipeline) -> [Option<f64>; CURVE_NAMES.len()] {
+    let mut values = [None; CURVE_NAMES.len()];
+    let report = pipeline.report();
+    if let Some(pose) = report.sensor_from_head {
+        let t = pose.translation.vector;
+        let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
+        let turn = [yaw, pitch, roll].map(f32::to_degrees);
+        let told = t.iter().chain(&turn).chain([&report.confidence]);
+        for (value, told) in values.iter_mut().zip(told) {
+            *value = Some(f64::from(*told));
+        }
+    }
+    values[STATES - 1] = Some(pipeline.segmenter().heads().len() as f64);
+    for report in pipeline.reports() {
+        if let Some(user) = report.user {
+            values[STATES + user] = Some(f64::from(report.state.code()));
+        }
+    }
+    values
+}
+
+/// Pictures of one frame: depth, and colour if there is one.
+fn pictures(frame: &Frame, seconds: f64, pipeline: &Pipeline, album: &mut Album) {
+    let caption = format!("frame {}, {seconds:.2} s", frame.index);
+    album.pictures.push((
+        format!(
+            "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue{}",
+            if frame.has_colour { "" } else { ", no colour" }
+        ),
+        draw_depth(frame, pipeline),
+    ));
+    if !frame.has_colour {
+        return;
+    }
+    let mut picture = colour_picture(frame);
+    for report in pipeline.reports() {
+        if let Some(landmarks) = report.landmarks {
+            draw_landmarks(&mut picture, landmarks);
+        }
+        if let Some(pose) = report.sensor_from_head {
+            let camera = pipeline.camera();
+            draw_axes(&mut picture, pose, |point| camera.colour_pixel(point));
+        }
+    }
+    album.pictures.push((
+        format!("{caption}: colour, landmarks, axes of the head"),
+        picture,
+    ));
+}
+
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
@@ -224,118 +333,53 @@ pub(super) fn inspect(
     let mut learning = Learning::new(settings.learning.clone());
     let mut frame = Frame::default();
     let every = recording.len().div_ceil(SHOWN).max(1);
-    let (mut frames, mut next) = (0usize, every / 2);
-    let (mut coloured, mut heads, mut posed, mut faces) = (0usize, 0usize, 0usize, 0usize);
-    let mut in_state = [0usize; TrackingState::ALL.len()];
+    let (mut counts, mut next) = (Counts::default(), every / 2);
     while recording.next_frame(&mut frame) {
         pipeline.follow(&frame);
-        let found = pipeline.segmenter().heads().len();
+        counts.add(&frame, &pipeline);
         let report = pipeline.report();
-        let pose = report.sensor_from_head;
-        let face = report.landmarks.zip(pose);
-        let mut values = [None; CURVE_NAMES.len()];
-        if let Some(pose) = pose {
-            let t = pose.translation.vector;
-            let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
-            let turn = [yaw, pitch, roll].map(f32::to_degrees);
-            let told = t.iter().chain(&turn).chain([&report.confidence]);
-            for (value, told) in values.iter_mut().zip(told) {
-                *value = Some(f64::from(*told));
-            }
-        }
-        values[STATES - 1] = Some(found as f64);
-        for report in pipeline.reports() {
-            in_state[usize::from(report.state.code())] += 1;
-            if let Some(user) = report.user {
-                values[STATES + user] = Some(f64::from(report.state.code()));
-            }
-        }
-        frames += 1;
-        coloured += usize::from(frame.has_colour);
-        heads += usize::from(found > 0);
-        posed += usize::from(pose.is_some());
-        faces += usize::from(face.is_some());
-        learning.observe(frame.at, face);
+        learning.observe(frame.at, report.landmarks.zip(report.sensor_from_head));
         let seconds = frame.at.as_us() as f64 * 1e-6;
-        curves.add(seconds, values);
-        if frames > next {
+        curves.add(seconds, values(&pipeline));
+        if counts.frames > next {
             next += every;
-            let caption = format!("frame {}, {seconds:.2} s", frame.index);
-            album.pictures.push((
-                format!(
-                    "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue{}",
-                    if frame.has_colour { "" } else { ", no colour" }
-                ),
-                draw_depth(&frame, &pipeline),
-            ));
-            if frame.has_colour {
-                let mut picture = colour_picture(&frame);
-                for report in pipeline.reports() {
-                    if let Some(landmarks) = report.landmarks {
-                        draw_landmarks(&mut picture, landmarks);
-                    }
-                    if let Some(pose) = report.sensor_from_head {
-                        let camera = pipeline.camera();
-                        draw_axes(&mut picture, pose, |point| camera.colour_pixel(point));
-                    }
-                }
-                album.pictures.push((
-                    format!("{caption}: colour, landmarks, axes of the head"),
-                    picture,
-                ));
-            }
+            pictures(&frame, seconds, &pipeline, &mut album);
         }
     }
     let duration = match (curves.t.first(), curves.t.last()) {
         (Some(first), Some(last)) => last - first,
         _ => 0.0,
     };
-    let share = |n: usize| format!("{n} ({:.1} %)", 100.0 * n as f64 / frames.max(1) as f64);
-    album.fact(
-        "frames",
-        format!(
-            "{frames} whole, {} skipped as damaged or missing",
-            recording.skipped()
-        ),
-    );
-    album.fact("frames with colour", share(coloured));
-    album.fact(
-        "in depth pictures",
-        "every head with its box and the state of its user".to_owned(),
-    );
-    album.fact("duration", format!("{duration:.2} s"));
-    album.fact("frames with a head", share(heads));
-    album.fact("frames with a pose", share(posed));
-    album.fact("frames with a face", share(faces));
-    let states = TrackingState::ALL.iter().zip(in_state);
-    let states = states.filter(|(_, count)| *count > 0);
-    let states: Vec<String> = states
-        .map(|(state, count)| format!("{} {count}", state.name()))
-        .collect();
-    album.fact("states of users, frames", states.join(", "));
-    for (title, range, at_least) in [
-        (
-            "Position of the head, metres in the sensor frame",
-            0..3,
-            None,
-        ),
-        ("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))),
-        (
-            "Confidence of the face, or of the pose without one",
-            6..7,
-            Some((0.0, 1.0)),
-        ),
-        ("Heads found in depth", 7..8, Some((0.0, 2.0))),
-        (
-            "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
-            STATES..STATES + USERS,
-            Some((0.0, 5.0)),
-        ),
-    ] {
+    let skipped = format!("{} skipped as damaged or missing", recording.skipped());
+    counts.tell(&mut album, &skipped, duration);
+    for (title, range, at_least) in PLOTS {
         album.plots.push(curves.plot(title, range, at_least));
     }
-    if faces > 0 {
+    if counts.faces > 0 {
         learning.show(&mut album);
     }
     Ok(album)
 }
+
+/// Title, curves and least span of a plot.
+type PlotOf = (&'static str, Range<usize>, Option<(f64, f64)>);
+
+const PLOTS: [PlotOf; 5] = [
+    (
+        "Position of the head, metres in the sensor frame",
+        0..3,
+        None,
+    ),
+    ("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))),
+    (
+        "Confidence of the face, or of the pose without one",
+        6..7,
+        Some((0.0, 1.0)),
+    ),
+    ("Heads found in depth", 7..8, Some((0.0, 2.0))),
+    (
+        "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",
+        STATES..STATES + USERS,
+        Some((0.0, 5.0)),
+    ),
+];

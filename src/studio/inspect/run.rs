@@ -6,8 +6,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::InspectError;
-use super::album::{Album, Curve, Plot};
+use super::album::{Album, Curve, Plot, name_of};
+use super::error::InspectError;
+use crate::studio::csv;
 
 struct Table {
     header: Vec<String>,
@@ -18,13 +19,9 @@ struct Table {
 
 impl Table {
     fn read(path: &Path, text: &str) -> Result<Self, InspectError> {
-        let mut lines = text.lines().enumerate();
-        let header: Vec<String> = lines
-            .next()
-            .map(|(_, line)| line.split(',').map(str::to_owned).collect())
-            .unwrap_or_default();
+        let run = csv::Table::new(text);
         for needed in ["frame", "time_us"] {
-            if !header.iter().any(|name| name == needed) {
+            if run.find(needed).is_none() {
                 return Err(InspectError::NotARun {
                     path: path.into(),
                     missing: needed,
@@ -36,14 +33,13 @@ impl Table {
             rows: Vec::new(),
             states: Vec::new(),
             users: Vec::new(),
-            header,
+            header: run.columns().iter().map(|&name| name.to_owned()).collect(),
         };
-        for (number, line) in lines.filter(|(_, line)| !line.is_empty()) {
-            let cells: Vec<&str> = line.split(',').collect();
+        for csv::Row { line, cells, .. } in run.rows() {
             if cells.len() != table.header.len() {
                 return Err(InspectError::Row {
                     path: path.into(),
-                    line: number + 1,
+                    line,
                     expected: table.header.len(),
                     found: cells.len(),
                 });
@@ -54,7 +50,7 @@ impl Table {
                 }
                 cell.parse().map(Some).map_err(|_| InspectError::Cell {
                     path: path.into(),
-                    line: number + 1,
+                    line,
                     column: name.clone(),
                     found: cell.chars().take(40).collect(),
                 })
@@ -172,7 +168,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
     let table = Table::read(path, text)?;
     let mut album = Album {
-        title: format!("Run {}", super::name_of(path)),
+        title: format!("Run {}", name_of(path)),
         ..Album::default()
     };
     let time = table.column("time_us").expect("checked while reading");

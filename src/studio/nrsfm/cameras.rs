@@ -10,8 +10,7 @@
 //! Cost: one P x P eigenproblem per fill, (9K)³ per Levenberg-Marquardt step. Degenerate: if the rigid metric matrix is
 //! indefinite its eigenvalues are clamped; frames without points take their predecessor's camera.
 
-use super::em::mean_positions;
-use super::tracks::Tracks;
+use super::tracks::{Tracks, mean_positions};
 use nalgebra::{
     Cholesky, DMatrix, DVector, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3,
 };

@@ -19,7 +19,7 @@
 //! One file: the two steps of one iteration share all their terms.
 
 use super::cameras::leading;
-use super::tracks::Tracks;
+use super::tracks::{Tracks, mean_positions};
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
 
 /// Everything the EM estimates. Image units are the tracks' as given.
@@ -521,20 +521,6 @@ fn turned(start: Matrix3<f64>, scale: f64, a: &Matrix3<f64>, b: &Matrix2x3<f64>)
     let mut rotation = Rotation3::from_matrix_unchecked(rotation);
     rotation.renormalize();
     rotation.into_inner()
-}
-
-/// Mean of the seen points of each frame; zero where nothing is seen.
-pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {
-    (0..tracks.frames())
-        .map(|t| {
-            let seen: Vec<_> = (0..tracks.points())
-                .filter_map(|j| tracks.position(t, j))
-                .collect();
-            seen.iter()
-                .fold(Vector2::zeros(), |s, w| s + Vector2::from(*w))
-                / seen.len().max(1) as f64
-        })
-        .collect()
 }
 
 /// Inverse of a symmetric positive definite matrix and the logarithm of its determinant; the identity's if rounding made it

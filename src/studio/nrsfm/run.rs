@@ -1,6 +1,10 @@
 //! The command `mien-studio nrsfm`.
 
-use super::{Error, Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
+use super::align::{rigid_mean_shape, shape_error};
+use super::error::Error;
+use super::reconstruction::{Settings, nrsfm};
+use super::tracks::{Shapes, Tracks};
+use crate::studio::atomic_write;
 use std::path::Path;
 use std::time::Instant;
 
@@ -51,13 +55,9 @@ pub fn run(
     if let Some(truth) = &truth {
         print_errors(&tracks, &recovered.shapes, truth);
     }
-    std::fs::write(out, recovered.shapes.to_csv()).map_err(|source| {
-        // A partial file is worse than none; that it cannot be removed adds nothing to the error reported.
-        let _ = std::fs::remove_file(out);
-        Error::Write {
-            path: out.into(),
-            source,
-        }
+    atomic_write::write(out, recovered.shapes.to_csv()).map_err(|source| Error::Write {
+        path: out.into(),
+        source,
     })?;
     println!("wrote {}", out.display());
     Ok(())

@@ -5,7 +5,9 @@
 //! PCA. Cost: one eigenproblem of as many rows as frames.
 
 use super::align::{centred, rotation_onto};
-use super::{Error, Settings, Shapes, Tracks, nrsfm};
+use super::error::Error;
+use super::reconstruction::{Settings, nrsfm};
+use super::tracks::{Shapes, Tracks};
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.

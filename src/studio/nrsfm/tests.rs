@@ -1,7 +1,7 @@
 //! Known answers: a planted body with two modes before a turning orthographic camera.
 
 use super::*;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 const FRAMES: usize = 60;
 const POINTS: usize = 24;

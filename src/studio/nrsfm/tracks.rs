@@ -3,7 +3,8 @@
 //! No header; row `2t` holds x, row `2t + 1` holds y of frame t, one column per point; a missing point is empty or `nan` in
 //! either row. Units are the file's own. Everything is checked before use: a bad file is one sentence with the line.
 
-use super::Error;
+use super::error::Error;
+use nalgebra::Vector2;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -258,6 +259,20 @@ fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Error> {
 
 /// Coordinates beyond this are refused: their squares would spoil the sums.
 const LARGEST: f64 = 1e12;
+
+/// Mean of the seen points of each frame; zero where nothing is seen.
+pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {
+    (0..tracks.frames())
+        .map(|t| {
+            let seen: Vec<_> = (0..tracks.points())
+                .filter_map(|j| tracks.position(t, j))
+                .collect();
+            seen.iter()
+                .fold(Vector2::zeros(), |s, w| s + Vector2::from(*w))
+                / seen.len().max(1) as f64
+        })
+        .collect()
+}
 
 #[cfg(test)]
 mod tests {

@@ -2,6 +2,11 @@
 //!
 //! ```text
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
+//!
+//! osc, serial, table, sensor   the sources
+//! sample                       one user at one frame, as JSON
+//! hub                          between one source and any number of pages
+//! http                         what a page asks and gets
 //! ```
 //! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and is served on the
 //! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,

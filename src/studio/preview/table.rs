@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use super::hub::Hub;
 use super::sample::Sample;
 use crate::base::capacity::{LANDMARKS, USERS};
+use crate::studio::csv;
 use crate::studio::text_files::decoded;
 use crate::users::TrackingState;
 
@@ -59,9 +60,9 @@ impl Table {
     /// # Errors
     /// If those that are needed are missing.
     pub fn new(path: &Path, header: &str) -> Result<Self, TableError> {
-        let names: Vec<&str> = header.trim_end().split(',').map(str::trim).collect();
-        let find = |name: &str| names.iter().position(|known| *known == name);
-        let units = names.iter().enumerate();
+        let table = csv::Table::new(header);
+        let find = |name: &str| table.find(name);
+        let units = table.columns().iter().enumerate();
         let units: Vec<(String, usize)> = units
             .filter_map(|(at, name)| Some((name.strip_prefix("w_")?.to_owned(), at)))
             .collect();
@@ -81,7 +82,7 @@ impl Table {
         let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
         let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
         Ok(Self {
-            cells: names.len(),
+            cells: table.columns().len(),
             time,
             user,
             frame: find("frame"),
@@ -105,7 +106,7 @@ impl Table {
 
     /// One row; `None` if it is damaged.
     pub fn row(&mut self, line: &str) -> Option<Sample> {
-        let cells: Vec<&str> = line.trim_end().split(',').map(str::trim).collect();
+        let cells = csv::cells(line);
         if cells.len() != self.cells {
             return None;
         }

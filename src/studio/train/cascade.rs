@@ -11,7 +11,7 @@ use super::ridge::{Block, LinearMap, ridge};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
-    CascadeStage, FEATURES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
+    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
 };
 use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
@@ -170,4 +170,34 @@ pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &Sh
         })
         .sum();
     (100.0 * total / progress.len().max(1) as f64) as f32
+}
+
+/// Cold starts of samples: mean shape at the depth pose.
+#[must_use]
+pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
+    samples
+        .iter()
+        .enumerate()
+        .map(|(k, s)| Progress {
+            sample: k,
+            fit: FaceFit {
+                view: s.depth,
+                shape: [0.0; MAX_MODES],
+            },
+            anchor: s.depth,
+        })
+        .collect()
+}
+
+/// Cold and warm stages in the order of the appliance.
+pub fn fit_cold(
+    samples: &[Sample],
+    shape: &ShapeModel,
+    cold: &[CascadeStage],
+    warm: &[CascadeStage],
+) -> Vec<Progress> {
+    let mut progress = cold_starts(samples);
+    advance(samples, &mut progress, shape, cold);
+    advance(samples, &mut progress, shape, warm);
+    progress
 }

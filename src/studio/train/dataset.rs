@@ -8,6 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::base::capacity::LANDMARKS;
+use crate::studio::csv;
 
 /// Why pictures cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -112,19 +113,16 @@ fn read(path: &Path) -> Result<String, DatasetError> {
 
 fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
     let text = read(path)?;
-    let mut lines = text.lines().enumerate();
-    let header: Vec<&str> = lines
-        .next()
-        .map(|(_, line)| line.split(',').map(str::trim).collect())
-        .unwrap_or_default();
-    let column = |name: &str| header.iter().position(|&h| h == name);
+    let table = csv::Table::new(&text);
+    let column = |name: &str| table.find(name);
     let missing = |expected, found: &str| DatasetError::Malformed {
         path: path.into(),
         line: 1,
         expected,
         found: found.into(),
     };
-    let file = column("file").ok_or_else(|| missing("a column named file", &header.join(",")))?;
+    let file =
+        column("file").ok_or_else(|| missing("a column named file", &table.columns().join(",")))?;
     let mut xy = Vec::with_capacity(2 * LANDMARKS);
     for i in 0..LANDMARKS {
         for axis in ["x", "y"] {
@@ -144,19 +142,15 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
         }
     };
     let mut entries = Vec::new();
-    for (number, line) in lines {
-        if line.trim().is_empty() {
-            continue;
-        }
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+    for csv::Row { line, cells, .. } in table.rows() {
         let text = |at: Option<usize>| {
-            at.and_then(|at| fields.get(at))
+            at.and_then(|at| cells.get(at))
                 .map_or(String::new(), |s| (*s).to_owned())
         };
         let name = text(Some(file));
         let values: Vec<&str> = xy
             .iter()
-            .map(|&at| fields.get(at).copied().unwrap_or(""))
+            .map(|&at| cells.get(at).copied().unwrap_or(""))
             .collect();
         let points = if values.iter().all(|v| v.is_empty()) {
             None
@@ -169,7 +163,7 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
                     .filter(|v: &f32| v.is_finite())
                     .ok_or_else(|| DatasetError::Malformed {
                         path: path.into(),
-                        line: number + 1,
+                        line,
                         expected: "136 numbers or none",
                         found: (*value).to_owned(),
                     })?;

@@ -17,10 +17,10 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::person::Seen;
+use super::error::TrainError;
 use super::render::{Renderer, TrainingSample};
 use super::samples::{Disturbance, NEAR, TruePicture};
-use super::schedule::TrainError;
+use super::seen_face::Seen;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
 use crate::expression::measures::{self, Measure};
@@ -33,6 +33,7 @@ use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WIND
 use crate::sensor::camera::Camera;
 use crate::sensor::{Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
+use crate::studio::correlation::correlation;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::people_split::Split;
 
@@ -530,7 +531,7 @@ impl PaperAamFigures {
                 .zip(pictures)
                 .map(|(a, b)| [a[m], b.measures[m]])
                 .collect();
-            correlation(&pairs)
+            correlation(pairs) as f32
         });
         Self {
             mean: errors.iter().sum::<f32>() / n,
@@ -540,19 +541,6 @@ impl PaperAamFigures {
             correlations,
         }
     }
-}
-
-pub(super) fn correlation(pairs: &[[f32; 2]]) -> f32 {
-    let n = pairs.len().max(1) as f32;
-    let mean = [0, 1].map(|k| pairs.iter().map(|p| p[k]).sum::<f32>() / n);
-    let (mut ab, mut aa, mut bb) = (0.0, 1e-20, 1e-20);
-    for p in pairs {
-        let [a, b] = [p[0] - mean[0], p[1] - mean[1]];
-        ab += a * b;
-        aa += a * a;
-        bb += b * b;
-    }
-    ab / (aa * bb).sqrt()
 }
 
 #[cfg(test)]
@@ -602,15 +590,15 @@ mod tests {
                 pairs.push(both.map(|b| b[m]));
             }
         }
-        let follows = pairs.each_ref().map(|pairs| correlation(pairs));
+        let follows = pairs
+            .each_ref()
+            .map(|pairs| correlation(pairs.iter().copied()));
         println!(
             "left {off:.2} % of the outer-eye distance; correlation of {TOLD:?} {follows:.3?}"
         );
         assert!(off < 2.0, "{off}");
         // The jaw's drop is half a stranger's chin.
-        let least = follows
-            .iter()
-            .fold(1.0, |least: f64, r| least.min(f64::from(*r)));
+        let least = follows.iter().fold(1.0, |least: f64, r| least.min(*r));
         assert!(least > 0.65, "{follows:?}");
     }
 }

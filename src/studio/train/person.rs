@@ -9,10 +9,11 @@
 
 use std::path::Path;
 
+use super::error::TrainError;
 use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
-use super::schedule::TrainError;
+use super::seen_face::Seen;
 use crate::appliance::settings::Settings;
 use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
@@ -28,16 +29,6 @@ use crate::users::TrackingState;
 const SURE: f32 = 0.8;
 /// Pictures for appearance and, between them, for belief.
 const PICTURES: usize = 450;
-
-/// A frame that teaches.
-pub(super) struct Seen {
-    /// Its surroundings of the face, with the points.
-    pub(super) picture: TruePicture,
-    /// The points, colour pixels.
-    pub(super) points: [[f64; 2]; crate::base::capacity::LANDMARKS],
-    /// The points in the head frame.
-    pub(super) head: [crate::base::geometry::Point; crate::base::capacity::LANDMARKS],
-}
 
 /// What is learnt of the person in a recording: the bytes of the model file's section.
 ///
@@ -163,6 +154,7 @@ mod tests {
     use crate::landmarks::paper_aam::{PaperAam, PaperAamFitter, PaperAamSettings};
     use crate::sensor::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+    use crate::studio::correlation::correlation;
     use crate::studio::people_split::Split;
 
     /// Frames of the session that is learnt from, and of another one that is judged.
@@ -281,10 +273,7 @@ mod tests {
             }
         }
         let frames = pairs[0].len();
-        (
-            frames,
-            pairs.map(|pairs| super::super::paper_aam::correlation(&pairs)),
-        )
+        (frames, pairs.map(|pairs| correlation(pairs) as f32))
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! beards, glasses, hair, headwear, hands and other things in front.
 //! Half of the pictures are of the mirrored head, through the same camera, so that pose and pixels stay exactly consistent.
 //! Sample `i` of a seed is the same whatever is drawn beside it and on however many threads. Points are of the drawn head:
-//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair`).
+//! fixed places of the mesh, hidden ones included, with a flag. Limitation: hair and headwear are painted flat (`hair_and_headwear`).
 //! One file: all steps of a picture draw from one stream of random numbers, in this order.
 
 use std::ops::Range;
@@ -18,8 +18,10 @@ use fastrand::Rng;
 use nalgebra::{Translation3, Vector3};
 use rayon::prelude::*;
 
-use super::hair::{self, Picture};
-use super::wear;
+use super::beards_glasses_hands::{beard, glasses, hand};
+use super::grey_picture::Picture;
+use super::hair_and_headwear::{headwear, mane};
+use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::scheme::MIRROR;
@@ -84,6 +86,16 @@ struct Scratch {
     neutral: Vec<Point>,
     grey: Vec<f32>,
     spare: Vec<f32>,
+}
+
+/// A face in its head frame.
+struct Face {
+    /// Landmarks at rest.
+    neutral: [Point; LANDMARKS],
+    /// Landmarks with the expression.
+    points: [Point; LANDMARKS],
+    /// Of the expressions.
+    weights: Vec<f32>,
 }
 
 impl Renderer {
@@ -184,44 +196,12 @@ impl Renderer {
         let asset = &head.asset;
         let other = &self.heads[rng.usize(..self.heads.len())].asset;
         let mixed = rng.f32() < MIXED;
-        let mut weights = self.expression(asset, &mut rng);
-        // Between two people, and somewhat beyond either.
-        let share = if mixed { 1.4 * rng.f32() - 0.2 } else { 0.0 };
-        for ((p, a), b) in scratch
-            .neutral
-            .iter_mut()
-            .zip(&asset.neutral)
-            .zip(&other.neutral)
-        {
-            *p = a + (b - a) * share;
-        }
-        self.shape(asset, &mut rng, &mut scratch.neutral);
-        let mut neutral_points = asset.landmarks_on(&scratch.neutral);
+        let Face {
+            neutral,
+            points: points_head,
+            weights,
+        } = self.face(asset, mixed.then_some(other), &mut rng, scratch);
         let painter = &mut scratch.painter;
-        painter.deformed.copy_from_slice(&scratch.neutral);
-        for (expression, &weight) in asset.expressions.iter().zip(&weights) {
-            if weight != 0.0 {
-                for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
-                    painter.deformed[v as usize] += offset * weight;
-                }
-            }
-        }
-        let mut points_head = asset.landmarks_on(&painter.deformed);
-        painter.mirrored = rng.bool();
-        if painter.mirrored {
-            for p in &mut painter.deformed {
-                p.x = -p.x;
-            }
-            let flipped = |points: &[Point; LANDMARKS]| {
-                std::array::from_fn(|k| {
-                    let p = points[MIRROR[k]];
-                    Point::new(-p.x, p.y, p.z)
-                })
-            };
-            points_head = flipped(&points_head);
-            neutral_points = flipped(&neutral_points);
-            weights = self.opposite.iter().map(|&k| weights[k]).collect();
-        }
         let sensor_from_head = pose(&mut rng);
         painter.place_deformed(&sensor_from_head);
         let light = light(&mut rng);
@@ -259,56 +239,8 @@ impl Renderer {
         });
 
         backdrop(&mut rng, width, height, &mut scratch.grey);
-        let infrared = (rng.f32() < 0.15).then(|| 0.6 + 0.6 * rng.f32());
-        for (grey, (rgb, &inverse)) in scratch
-            .grey
-            .iter_mut()
-            .zip(canvas.rgb.iter().zip(&canvas.depth.inverse))
-        {
-            if inverse > 0.0 {
-                *grey = f32::from(luma_of(*rgb));
-                if let Some(red) = infrared {
-                    // In the near infrared skin is light and even, and lips hardly differ from it: as in the red channel.
-                    *grey += red * (f32::from(rgb[0]) - *grey);
-                }
-            }
-        }
-        if rng.f32() < 0.2 {
-            wear::beard(
-                &mut rng,
-                &points,
-                width,
-                height,
-                &mut scratch.grey,
-                &mut scratch.spare,
-            );
-        }
-        if rng.f32() < 0.15 {
-            wear::glasses(&mut rng, &points, width, height, &mut scratch.grey);
-        }
-        let mut picture = Picture {
-            width,
-            height,
-            grey: &mut scratch.grey,
-            visible: &mut visible,
-        };
-        if rng.f32() < 0.35 {
-            hair::mane(&mut rng, &points, &mut picture);
-        }
-        if rng.f32() < 0.15 {
-            hair::headwear(&mut rng, &points, &mut picture);
-        }
-        if rng.f32() < 0.22 {
-            let cover: Cover = if rng.f32() < 0.35 { wear::hand } else { block };
-            cover(
-                &mut rng,
-                &points,
-                width,
-                height,
-                &mut scratch.grey,
-                &mut visible,
-            );
-        }
+        grey_of(&mut rng, canvas, &mut scratch.grey);
+        wear(&mut rng, &points, [width, height], scratch, &mut visible);
         let luma = develop(
             &mut rng,
             width,
@@ -323,11 +255,68 @@ impl Renderer {
             origin,
             points,
             head: points_head,
-            neutral: neutral_points,
+            neutral,
             visible,
             sensor_from_head,
             weights,
             person: head.person,
+        }
+    }
+
+    /// A face of its own, with an expression, sometimes mirrored, in `scratch`; somewhere between two people if there is
+    /// another one.
+    fn face(
+        &self,
+        asset: &HeadAsset,
+        other: Option<&HeadAsset>,
+        rng: &mut Rng,
+        scratch: &mut Scratch,
+    ) -> Face {
+        let mut weights = self.expression(asset, rng);
+        // Between two people, and somewhat beyond either.
+        let (share, other) = match other {
+            Some(other) => (1.4 * rng.f32() - 0.2, other),
+            None => (0.0, asset),
+        };
+        for ((p, a), b) in scratch
+            .neutral
+            .iter_mut()
+            .zip(&asset.neutral)
+            .zip(&other.neutral)
+        {
+            *p = a + (b - a) * share;
+        }
+        self.shape(asset, rng, &mut scratch.neutral);
+        let mut neutral_points = asset.landmarks_on(&scratch.neutral);
+        let painter = &mut scratch.painter;
+        painter.deformed.copy_from_slice(&scratch.neutral);
+        for (expression, &weight) in asset.expressions.iter().zip(&weights) {
+            if weight != 0.0 {
+                for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
+                    painter.deformed[v as usize] += offset * weight;
+                }
+            }
+        }
+        let mut points_head = asset.landmarks_on(&painter.deformed);
+        painter.mirrored = rng.bool();
+        if painter.mirrored {
+            for p in &mut painter.deformed {
+                p.x = -p.x;
+            }
+            let flipped = |points: &[Point; LANDMARKS]| {
+                std::array::from_fn(|k| {
+                    let p = points[MIRROR[k]];
+                    Point::new(-p.x, p.y, p.z)
+                })
+            };
+            points_head = flipped(&points_head);
+            neutral_points = flipped(&neutral_points);
+            weights = self.opposite.iter().map(|&k| weights[k]).collect();
+        }
+        Face {
+            neutral: neutral_points,
+            points: points_head,
+            weights,
         }
     }
 
@@ -535,15 +524,60 @@ fn mix_skins(rng: &mut Rng, points: &[[f32; 2]; LANDMARKS], canvas: &mut Canvas,
     }
 }
 
-/// A number of mean 0 and deviation 1.
-pub(super) fn normal(rng: &mut Rng) -> f32 {
-    let sum: f32 = (0..6).map(|_| rng.f32()).sum();
-    (sum - 3.0) * std::f32::consts::SQRT_2
+/// What was drawn in colour in grey, over the backdrop; sometimes as in the near infrared.
+fn grey_of(rng: &mut Rng, canvas: &Canvas, out: &mut [f32]) {
+    let infrared = (rng.f32() < 0.15).then(|| 0.6 + 0.6 * rng.f32());
+    for (grey, (rgb, &inverse)) in out
+        .iter_mut()
+        .zip(canvas.rgb.iter().zip(&canvas.depth.inverse))
+    {
+        if inverse > 0.0 {
+            *grey = f32::from(luma_of(*rgb));
+            if let Some(red) = infrared {
+                // In the near infrared skin is light and even, and lips hardly differ from it: as in the red channel.
+                *grey += red * (f32::from(rgb[0]) - *grey);
+            }
+        }
+    }
 }
 
-/// A number in −1…1.
-pub(super) fn either(rng: &mut Rng) -> f32 {
-    2.0 * rng.f32() - 1.0
+/// Beard, glasses, hair, headwear and what is before the face, each now and then.
+fn wear(
+    rng: &mut Rng,
+    points: &[[f32; 2]; LANDMARKS],
+    [width, height]: [usize; 2],
+    scratch: &mut Scratch,
+    visible: &mut [bool; LANDMARKS],
+) {
+    if rng.f32() < 0.2 {
+        beard(
+            rng,
+            points,
+            width,
+            height,
+            &mut scratch.grey,
+            &mut scratch.spare,
+        );
+    }
+    if rng.f32() < 0.15 {
+        glasses(rng, points, width, height, &mut scratch.grey);
+    }
+    let mut picture = Picture {
+        width,
+        height,
+        grey: &mut scratch.grey,
+        visible,
+    };
+    if rng.f32() < 0.35 {
+        mane(rng, points, &mut picture);
+    }
+    if rng.f32() < 0.15 {
+        headwear(rng, points, &mut picture);
+    }
+    if rng.f32() < 0.22 {
+        let cover: Cover = if rng.f32() < 0.35 { hand } else { block };
+        cover(rng, points, width, height, &mut scratch.grey, visible);
+    }
 }
 
 fn pose(rng: &mut Rng) -> Rigid {

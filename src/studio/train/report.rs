@@ -6,10 +6,10 @@
 
 use image::RgbImage;
 
+use super::cascade::fit_cold;
 use super::evaluate::differences;
 use super::render::TrainingSample;
-use super::samples::{NEAR, TruePicture};
-use super::schedule::{disturbed, fit_cold};
+use super::samples::{NEAR, TruePicture, disturbed};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::yaw_pitch_roll;
 use crate::face_model::{FaceModel, scheme};

@@ -3,6 +3,8 @@
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
 
+use rayon::prelude::*;
+
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::{MAX_MODES, ShapeModel, scheme};
@@ -331,6 +333,28 @@ pub fn sample(
         visible: picture.visible,
         placement,
     }
+}
+
+/// `starts` disturbed starts at each picture, by the disturbances in turn.
+#[must_use]
+pub fn disturbed(
+    pictures: &[TruePicture],
+    starts: usize,
+    disturbances: &[Disturbance],
+    spoiled: bool,
+    seed: u64,
+) -> Vec<Sample> {
+    (0..pictures.len() * starts)
+        .into_par_iter()
+        .map_init(
+            || vec![0.0; WINDOW * WINDOW],
+            |window, k| {
+                let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
+                let disturbance = &disturbances[k % disturbances.len()];
+                sample(&pictures[k / starts], disturbance, spoiled, seed, window)
+            },
+        )
+        .collect()
 }
 
 #[cfg(test)]

@@ -12,29 +12,31 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::cascade::{Progress, StageSettings, advance, inner_error_percent, learn_stage};
+use super::cascade::{
+    Progress, StageSettings, advance, cold_starts, fit_cold, inner_error_percent, learn_stage,
+};
 use super::dataset::{DatasetError, read_folder};
+use super::error::TrainError;
 use super::evaluate::{Errors, differences, mean_offsets};
 use super::paper_aam::{PaperPractice, paper_aam_block};
 use super::person::learn_session;
 use super::refine::{Practice, learn_refinement};
 use super::render::{Renderer, TrainingSample};
-use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, sample};
+use super::samples::{COLD, Disturbance, Eye, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, report, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
 use crate::face_model::refinement::Refinement;
 use crate::face_model::{
-    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ModelError, ShapeModel, StandardHead, file,
+    CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
 };
-use crate::landmarks::cascade::{FaceFit, Solver};
-use crate::landmarks::window::WINDOW;
-use crate::pipeline::PipelineError;
+use crate::landmarks::cascade::Solver;
 use crate::sensor::camera::Camera;
-use crate::sensor::recording::RecordingError;
-use crate::studio::heads::HeadsError;
-use crate::studio::heads::ict::{IctError, IctHead};
-use crate::studio::nrsfm::{self, Tracks};
+use crate::simulator::virtual_head::Site;
+use crate::studio::atomic_write;
+use crate::studio::correlation::correlation;
+use crate::studio::heads::ict::IctHead;
+use crate::studio::nrsfm::Tracks;
 use crate::studio::people_split::Split;
 
 /// What to train from and where to write.
@@ -94,6 +96,15 @@ impl TrainArgs {
         split == Split::Train || (split == Split::Dev && !self.hold_out_dev)
     }
 
+    /// People who are neither trained on nor kept for later: figures are of them.
+    fn strangers(&self) -> Split {
+        if self.hold_out_dev {
+            Split::Dev
+        } else {
+            Split::Test
+        }
+    }
+
     /// So many faces drawn of the people that `keep` accepts.
     fn drawn_faces(
         &self,
@@ -110,71 +121,6 @@ impl TrainArgs {
             .filter_map(|sample| TruePicture::drawn(sample, &camera, shape));
         Ok(faces.collect())
     }
-}
-
-/// Why training cannot be done.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// The pictures.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
-    /// The head set.
-    #[error(transparent)]
-    Head(#[from] IctError),
-    /// The drawn heads.
-    #[error(transparent)]
-    Drawn(#[from] HeadsError),
-    /// The 3D shape of the paper's model.
-    #[error(transparent)]
-    Nrsfm(#[from] nrsfm::Error),
-    /// A picture of the page.
-    #[error(transparent)]
-    Picture(#[from] image::ImageError),
-    /// Too little to learn from.
-    #[error(
-        "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
-    )]
-    TooFew {
-        /// Least number.
-        expected: usize,
-        /// Number there.
-        found: usize,
-    },
-    /// A recording.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-    /// The stages that follow it.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// Too little of a face in it.
-    #[error(
-        "expected at least {expected} frames of one face that is surely found, found {found}; record for longer, near and facing the sensor"
-    )]
-    TooShort {
-        /// Least number.
-        expected: usize,
-        /// Number there.
-        found: usize,
-    },
-    /// No model.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}; expected a face model, such as config/face.model")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file cannot be written.
-    #[error("cannot write {path}: {source}; give another place with --out")]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
 }
 
 /// Pictures by what they may be used for.
@@ -224,58 +170,6 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainErro
         });
     }
     Ok(pictures)
-}
-
-/// `starts` disturbed starts at each picture, by the disturbances in turn.
-#[must_use]
-pub fn disturbed(
-    pictures: &[TruePicture],
-    starts: usize,
-    disturbances: &[Disturbance],
-    spoiled: bool,
-    seed: u64,
-) -> Vec<Sample> {
-    (0..pictures.len() * starts)
-        .into_par_iter()
-        .map_init(
-            || vec![0.0; WINDOW * WINDOW],
-            |window, k| {
-                let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-                let disturbance = &disturbances[k % disturbances.len()];
-                sample(&pictures[k / starts], disturbance, spoiled, seed, window)
-            },
-        )
-        .collect()
-}
-
-/// Cold starts of samples: mean shape at the depth pose.
-#[must_use]
-pub fn cold_starts(samples: &[Sample]) -> Vec<Progress> {
-    samples
-        .iter()
-        .enumerate()
-        .map(|(k, s)| Progress {
-            sample: k,
-            fit: FaceFit {
-                view: s.depth,
-                shape: [0.0; MAX_MODES],
-            },
-            anchor: s.depth,
-        })
-        .collect()
-}
-
-/// Cold and warm stages in the order of the appliance.
-pub fn fit_cold(
-    samples: &[Sample],
-    shape: &ShapeModel,
-    cold: &[CascadeStage],
-    warm: &[CascadeStage],
-) -> Vec<Progress> {
-    let mut progress = cold_starts(samples);
-    advance(samples, &mut progress, shape, cold);
-    advance(samples, &mut progress, shape, warm);
-    progress
 }
 
 /// Distance of neighbouring cells, window pixels, and shape modes moved by each stage. The view and the coarse shape come
@@ -342,23 +236,44 @@ fn measured(
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    std::fs::write(path, bytes).map_err(|source| TrainError::Unwritable {
+    atomic_write::write(path, bytes).map_err(|source| TrainError::Unwritable {
         path: path.to_owned(),
         source,
     })
 }
 
-/// Trains a model and writes it; `say` gets one line per step.
-///
-/// # Errors
-/// If the data cannot be read, is too little, or the result cannot be written.
-pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, TrainError> {
-    let began = Instant::now();
-    let since = |began: &Instant| format!("{:5.0} s", began.elapsed().as_secs_f32());
-    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
-    crate::studio::heads::expressions::complete(&mut ict);
-    let sites = crate::studio::heads::plain_head(&ict).landmarks;
-    let mut faces = shape::population(&ict, &sites, 6000, args.seed);
+/// What is said while it goes on, and what the page tells of it at the end.
+struct Log<'a> {
+    began: Instant,
+    say: &'a mut dyn FnMut(&str),
+    told: Vec<(String, String)>,
+}
+
+impl Log<'_> {
+    fn since(&self) -> String {
+        format!("{:5.0} s", self.began.elapsed().as_secs_f32())
+    }
+
+    /// A step that is done.
+    fn done(&mut self, what: &str) {
+        let since = self.since();
+        (self.say)(&format!("{since} {what}"));
+    }
+
+    /// A figure.
+    fn figure(&mut self, what: &str) {
+        (self.say)(&format!("  {what}"));
+    }
+}
+
+/// Shape modes of a population that looks as the portraits show people, not as the head set alone.
+fn learn_shape(
+    args: &TrainArgs,
+    ict: &IctHead,
+    sites: &[Site],
+    log: &mut Log,
+) -> Result<ShapeModel, TrainError> {
+    let mut faces = shape::population(ict, sites, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
     let modes = args.modes.min(MAX_MODES);
     let rough = shape::principal_components(&faces, &reference, modes);
@@ -375,15 +290,12 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         }
     }
     let shape = shape::principal_components(&faces, &reference, modes);
-    say(&format!(
-        "{} shape model: {} modes from {} faces",
-        since(&began),
+    log.done(&format!(
+        "shape model: {} modes from {} faces",
         shape.modes.len(),
         faces.len()
     ));
-
-    let mut told = Vec::new();
-    let strange = shape::population(&ict, &sites, 300, args.seed + 1);
+    let strange = shape::population(ict, sites, 300, args.seed + 1);
     for count in [10, 20, 30, modes] {
         let mut floor = Errors::default();
         for face in &strange {
@@ -391,16 +303,24 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             floor.add(&left_by(&shape, &face, count));
         }
         let line = floor.line();
-        say(&format!(
-            "  {count} modes leave of drawn faces, seen from the front: {line}"
+        log.figure(&format!(
+            "{count} modes leave of drawn faces, seen from the front: {line}"
         ));
-        told.push((format!("{count} modes leave of drawn faces"), line));
+        log.told
+            .push((format!("{count} modes leave of drawn faces"), line));
     }
+    Ok(shape)
+}
 
-    let mut pictures = portraits(args, &shape)?;
-    say(&format!(
-        "{} portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
-        since(&began),
+/// The portraits, with what the shape model leaves of those to test on.
+fn read_portraits(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    log: &mut Log,
+) -> Result<Pictures, TrainError> {
+    let pictures = portraits(args, shape)?;
+    log.done(&format!(
+        "portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
         pictures.train.len(),
         pictures.dev.len(),
         pictures.test.len()
@@ -408,28 +328,33 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     let mut floor = Errors::default();
     let mut solver = Solver::default();
     for picture in &pictures.test {
-        solver.project(&shape, &picture.truth);
+        solver.project(shape, &picture.truth);
         floor.add(&differences(&solver.window, &picture.points));
     }
-    say(&format!(
-        "  what the shape model leaves of the test portraits: {}",
+    log.figure(&format!(
+        "what the shape model leaves of the test portraits: {}",
         floor.line()
     ));
-    let drawn = args.drawn_faces(args.drawn, args.seed, &shape, |s| args.learns_from(s))?;
-    say(&format!("{} {} drawn faces", since(&began), drawn.len()));
+    Ok(pictures)
+}
+
+/// The stages, cold and warm, from portraits and drawn faces; the drawn ones join what is trained on.
+fn learn_stages(
+    args: &TrainArgs,
+    shape: &ShapeModel,
+    pictures: &mut Pictures,
+    log: &mut Log,
+) -> Result<[Vec<CascadeStage>; 2], TrainError> {
+    let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
+    log.done(&format!("{} drawn faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
-    let portraits_read = pictures.train.len();
     pictures.train.extend(drawn);
-    say(&format!("{} {} starts", since(&began), samples.len()));
+    log.done(&format!("{} starts", samples.len()));
 
     // People not trained on are taken along from stage to stage: what the stages are worth beyond the training people.
-    let strangers = if args.hold_out_dev {
-        Split::Dev
-    } else {
-        Split::Test
-    };
-    let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, &shape, |s| s == strangers)?;
+    let strangers = args.strangers();
+    let watched = args.drawn_faces(args.drawn / 15, args.seed + 5, shape, |s| s == strangers)?;
     let watched = disturbed(&watched, 1, &[NEAR], false, args.seed + 5);
     let mut watched_progress = cold_starts(&watched);
     let mut progress = cold_starts(&samples);
@@ -440,36 +365,91 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
             modes,
             penalty: args.penalty,
         };
-        let stage = learn_stage(&samples, &mut progress, &shape, settings);
+        let stage = learn_stage(&samples, &mut progress, shape, settings);
         let this = std::slice::from_ref(&stage);
-        advance(&watched, &mut watched_progress, &shape, this);
+        advance(&watched, &mut watched_progress, shape, this);
         let figure = format!(
             "{:.2} % on the training starts, {:.2} % on strangers (points 17–67)",
-            inner_error_percent(&samples, &progress, &shape),
-            inner_error_percent(&watched, &watched_progress, &shape)
+            inner_error_percent(&samples, &progress, shape),
+            inner_error_percent(&watched, &watched_progress, shape)
         );
-        say(&format!("{} stage {}: {figure}", since(&began), k + 1));
-        told.push((format!("after stage {}", k + 1), figure));
+        log.done(&format!("stage {}: {figure}", k + 1));
+        log.told.push((format!("after stage {}", k + 1), figure));
         if k < COLD_STAGES {
             cold.push(stage);
         } else {
             warm.push(stage);
         }
     }
-    drop(samples);
-    say(&format!(
-        "  strangers: {}",
-        measured(&watched, &watched_progress, &shape).0.line()
+    log.figure(&format!(
+        "strangers: {}",
+        measured(&watched, &watched_progress, shape).0.line()
     ));
+    Ok([cold, warm])
+}
 
-    let confidence = learn_confidence(
-        args,
-        &pictures.train[..portraits_read],
-        &shape,
-        &cold,
-        &warm,
-    )?;
-    say(&format!("{} confidence", since(&began)));
+/// Errors on portraits of people not trained on.
+fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log: &mut Log) {
+    for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
+        if pictures.is_empty() {
+            continue;
+        }
+        let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
+        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+        let (errors, all) = measured(&samples, &ends, &model.shape);
+        log.done(&format!(
+            "{name} people, portraits, cold: {}",
+            errors.line()
+        ));
+        let offsets = mean_offsets(&all);
+        let mut clean = Errors::default();
+        for d in &all {
+            clean.add(&super::evaluate::without(d, &offsets));
+        }
+        log.figure(&format!("with mean offsets taken out: {}", clean.line()));
+        log.figure(&calibration(model, &samples, &ends));
+    }
+}
+
+/// Mean offsets per landmark, of people of the same annotation who are not the test people.
+fn write_offsets(
+    args: &TrainArgs,
+    model: &FaceModel,
+    pictures: &Pictures,
+    path: &Path,
+) -> Result<(), TrainError> {
+    let samples = disturbed(
+        &pictures.train[..pictures.train.len().min(150)],
+        4,
+        &[COLD],
+        false,
+        args.seed + 13,
+    );
+    let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
+    let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
+    write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())
+}
+
+/// Trains a model and writes it; `say` gets one line per step.
+///
+/// # Errors
+/// If the data cannot be read, is too little, or the result cannot be written.
+pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, TrainError> {
+    let log = &mut Log {
+        began: Instant::now(),
+        say,
+        told: Vec::new(),
+    };
+    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
+    crate::studio::heads::expressions::complete(&mut ict);
+    let sites = crate::studio::heads::plain_head(&ict).landmarks;
+    let shape = learn_shape(args, &ict, &sites, log)?;
+    let mut pictures = read_portraits(args, &shape, log)?;
+    let portraits_read = pictures.train.len();
+    let [cold, warm] = learn_stages(args, &shape, &mut pictures, log)?;
+    let photographs = &pictures.train[..portraits_read];
+    let confidence = learn_confidence(args, photographs, &shape, &cold, &warm)?;
+    log.done("confidence");
 
     let (points, normals) = standard_head::standard_head(&ict).into_iter().unzip();
     let mut model = FaceModel {
@@ -483,82 +463,45 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         standard_head: StandardHead { points, normals },
         ..FaceModel::default()
     };
-    for (name, pictures) in [("dev", &pictures.dev), ("test", &pictures.test)] {
-        if pictures.is_empty() {
-            continue;
-        }
-        let samples = disturbed(pictures, 10, &[COLD], false, args.seed + 7);
-        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
-        let (errors, all) = measured(&samples, &ends, &model.shape);
-        say(&format!(
-            "{} {name} people, portraits, cold: {}",
-            since(&began),
-            errors.line()
-        ));
-        let offsets = mean_offsets(&all);
-        let mut clean = Errors::default();
-        for d in &all {
-            clean.add(&super::evaluate::without(d, &offsets));
-        }
-        say(&format!("  with mean offsets taken out: {}", clean.line()));
-        say(&format!("  {}", calibration(&model, &samples, &ends)));
-    }
+    tell_portraits(args, &model, &pictures, log);
+    let strangers = args.strangers();
     let renderer = Renderer::new(&args.data, |person| Split::of(person) == strangers)?;
     let drawn = renderer.samples(0..400, args.seed + 11);
-    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, say);
+    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, log.say);
     let names: Vec<String> = renderer
         .expression_names()
         .into_iter()
         .map(String::from)
         .collect();
     if let Some(path) = &args.offsets {
-        // People of the same annotation who are not the test people.
-        let samples = disturbed(
-            &pictures.train[..pictures.train.len().min(150)],
-            4,
-            &[COLD],
-            false,
-            args.seed + 13,
-        );
-        let ends = fit_cold(&samples, &model.shape, &model.cold, &model.warm);
-        let offsets = mean_offsets(&measured(&samples, &ends, &model.shape).1);
-        write(path, crate::studio::fit::emit_offsets(&offsets).as_bytes())?;
+        write_offsets(args, &model, &pictures, path)?;
     }
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write(&args.out, &file::emit(&model))?;
     if let Some(kept) = &args.paper_aam {
         model.paper_aam = kept.clone();
     } else if args.paper_pictures > 0 {
-        model.paper_aam = learn_paper(args, &model.shape, say)?.into();
+        model.paper_aam = learn_paper(args, &model.shape, log.say)?.into();
     }
     if args.drawn > 0 {
         model.refinement = learn_depth(args, &model)?;
-        say(&format!("{} what depth adds", since(&began)));
+        log.done("what depth adds");
     }
     let bytes = file::emit(&model);
-    model.id = u32::from_le_bytes([
-        bytes[bytes.len() - 4],
-        bytes[bytes.len() - 3],
-        bytes[bytes.len() - 2],
-        bytes[bytes.len() - 1],
-    ]);
+    let [.., a, b, c, d] = bytes[..] else {
+        unreachable!("a model ends with its checksum");
+    };
+    model.id = u32::from_le_bytes([a, b, c, d]);
     write(&args.out, &bytes)?;
-    told.push((
-        "model".into(),
-        format!("{} bytes, id {:08x}", bytes.len(), model.id),
-    ));
-    told.push(("time".into(), since(&began)));
+    let size = format!("{} bytes, id {:08x}", bytes.len(), model.id);
+    log.told.push(("model".into(), size.clone()));
+    log.told.push(("time".into(), log.since()));
     let page = args.out.with_extension("html");
+    let told = std::mem::take(&mut log.told);
     let album = report::page(&model, &drawn, &names, told, args.seed + 19);
     write(&page, album.html()?.as_bytes())?;
-    say(&format!("{} wrote {}", since(&began), page.display()));
-    say(&format!(
-        "{} wrote {}: {} bytes, id {:08x}",
-        since(&began),
-        args.out.display(),
-        bytes.len(),
-        model.id
-    ));
+    log.done(&format!("wrote {}", page.display()));
+    log.done(&format!("wrote {}: {size}", args.out.display()));
     Ok(model)
 }
 
@@ -720,21 +663,6 @@ fn measures(head: &[Point; LANDMARKS]) -> [(&'static str, f32); 6] {
     ]
 }
 
-fn correlation(pairs: &[(f32, f32)]) -> f32 {
-    let n = pairs.len().max(1) as f32;
-    let mean = pairs
-        .iter()
-        .fold((0.0, 0.0), |s, p| (s.0 + p.0 / n, s.1 + p.1 / n));
-    let (mut ab, mut aa, mut bb) = (0.0, 1e-20, 1e-20);
-    for p in pairs {
-        let (a, b) = (p.0 - mean.0, p.1 - mean.1);
-        ab += a * b;
-        aa += a * a;
-        bb += b * b;
-    }
-    ab / (aa * bb).sqrt()
-}
-
 /// How often a face is within 5 % where its confidence says so: share of the faces, their mean confidence, share within.
 fn calibration(model: &FaceModel, samples: &[Sample], ends: &[Progress]) -> String {
     let told: Vec<(f32, bool)> = ends
@@ -789,8 +717,8 @@ fn report_drawn(
         measured(&samples, &ends, &model.shape).0.line()
     ));
     let mean = reference_of(&model.shape);
-    let mut pairs: [Vec<(f32, f32)>; 6] = Default::default();
-    let mut floors: [Vec<(f32, f32)>; 6] = Default::default();
+    let mut pairs: [Vec<[f32; 2]>; 6] = Default::default();
+    let mut floors: [Vec<[f32; 2]>; 6] = Default::default();
     let mut names = [""; 6];
     let mut head = mean;
     for end in &ends {
@@ -805,7 +733,7 @@ fn report_drawn(
             .zip(measures(&head))
             .enumerate()
         {
-            floors[k].push((a.1, b.1));
+            floors[k].push([a.1, b.1]);
         }
         model.shape.shape(&end.fit.shape, &mut head);
         for (k, (a, b)) in measures(&truth)
@@ -813,7 +741,7 @@ fn report_drawn(
             .zip(measures(&head))
             .enumerate()
         {
-            pairs[k].push((a.1, b.1));
+            pairs[k].push([a.1, b.1]);
             names[k] = a.0;
         }
     }
@@ -823,8 +751,8 @@ fn report_drawn(
         .map(|(name, (pairs, floors))| {
             format!(
                 "{name} {:.3} of {:.3}",
-                correlation(pairs),
-                correlation(floors)
+                correlation(pairs.iter().copied()),
+                correlation(floors.iter().copied())
             )
         })
         .collect();

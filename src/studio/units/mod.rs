@@ -1,6 +1,14 @@
-//! `mien-studio units`: what is learned of units before anybody is seen: priors, readings, glances.
+//! `mien-studio units`: what is learned of units before anybody is seen, as tables for `config/units.toml`.
+//!
+//! ```text
+//! priors    rest and range of every measure, over people
+//! readings  how each unit is read from all measures together ◄─ examples ◄─ glance
+//!           gaze: where eyes look, from the same examples; smiles: real ones
+//! ```
 
-mod glances;
+mod examples;
+mod gaze;
+mod glance;
 pub mod priors;
 pub mod readings;
 mod smiles;

@@ -86,6 +86,7 @@ mod tests {
     use crate::expression::{Expression, Settings, Units};
     use crate::landmarks::Landmarks;
     use crate::simulator::virtual_head::Scene;
+    use crate::studio::correlation::correlation;
     use crate::studio::heads::expressions::complete;
     use std::path::PathBuf;
 
@@ -132,20 +133,6 @@ mod tests {
         assert!(gap > 0.3, "opening the jaw opens the lips, by {gap} w");
     }
 
-    /// Pearson's r.
-    fn correlation(pairs: &[(f64, f64)]) -> f64 {
-        let n = pairs.len() as f64;
-        let (sx, sy) = pairs.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-        let (mut xx, mut yy, mut xy) = (0.0, 0.0, 0.0);
-        for (x, y) in pairs {
-            let (dx, dy) = (x - sx / n, y - sy / n);
-            xx += dx * dx;
-            yy += dy * dy;
-            xy += dx * dy;
-        }
-        xy / (xx * yy).sqrt().max(1e-12)
-    }
-
     /// Unit, the expressions whose strongest it should follow, and the least r.
     /// AU20 and AU18 share one measure with the funnel and the rolled lips, which the head model acts as well: they are
     /// told apart no better than this.
@@ -182,7 +169,7 @@ mod tests {
 
     /// Plays two minutes of the acted scene on a random identity, with jitter on the true landmarks; for every row of
     /// [`FOLLOWS`] the pairs of truth and weight after the first 20 s.
-    fn play(head: &IctHead, person: u64) -> Vec<Vec<(f64, f64)>> {
+    fn play(head: &IctHead, person: u64) -> Vec<Vec<[f64; 2]>> {
         let mut random = fastrand::Rng::with_seed(40 + person);
         let c: Vec<f32> = head
             .identities
@@ -242,7 +229,7 @@ mod tests {
                 let truths = follows
                     .iter()
                     .filter_map(|name| Some(weights[head.expression(name)?]));
-                pairs.push((f64::from(truths.fold(0.0, f32::max)), f64::from(found)));
+                pairs.push([truths.fold(0.0, f32::max), found].map(f64::from));
             }
         }
         assert_eq!(expression.resets(), 0, "one person stays one person");
@@ -257,7 +244,7 @@ mod tests {
         for (k, (unit, follows, least)) in FOLLOWS.iter().enumerate() {
             let r = people
                 .iter()
-                .map(|pairs| correlation(&pairs[k]))
+                .map(|pairs| correlation(pairs[k].iter().copied()))
                 .sum::<f64>()
                 / PEOPLE as f64;
             println!("{unit:6} r {r:.3} with {}", follows.join(", "));

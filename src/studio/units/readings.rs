@@ -14,17 +14,22 @@ use std::path::{Path, PathBuf};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::glances::{self, Glance, looks};
+use super::examples::{Example, read, written};
+use super::gaze;
+use super::glance::{Glance, looks};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS};
-use crate::expression::readings::{input_name, input_named};
+use crate::expression::readings::input_name;
 use crate::expression::{Units, features};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
+use crate::studio::atomic_write;
+use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::{Acted, UNITS};
 use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::users::TrackingState;
@@ -79,14 +84,6 @@ impl Default for Practice {
     }
 }
 
-/// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
-#[derive(Clone)]
-pub(super) struct Example {
-    pub(super) departures: [f64; INPUTS],
-    pub(super) truth: [f64; UNITS.len()],
-    pub(super) glance: Glance,
-}
-
 /// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.
 ///
 /// # Errors
@@ -115,9 +112,9 @@ pub fn learn(
             .concat(),
     };
     if let (Some(path), None) = (&practice.examples, kept) {
-        std::fs::write(path, written(&examples)).map_err(|e| at(path, e))?;
+        atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;
     }
-    let gaze = glances::learn(&mut examples);
+    let gaze = gaze::learn(&mut examples);
     say(&gaze.say);
     let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
     say(&format!(
@@ -165,37 +162,6 @@ fn at(path: &Path, source: std::io::Error) -> SessionsError {
     }
 }
 
-/// One line for each example: departures, then truths.
-fn written(examples: &[Example]) -> String {
-    let mut text = String::new();
-    for example in examples {
-        for value in example.departures.iter().chain(&example.truth) {
-            let _ = write!(text, "{value:.4} ");
-        }
-        example.glance.write(&mut text);
-        text.push('\n');
-    }
-    text
-}
-
-/// What [`written`] wrote; lines of another length are left out.
-fn read(text: &str) -> Vec<Example> {
-    let example = |line: &str| {
-        let values: Vec<f64> = line
-            .split_whitespace()
-            .filter_map(|v| v.parse().ok())
-            .collect();
-        let (departures, rest) = values.split_at_checked(INPUTS)?;
-        let (truth, glance) = rest.split_at_checked(UNITS.len())?;
-        Some(Example {
-            departures: departures.try_into().ok()?,
-            truth: truth.try_into().ok()?,
-            glance: Glance::read(glance)?,
-        })
-    };
-    text.lines().filter_map(example).collect()
-}
-
 fn practise(
     mut head: PersonHead,
     number: usize,
@@ -223,7 +189,7 @@ fn practise(
     let mut frame = Frame::default();
     let mut examples = Vec::new();
     for index in 0..(practice.seconds * 30.0) as i64 {
-        let shown = simulator.draw(timestamp_from_ticks(index * FRAME_TICKS), &mut frame);
+        let shown = simulator.draw(frame_time(index), &mut frame);
         pipeline.follow(&frame);
         let state = pipeline.report().state;
         let followed = matches!(state, TrackingState::Warming | TrackingState::Tracking);
@@ -245,33 +211,6 @@ fn practise(
         });
     }
     Ok(examples)
-}
-
-/// The same of the other side.
-fn other_side(name: &str) -> String {
-    match (name.strip_suffix('L'), name.strip_suffix('R')) {
-        (Some(stem), _) => format!("{stem}R"),
-        (_, Some(stem)) => format!("{stem}L"),
-        _ => name.to_owned(),
-    }
-}
-
-/// Inputs that change their sign in a mirror.
-const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
-
-impl Example {
-    fn mirrored(&self) -> Self {
-        let unit = |name: &str| UNITS.iter().position(|(unit, _)| *unit == name);
-        Self {
-            departures: core::array::from_fn(|i| {
-                let name = input_name(i);
-                let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
-                sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
-            }),
-            glance: Glance::NONE,
-            truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
-        }
-    }
 }
 
 /// How the names of inputs begin, by part of the face; nose and upper lip move with what brows and lids do.
@@ -363,21 +302,10 @@ fn regress(
     }
     let pairs = examples
         .iter()
-        .map(|e| (read(e, &shares).max(0.0), e.truth[unit]));
+        .map(|e| [read(e, &shares).max(0.0), e.truth[unit]]);
     let r = correlation(pairs);
     let line = format!("full {middle:.2}, stretched by {stretch:.2}");
     (shares, r, line)
-}
-
-/// Pearson's, over all people.
-pub(super) fn correlation(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let mut n = 0.0;
-    let [mut a, mut b, mut aa, mut bb, mut ab] = [0.0; 5];
-    for (x, y) in pairs {
-        n += 1.0;
-        (a, b, aa, bb, ab) = (a + x, b + y, aa + x * x, bb + y * y, ab + x * y);
-    }
-    (ab - a * b / n) / ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt()
 }
 
 /// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.
@@ -425,7 +353,7 @@ fn feature_priors(heads: &[PersonHead]) -> String {
         );
     }
     for name in features::GAZE {
-        text.push_str(&glances::prior(name));
+        text.push_str(&gaze::prior(name));
     }
     text
 }

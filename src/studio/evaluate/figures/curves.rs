@@ -1,13 +1,15 @@
 //! Figures of numbers over time and over conditions.
 
-use super::{FiguresError, Studio};
+use super::error::FiguresError;
+use super::subjects::Studio;
 use crate::base::capacity::{LANDMARKS, USERS};
 use crate::base::geometry::yaw_pitch_roll;
 use crate::expression::units::Units;
 use crate::pipeline::Pipeline;
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
 use crate::studio::evaluate::acted::Acted;
+use crate::studio::frame_time::frame_time;
 use crate::studio::inspect::album::{Album, Curve, Plot};
 
 /// Seconds of a session in which ranges are learnt and nothing is judged.
@@ -39,7 +41,7 @@ pub(super) fn time(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(),
         let mut there = vec![Vec::new(); USERS];
         let mut frame = Frame::default();
         for n in 0..frames {
-            simulator.draw(timestamp_from_ticks(n as i64 * FRAME_TICKS), &mut frame);
+            simulator.draw(frame_time(n as i64), &mut frame);
             for (times, (_, pipeline)) in times.iter_mut().zip(&mut pipelines) {
                 let before = processor_ms();
                 pipeline.follow(&frame);
@@ -132,7 +134,7 @@ pub(super) fn weights(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<
     let mut curves: Vec<Vec<Vec<Option<f64>>>> = vec![vec![Vec::new(); 3]; SHOWN.len()];
     let mut frame = Frame::default();
     for n in 0..frames {
-        let truth = simulator.draw(timestamp_from_ticks(n as i64 * FRAME_TICKS), &mut frame);
+        let truth = simulator.draw(frame_time(n as i64), &mut frame);
         for (unit, curves) in SHOWN.iter().zip(&mut curves) {
             curves[0].push(truth.as_ref().and_then(|truth| acted.of(unit, truth)));
         }
@@ -311,7 +313,7 @@ fn play(
     // Units that both systems have.
     let units = Units::shipped().columns(true);
     for n in 0..((LEARNS_S + studio.seconds * share) * 30.0) as i64 {
-        let Some(truth) = simulator.draw(timestamp_from_ticks(n * FRAME_TICKS), &mut frame) else {
+        let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
             continue;
         };
         for (system, (_, pipeline)) in pipelines.iter_mut().enumerate() {

@@ -3,7 +3,9 @@
 use image::RgbImage;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::{FiguresError, Studio, title};
+use super::error::FiguresError;
+use super::pictures::title;
+use super::subjects::Studio;
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::COLOUR_FOCAL_PX;
 use crate::studio::bake::benchmark::Truth;

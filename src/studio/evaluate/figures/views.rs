@@ -2,11 +2,14 @@
 
 use image::RgbImage;
 
-use super::{FiguresError, Studio, crop, draw_points, title};
+use super::error::FiguresError;
+use super::pictures::{crop, draw_points, title};
+use super::subjects::Studio;
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Held, Look, Scene, Simulator};
 use crate::studio::bake::render::sheet;
+use crate::studio::frame_time::frame_time;
 use crate::studio::inspect::draw_axes;
 
 /// Half of what is shown of a picture, colour pixels.
@@ -26,7 +29,7 @@ pub(super) fn hand(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(),
     let mut frame = Frame::default();
     let last = (SHOWN_S[SHOWN_S.len() - 1] * 30.0) as i64;
     for n in 0..=last {
-        let Some(truth) = simulator.draw(timestamp_from_ticks(n * FRAME_TICKS), &mut frame) else {
+        let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
             continue;
         };
         let shown = SHOWN_S.iter().find(|s| (**s * 30.0) as i64 == n);
@@ -76,7 +79,7 @@ pub(super) fn poses(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<()
             let [yaw, pitch] = [yaw, pitch].map(|angle: f32| (angle * share).to_radians());
             let turn = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0);
             let pose = Rigid::from_parts(nalgebra::Translation3::new(0.0, -0.02, 0.7), turn);
-            let at = timestamp_from_ticks(n as i64 * FRAME_TICKS);
+            let at = frame_time(n as i64);
             truth = Some(simulator.draw_pose(&pose, &[], at, &mut frame));
             for (_, pipeline) in &mut pipelines {
                 pipeline.follow(&frame);

@@ -3,7 +3,7 @@
 //! Errors are mean absolute ones over the mouth's units, from the frame in which the hand touches the face to the one in which it leaves.
 //! Holding is what was last reported while the hand was still below the chin.
 
-use super::{Cast, at};
+use super::cast::{Cast, at};
 use crate::expression::units::Units;
 use crate::pipeline::PipelineError;
 use crate::sensor::Frame;

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::at;
+use super::cast::at;
 use super::measure::{Film, pose_errors};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{HEIGHT, WIDTH};

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::{Calibration, Errors};
+use super::tallies::{Calibration, Errors};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
 use crate::base::frames::SensorFromHead;
@@ -18,10 +18,11 @@ use crate::landmarks::{LandmarkFitter, Landmarks, Settings as FitSettings};
 use crate::pipeline::PipelineError;
 use crate::pose::{HeadPose, PoseTracker};
 use crate::segment::Segmenter;
+use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_of};
+use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
@@ -261,7 +262,7 @@ impl<'a> Player<'a> {
         // Every person in other acts.
         let first = 90 + (self.person as i64 * 151) % 1200;
         for index in 0..(self.seconds * 30.0) as i64 {
-            let at = timestamp_from_ticks((first + index) * FRAME_TICKS);
+            let at = frame_time(first + index);
             let Some(truth) = self.simulator.draw(at, &mut self.frame) else {
                 continue;
             };
@@ -397,7 +398,7 @@ impl<'a> Player<'a> {
         let mut weights = vec![0.0; count];
         let mut chosen = [0; 2];
         for index in 0..(self.seconds * 18.0) as i64 {
-            let at = timestamp_from_ticks((3000 + index) * FRAME_TICKS);
+            let at = frame_time(3000 + index);
             let t = index as f32 / 30.0;
             if index % 30 == 0 {
                 chosen = [(); 2].map(|()| self.random.usize(..count));
@@ -442,7 +443,7 @@ impl<'a> Player<'a> {
         let mut places: Vec<[[f32; 2]; LANDMARKS]> = Vec::new();
         let mut eye = 1.0;
         for index in 0..60 {
-            let at = timestamp_from_ticks((6000 + index) * FRAME_TICKS);
+            let at = frame_time(6000 + index);
             let truth = self
                 .simulator
                 .draw_pose(&pose, &weights, at, &mut self.frame);

@@ -8,115 +8,23 @@ use std::fmt::Write;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::readings::{Example, correlation};
+use super::examples::Example;
+use super::glance::Seen;
 use crate::base::capacity::{LEARNT_MEASURES, LENGTHS};
-use crate::base::geometry::{Rigid, Vector};
 use crate::expression::features;
-use crate::landmarks::eyes::{CELLS, Eyes};
-use crate::simulator::virtual_head::{HeadAsset, Truth};
+use crate::landmarks::eyes::CELLS;
+use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::UNITS;
 
 /// Penalty of the regression, in examples of unit contrast.
 const PENALTY: f64 = 300.0;
 /// Lids closed further than this hide the iris, truth of AU43.
 const CLOSED: f64 = 0.3;
-/// Where the numbers of a [`Glance`] are: who, where to, the head's turn, the right eye, the left.
-const WHO: usize = 0;
-const LOOKS: usize = 1;
-const AHEAD: usize = 3;
-const EYES: usize = 5;
-const NUMBERS: usize = EYES + 2 * CELLS;
-
-/// The eyes in one frame.
-#[derive(Clone)]
-pub(super) struct Glance(Vec<f32>);
 
 /// What was learnt: lines for `config/units.toml`, and what to say of it.
 pub(super) struct Learnt {
     pub text: String,
     pub say: String,
-}
-
-impl Glance {
-    /// Nothing seen.
-    pub(super) const NONE: Self = Self(Vec::new());
-
-    /// A person's eyes at a pose, looking so far to the left and up.
-    pub(super) fn at(
-        who: usize,
-        eyes: Option<Eyes>,
-        pose: Option<&Rigid>,
-        looks: [f64; 2],
-    ) -> Self {
-        let (Some(eyes), Some(pose)) = (eyes, pose) else {
-            return Self::NONE;
-        };
-        let ahead = pose.rotation * Vector::z();
-        let mut numbers = vec![
-            who as f32,
-            looks[0] as f32,
-            looks[1] as f32,
-            ahead.x,
-            ahead.y,
-        ];
-        numbers.extend(eyes.iter().flatten());
-        Self(numbers)
-    }
-
-    pub(super) fn write(&self, text: &mut String) {
-        for number in &self.0 {
-            let _ = write!(text, "{number:.4} ");
-        }
-    }
-
-    /// What [`Self::write`] wrote.
-    pub(super) fn read(numbers: &[f64]) -> Option<Self> {
-        let whole = numbers.is_empty() || numbers.len() == NUMBERS;
-        whole.then(|| Self(numbers.iter().map(|&v| v as f32).collect()))
-    }
-
-    /// What tells of the direction across (0) or up (1), and that direction; `at` is the example's place.
-    fn seen(&self, at: usize, axis: usize) -> Option<Seen> {
-        let who = *self.0.get(WHO)? as usize;
-        let (right, left) = self.0[EYES..].split_at(CELLS);
-        let sign = if axis == 0 { -1.0 } else { 1.0 };
-        let cells = left.iter().zip(right).map(|(l, r)| l + sign * r);
-        let turn = self.0[AHEAD + axis];
-        Some(Seen {
-            at,
-            who,
-            row: cells.chain([turn]).map(f64::from).collect(),
-            looks: f64::from(self.0[LOOKS + axis]),
-        })
-    }
-}
-
-/// One direction of one [`Glance`].
-struct Seen {
-    /// Which example.
-    at: usize,
-    who: usize,
-    /// Cells, and the turn of the head.
-    row: Vec<f64>,
-    looks: f64,
-}
-
-/// Reads the true direction of a head's eyes.
-pub(super) fn looks(asset: &HeadAsset) -> impl Fn(&Truth) -> [f64; 2] + use<> {
-    let pairs = [
-        ["eyeLookOut_L", "eyeLookIn_L"],
-        ["eyeLookUp_L", "eyeLookDown_L"],
-    ]
-    .map(|pair| pair.map(|name| asset.expression(name)));
-    move |shown| {
-        pairs.map(|pair| {
-            let [there, back] = pair.map(|at| {
-                let weight = at.and_then(|k| shown.activations.get(k));
-                f64::from(weight.copied().unwrap_or(0.0))
-            });
-            there - back
-        })
-    }
 }
 
 /// What is assumed of a direction: people look ahead, and look about.
@@ -140,7 +48,7 @@ pub(super) fn learn(examples: &mut [Example]) -> Learnt {
         centre(&mut seen);
         let weights = regress(&seen);
         let read: Vec<f64> = seen.iter().map(|s| dot(&s.row, &weights)).collect();
-        let r = correlation(read.iter().copied().zip(seen.iter().map(|s| s.looks)));
+        let r = correlation(read.iter().zip(&seen).map(|(read, s)| [*read, s.looks]));
         let _ = write!(say, " {name} r {r:.3} of {}", seen.len());
         for (seen, read) in seen.iter().zip(&read) {
             examples[seen.at].departures[LEARNT_MEASURES + LENGTHS + axis] = *read;
@@ -215,6 +123,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::base::capacity::INPUTS;
+    use crate::base::geometry::Rigid;
+    use crate::landmarks::eyes::Eyes;
+    use crate::studio::units::glance::{Glance, LOOKS};
 
     #[test]
     fn a_planted_map_is_learnt_over_people_who_rest_differently_and_blink() {
@@ -261,7 +172,7 @@ mod tests {
         for axis in 0..2 {
             let pairs = examples.iter().filter(open).map(|e| {
                 let looks = f64::from(e.glance.0[LOOKS + axis]);
-                (e.departures[LEARNT_MEASURES + LENGTHS + axis], looks)
+                [e.departures[LEARNT_MEASURES + LENGTHS + axis], looks]
             });
             let r = correlation(pairs);
             assert!(r > 0.9, "axis {axis}: {r}");

@@ -5,10 +5,9 @@
 
 use fastrand::Rng;
 
-use super::render::{either, normal};
+use super::grey_picture::{Points, inside};
+use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
-
-type Points = [[f32; 2]; LANDMARKS];
 
 fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).hypot(a[1] - b[1])
@@ -17,18 +16,6 @@ fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
 /// Width of the face, pixels.
 fn face_width(points: &Points) -> f32 {
     distance(points[36], points[45]).max(4.0) * 1.55
-}
-
-/// Whether a place lies in a polygon (crossing number).
-pub(super) fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
-    let mut within = false;
-    for (k, a) in polygon.iter().enumerate() {
-        let b = polygon[(k + 1) % polygon.len()];
-        if (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) {
-            within = !within;
-        }
-    }
-    within
 }
 
 /// A beard or stubble between jaw and lips, sometimes only on the upper lip or on the chin, sometimes well below the jaw.

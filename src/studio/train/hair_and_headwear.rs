@@ -2,39 +2,12 @@
 //! masks; drawn over the grey picture.
 //!
 //! Drawn from the projected landmarks, so all of it turns and grows with the face; seeded by the caller. Pixels, grey levels.
-//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `wear`.
+//! Points under it are marked hidden. Limitation: flat, without parallax or shadow, as in `beards_glasses_hands`.
 
 use fastrand::Rng;
 
-use super::render::either;
-use super::wear::inside;
-use crate::base::capacity::LANDMARKS;
-
-type Points = [[f32; 2]; LANDMARKS];
-
-/// The grey picture, and which landmarks are still seen.
-pub(super) struct Picture<'a> {
-    pub width: usize,
-    pub height: usize,
-    pub grey: &'a mut [f32],
-    pub visible: &'a mut [bool; LANDMARKS],
-}
-
-impl Picture<'_> {
-    /// Paints a region: `shade` gives a place's grey, none outside.
-    fn paint(&mut self, points: &Points, shade: impl Fn(f32, f32) -> Option<f32>) {
-        for row in 0..self.height {
-            for column in 0..self.width {
-                if let Some(grey) = shade(column as f32, row as f32) {
-                    self.grey[row * self.width + column] = grey;
-                }
-            }
-        }
-        for (point, visible) in points.iter().zip(self.visible.iter_mut()) {
-            *visible &= shade(point[0], point[1]).is_none();
-        }
-    }
-}
+use super::grey_picture::{Picture, Points, inside};
+use super::random::either;
 
 /// Axes of a face in the picture: origin between the brows, `right` towards point 16, `down` towards the chin; `size` is
 /// the height from there to the chin, which yaw leaves alone.
@@ -228,95 +201,140 @@ fn fringe(rng: &mut Rng, strands: &Strands, points: &Points, picture: &mut Pictu
     });
 }
 
+/// Cloth of one grey with a weave.
+struct Cloth {
+    base: f32,
+    /// Depth, and how often it repeats across and down.
+    knit: [f32; 3],
+}
+
+impl Cloth {
+    fn new(rng: &mut Rng) -> Self {
+        Self {
+            base: 8.0 + 230.0 * rng.f32() * rng.f32().sqrt(),
+            knit: [
+                0.25 * rng.f32(),
+                20.0 + 60.0 * rng.f32(),
+                20.0 + 60.0 * rng.f32(),
+            ],
+        }
+    }
+
+    fn grey(&self, [u, v]: [f32; 2]) -> f32 {
+        let weave = (u * self.knit[1]).sin() * (v * self.knit[2]).sin();
+        (self.base * (1.0 + self.knit[0] * weave)).clamp(0.0, 255.0)
+    }
+}
+
+/// Whose head something is put on, and what it is made of.
+struct Worn {
+    frame: Frame,
+    /// The landmarks in the frame.
+    local: Points,
+    cloth: Cloth,
+}
+
+impl Worn {
+    /// Across of the jaw's two ends.
+    fn sides(&self) -> [f32; 2] {
+        [self.local[0][0], self.local[16][0]]
+    }
+}
+
 /// A cap, a hood, headphones, a scarf or a mask.
 pub(super) fn headwear(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let frame = Frame::of(points);
-    let local = frame.locals(points);
-    let cloth = 8.0 + 230.0 * rng.f32() * rng.f32().sqrt();
-    let knit = [
-        0.25 * rng.f32(),
-        20.0 + 60.0 * rng.f32(),
-        20.0 + 60.0 * rng.f32(),
-    ];
-    let grey = |[u, v]: [f32; 2]| {
-        let weave = (u * knit[1]).sin() * (v * knit[2]).sin();
-        (cloth * (1.0 + knit[0] * weave)).clamp(0.0, 255.0)
+    let worn = Worn {
+        local: frame.locals(points),
+        frame,
+        cloth: Cloth::new(rng),
     };
-    let (left, right) = (local[0][0], local[16][0]);
-    match rng.u8(..8) {
-        0 | 1 => {
-            // A cap or a band; its brim shades the eyes.
-            let edge = -0.25 + 0.27 * rng.f32();
-            let (arch, dark) = (0.5 * rng.f32(), 0.9 * rng.f32());
-            let low = |u: f32| edge + arch * u * u;
-            for row in 0..picture.height {
-                for column in 0..picture.width {
-                    let [u, v] = frame.local(column as f32, row as f32);
-                    let below = v - low(u);
-                    if (0.0..0.3).contains(&below) {
-                        picture.grey[row * picture.width + column] *=
-                            1.0 - dark * (1.0 - below / 0.3);
-                    }
-                }
+    let put_on = match rng.u8(..8) {
+        0 | 1 => cap,
+        2 => hood,
+        3 | 4 => headphones,
+        _ => scarf,
+    };
+    put_on(rng, &worn, points, picture);
+}
+
+/// A cap or a band; its brim shades the eyes.
+fn cap(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
+    let [left, right] = worn.sides();
+    let edge = -0.25 + 0.27 * rng.f32();
+    let (arch, dark) = (0.5 * rng.f32(), 0.9 * rng.f32());
+    let low = |u: f32| edge + arch * u * u;
+    for row in 0..picture.height {
+        for column in 0..picture.width {
+            let [u, v] = worn.frame.local(column as f32, row as f32);
+            let below = v - low(u);
+            if (0.0..0.3).contains(&below) {
+                picture.grey[row * picture.width + column] *= 1.0 - dark * (1.0 - below / 0.3);
             }
-            picture.paint(points, |x, y| {
-                let [u, v] = frame.local(x, y);
-                let top = crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.8);
-                let on = u > left - 0.08 && u < right + 0.08 && v < low(u) && v > top;
-                on.then(|| grey([u, v]))
-            });
-        }
-        2 => {
-            // A hood: all that is outside an oval.
-            let middle = 0.5 * (left + right);
-            let half = [
-                0.5 * (right - left) + 0.12 * rng.f32() - 0.04,
-                0.75 + 0.3 * rng.f32(),
-            ];
-            picture.paint(points, |x, y| {
-                let [u, v] = frame.local(x, y);
-                let [a, b] = [(u - middle) / half[0], (v - 0.35) / half[1]];
-                let within = a.abs().powf(2.5) + b.abs().powf(2.5) < 1.0;
-                let cloth = (u - middle).abs() < half[0] + 0.35
-                    && v > crown(u, middle, half[0] + 0.35, -0.9);
-                (!within && cloth).then(|| grey([u, v]))
-            });
-        }
-        3 | 4 => {
-            // Headphones: cups over the ears, a band over the head.
-            let cup = [0.08 + 0.1 * rng.f32(), 0.16 + 0.14 * rng.f32()];
-            let at = [local[0][1] - 0.05, local[16][1] - 0.05];
-            let out = 0.1 * rng.f32() - 0.03;
-            let band = 0.03 + 0.05 * rng.f32();
-            let high = -(0.5 + 0.25 * rng.f32());
-            picture.paint(points, |x, y| {
-                let [u, v] = frame.local(x, y);
-                let over = |centre: f32, y: f32| {
-                    ((u - centre) / cup[0]).powi(2) + ((v - y) / cup[1]).powi(2) < 1.0
-                };
-                let t = 2.0 * (u - left) / (right - left) - 1.0;
-                let arc = high + (at[0].min(at[1]) - high) * t.powi(4);
-                let on = over(left - out, at[0])
-                    || over(right + out, at[1])
-                    || (t.abs() < 1.1 && (v - arc).abs() < band);
-                on.then(|| grey([u, v]))
-            });
-        }
-        _ => {
-            // A scarf or collar up to the chin, or a mask up to the nose.
-            let mask = rng.f32() < 0.35;
-            let high = if mask {
-                local[29][1] + 0.1 * either(rng)
-            } else {
-                local[8][1] - 0.18 * rng.f32()
-            };
-            let (tilt, wide) = (0.1 * either(rng), if mask { 0.02 } else { 0.2 * rng.f32() });
-            picture.paint(points, |x, y| {
-                let [u, v] = frame.local(x, y);
-                let end = if mask { local[8][1] + 0.06 } else { 9.0 };
-                let on = u > left - wide && u < right + wide && v > high + tilt * u && v < end;
-                on.then(|| grey([u, v]))
-            });
         }
     }
+    picture.paint(points, |x, y| {
+        let [u, v] = worn.frame.local(x, y);
+        let top = crown(u, 0.5 * (left + right), 0.5 * (right - left) + 0.1, -0.8);
+        let on = u > left - 0.08 && u < right + 0.08 && v < low(u) && v > top;
+        on.then(|| worn.cloth.grey([u, v]))
+    });
+}
+
+/// A hood: all that is outside an oval.
+fn hood(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
+    let [left, right] = worn.sides();
+    let middle = 0.5 * (left + right);
+    let half = [
+        0.5 * (right - left) + 0.12 * rng.f32() - 0.04,
+        0.75 + 0.3 * rng.f32(),
+    ];
+    picture.paint(points, |x, y| {
+        let [u, v] = worn.frame.local(x, y);
+        let [a, b] = [(u - middle) / half[0], (v - 0.35) / half[1]];
+        let within = a.abs().powf(2.5) + b.abs().powf(2.5) < 1.0;
+        let cloth =
+            (u - middle).abs() < half[0] + 0.35 && v > crown(u, middle, half[0] + 0.35, -0.9);
+        (!within && cloth).then(|| worn.cloth.grey([u, v]))
+    });
+}
+
+/// Headphones: cups over the ears, a band over the head.
+fn headphones(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
+    let [left, right] = worn.sides();
+    let cup = [0.08 + 0.1 * rng.f32(), 0.16 + 0.14 * rng.f32()];
+    let at = [worn.local[0][1] - 0.05, worn.local[16][1] - 0.05];
+    let out = 0.1 * rng.f32() - 0.03;
+    let band = 0.03 + 0.05 * rng.f32();
+    let high = -(0.5 + 0.25 * rng.f32());
+    picture.paint(points, |x, y| {
+        let [u, v] = worn.frame.local(x, y);
+        let over = |centre: f32, y: f32| {
+            ((u - centre) / cup[0]).powi(2) + ((v - y) / cup[1]).powi(2) < 1.0
+        };
+        let t = 2.0 * (u - left) / (right - left) - 1.0;
+        let arc = high + (at[0].min(at[1]) - high) * t.powi(4);
+        let on = over(left - out, at[0])
+            || over(right + out, at[1])
+            || (t.abs() < 1.1 && (v - arc).abs() < band);
+        on.then(|| worn.cloth.grey([u, v]))
+    });
+}
+
+/// A scarf or collar up to the chin, or a mask up to the nose.
+fn scarf(rng: &mut Rng, worn: &Worn, points: &Points, picture: &mut Picture) {
+    let [left, right] = worn.sides();
+    let mask = rng.f32() < 0.35;
+    let high = if mask {
+        worn.local[29][1] + 0.1 * either(rng)
+    } else {
+        worn.local[8][1] - 0.18 * rng.f32()
+    };
+    let (tilt, wide) = (0.1 * either(rng), if mask { 0.02 } else { 0.2 * rng.f32() });
+    picture.paint(points, |x, y| {
+        let [u, v] = worn.frame.local(x, y);
+        let end = if mask { worn.local[8][1] + 0.06 } else { 9.0 };
+        let on = u > left - wide && u < right + wide && v > high + tilt * u && v < end;
+        on.then(|| worn.cloth.grey([u, v]))
+    });
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::Errors;
+use super::tallies::Errors;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{FaceModel, scheme};
 use crate::landmarks::window::Picture;

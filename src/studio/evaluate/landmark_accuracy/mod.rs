@@ -1,5 +1,11 @@
 //! The face model against its bars: one table of landmark errors on people, poses and light it has never seen.
 //!
+//! ```text
+//! drawn    held-out people before the simulated sensor, under every condition
+//! stills   photographs and a video
+//! tallies  errors, and how far confidence is right
+//! ```
+//!
 //! `drawn`: held-out people (portrait and head shape) acted before the simulated sensor and found by its depth, as in
 //! [`super::sessions`], but only as far as the landmarks: tracked, from a cold start, beyond the common angles, with a
 //! fifth of the points covered, in a quarter of the light, under a lamp that goes round, still, and from wrong starts.
@@ -9,57 +15,14 @@
 
 mod drawn;
 mod stills;
+mod tallies;
 
-use std::fmt::{self, Display, Write as _};
 use std::path::Path;
 
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::studio::evaluate::sessions::{Sessions, SessionsError, Spread};
-
-/// Faces or points by what they said of themselves.
-#[derive(Clone, Copy, Debug, Default)]
-struct Told {
-    count: usize,
-    confidence: f64,
-    good: usize,
-}
-
-/// How often what is believed is within 5 %, by confidence in fifths.
-#[derive(Clone, Copy, Debug, Default)]
-struct Calibration([Told; 5]);
-
-impl Calibration {
-    fn add(&mut self, confidence: f32, good: bool) {
-        let bin = &mut self.0[((confidence * 5.0) as usize).min(4)];
-        bin.count += 1;
-        bin.confidence += f64::from(confidence);
-        bin.good += usize::from(good);
-    }
-
-    fn merge(&mut self, other: &Self) {
-        for (a, b) in self.0.iter_mut().zip(&other.0) {
-            a.count += b.count;
-            a.confidence += b.confidence;
-            a.good += b.good;
-        }
-    }
-}
-
-impl Display for Calibration {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = String::new();
-        for told in self.0.iter().filter(|told| told.count > 0) {
-            let n = told.count as f64;
-            let (said, was) = (told.confidence / n, told.good as f64 / n);
-            let _ = write!(line, "{said:.2} → {was:.2} ({}); ", told.count);
-        }
-        f.write_str(line.trim_end_matches("; "))
-    }
-}
-
-/// Errors (per cent) under one condition.
-type Errors = Vec<f64>;
+use tallies::Errors;
 
 /// Measures and makes the table; `say` gets it row by row.
 ///

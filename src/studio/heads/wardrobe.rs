@@ -11,10 +11,10 @@ use std::collections::HashMap;
 use nalgebra::{Point3, Vector3};
 
 use super::fit::PortraitFit;
-use super::tps::ThinPlate;
+use super::thin_plate_spline::ThinPlate;
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
-use crate::studio::heads::ict::{IctHead, part};
+use crate::studio::heads::ict::{IctHead, part, part_of};
 
 /// Facing (cosine) from which the photograph begins to count, and from which it counts fully.
 const FACING: [f32; 2] = [0.22, 0.55];
@@ -150,7 +150,7 @@ impl Wardrobe {
             .map(|v| {
                 let [x, y] = bent[v];
                 let inside = x > 3.0 && y > 3.0 && x < right && y < bottom;
-                let drawn = matches!(super::part_of(v), Some(Part::Skin | Part::Eye));
+                let drawn = matches!(part_of(v), Some(Part::Skin | Part::Eye));
                 if !inside || !drawn {
                     return 0.0;
                 }
@@ -160,7 +160,7 @@ impl Wardrobe {
                 }
                 let facing = -(fit.rotation * normals[v].normalize()).z;
                 let outline = !part::NARROW_FACE.contains(&v) || facing < 0.7;
-                if outline && super::part_of(v) == Some(Part::Skin) {
+                if outline && part_of(v) == Some(Part::Skin) {
                     let c = photograph.at(x, y);
                     let distance = (0..3)
                         .map(|k| (c[k] - backdrop[k]).powi(2))
@@ -170,7 +170,7 @@ impl Wardrobe {
                         return f32::NEG_INFINITY;
                     }
                 }
-                if super::part_of(v) == Some(Part::Eye) {
+                if part_of(v) == Some(Part::Eye) {
                     1.0
                 } else {
                     smooth(facing, FACING)
@@ -194,7 +194,7 @@ impl Wardrobe {
             let before = share.clone();
             for v in 0..n {
                 let around = &self.neighbours[v];
-                if !around.is_empty() && before[v] > 0.0 && super::part_of(v) == Some(Part::Skin) {
+                if !around.is_empty() && before[v] > 0.0 && part_of(v) == Some(Part::Skin) {
                     let mean = around.iter().map(|&k| before[k as usize]).sum::<f32>()
                         / around.len() as f32;
                     share[v] = before[v].min(mean + 0.12);
@@ -216,7 +216,7 @@ impl Wardrobe {
         }
         let skin = skin.map(|s| s / f32::max(count, 1.0));
         let mut colour: Vec<[f32; 3]> = (0..share.len())
-            .map(|v| match super::part_of(v) {
+            .map(|v| match part_of(v) {
                 Some(Part::Skin | Part::Eye) => {
                     [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k]))
                 }
@@ -224,9 +224,7 @@ impl Wardrobe {
             })
             .collect();
         let spread: Vec<usize> = (0..share.len())
-            .filter(|&v| {
-                share[v] < 0.98 && matches!(super::part_of(v), Some(Part::Skin | Part::Eye))
-            })
+            .filter(|&v| share[v] < 0.98 && matches!(part_of(v), Some(Part::Skin | Part::Eye)))
             .collect();
         for sweep in 0..SWEEPS {
             // There and back, so that colours travel as fast both ways through the numbering.

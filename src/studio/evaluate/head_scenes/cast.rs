@@ -1,0 +1,266 @@
+//! Who plays in the scenes, before which pipeline, and how each scene is played.
+
+use std::path::Path;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::measure::Film;
+use crate::appliance::settings::Settings;
+use crate::base::geometry::{Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::time::Timestamp;
+use crate::face_model::FaceModel;
+use crate::pipeline::{
+    FIRST_LOOK, FIRST_LOOK_APART, Pipeline, PipelineError, SECOND_LOOK, SECOND_LOOK_APART, Stage,
+};
+use crate::pose::PoseTracker;
+use crate::segment::Segmenter;
+use crate::sensor::camera::Camera;
+use crate::sensor::{Frame, colour};
+use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
+use crate::studio::frame_time::frame_time;
+use crate::studio::heads::PersonHead;
+use crate::users::likeness::Likeness;
+
+/// Frames after which a newcomer is compared with those who left, and the distance up to which heads are one.
+const LOOKS: [(usize, f32); 2] = [
+    (FIRST_LOOK as usize, FIRST_LOOK_APART),
+    (SECOND_LOOK as usize, SECOND_LOOK_APART),
+];
+/// Equal pipelines of which the fastest is timed.
+const TIMED: usize = 3;
+
+pub(super) fn at(frame: usize) -> Timestamp {
+    frame_time(frame as i64)
+}
+
+/// Who plays, and before which pipeline.
+pub(super) struct Cast<'a> {
+    pub(super) heads: Vec<PersonHead>,
+    pub(super) model: &'a FaceModel,
+    pub(super) settings: &'a Settings,
+    pub(super) frames: usize,
+    pub(super) seed: u64,
+}
+
+impl Cast<'_> {
+    pub(super) fn asset(&self, k: usize) -> HeadAsset {
+        self.heads[k % self.heads.len()].asset.clone()
+    }
+
+    pub(super) fn simulator(&self, scene: Scene, k: usize) -> Simulator {
+        let others = [1, 2].map(|next| self.asset(k + next));
+        Simulator::new(self.asset(k), scene, self.seed ^ (k as u64 + 1) << 8).joined_by(others)
+    }
+
+    pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
+        Pipeline::new(
+            &self.settings.stages(),
+            simulator.camera().registration(),
+            self.model,
+        )
+    }
+
+    /// A scene with the cast that begins with person `k`.
+    pub(super) fn film(
+        &self,
+        scene: Scene,
+        k: usize,
+        frames: usize,
+    ) -> Result<Film, PipelineError> {
+        let mut simulator = self.simulator(scene, k);
+        let mut pipeline = self.pipeline(&simulator)?;
+        let (mut frame, mut film) = (Frame::default(), Film::default());
+        for n in 0..frames {
+            simulator.draw(at(n), &mut frame);
+            pipeline.follow(&frame);
+            let truths: Vec<_> = simulator.truths().collect();
+            film.add(&truths, &pipeline);
+        }
+        Ok(film)
+    }
+
+    pub(super) fn films(&self, scene: Scene, frames: usize) -> Result<Vec<Film>, PipelineError> {
+        (0..self.heads.len())
+            .into_par_iter()
+            .map(|k| self.film(scene, k, frames))
+            .collect()
+    }
+
+    /// `acted`, from 0.5 to 1.2 m.
+    pub(super) fn near_and_far(&self, k: usize) -> Result<Film, PipelineError> {
+        let mut simulator = self.simulator(Scene::Acted, k);
+        let mut pipeline = self.pipeline(&simulator)?;
+        let (mut frame, mut film) = (Frame::default(), Film::default());
+        let asset = self.asset(k);
+        for n in 0..self.frames {
+            let mut weights = vec![0.0f32; asset.expressions.len()];
+            let t = (at(n).as_us() as f64 * 1e-6) as f32;
+            let instant = Scene::Acted.play(self.seed + k as u64, t, |name, weight| {
+                if let Some(slot) = asset.expression(name) {
+                    weights[slot] = weights[slot].max(weight);
+                }
+            });
+            let mut pose = instant.expect("somebody acts").sensor_from_head;
+            pose.translation.vector.z = 0.85 + (pose.translation.vector.z - 0.8) * 1.75;
+            let truth = simulator.draw_pose(&pose, &weights, at(n), &mut frame);
+            pipeline.follow(&frame);
+            film.add(&[Some(&truth)], &pipeline);
+        }
+        Ok(film)
+    }
+
+    /// Rotation error (degrees) after two frames from each direction, infinite where there is no pose, the offset of the
+    /// frontal pose taken out; and the time of each first frame's search, milliseconds.
+    pub(super) fn first_poses(&self, k: usize) -> Result<(Vec<f64>, Vec<f64>), PipelineError> {
+        let mut simulator = self.simulator(Scene::Still, k);
+        let anchor = self.model.standard_head.oriented();
+        let mut tracker = PoseTracker::new(self.settings.pose, &anchor)?;
+        let mut segmenter = Segmenter::new(self.settings.segment);
+        let mut frame = Frame::default();
+        let (mut turns, mut searches, mut frontal) = (Vec::new(), Vec::new(), None);
+        for yaw in [-60.0f32, -30.0, 0.0, 30.0, 60.0] {
+            for pitch in [-40.0f32, -20.0, 0.0, 20.0, 40.0] {
+                let turn = rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0);
+                let truth = Rigid::from_parts(Vector::new(0.0, -0.02, 0.8).into(), turn);
+                segmenter.reset();
+                tracker.reset();
+                let mut found = None;
+                for n in 0..2 {
+                    simulator.draw_pose(&truth, &[], at(n), &mut frame);
+                    let cloud = segmenter.segment(&frame, simulator.camera());
+                    let start = Instant::now();
+                    found = cloud.and_then(|cloud| tracker.track(cloud, at(n)));
+                    if n == 0 {
+                        searches.push(start.elapsed().as_secs_f64() * 1e3);
+                    }
+                }
+                let off = found.map(|found| turn.inverse() * found.sensor_from_head.rotation);
+                if yaw == 0.0 && pitch == 0.0 {
+                    frontal = off;
+                }
+                turns.push(off);
+            }
+        }
+        let offset = frontal.unwrap_or_default();
+        let error = |off: Option<Rotation>| {
+            off.map_or(f64::INFINITY, |off| {
+                f64::from(off.angle_to(&offset)).to_degrees()
+            })
+        };
+        Ok((turns.into_iter().map(error).collect(), searches))
+    }
+
+    /// Whether a head is known again in another session, and how many others are taken for it.
+    pub(super) fn known_again(&self) -> Result<String, PipelineError> {
+        let judge = self.pipeline(&self.simulator(Scene::Acted, 0))?;
+        let session = |k: usize, seed: u64, frames: &[usize]| {
+            let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
+            let mut pipeline = self.pipeline(&simulator)?;
+            let (mut frame, mut seen) = (Frame::default(), Vec::new());
+            // From the midst of a movement.
+            for n in 0..*frames.last().unwrap_or(&0) {
+                simulator.draw(at(100 + n), &mut frame);
+                pipeline.follow(&frame);
+                if frames.contains(&(n + 1)) {
+                    seen.push(pipeline.likeness(0));
+                }
+            }
+            Ok(seen)
+        };
+        let people = self.heads.len();
+        let learned: Vec<Likeness> = (0..people)
+            .into_par_iter()
+            .map(|k| Ok(session(k, self.seed, &[90])?.remove(0)))
+            .collect::<Result<_, PipelineError>>()?;
+        let looks: Vec<Vec<Likeness>> = (0..people)
+            .into_par_iter()
+            .map(|k| session(k, self.seed + 99, &LOOKS.map(|(frames, _)| frames)))
+            .collect::<Result<_, PipelineError>>()?;
+        let text = LOOKS.iter().enumerate().map(|(look, &(frames, most))| {
+            let (mut same, mut other) = ([0; 2], [0; 2]);
+            for (k, seen) in looks.iter().enumerate() {
+                for (n, known) in learned.iter().enumerate() {
+                    let apart = judge.apart(&seen[look], known);
+                    let count = if n == k { &mut same } else { &mut other };
+                    count[0] += usize::from(apart.is_some_and(|apart| apart < most));
+                    count[1] += 1;
+                }
+            }
+            format!(
+                "after {frames} frames {} of {} known, {} of {} taken for another",
+                same[0], same[1], other[0], other[1]
+            )
+        });
+        Ok(text.collect::<Vec<_>>().join("; "))
+    }
+
+    /// Milliseconds of each frame, and of the pose in it, the least of several equal pipelines.
+    pub(super) fn times(
+        &self,
+        scene: Scene,
+        frames: usize,
+    ) -> Result<(Vec<f64>, Vec<f64>), PipelineError> {
+        let mut simulator = self.simulator(scene, 0);
+        let mut pipelines = (0..TIMED)
+            .map(|_| self.pipeline(&simulator))
+            .collect::<Result<Vec<_>, _>>()?;
+        let (mut whole, mut poses) = (Vec::new(), Vec::new());
+        let mut frame = Frame::default();
+        for n in 0..frames {
+            simulator.draw(at(n), &mut frame);
+            let (mut least, mut least_pose) = (f64::INFINITY, f64::INFINITY);
+            for pipeline in &mut pipelines {
+                let (start, mut pose) = (Instant::now(), 0.0);
+                let mut last = start;
+                pipeline.follow_by_stage(&frame, |stage| {
+                    let now = Instant::now();
+                    if stage == Stage::Pose {
+                        pose += (now - last).as_secs_f64() * 1e3;
+                    }
+                    last = now;
+                });
+                least = least.min(start.elapsed().as_secs_f64() * 1e3);
+                least_pose = least_pose.min(pose);
+            }
+            whole.push(least);
+            poses.push(least_pose);
+        }
+        Ok((whole, poses))
+    }
+
+    /// Frames with a face among real ones without.
+    pub(super) fn real_faces(&self, data: &Path) -> Result<Option<[usize; 2]>, PipelineError> {
+        let camera = Camera::nominal();
+        let mut pipeline =
+            Pipeline::new(&self.settings.stages(), camera.registration(), self.model)?;
+        let mut frame = Frame::default();
+        let (mut faces, mut count) = (0, 0);
+        for name in ["five_people", "desk_000", "desk_001"] {
+            let open = |kind: &str| {
+                image::open(data.join(format!("kinect_v1_pcl/{name}_{kind}.png"))).ok()
+            };
+            let (Some(depth), Some(rgb)) = (open("depth"), open("rgb")) else {
+                return Ok(None);
+            };
+            for (raw, &z_mm) in frame.depth.iter_mut().zip(depth.into_luma16().iter()) {
+                let z = f32::from(z_mm) * 1e-3;
+                *raw = if z_mm > 0 {
+                    camera.raw_from_m(z).round() as u16
+                } else {
+                    crate::sensor::NO_DEPTH
+                };
+            }
+            colour::bayer_from_rgb(&rgb.into_rgb8(), &mut frame.bayer);
+            colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+            for _ in 0..15 {
+                (frame.index, frame.at) = (count as u64, at(count));
+                pipeline.follow(&frame);
+                count += 1;
+                let reports = pipeline.reports();
+                faces += usize::from(reports.iter().any(|report| report.landmarks.is_some()));
+            }
+        }
+        Ok(Some([faces, count]))
+    }
+}

@@ -1,0 +1,10 @@
+//! When a Kinect's frames are taken.
+
+use crate::base::time::Timestamp;
+use crate::sensor::{FRAME_TICKS, timestamp_from_ticks};
+
+/// Time of frame `number` of a sensor that loses none.
+#[must_use]
+pub fn frame_time(number: i64) -> Timestamp {
+    timestamp_from_ticks(number * FRAME_TICKS)
+}

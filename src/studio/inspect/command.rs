@@ -1,0 +1,138 @@
+//! What a path is, and its page or sheet.
+//!
+//! What PATH is, is seen from the path itself: a directory is a recording, a file that starts like a model or like saved
+//! people is one, `.csv` is a run, `.obj` and `.glb` a mesh, `.json` the status of a running `mien`. The page needs nothing but a browser.
+//! Nothing is written unless all went well.
+
+use std::path::{Path, PathBuf};
+
+use super::album::{Album, name_of};
+use super::error::InspectError;
+use super::{mesh, model, ranges, recording, run};
+use crate::appliance::settings::Settings;
+use crate::face_model::{FaceModel, file::MAGIC};
+use crate::sensor::recording::Recording;
+use crate::studio::atomic_write;
+
+/// Looks at `path` and shows it. `model` and `settings` are for recordings.
+///
+/// # Errors
+/// If it is of an unknown kind, or broken; the text says where and what to do.
+pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Album, InspectError> {
+    let unreadable = |source| InspectError::Unreadable {
+        path: path.into(),
+        source,
+    };
+    if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
+        return recording::inspect(&name_of(path), Recording::open(path)?, model, settings);
+    }
+    let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
+        .map_err(unreadable)?;
+    let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if bytes.starts_with(&MAGIC) || ending == "model" {
+        let model = FaceModel::read(&bytes).map_err(|source| InspectError::Model {
+            path: path.into(),
+            source,
+        })?;
+        return Ok(model::inspect(&name_of(path), &model, bytes.len()));
+    }
+    if bytes.starts_with(b"glTF") {
+        return mesh::inspect_glb(path, &bytes);
+    }
+    match (ending.to_str(), std::str::from_utf8(&bytes)) {
+        (Some("csv"), Ok(text)) => run::inspect(path, text),
+        (Some("obj"), Ok(text)) => mesh::inspect(path, text),
+        (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(path, text),
+        (Some("json"), Ok(text)) => ranges::status(path, text),
+        _ => Err(InspectError::Unknown { path: path.into() }),
+    }
+}
+
+/// Shows `path` in `out`, by default a page beside where one works, named after it. Returns what was written.
+///
+/// # Errors
+/// As [`album()`], or if the output has another ending than `.html` or `.png` or cannot be written.
+pub fn inspect(
+    path: &Path,
+    out: Option<&Path>,
+    model: &FaceModel,
+    settings: &Settings,
+) -> Result<PathBuf, InspectError> {
+    let out = out.map_or_else(
+        || PathBuf::from(format!("{}.html", name_of(path))),
+        PathBuf::from,
+    );
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending != "html" && ending != "png" {
+        return Err(InspectError::Ending { path: out });
+    }
+    let album = album(path, model, settings)?;
+    let bytes = if ending == "html" {
+        album.html()?.into_bytes()
+    } else {
+        let mut png = std::io::Cursor::new(Vec::new());
+        album.sheet().write_to(&mut png, image::ImageFormat::Png)?;
+        png.into_inner()
+    };
+    atomic_write::write(&out, bytes).map_err(|source| InspectError::Unwritable {
+        path: out.clone(),
+        source,
+    })?;
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bad_path_is_one_sentence() {
+        let model = FaceModel::default();
+        let folder = tempfile::tempdir().unwrap();
+        let message = |path: &Path, out: &str| {
+            inspect(
+                path,
+                Some(&folder.path().join(out)),
+                &model,
+                &Settings::default(),
+            )
+            .unwrap_err()
+            .to_string()
+        };
+        assert!(
+            message(Path::new("/nowhere/x.csv"), "a.html")
+                .starts_with("cannot read /nowhere/x.csv")
+        );
+        assert!(message(folder.path(), "a.html").contains("INDEX.txt"));
+        let other = folder.path().join("x.bin");
+        std::fs::write(&other, [0, 255, 3]).unwrap();
+        assert!(message(&other, "a.html").contains("cannot show"));
+        assert!(message(&other, "a.gif").contains(".html or .png"));
+        assert!(!folder.path().join("a.html").exists(), "no partial output");
+    }
+
+    #[test]
+    fn a_run_is_written_in_both_forms() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run.csv");
+        std::fs::write(
+            &run,
+            "frame,time_us,user,state,w_AU25\n0,0,0,tracking,0.5\n1,33333,0,tracking,0.7\n",
+        )
+        .unwrap();
+        for out in ["run.html", "run.png"] {
+            let out = folder.path().join(out);
+            assert_eq!(
+                inspect(
+                    &run,
+                    Some(&out),
+                    &FaceModel::default(),
+                    &Settings::default()
+                )
+                .unwrap(),
+                out
+            );
+            assert!(std::fs::metadata(out).unwrap().len() > 200);
+        }
+    }
+}

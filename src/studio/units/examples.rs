@@ -1,0 +1,74 @@
+//! What is learnt from: departures of all inputs in one frame, and the truth of all units; as text to be kept, and mirrored.
+
+use std::fmt::Write;
+
+use super::glance::Glance;
+use crate::base::capacity::INPUTS;
+use crate::expression::readings::{input_name, input_named};
+use crate::studio::evaluate::acted::UNITS;
+
+/// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
+#[derive(Clone)]
+pub(super) struct Example {
+    pub(super) departures: [f64; INPUTS],
+    pub(super) truth: [f64; UNITS.len()],
+    pub(super) glance: Glance,
+}
+
+/// One line for each example: departures, then truths.
+pub(super) fn written(examples: &[Example]) -> String {
+    let mut text = String::new();
+    for example in examples {
+        for value in example.departures.iter().chain(&example.truth) {
+            let _ = write!(text, "{value:.4} ");
+        }
+        example.glance.write(&mut text);
+        text.push('\n');
+    }
+    text
+}
+
+/// What [`written`] wrote; lines of another length are left out.
+pub(super) fn read(text: &str) -> Vec<Example> {
+    let example = |line: &str| {
+        let values: Vec<f64> = line
+            .split_whitespace()
+            .filter_map(|v| v.parse().ok())
+            .collect();
+        let (departures, rest) = values.split_at_checked(INPUTS)?;
+        let (truth, glance) = rest.split_at_checked(UNITS.len())?;
+        Some(Example {
+            departures: departures.try_into().ok()?,
+            truth: truth.try_into().ok()?,
+            glance: Glance::read(glance)?,
+        })
+    };
+    text.lines().filter_map(example).collect()
+}
+
+/// The same of the other side.
+fn other_side(name: &str) -> String {
+    match (name.strip_suffix('L'), name.strip_suffix('R')) {
+        (Some(stem), _) => format!("{stem}R"),
+        (_, Some(stem)) => format!("{stem}L"),
+        _ => name.to_owned(),
+    }
+}
+
+/// Inputs that change their sign in a mirror.
+const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
+
+impl Example {
+    pub(super) fn mirrored(&self) -> Self {
+        let unit = |name: &str| UNITS.iter().position(|(unit, _)| *unit == name);
+        Self {
+            departures: core::array::from_fn(|i| {
+                let name = input_name(i);
+                let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
+                sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
+            }),
+            glance: Glance::NONE,
+            truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
+        }
+    }
+}
