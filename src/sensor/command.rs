@@ -105,7 +105,7 @@ pub enum BadReply {
         found: [u8; 2],
     },
     /// Answers another command.
-    #[error("it answers command 0x{found:02x}")]
+    #[error("it replies to command 0x{found:02x}")]
     Command {
         /// Command answered.
         found: u16,
@@ -119,7 +119,7 @@ pub enum BadReply {
         found: u16,
     },
     /// Length field and length differ.
-    #[error("it says {said} words and has {found} bytes after the header")]
+    #[error("it announces {said} words but has {found} bytes after the header")]
     Length {
         /// Words, by its header.
         said: u16,

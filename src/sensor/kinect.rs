@@ -113,7 +113,7 @@ pub enum KinectError {
     Calibration(#[from] CalibrationError),
     /// No packets although the stream was restarted.
     #[error(
-        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it a USB controller of its own"
+        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it its own USB controller"
     )]
     Silent {
         /// The stream.
@@ -190,7 +190,7 @@ impl<S: PacketSource> Kinect<S> {
         if settings.set_tilt
             && let Err(problem) = kinect.tilt(settings.tilt_deg)
         {
-            tracing::info!("the sensor is not tilted: {problem}");
+            tracing::info!("tilt not set: {problem}");
         }
         Ok(kinect)
     }
@@ -281,7 +281,7 @@ impl<S: PacketSource> Kinect<S> {
         }
         self.heard = [self.source.clock(); 2];
         if let Err(problem) = self.freeze(false) {
-            tracing::warn!("exposure left as it was: {problem}");
+            tracing::warn!("exposure left unchanged: {problem}");
         }
         Ok(())
     }
@@ -379,7 +379,7 @@ impl<S: PacketSource> Kinect<S> {
         if unpaired >= ALONE && !self.pairing.is_alone() {
             let [colour, depth] = self.pairing.unpaired();
             tracing::warn!(
-                "for 1 s no colour picture has belonged to a depth picture ({colour} colour and {depth} depth pictures without a partner so far); what is seen is followed without colour"
+                "no colour picture has matched a depth picture for 1 s ({colour} colour and {depth} depth pictures unpaired so far); tracking continues without colour"
             );
             self.pairing.set_alone(true);
         }
@@ -393,7 +393,7 @@ impl<S: PacketSource> Kinect<S> {
             Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
             _ if now >= self.restart_at && !self.is_lossy(unpaired) => {
                 tracing::warn!(
-                    "depth and colour pictures make no pairs; restarting the Kinect's streams"
+                    "depth and colour pictures do not pair; restarting the Kinect's streams"
                 );
                 self.patience = (2 * self.patience).min(UNPAIRED_MOST);
                 self.restart_at = now + self.patience;

@@ -106,7 +106,7 @@ impl LiveKinect {
         let thread = std::thread::Builder::new()
             .name("kinect".to_owned())
             .spawn(move || feed(&theirs, open, settings))
-            .map_err(|problem| tracing::error!("the sensor's thread cannot be started: {problem}"))
+            .map_err(|problem| tracing::error!("cannot start the sensor thread: {problem}"))
             .ok();
         Self {
             shared,

@@ -52,7 +52,7 @@ enum Damage {
     Order,
     #[error("its time fits neither the frame before nor those after it")]
     Stray,
-    #[error("is no file")]
+    #[error("not a regular file")]
     NoFile,
     #[error("cannot be read ({0})")]
     Unreadable(ErrorKind),
@@ -235,7 +235,7 @@ impl Recording {
                 if !core::mem::replace(&mut self.told_missing, true) {
                     let file = self.path.display();
                     tracing::warn!(
-                        "{file}: is missing; frames whose colour picture is missing play without colour"
+                        "{file} is missing; frames whose colour picture is missing play without colour"
                     );
                 }
                 Ok(false)

@@ -176,7 +176,7 @@ impl People {
             // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
             let _ = std::fs::rename(&self.path, &aside);
             tracing::warn!(
-                "{path}: {problem}; it is set aside as {}, nobody is remembered",
+                "{path}: {problem}; moved aside to {}, nobody is remembered",
                 Path::new(&aside).display()
             );
             heapless::Vec::new()
@@ -204,7 +204,7 @@ impl People {
             && !self.told
         {
             tracing::info!(
-                "{}: people are not saved ({error}); state.path names another place, state.persist = false does without",
+                "{}: people are not saved ({error}); set state.path to another place, or state.persist = false",
                 self.path.display()
             );
         }
