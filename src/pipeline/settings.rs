@@ -1,4 +1,4 @@
-//! What can be chosen of the stages.
+//! Settings of the stages.
 
 use crate::{expression, landmarks, pose, segment, users};
 

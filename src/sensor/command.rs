@@ -1,5 +1,5 @@
 //! Commands to the camera and their replies, as bytes: emit, check, parse. Both directions, so that the virtual device
-//! speaks the same code.
+//! uses the same code.
 //!
 //! ```text
 //! byte   0..1             2..3                     4..5      6..7   8..

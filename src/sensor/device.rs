@@ -1,4 +1,4 @@
-//! The seam under the driver: what a Kinect's USB functions can do, and nothing about how.
+//! The interface below the driver: what a Kinect's USB functions do, not how.
 //!
 //! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.

@@ -1,14 +1,14 @@
 //! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED, tilt and accelerometer.
 //!
-//! Every exchange is bounded: a reply is polled for each millisecond for at most a second, and a failed exchange is tried
-//! again twice under a new tag. A stream from which no packet comes for a second is stopped and started; if that does not
-//! help twice running, [`KinectError::Silent`] asks the caller to open the device anew.
+//! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried
+//! twice with a new tag. A stream that delivers no packet for a second is stopped and restarted; if that fails twice in a
+//! row, [`KinectError::Silent`] asks the caller to reopen the device.
 //!
-//! Depth is worth something without colour: after a second without a pair depth pictures are handed on by themselves, and it is
-//! said; after five, and then at twice the distance each time, the streams are restarted. A colour stream that stays silent
-//! does not end depth.
+//! Depth is useful without colour: after a second without a pair, depth pictures are passed on alone, and this is logged;
+//! after five seconds, and then at doubling intervals, the streams are restarted. A colour stream that stays silent does
+//! not end depth.
 //!
-//! What is not essential never stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
+//! Nothing inessential stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
 //! One file: one device from opening to closing, and what happens when a stream falls silent.
 
@@ -59,7 +59,7 @@ impl Default for Settings {
 
 /// A stream is dead when nothing came for this long.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Restarts in a row that may fail before the device is opened anew.
+/// Consecutive restarts that may fail before the device is reopened.
 const RESTARTS: u32 = 2;
 /// Without a pair for this long depth pictures are given alone.
 const ALONE: Duration = Duration::from_secs(1);
