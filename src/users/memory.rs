@@ -1,5 +1,5 @@
-//! People who left, remembered for a while so that they can be recognised: their head and face features and learned ranges,
-//! in memory only.
+//! People who left, remembered in memory for a while so that they can be recognised: the features of their head and face, and
+//! their learned ranges.
 //!
 //! At most [`capacity::REMEMBERED`](crate::base::capacity::REMEMBERED) people; when full, the one gone longest is dropped.
 //! Neither pictures nor clouds are kept; [`super::saved`] keeps them across a restart.

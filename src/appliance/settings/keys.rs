@@ -193,7 +193,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "set_tilt",
-        "Whether the Kinect is tilted by its motor when it is opened.",
+        "Whether the motor tilts the Kinect when it is opened.",
         |s| Kind::Bool {
             value: &mut s.sensor.kinect.set_tilt,
         },
@@ -497,7 +497,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "osc",
         "listen",
-        "Address that receives them; 127.0.0.1 accepts this machine only.",
+        "Address on which these commands are received; 127.0.0.1 accepts this machine only.",
         |s| Kind::Text {
             value: &mut s.osc.listen,
             form: "address:port",

@@ -5,8 +5,8 @@
 //! offset. A depth picture without one is a frame without colour.
 //!
 //! Recordings from elsewhere, copied or merged, may be out of order; wall times, otherwise unused, then help:
-//! * an index whose pictures step back in time is played in the order of wall times if they step back less often, and by
-//!   ticks alone if those are shuffled too;
+//! * an index whose pictures step back in time is played in the order of wall times if those step back less often, and
+//!   by ticks alone if they are shuffled too;
 //! * a single stamp that fits neither its neighbours before nor those after it is a fault, and skipped;
 //! * colour finds its turn of the counter, and its run of the sensor, by the depth picture nearest in wall time; if those are
 //!   uninformative, by the order of the index, since one sorted by name lists one stream after the other.
