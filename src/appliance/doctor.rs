@@ -1,5 +1,5 @@
-//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and the remedy. It changes
-//! nothing, and opens only what a run would open.
+//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and the remedy. It changes nothing, and
+//! opens only what a run would open.
 
 use std::fmt::{Display, Write as _};
 use std::net::ToSocketAddrs;

@@ -360,7 +360,7 @@ impl Follower {
         self.doubted = 0;
     }
 
-    /// Goes on with what another one knows of its person.
+    /// Takes over what another follower knows about its person.
     pub(crate) fn adopt(&mut self, before: &Self) {
         self.expression.restore(&before.expression.learned());
         self.expression.freeze(before.expression.weights().frozen);
@@ -448,7 +448,7 @@ mod tests {
         )
     }
 
-    /// Frames of somebody who sits there, each with its cloud and where the head is in truth.
+    /// Frames of a seated person, each with its cloud and the true head pose.
     fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = Camera::new(sensor.registration());

@@ -275,7 +275,7 @@ impl People {
                 near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
             }
             None => {
-                // Who was never refused comes first: what stands about is no face again and again.
+                // Heads never refused come first: a static object is refused again and again.
                 let refused = |head: usize| {
                     let here = |place: &Point| (heads[head].centre - place).norm() < REFUSED_M;
                     let until = self.refused.iter().filter(|(place, _)| here(place));
@@ -305,7 +305,7 @@ impl People {
             if self.refused.is_full() {
                 self.refused.pop_front();
             }
-            // Not full: just seen to.
+            // Not full: checked above.
             let _ = self
                 .refused
                 .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
@@ -507,7 +507,7 @@ impl People {
         &self.followers[slot.min(DOOR)].expression
     }
 
-    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
+    /// Takes over what another pipeline knows about its users, as when settings change during a run.
     pub(super) fn adopt(&mut self, before: &Self) {
         let before_users = before.followers.iter().take(DOOR);
         for (follower, before) in self.followers.iter_mut().zip(before_users) {

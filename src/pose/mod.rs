@@ -8,7 +8,7 @@
 //!
 //! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all made at construction;
 //! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
-//! badly with the head gives `None`, and the next frame searches anew; a learned shape survives short losses only.
+//! badly with the head gives `None`, and the next frame searches again; a learned shape survives short losses only.
 //! Limitation: to the depth camera the back of a head is a head; the landmarks must tell them apart.
 //! One file: the order of the stage; alignment, shape, start and smoothing have their own.
 
@@ -124,7 +124,7 @@ const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.0
 /// Of a frame that follows another: roughly on few points, then exactly on all.
 const APPROACH_M: [f32; 2] = [0.020, 0.012];
 const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
-/// Every so many-th point while searching, in the final, and while approaching.
+/// Stride over the points while searching, in the final, and while approaching.
 const SEARCH_STRIDE: usize = 5;
 const FINAL_STRIDE: usize = 2;
 const APPROACH_STRIDE: usize = 4;
@@ -164,7 +164,7 @@ const COVERED_FOUND: f32 = 0.60;
 const MIN_AGREEING: u32 = 120;
 /// A frame teaches the shape from this agreement on.
 const TEACHING_AGREEMENT: f32 = 0.6;
-/// This many such frames are all learned from, later ones only at this interval: neighbouring frames are redundant.
+/// The first [`TAUGHT_ALL`] such frames all teach the shape, later ones every [`TAUGHT_STEP`]-th: neighbours are redundant.
 const TAUGHT_ALL: u64 = 60;
 const TAUGHT_STEP: u64 = 3;
 

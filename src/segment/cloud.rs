@@ -67,7 +67,7 @@ pub(crate) fn gather(
 /// at the standard size.
 const HEAD_FROM: [f32; 3] = [-0.100, -0.140, -0.050];
 const HEAD_TO: [f32; 3] = [0.100, 0.120, 0.110];
-/// Slope of the front of the neck behind the chin: anything below it is neck and collar, metres and slope.
+/// Front of the neck behind the chin, as height (metres) and slope: anything below it is neck and collar.
 const CHIN_Y: f32 = 0.115;
 const NECK_SLOPE: f32 = 0.75;
 /// Share of the rectangle around a head that its pixels fill, about.

@@ -352,7 +352,7 @@ impl<S: PacketSource> Kinect<S> {
         self.watch(now)
     }
 
-    /// A pair was made, or is to be waited for from now on.
+    /// A pair was made, or waiting for one starts now.
     fn is_paired(&mut self, now: Duration) {
         self.pairing.set_alone(false);
         self.paired = (now, self.pictures());

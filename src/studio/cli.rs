@@ -369,7 +369,7 @@ fn data(words: &Words) -> PathBuf {
         .unwrap_or_else(|| Path::new("../shared/data").to_path_buf())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_record(words: &Words) -> Result<(), Fault> {
     let out = words.required("out")?;
     let name = words
@@ -386,7 +386,7 @@ fn run_record(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_evaluate(words: &Words) -> Result<(), Fault> {
     let defaults = Sessions::default();
     let sessions = Sessions {
@@ -479,7 +479,7 @@ fn rows(words: &Words, names: &[&str]) -> Result<Vec<String>, Fault> {
     }
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_units(words: &Words) -> Result<(), Fault> {
     let defaults = readings::Practice::default();
     let practice = readings::Practice {
@@ -502,7 +502,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn say(line: &str) {
     println!("{line}");
 }

@@ -8,7 +8,7 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 
-/// Who is preferred.
+/// Which person is preferred.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
     /// Who came first; never changed while they are there.

@@ -45,7 +45,7 @@ impl Memory {
         if self.gone.is_full() {
             self.gone.remove(0);
         }
-        // Not full: just seen to.
+        // Not full: checked above.
         let _ = self.gone.push(gone);
     }
 

@@ -3,7 +3,7 @@
 use super::choice::Policy;
 use crate::base::capacity::USERS;
 
-/// Who is followed, and what happens when a face is lost.
+/// Which people are tracked, and what happens when a face is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// People followed at once, at most.
