@@ -18,16 +18,16 @@
 //!  base: capacities, geometry, time
 //! ```
 //!
-//! Dependencies point down and to the left only, room by room; `tests/it/keeps_its_rooms_apart.rs` holds it:
+//! Dependencies point down and to the left only, module by module; `tests/it/keeps_its_rooms_apart.rs` enforces it:
 //! [`base`], [`sensor`], [`simulator`], [`segment`], [`pose`], [`face_model`], [`landmarks`], [`expression`], [`users`],
-//! [`output`], [`pipeline`], [`appliance`], [`studio`]. Inside a room no two files use each other. `studio` exists only
-//! with the feature `studio`.
+//! [`output`], [`pipeline`], [`appliance`], [`studio`]. Within a module files have no circular dependencies. `studio`
+//! exists only with the feature `studio`.
 //!
-//! Inside: metres, radians, seconds or [`base::time::Timestamp`]. Anything else only at a border, with the unit in the name
-//! (`_mm`, `_deg`, `_px`, `_us`).
+//! Units are metres, radians, seconds or [`base::time::Timestamp`]. Others appear only at interfaces, with the unit in the
+//! name (`_mm`, `_deg`, `_px`, `_us`).
 //!
-//! Without the feature `std` the library is what needs no files, clocks, sockets or ports: packets to pictures, the stages,
-//! users, and the outputs up to their bytes. It then wants a memory allocator and nothing else of its platform.
+//! Without the feature `std` the library is limited to what needs no files, clocks, sockets or ports: packets to pictures,
+//! the stages, users, and the outputs up to their bytes. It then needs only a memory allocator from its platform.
 
 #![cfg_attr(not(feature = "std"), no_std)]
 

@@ -1,4 +1,4 @@
-//! The command line of the appliance: words to a [`Command`].
+//! The command line of the appliance: parses arguments into a [`Command`].
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -13,23 +13,23 @@ mien run            [--config FILE] [--source S] [--csv FILE|-] [--frames N] [--
                     [-q|-v]
 mien check-config   [FILE]           exit 0, or 2 with file:line:column, what was expected, what was found
 mien print-config   [--config FILE]  the effective configuration
-mien devices                         sensors and serial ports that are there
+mien devices                         connected sensors and serial ports
 mien doctor         [--config FILE]  one line per check: OK, WARN or FAIL, and the remedy
-mien bench          [--config FILE] [--source S] [--frames N]  time per stage and memory, without the source's own cost
-mien send-test      [--config FILE]  sweeps every unit 0-1-0 to every output, its name in the log
+mien bench          [--config FILE] [--source S] [--frames N]  time per stage and memory, excluding the source's own cost
+mien send-test      [--config FILE]  sweeps every unit 0-1-0 on every output and logs its name
 mien help | --help | --version
 
 --source S        kinect, kinect:SERIAL, simulated, simulated:SCENE, or the path of a recording
 --csv FILE|-      one row per frame and user
---frames N        end after N frames
---fast            a recording or a simulation as fast as it goes, not at its own pace
---model FILE      a face model in place of the built-in one
--q, --quiet       warnings and errors only, and no live line on a terminal
--v, --verbose     log what is being done, too
---require-device  exit 3 if there is no sensor, instead of playing the simulated one
+--frames N        stop after N frames
+--fast            play a recording or simulation as fast as possible instead of in real time
+--model FILE      use this face model instead of the built-in one
+-q, --quiet       log warnings and errors only, and show no live line on a terminal
+-v, --verbose     log debug messages too
+--require-device  exit 3 if there is no sensor, instead of using the simulated one
 
-Without --config: /etc/mien/mien.toml if it is there, else the built-in defaults.
-Exit codes: 0 done, 1 failure at run time, 2 the configuration file, 3 no sensor, 64 usage.
+Without --config: /etc/mien/mien.toml if it exists, else the built-in defaults.
+Exit codes: 0 success, 1 run-time failure, 2 configuration error, 3 no sensor, 64 usage error.
 Example: mien run --source simulated --csv - --frames 300
 ";
 
@@ -65,9 +65,9 @@ pub struct Run {
     pub source: Option<String>,
     /// Where the CSV goes.
     pub csv: Option<CsvTarget>,
-    /// End after so many frames.
+    /// Stop after this many frames.
     pub frames: Option<u64>,
-    /// As fast as it goes.
+    /// As fast as possible instead of in real time.
     pub fast: bool,
     /// Face model, in place of the configuration's.
     pub model: Option<PathBuf>,
@@ -108,7 +108,7 @@ pub struct Bench {
     pub config: Option<PathBuf>,
     /// Source of frames; else the simulated sensor.
     pub source: Option<String>,
-    /// Frames that count.
+    /// Frames measured.
     pub frames: Option<u64>,
 }
 
@@ -121,12 +121,12 @@ pub enum CsvTarget {
     File(PathBuf),
 }
 
-/// Wrong words on the command line.
+/// Invalid arguments on the command line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}; see mien help")]
 pub struct UsageError(#[from] lexopt::Error);
 
-/// Parses the words after the program's name. No words at all ask for help.
+/// Parses the arguments after the program's name. Without any, the command is `help`.
 ///
 /// # Errors
 /// On an unknown command or option, or a value that is missing or malformed.

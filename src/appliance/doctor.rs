@@ -1,5 +1,5 @@
-//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and what to do about it. Nothing is changed, and
-//! nothing that a run would not open is opened.
+//! `mien doctor`: one line for each thing a run needs, OK, WARN or FAIL, and the remedy. It changes nothing, and
+//! opens only what a run would open.
 
 use std::fmt::{Display, Write as _};
 use std::net::ToSocketAddrs;
@@ -12,9 +12,9 @@ use crate::appliance::source::SourceName;
 use crate::sensor::device::DeviceError;
 use crate::sensor::usb_devices;
 
-/// Where the kernel says how much memory USB transfers may take, in MB.
+/// Kernel limit on the memory of USB transfers, in MB.
 const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
-/// What the transfers in flight of one Kinect take, with room for a second program.
+/// Memory of one Kinect's transfers in flight, with room for a second program.
 const USB_MEMORY_MB: u32 = 4;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -39,7 +39,7 @@ impl Lines {
             Verdict::Fail => "FAIL",
         };
         self.failed |= verdict == Verdict::Fail;
-        // A string takes everything.
+        // Writing to a string cannot fail.
         let _ = writeln!(self.text, "{word}  {what}: {}", Plain(text));
     }
 
@@ -66,7 +66,7 @@ pub fn report(config: Option<&Path>) -> (String, bool) {
             lines.say(
                 Verdict::Ok,
                 "configuration",
-                "every key is known and in its range",
+                "all keys are known and in range",
             );
             settings
         }
@@ -86,7 +86,7 @@ pub fn report(config: Option<&Path>) -> (String, bool) {
         lines.say(
             Verdict::Warn,
             "USB memory",
-            format_args!("{megabytes} MB for all transfers; write 16 to {USB_MEMORY}"),
+            format_args!("the limit is {megabytes} MB for all transfers; write 16 to {USB_MEMORY}"),
         );
     }
     serial(&mut lines, &settings.serial.port);
@@ -106,7 +106,7 @@ fn sensor(
 ) {
     let name = settings.sensor.source.parse();
     let Ok(SourceName::Kinect { serial }) = name else {
-        let text = format_args!("{} is played, no Kinect is used", settings.sensor.source);
+        let text = format_args!("using {}, no Kinect needed", settings.sensor.source);
         return lines.say(Verdict::Ok, "sensor", text);
     };
     match found {
@@ -139,22 +139,22 @@ fn serial(lines: &mut Lines, port: &str) {
         return lines.say(
             Verdict::Ok,
             "serial port",
-            format_args!("{port}, tried when running"),
+            format_args!("{port}, not tested; a run connects to it"),
         );
     }
-    // Opened as files are: that neither raises DTR nor locks.
+    // Opened as a plain file, which neither raises DTR nor locks.
     let opened = std::fs::OpenOptions::new().write(true).open(port);
     let (verdict, advice) = match opened.as_ref().err().map(std::io::Error::kind) {
         None => {
             return lines.say(
                 Verdict::Ok,
                 "serial port",
-                format_args!("{port} can be written"),
+                format_args!("{port} is writable"),
             );
         }
         Some(std::io::ErrorKind::NotFound) => (
             Verdict::Warn,
-            "plug it in, it is waited for; `mien devices` lists what is there",
+            "plug it in, a run waits for it; `mien devices` lists what is connected",
         ),
         Some(std::io::ErrorKind::PermissionDenied) => (
             Verdict::Fail,
@@ -188,9 +188,9 @@ fn targets(lines: &mut Lines, settings: &Settings) {
                 .to_socket_addrs()
                 .is_ok_and(|mut all| all.next().is_some());
             let text = if known {
-                "is where datagrams go"
+                "resolves"
             } else {
-                "is not found; check the name, or give the address as 192.168.1.20:9130"
+                "does not resolve; check the name, or give an address like 192.168.1.20:9130"
             };
             let verdict = if known { Verdict::Ok } else { Verdict::Warn };
             lines.say(verdict, name, format_args!("{target} {text}"));
@@ -200,18 +200,18 @@ fn targets(lines: &mut Lines, settings: &Settings) {
 
 fn status(lines: &mut Lines, path: &Path) {
     if path.as_os_str().is_empty() {
-        return lines.say(Verdict::Ok, "status", "no files are wanted");
+        return lines.say(Verdict::Ok, "status", "no status files configured");
     }
     let folder = path.parent().unwrap_or(Path::new("."));
     let probe = folder.join(".mien-doctor");
     let found = match std::fs::File::create(&probe) {
         Ok(_) => {
-            // It was only made to see whether that works.
+            // It was created only to test that it can be.
             let _ = std::fs::remove_file(&probe);
-            Ok(format!("files go to {}", folder.display()))
+            Ok(format!("status files go to {}", folder.display()))
         }
         Err(problem) => Err(format!(
-            "{} cannot be written ({problem}); the service makes it, else name another in status.path",
+            "{} is not writable ({problem}); the service creates it, otherwise choose another in status.path",
             folder.display()
         )),
     };

@@ -11,10 +11,7 @@ use mien::face_model::FaceModel;
 #[global_allocator]
 static MEMORY: Counting = Counting::new();
 
-#[expect(
-    clippy::print_stdout,
-    reason = "this is the door: it prints what was asked for"
-)]
+#[expect(clippy::print_stdout, reason = "the program's own output")]
 fn main() -> ExitCode {
     let command = match cli::parse(std::env::args_os().skip(1)) {
         Ok(command) => command,

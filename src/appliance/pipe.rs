@@ -46,7 +46,7 @@ impl Pipe {
                         && !stop.load(Ordering::Relaxed) =>
                 {
                     if !std::mem::replace(&mut told, true) {
-                        tracing::info!("{}: waiting until somebody reads it", path.display());
+                        tracing::info!("{}: waiting for a reader", path.display());
                     }
                     std::thread::sleep(Duration::from_millis(LOOK_MS as u64));
                 }

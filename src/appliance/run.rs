@@ -153,9 +153,9 @@ impl<'r> Session<'r> {
         }
         self.manager.reloading();
         match reload(self.run, &mut self.settings, &self.source, &self.model) {
-            Ok(None) => tracing::info!("configuration read again, nothing in it has changed"),
+            Ok(None) => tracing::info!("configuration reloaded, unchanged"),
             Ok(Some((mut renewed, opened))) => {
-                tracing::info!("configuration read again");
+                tracing::info!("configuration reloaded");
                 renewed.adopt(&self.pipeline);
                 self.pipeline = renewed;
                 // Those before say goodbye, and leave their ports.
@@ -164,7 +164,7 @@ impl<'r> Session<'r> {
                 self.status = Status::new(path, &self.name, &units);
                 self.people = people(&self.settings, &self.source);
             }
-            Err(problem) => tracing::error!("{problem}; the old configuration stays"),
+            Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
         self.manager.ready();
     }
@@ -223,7 +223,7 @@ impl<'r> Session<'r> {
                 if !matches!(self.source, Source::Kinect(_)) {
                     return Err(problem.into());
                 }
-                tracing::error!("{problem}; the table ends here, the run goes on");
+                tracing::error!("{problem}; the CSV ends here, the run continues");
                 self.csv = None;
             }
             for wire in &mut self.wires {
@@ -281,7 +281,7 @@ fn lock_memory(manager: &ServiceManager) {
         Ok(()) => tracing::debug!("memory is locked"),
         // Only as a service is somebody there who can permit it once and for all.
         Err(problem) if manager.is_there() => tracing::info!(
-            "memory is not locked ({problem}), so frames may wait for pages; LimitMEMLOCK=infinity in the unit permits it"
+            "memory is not locked ({problem}), so page faults may delay frames; LimitMEMLOCK=infinity in the unit allows locking"
         ),
         Err(problem) => tracing::debug!("memory is not locked ({problem})"),
     }
@@ -329,7 +329,10 @@ impl Heard {
                     self.untold += 1;
                     continue;
                 }
-                tracing::info!("asked over OSC: {command:?}, {} before", self.untold);
+                tracing::info!(
+                    "OSC command {command:?}, {} not logged before it",
+                    self.untold
+                );
                 (self.told, self.untold) = (Some(now), 0);
             }
         }
@@ -352,7 +355,7 @@ fn reload(
     if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
         return Err(Failure::Settings(SettingsError::Unreadable {
             path: path.into(),
-            reason: "it is no file".to_owned(),
+            reason: "not a regular file".to_owned(),
         }));
     }
     let new = self::settings(run.config.as_deref())?;
@@ -366,7 +369,7 @@ fn reload(
         ("log", new.log != settings.log),
     ];
     for (section, _) in later.iter().filter(|(_, changed)| *changed) {
-        tracing::warn!("what has changed in [{section}] needs a restart");
+        tracing::warn!("the change in [{section}] needs a restart");
     }
     *settings = new;
     Ok(Some((pipeline, wires)))

@@ -99,7 +99,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         frames: 0,
     };
     if sender.outputs.is_empty() {
-        tracing::warn!("no output is switched on in the configuration: nothing is sent");
+        tracing::warn!("no output is enabled in the configuration: nothing is sent");
         return Ok(());
     }
     let mut weights = vec![0.0; units.len()];

@@ -141,7 +141,7 @@ pub fn open(
     match (no_kinect, problem) {
         (NoKinect::Refuse, Some(problem)) => Err(Failure::NoSensor(problem)),
         (NoKinect::Simulate, Some(problem)) => {
-            tracing::warn!("{problem}; until mien is started again the simulated sensor plays");
+            tracing::warn!("{problem}; using the simulated sensor until mien is started again");
             Ok(Source::simulated(None)?)
         }
         (NoKinect::Wait, Some(problem)) => {

@@ -39,7 +39,7 @@ impl ServiceManager {
         Self::at(path.as_encoded_bytes(), watchdog.map(Duration::from_micros)).unwrap_or_else(
             |problem| {
                 tracing::warn!(
-                    "cannot reach the service manager at {}: {problem}; it is not told that the run is ready",
+                    "cannot reach the service manager at {}: {problem}; readiness is not reported",
                     path.display()
                 );
                 Self::default()

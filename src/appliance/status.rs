@@ -295,7 +295,7 @@ impl Files {
         if other && !self.shared {
             self.shared = true;
             tracing::warn!(
-                "{} is written by another program too, perhaps a second mien; status.path in its configuration gives each its own",
+                "another program also writes {}, perhaps a second mien; give each its own status.path",
                 path.display()
             );
         }
@@ -319,7 +319,7 @@ impl Files {
             }
             Err(error) if !self.told => {
                 tracing::info!(
-                    "{} is not written: {error}; status.path names another place",
+                    "{} is not written: {error}; set status.path to another place",
                     path.display()
                 );
                 self.told = true;

@@ -1,4 +1,4 @@
-//! Files that are read whole, and never more of them than anything of their kind can have.
+//! Reads whole files, up to the largest size a file of their kind can have.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Result};

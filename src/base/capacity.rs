@@ -1,15 +1,15 @@
-//! Every compile-time size of the appliance: name, value, unit, reason. What they come to is in [`crate::pipeline::budget`].
+//! Every compile-time size of the appliance: name, value, unit, reason. [`crate::pipeline::budget`] adds them up.
 //!
 //! | container | when full |
 //! | --- | --- |
 //! | points of a head's cloud | thinned evenly before they are stored |
 //! | heads of a picture | the farthest are left out |
-//! | users | who comes waits until a slot is free |
+//! | users | newcomers wait until a slot is free |
 //! | people remembered | the one who left first is forgotten |
 //! | heads without a face | the oldest is tried again |
 //! | samples and nodes of a measure | the two that are most alike are merged |
-//! | pictures that wait for their other half | the oldest is dropped and counted |
-//! | frames that wait for the stages | the oldest is dropped and counted |
+//! | pictures waiting for their pair | the oldest is dropped and counted |
+//! | frames waiting for the stages | the oldest is dropped and counted |
 //! | landed USB transfers | the stream pauses until they are taken; what it misses is counted as lost |
 //! | a line of the log, of status, of a serial port | cut, or not sent and counted |
 
@@ -28,9 +28,9 @@ pub const LANDMARKS: usize = 68;
 pub const HEAD_POINTS: usize = 2048;
 /// People followed at once.
 pub const USERS: usize = 4;
-/// Heads cut from one depth picture at most: everybody followed, and two that may be somebody or something else.
+/// Heads cut from one depth picture at most: one per user, and two that may be new people or false detections.
 pub const HEADS: usize = USERS + 2;
-/// People who left and are known again: more than pass by while one is away for some minutes.
+/// People who left and can be recognised: more than pass by during an absence of some minutes.
 pub const REMEMBERED: usize = 2 * USERS;
 /// Geometric measures of a face: the paper's, the fore–aft ones, those of single sides and the cheeks, with the eye distance.
 pub const MEASURES: usize = 21;
@@ -38,7 +38,7 @@ pub const MEASURES: usize = 21;
 pub const LEARNT_MEASURES: usize = MEASURES - 1;
 /// Lengths of the face that are no measure but tell units apart.
 pub const LENGTHS: usize = 18;
-/// What tells units apart beside the measures: lengths, and where the eyes look, across and up.
+/// Inputs besides the measures that distinguish units: lengths, and where the eyes look, across and up.
 pub const FEATURES: usize = LENGTHS + 2;
 /// What a unit is read from: learnt measures and features.
 pub const INPUTS: usize = LEARNT_MEASURES + FEATURES;

@@ -1,13 +1,13 @@
-//! Rigid motions that know from which frame to which they lead, so that a swapped or inverted one does not compile.
+//! Rigid motions typed by their source and target frames, so that a swapped or inverted one does not compile.
 //!
 //! | frame | what it is |
 //! | --- | --- |
 //! | [`Sensor`] | the depth camera's ([`super::geometry`]) |
 //! | [`Head`] | the standard head's, as depth aligns it with the cloud |
-//! | [`Face`] | the face's own: the head's, turned and shifted to where the picture shows the face. What outputs call the head |
+//! | [`Face`] | the face's own: the head's, turned and shifted to where the picture shows the face. Outputs call this the head |
 //!
-//! `SensorFromHead * HeadFromFace` is a `SensorFromFace`; nothing else is. A motion dereferences to its plain [`Rigid`], for
-//! what only reads it.
+//! `SensorFromHead * HeadFromFace` is a `SensorFromFace`; nothing else is. A motion dereferences to its plain [`Rigid`] for
+//! reading.
 
 use core::marker::PhantomData;
 use core::ops::{Deref, Mul};

@@ -1,4 +1,4 @@
-//! Lists of a few things, put in order. The library's own sort is made for long ones and adds eight kilobytes to the program
+//! Sorting of short lists. The standard library's sort is designed for long ones and adds eight kilobytes to the program
 //! for every type it is used with.
 
 /// Sorts by a key, stably, in place; the time grows with the square of the length.

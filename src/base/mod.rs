@@ -1,4 +1,4 @@
-//! What every room stands on: sizes, geometry, time, and small tools that the standard library has not.
+//! The foundation of all other modules: capacities, geometry, time, and small tools the standard library lacks.
 
 #[cfg(feature = "std")]
 pub(crate) mod bounded_read;

@@ -1,4 +1,4 @@
-//! The adaptive low-pass of one number: at rest it is smoothed, in motion it passes.
+//! Adaptive low-pass filter of one number: smooths at rest, passes motion.
 //!
 //! Method: Casiez, Roussel, Vogel, *1 € filter: a simple speed-based low-pass filter for noisy input*, CHI 2012. The cutoff
 //! rises with the number's speed. Memory: two numbers. Degenerate: the first value passes as it is.
@@ -49,7 +49,7 @@ impl<T: RealField + Copy> OneEuro<T> {
         value
     }
 
-    /// Starts anew with the next value.
+    /// Restarts with the next value.
     pub fn reset(&mut self) {
         (self.last, self.speed) = (None, T::zero());
     }

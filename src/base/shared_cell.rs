@@ -1,7 +1,6 @@
-//! Something big that several stages use one after the other.
+//! A large value that several stages use in turn.
 //!
-//! With threads about, a lock that nobody ever waits for; without the standard library a check that it is used by one at a
-//! time.
+//! With the standard library, a lock that is never contended; without it, a check that there is only one user at a time.
 
 #[cfg(feature = "std")]
 mod inner {
@@ -26,7 +25,7 @@ mod inner {
     }
 }
 
-/// One of those who share it.
+/// One of its owners.
 #[derive(Default)]
 pub struct Shared<T>(inner::Inner<T>);
 
@@ -38,7 +37,7 @@ impl<T> Shared<T> {
 }
 
 impl<T> Clone for Shared<T> {
-    /// Another one who shares it.
+    /// Another owner.
     fn clone(&self) -> Self {
         Self(self.0.clone())
     }

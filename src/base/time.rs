@@ -1,5 +1,5 @@
-//! Time as a value: microseconds since the start of a stream. Only the doors and the sources of frames read a clock;
-//! every stage is handed the time, so that a recording or a simulation can run faster than the world.
+//! Time as a value: microseconds since the start of a stream. Only the programs and the sources of frames read a
+//! clock; every stage is given the time, so that a recording or a simulation can run faster than real time.
 
 /// Capture time in microseconds.
 ///

@@ -1,9 +1,9 @@
-//! The widest vectors this processor has, for loops that are worth it.
+//! Runs hot loops with the widest vectors the processor has.
 //!
-//! Programs for x86-64 are built for its oldest processors, whose vectors hold four numbers; nearly all that run them have
-//! AVX2, with eight. [`wide`] compiles a piece of work for both and chooses while running. Nothing but the width changes: no
-//! sum is taken in another order, no product fused into it, so the results are the same to the last bit. Elsewhere (aarch64
-//! has its vectors always) the work simply runs.
+//! Programs for x86-64 target its oldest processors, whose vectors hold four numbers; nearly all processors in use have
+//! AVX2, with eight. [`wide`] compiles a piece of work for both and chooses at run time. Only the width changes: no sum is
+//! reordered and no multiply-add fused, so the results are bit-identical. On other architectures (aarch64 always has its
+//! vectors) the work runs as it is.
 #![cfg_attr(
     all(target_arch = "x86_64", feature = "std"),
     expect(

@@ -1,7 +1,7 @@
 //! Landmarks to measures, samples, ranges and unit weights (paper section 2).
 //!
 //! What it computes: for one person, in every frame, the geometric measures of the face and from them the weight of every
-//! FACS unit, while it learns where this person rests and how far their expressions go. Nobody calibrates anything.
+//! FACS unit, while it learns where this person rests and how far their expressions go. There is no calibration.
 //!
 //! ```text
 //! landmarks ─► measures ─► scaled ─┬─► learner per measure ─► range ─────────────────────┐
@@ -14,9 +14,10 @@
 //! ones read 0.2 to 0.4 on a still face.
 //!
 //! Units and frames: landmarks in the head frame, metres; measures in units of the inner-eye-corner distance; weights 0 to
-//! 1 and beyond. Memory: fixed, about 40 KiB a person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
+//! 1 and beyond. Memory: fixed, about 40 KiB per person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
 //! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames the tracker
-//! doubts, or with ω < 1/3, give weights but teach nothing. In the first third of a second all weights are 0, then fade in.
+//! doubts, or with ω < 1/3, give weights but are not learned from. In the first third of a second all weights are 0, then
+//! they fade in.
 //! One file: the order of the stage; every method has its own.
 
 pub mod compensate;
@@ -125,7 +126,7 @@ const FADE_S: core::ops::Range<f64> = 0.3..0.6;
 const RESTS_KNOWN_S: f64 = 2.0;
 /// Median readiness of rest at which the ranges are the person's.
 const WARM: f64 = 0.5;
-/// Seconds of evidence after which a rest says who this is.
+/// Seconds of evidence after which the rest identifies a person.
 const KNOWN_REST_S: f64 = 2.0;
 
 /// [`LEARNT_MEASURES`] of one kind, 2 KiB each: by value they would pass over the stack, which keeps what it once grew to.

@@ -1,13 +1,13 @@
-//! The fit itself: a short cascade of linear updates of view and shape, and the judgement of its end.
+//! The fit itself: a short cascade of linear updates of view and shape, and the confidence in its result.
 //!
-//! Stage: features `f` of the patches around the present landmarks, update `Δ = bias + W (f − mean) + P k` of the view
-//! (6 parameters) and the shape coefficients; `W` and `P` learnt where the previous stage really ends (supervised
-//! descent, Xiong and De la Torre 2013, here over the parameters of a combined 2D+3D shape model). `k` are the way already
-//! gone from the start in the view parameters and the present shape coefficients: since the start is the depth pose, `P`
-//! is the learnt weight of the depth pose and of the shape prior against the picture, the second term of the paper's cost
-//! (section 1.2). Window pixels, radians, standard deviations. A stage costs one pass over an 8-bit
-//! matrix of up to 0.45 MB; early stages leave the later shape modes alone.
-//! Degenerate: without stages the start is returned. Limits: coefficients are kept within ±[`MOST_DEVIATIONS`].
+//! Stage: features `f` of the patches around the current landmarks, update `Δ = bias + W (f − mean) + P k` of the view (6
+//! parameters) and the shape coefficients; `W` and `P` trained where the previous stage actually ends (supervised descent,
+//! Xiong and De la Torre 2013, here over the parameters of a combined 2D+3D shape model). `k` are the view parameters'
+//! displacement from the start and the current shape coefficients: since the start is the depth pose, `P` is the learned
+//! weight of the depth pose and of the shape prior against the picture, the second term of the paper's cost (section 1.2).
+//! Window pixels, radians, standard deviations. A stage costs one pass over an 8-bit matrix of up to 0.45 MB; early stages
+//! leave the later shape modes alone. Degenerate: without stages the start is returned. Limits: coefficients are kept
+//! within ±[`MOST_DEVIATIONS`].
 
 use super::features::OrientationMaps;
 use super::view::View;
@@ -43,7 +43,7 @@ pub struct Belief {
     pub landmark: [f32; LANDMARKS],
     /// 0…1 for the face.
     pub face: f32,
-    /// The face's log odds: tells two good fits apart where `face` is 1 for both.
+    /// The face's log odds: distinguishes two good fits where `face` is 1 for both.
     pub log_odds: f32,
 }
 
@@ -138,7 +138,7 @@ impl Solver {
         fit
     }
 
-    /// The step that a stage makes of the features and of what it knows beside them.
+    /// A stage's update from the features and from what it knows besides them.
     #[inline(always)]
     fn update(&mut self, stage: &CascadeStage, columns: &[f32], step: &mut [f32; MAX_PARAMETERS]) {
         for ((whole, f), mean) in self.whole.iter_mut().zip(&self.features).zip(&stage.mean) {
@@ -204,8 +204,8 @@ pub fn discriminants(model: &ConfidenceModel, features: &[f32]) -> [f32; LANDMAR
     })
 }
 
-/// What tells of each landmark: its own discriminant, its neighbours' in the numbering (they lie on the same contour, and
-/// whatever covers one covers them), the whole face's, and 1.
+/// Inputs to each landmark's confidence: its own discriminant, its neighbours' in the numbering (they lie on the same
+/// contour, and whatever covers one covers them), the whole face's, and 1.
 #[must_use]
 pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMARKS] {
     let mean = own.iter().sum::<f32>() / LANDMARKS as f32;
@@ -215,9 +215,9 @@ pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMAR
     })
 }
 
-/// What tells of the face: the mean discriminant, the mean of the lower quarter (a part that is covered or missed), how
-/// unlikely the shape is, and 1; then, for faces of which hair, a beard or a cap covers a part, the mean of the better half,
-/// of nose, eyes and mouth, and of the better one of eyes and mouth, each with the nose.
+/// Inputs to the face's confidence: the mean discriminant, the mean of the lower quarter (a part that is covered or
+/// missed), how unlikely the shape is, and 1; then, for faces of which hair, a beard or a cap covers a part, the mean of
+/// the better half, of nose, eyes and mouth, and of the better one of eyes and mouth, each with the nose.
 #[must_use]
 pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
     let mut sorted = *own;

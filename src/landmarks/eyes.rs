@@ -1,9 +1,10 @@
-//! The eyes as the picture shows them: cut out, put upright, made equally bright.
+//! Eye patches of the picture: cut out, rotated upright, normalised in brightness.
 //!
-//! Where the iris is no landmark says, and lids move by less than landmarks stray, but the 20 pixels of an eye at 0.75 m show both. Each eye
-//! is resampled about the middle between its corners, x along the line through both eyes, one eye's width and a tenth wide;
-//! the left one is mirrored. Grey values are taken off their mean and divided by their deviation, so light and skin cancel.
-//! Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels wide, or without contrast, is not seen.
+//! No landmark gives the iris, and lids move by less than the landmarks' error, but the 20 pixels of an eye at 0.75 m show
+//! both. Each eye is resampled about the middle between its corners, x along the line through both eyes, one eye's width
+//! and a tenth wide; the left one is mirrored. The mean is subtracted from the grey values, which are divided by their
+//! deviation, so light and skin cancel. Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels
+//! wide, or without contrast, is not seen.
 
 use super::window::Picture;
 use crate::base::capacity::LANDMARKS;

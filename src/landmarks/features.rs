@@ -1,4 +1,4 @@
-//! What the picture shows around the landmarks: patches of gradient orientation histograms.
+//! Features of the picture around the landmarks: patches of gradient orientation histograms.
 //!
 //! Per window, once: central-difference gradients, each spread over eight orientations by the fourth power of the positive
 //! cosine (the sum over orientations is then the magnitude, without an arc tangent), summed into cells of 2×2 pixels and

@@ -1,14 +1,14 @@
-//! Frame by frame: where to start, which schedule to run, when the face is lost, what is reported.
+//! Fitting frame by frame: the start, the schedule, when the face is lost, the report.
 //!
 //! Every frame starts from the mean shape at the depth pose and runs all stages: measured on held-out people, a start from
-//! the last frame's shape follows lids and brows worse (correlation of the lid measure 0.67 against 0.88). What is constant
-//! about a person is averaged slowly: the size of the face against the mean, which then adds nothing to the jitter of the
+//! the last frame's shape tracks lids and brows worse (correlation of the lid measure 0.67 against 0.88). A person's
+//! constants are averaged slowly: the size of the face against the mean, which then adds nothing to the jitter of the
 //! points, and how the face sits in the frame of the head that depth sees (turn and shift), from which the next fit starts.
-//! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see
-//! [`super::cascade`]. Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction
-//! (60 kB a person and 1 MB of [`Scratch`] that fitters of one pipeline share).
-//! Degenerate: a head outside the picture, or an end that is not believed, is `None`.
-//! One file: what is known of one face, and how a frame changes it.
+//! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see [`super::cascade`].
+//! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person and 1 MB of
+//! [`Scratch`] that fitters of one pipeline share). Degenerate: a head outside the picture, or a result that is not
+//! trusted, is `None`.
+//! One file: the state of one face, and how a frame changes it.
 
 use alloc::sync::Arc;
 
@@ -73,7 +73,7 @@ const SPOTTED: f32 = 0.8;
 /// What stays of a face's turn and shift in its head with every frame it is lost.
 const FORGOTTEN: f32 = 0.5;
 
-/// What a fit works on and leaves nothing in: big, so that people who are fitted one after the other share it.
+/// Scratch of a fit, stateless between fits: large, so it is shared by people, who are fitted in turn.
 pub struct Scratch {
     window: Vec<f32>,
     maps: OrientationMaps,
@@ -271,7 +271,7 @@ impl LandmarkFitter {
     }
 
     /// From the head that the last fit's face implies to the one that depth gave, if the face sits in its head as usual:
-    /// `sensor_from_head * strayed` is what the picture says of the pose.
+    /// `sensor_from_head * strayed` is the pose according to the picture.
     #[must_use]
     pub fn strayed(&self) -> Motion<Head, Head> {
         self.strayed

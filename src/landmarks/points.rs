@@ -21,7 +21,7 @@ pub struct Landmarks {
     pub point_confidence: [f32; LANDMARKS],
     /// 0…1 for the whole face.
     pub confidence: f32,
-    /// How far the right and the left cheek are blown out, as depth tells: about 0 to 1, plus a constant of the person.
+    /// How far the right and the left cheek are blown out, as depth shows: about 0 to 1, plus a constant of the person.
     pub cheeks: [f32; refinement::PUFFS],
     /// Share of the mouth's points before which depth sees something else: a hand, a cup, a sheet of paper.
     pub mouth_hidden: f32,

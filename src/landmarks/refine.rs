@@ -1,4 +1,4 @@
-//! What depth sees where the face model asks for it ([`crate::face_model::refinement`]).
+//! Depth measured where the face model asks for it ([`crate::face_model::refinement`]).
 
 use super::relief;
 use crate::base::capacity::{LANDMARKS, PIXELS};

@@ -1,6 +1,6 @@
-//! What depth sees at places of the face: the surface's height, which a picture from the front hardly tells.
+//! Surface height at places of the face, measured by depth; a frontal picture hardly shows it.
 //!
-//! Around a place of the head frame, every depth pixel within a small window is carried to the head frame; the mean of
+//! Around a place of the head frame, every depth pixel within a small window is transformed to the head frame; the mean of
 //! those that agree with their median is the surface there. A patch of some dozens of pixels beats the sensor's depth
 //! steps (2 mm at 0.8 m) by a factor of ten. Units: metres, head frame. No memory. Cost: one look-up and one rotation
 //! per pixel, about a microsecond a place. Degenerate: too few pixels, or none near the place, give `None`.

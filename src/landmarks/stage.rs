@@ -1,4 +1,4 @@
-//! The landmark stage of a pipeline: the chosen method behind one verb.
+//! The landmark stage of a pipeline: the chosen method behind one interface.
 
 use super::fit::{LandmarkFitter, Scratch, Settings};
 use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};

@@ -1,8 +1,9 @@
-//! Temporal filter of the shape: a still face stands still, a moving one is followed at once.
+//! Temporal filter of the shape: a still face is held still, a moving one is tracked without delay.
 //!
-//! Each shape coefficient has its own first-order filter whose gain grows with the speed of the coefficient ([`crate::base::one_euro`]). Parameters are filtered and not points, so the filtered face is still a face.
+//! Each shape coefficient has its own first-order filter whose gain grows with the coefficient's speed
+//! ([`crate::base::one_euro`]). Parameters are filtered rather than points, so the filtered face is still a face.
 //! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
-//! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter starts anew.
+//! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter restarts.
 
 use crate::base::one_euro::{Cutoffs, OneEuro};
 use crate::base::time::Timestamp;

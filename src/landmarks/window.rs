@@ -1,11 +1,11 @@
 //! The head window: the face resampled upright and at a fixed scale from the whole colour picture.
 //!
-//! The depth pose says where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
+//! The depth pose gives where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
 //! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a camera that looks straight at the head;
 //! the window is that camera's picture, turned upright, and a homography (from four points of the plane through the head's
-//! origin) takes it to the colour picture, so a head at the edge of the picture appears as if it were in the middle.
-//! Pixels, metres, radians. One bilinear look-up per window pixel, 34 k in all.
-//! Degenerate: a Jacobian without rank (head at the camera) gives no placement. Outside the picture its edge is repeated.
+//! origin) maps it to the colour picture, so a head at the edge of the picture appears as if it were in the middle. Pixels,
+//! metres, radians. One bilinear look-up per window pixel, 34 k in all. Degenerate: a Jacobian without rank (head at the
+//! camera) gives no placement. Outside the picture its edge is repeated.
 
 use core::ops::Range;
 

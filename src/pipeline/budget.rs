@@ -1,9 +1,9 @@
-//! The memory of a run, part by part, added up by the compiler.
+//! The memory of a run, part by part, added up at compile time.
 //!
-//! All of it is taken before the first frame and kept. The stages and the live sensor each have their budget; a recording or
-//! the simulated sensor takes other buffers in the place of the sensor's. What depends on the face model (its own numbers,
-//! the prepared standard head, what is learnt of a person's head) is a bound for the built-in model; a test measures
-//! every row. Not in the table: `landmarks.method = "paper"` takes 1.5 MB more a person.
+//! All of it is allocated before the first frame and kept. The stages and the live sensor each have a budget; a recording
+//! or the simulated sensor uses other buffers instead of the sensor's. Rows that depend on the face model (its own numbers,
+//! the prepared standard head, the learned head of a person) are bounds for the built-in model; a test measures every row.
+//! Not in the table: `landmarks.method = "paper"` takes 1.5 MB more per person.
 //!
 //! | part | bytes | what |
 //! | --- | --- | --- |
@@ -13,7 +13,7 @@
 //! | landmarks | 1,000,192 | window, orientation maps, features: shared by all |
 //! | model | 510,000 | shape modes, scales, biases; the update matrices stay in the binary |
 //! | anchor | 700,000 | the standard head, prepared |
-//! | people | 5 × 305,000 | four users and the one at the door |
+//! | people | 5 × 305,000 | four users and one candidate |
 //! | **stages** | **5,307,496** | of 8 MiB |
 //! | waiting frames | 2 × 729,600 | in the ring or being unpacked |
 //! | pairing | 729,600 | one picture per stream |

@@ -1,6 +1,6 @@
-//! One person's stages in order: pose, landmarks, expression, and what is known of them.
+//! One person's stages in order (pose, landmarks, expression) and everything known about that person.
 //!
-//! All memory is taken at construction, about 1.3 MB a person; the standard head is shared.
+//! All memory is allocated at construction, about 1.3 MB per person; the standard head is shared.
 //! One file: one person's state and how a frame changes it.
 
 use super::stage::Stage;
@@ -20,22 +20,22 @@ use crate::users::matching::Place;
 use crate::users::memory::Gone;
 use crate::users::{Presence, TrackingState};
 
-/// A pose at which no face is seen for so many frames is not one.
+/// A pose without a face for this many frames is rejected.
 const DOUBTED_FRAMES: u32 = 3;
-/// A face seen in so many frames is known, and may turn away.
+/// A face seen in this many frames is known, and may turn away.
 const KNOWN_FRAMES: u64 = 30;
 /// Cosines of the angle to the line of sight between which a head is turned away, but its face is still there for depth:
 /// 20° and 70°.
 const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
-/// Without being seen for so long, a head may be anybody's, seconds.
+/// After this long unseen, a head may be anybody's, seconds.
 const AWAY_GAP_S: f64 = 0.1;
-/// Confidence of a face that depth alone tells of.
+/// Confidence of a face supported by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
-/// Confidence from which a face may lean the head.
+/// Minimum confidence of a face that may correct the head pose.
 const LEANING_CONFIDENCE: f32 = 0.8;
-/// A pose is put right by the face in so many of its first frames.
+/// The face corrects a pose in this many of its first frames.
 const CORRECTED_FRAMES: u64 = 3;
-/// Without a picture a head is a user's once it was surely one in so many frames in a row.
+/// Without a picture, a head becomes a user once it was certain in this many consecutive frames.
 const POSED_FRAMES: u64 = 2;
 /// What is surely a head: it covers so much of the middle of the standard head's face, and agrees with it so well. In the
 /// real film nine of ten frames of the head do; of its chair, arms, paper and clothes none agrees by more than 0.54.
@@ -69,7 +69,7 @@ pub(crate) struct Follower {
     pub(crate) frames: u64,
     /// Frames in a row in which the head was followed without colour.
     posed: u64,
-    /// Whether their head was missed since, so that what is found again has to be surely one.
+    /// Whether the head was missed since, so that a new detection has to be certain.
     missed: bool,
     /// What they are known by beside their head.
     face: FaceLengths,
@@ -111,7 +111,7 @@ impl Follower {
         }
     }
 
-    /// Whether somebody has this follower.
+    /// Whether this follower is assigned to a person.
     pub(crate) fn is_taken(&self) -> bool {
         self.state != TrackingState::Absent
     }
@@ -126,7 +126,7 @@ impl Follower {
         self.frames > 0 || self.posed >= KNOWN_FRAMES
     }
 
-    /// Frames in which the one at the door was followed.
+    /// Frames for which the candidate was tracked.
     pub(crate) fn followed(&self) -> u64 {
         self.frames + self.posed
     }
@@ -276,7 +276,7 @@ impl Follower {
         self.last_seen = at;
     }
 
-    /// Depth shows no head; of one who is known one frame without it tells nothing.
+    /// Depth shows no head; for a known person a single such frame is ignored.
     fn miss_head(&mut self) {
         self.missed = true;
         if !self.is_known() {
@@ -360,7 +360,7 @@ impl Follower {
         self.doubted = 0;
     }
 
-    /// Goes on with what another one knows of its person.
+    /// Takes over what another follower knows about its person.
     pub(crate) fn adopt(&mut self, before: &Self) {
         self.expression.restore(&before.expression.learned());
         self.expression.freeze(before.expression.weights().frozen);
@@ -395,7 +395,7 @@ impl Follower {
         }
     }
 
-    /// Adds what is known to a report that has frame, time and user.
+    /// Adds everything known to a report that has frame, time and user.
     pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
         let known = Report {
             state: self.state,
@@ -448,7 +448,7 @@ mod tests {
         )
     }
 
-    /// Frames of somebody who sits there, each with its cloud and where the head is in truth.
+    /// Frames of a seated person, each with its cloud and the true head pose.
     fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
         let camera = Camera::new(sensor.registration());

@@ -1,8 +1,8 @@
-//! Synthetic sessions and what the stages say of them, so that a change of behaviour shows, wherever it comes from.
+//! Synthetic sessions and the recorded output of the stages, so that any change of behaviour shows.
 //!
 //! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their numbers are held
-//! tightly enough to show one constant changed by a tenth. They are what was said when somebody last looked, not the truth,
-//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` writes `tests/golden/stages/*.txt` anew.
+//! tightly enough to show one constant changed by a tenth. They are the output of the last accepted version, not the
+//! truth, which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` rewrites `tests/golden/stages/*.txt`.
 
 use std::fmt::Write;
 use std::path::Path;

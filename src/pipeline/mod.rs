@@ -1,4 +1,4 @@
-//! The stages in order, for every person, and the memory that takes.
+//! The stages in order, for every person, and their memory budget.
 
 pub mod budget;
 #[cfg(feature = "std")]

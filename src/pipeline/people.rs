@@ -1,14 +1,13 @@
-//! The people before the sensor: who gets which head, and who they are.
+//! The people in front of the sensor: which head is whose, and who they are.
 //!
-//! Heads are given to the users they belong to ([`crate::users::matching`]); each user has stages of their own
-//! ([`super::follower`]). A head that is nobody's goes to a follower at the door, one at a time: it becomes a user once a
-//! face is found on it (or, without colour, once depth has followed it for a while) and, if there are people who left, after
-//! a few more frames that tell whether it is one of them ([`crate::users::memory`]). What has no face is left alone for a
-//! few frames. At most half of a search for a pose from nothing is done in a frame, so that no frame costs much more than
-//! following.
+//! Heads are assigned to the users they belong to ([`crate::users::matching`]); each user has their own stages
+//! ([`super::follower`]). An unassigned head goes to the candidate's follower, one at a time: it becomes a user once a face
+//! is found on it (or, without colour, once depth has tracked it for a while) and, if there are people who left, after a few
+//! more frames that show whether it is one of them ([`crate::users::memory`]). A head without a face is ignored for a few
+//! frames. A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
 //!
-//! With every slot taken, who comes has to wait until one is forgotten.
-//! One file: from door to memory is one decision.
+//! When every slot is taken, a newcomer has to wait until a user is forgotten.
+//! One file: from candidate to memory is one decision.
 
 use alloc::sync::Arc;
 
@@ -34,33 +33,33 @@ use crate::users::matching::Place;
 use crate::users::memory::{Gone, Memory};
 use crate::users::{self, Presence, TrackingState, matching};
 
-/// Frames a newcomer's whole head is looked at before it is decided whether they have been here before, if anybody has,
+/// Frames for which a newcomer's whole head is compared before deciding whether they were here before, if anybody was,
 pub(crate) const FIRST_LOOK: u64 = 4;
-/// and the distance of two people ([`crate::users::likeness`]) up to which they are one: of eight
-/// frames' looks seven of ten who are back are nearer, and three strangers of a thousand.
+/// and the distance of two people ([`crate::users::likeness`]) up to which they are the same: over eight frames, seven of
+/// ten returning people are nearer, and three of a thousand strangers.
 pub(crate) const FIRST_LOOK_APART: f32 = 1.0;
-/// A head that is cut off by the picture's edge tells nothing; for so many frames it is waited for.
+/// A head cut off by the picture's edge is inconclusive; it is waited for this many frames.
 const LONGEST_LOOK: u64 = 40;
-/// Every so many frames, up to the last look, a new user is compared once more: who walks in shows one side first, and
-/// goes back to the slot they had.
+/// At this interval, in frames, a new user is compared again until the last look: a person walking in shows one side first,
+/// and returns to their old slot if recognised.
 const LOOK_STEP: u64 = 8;
 const LAST_LOOK: u64 = 48;
-/// Beyond this distance from all of them a newcomer is a stranger at once; who is between is looked at for longer,
+/// Beyond this distance from all of them a newcomer is a stranger at once; in between, comparison goes on
 const STRANGER_APART: f32 = 1.6;
-/// for so many frames: with what it takes to be there at all, a newcomer has a slot within ten,
+/// for this many frames: with those needed to be detected at all, a newcomer has a slot within ten,
 pub(crate) const SECOND_LOOK: u64 = 5;
-/// with this distance: of ten frames' looks nine of ten who are back are nearer, and two strangers of a hundred.
+/// with this distance: over ten frames, nine of ten returning people are nearer, and two of a hundred strangers.
 pub(crate) const SECOND_LOOK_APART: f32 = 1.2;
-/// A head without a face is tried again after so many frames.
+/// A head without a face is tried again after this many frames.
 const REFUSED_FRAMES: u64 = 4;
 /// A refused head that has moved less than this is the same one, metres.
 const REFUSED_M: f32 = 0.06;
-/// What is cut out so near to a user's head is part of it, metres.
+/// A cut-out this near to a user's head is part of it, metres.
 const SAME_M: f32 = 0.12;
 
-/// Everybody who is followed, at the door, or gone and remembered.
+/// All people: tracked, candidate, or gone and remembered.
 pub(super) struct People {
-    /// By slot, and last the one at the door.
+    /// By slot, and last the candidate's.
     pub(super) followers: Vec<Follower>,
     settings: users::Settings,
     memory: Memory,
@@ -75,7 +74,7 @@ pub(super) struct People {
     at: Timestamp,
 }
 
-/// The follower of the one who may become a user.
+/// The follower of the candidate, who may become a user.
 const DOOR: usize = USERS;
 
 /// Why a pipeline cannot be made of these settings and this model.
@@ -89,7 +88,7 @@ pub enum PipelineError {
     Landmarks(#[from] crate::landmarks::LandmarkError),
 }
 
-/// Whether a user is compared once more after so many frames that taught their head.
+/// Whether a user is compared again after this many frames of learning their head.
 fn is_looked_at(taught: u64) -> bool {
     taught > SECOND_LOOK && taught <= LAST_LOOK && taught.is_multiple_of(LOOK_STEP)
 }
@@ -224,7 +223,7 @@ impl People {
         free
     }
 
-    /// Keeps what is known of the user of a slot.
+    /// Remembers the user of a slot.
     fn remember(&mut self, slot: usize) {
         let user = &self.followers[slot];
         if self.settings.remember_s > 0.0 {
@@ -232,7 +231,7 @@ impl People {
         }
     }
 
-    /// Those who left, longest gone first, and those who are there, as if they left now; nobody if none is to be remembered.
+    /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
     pub(super) fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
         let users = self.followers[..USERS].iter().enumerate();
         let known = users.filter(|(_, user)| user.is_taken() && user.pose.taught() >= FIRST_LOOK);
@@ -276,7 +275,7 @@ impl People {
                 near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
             }
             None => {
-                // Who was never refused comes first: what stands about is no face again and again.
+                // Heads never refused come first: a static object is refused again and again.
                 let refused = |head: usize| {
                     let here = |place: &Point| (heads[head].centre - place).norm() < REFUSED_M;
                     let until = self.refused.iter().filter(|(place, _)| here(place));
@@ -306,7 +305,7 @@ impl People {
             if self.refused.is_full() {
                 self.refused.pop_front();
             }
-            // Not full: just seen to.
+            // Not full: checked above.
             let _ = self
                 .refused
                 .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
@@ -317,7 +316,7 @@ impl People {
         }
     }
 
-    /// Gives the one at the door a slot, once it is known whose.
+    /// Gives the candidate a slot, once it is known whose.
     fn admit(&mut self) {
         let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
@@ -360,7 +359,7 @@ impl People {
         self.followers[DOOR].forget();
     }
 
-    /// Compares a user who came a second ago once more with those who left; they move to the slot they had.
+    /// Compares a recent newcomer again with people who left; if recognised, they move back to their slot.
     fn look_again(&mut self, slot: usize) {
         let known = self.recognise(slot, SECOND_LOOK_APART);
         if let Some(theirs) = known.filter(|&theirs| theirs != slot) {
@@ -376,8 +375,8 @@ impl People {
         core::array::from_fn(|slot| slot < most && !self.followers[slot].is_taken())
     }
 
-    /// Whether a follower's person is one who is lost or left; they get their ranges back. Returned is the slot that is
-    /// theirs, if it is to be had.
+    /// Recognises a follower's person as one who is lost or left and restores their ranges. Returns their slot, if it is
+    /// available.
     fn recognise(&mut self, of: usize, most_apart: f32) -> Option<usize> {
         let (slot, is_lost) = self.most_like(of, most_apart)?;
         if is_lost {
@@ -392,7 +391,7 @@ impl People {
         (slot == of || self.free_slots()[slot]).then_some(slot)
     }
 
-    /// Of those who are lost or left the one who is most like a follower's person: their slot, and whether they are lost.
+    /// The lost or remembered person most like a follower's: their slot, and whether they are lost.
     fn most_like(&self, of: usize, most_apart: f32) -> Option<(usize, bool)> {
         let one = &self.followers[of];
         let likeness = one.likeness();
@@ -437,8 +436,8 @@ impl People {
         self.choice.look(&there, self.at);
     }
 
-    /// What is known after the last frame: a report for each user, one with the state absent for who was forgotten in this
-    /// frame, and one without a user if there is neither.
+    /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
+    /// one without a user if there is neither.
     pub(super) fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
         let nobody = Report {
             frame: self.frame,
@@ -503,12 +502,12 @@ impl People {
         }
     }
 
-    /// What was learnt of the user of a slot (the door's beyond the last), for pictures and tables.
+    /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
     pub(super) fn expression(&self, slot: usize) -> &Expression {
         &self.followers[slot.min(DOOR)].expression
     }
 
-    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
+    /// Takes over what another pipeline knows about its users, as when settings change during a run.
     pub(super) fn adopt(&mut self, before: &Self) {
         let before_users = before.followers.iter().take(DOOR);
         for (follower, before) in self.followers.iter_mut().zip(before_users) {

@@ -1,4 +1,4 @@
-//! What can be chosen of the stages.
+//! Settings of the stages.
 
 use crate::{expression, landmarks, pose, segment, users};
 
@@ -13,6 +13,6 @@ pub struct Settings {
     pub landmarks: landmarks::StageSettings,
     /// Learning of ranges.
     pub learning: expression::Settings,
-    /// Who is followed, and what happens when a face is lost.
+    /// Which people are tracked, and what happens when a face is lost.
     pub users: users::Settings,
 }

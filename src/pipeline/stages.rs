@@ -1,9 +1,9 @@
-//! Frame to reports: the drawing of the library as code.
+//! Frame to reports: the diagram in `lib.rs` as code.
 //!
 //! ```text
 //! frame ─► segment ─► heads ─► people ─► follower of each: pose ─► landmarks ─► expression ─► report of each
 //! ```
-//! All memory is taken in [`Pipeline::new`].
+//! All memory is allocated in [`Pipeline::new`].
 
 use super::people::{People, PipelineError};
 use super::settings::Settings;
@@ -46,7 +46,7 @@ impl Pipeline {
         })
     }
 
-    /// Follows one frame; [`Pipeline::reports`] then tells what is known.
+    /// Processes one frame; [`Pipeline::reports`] then gives the results.
     pub fn follow(&mut self, frame: &Frame) {
         self.follow_by_stage(frame, |_| {});
     }
@@ -59,14 +59,14 @@ impl Pipeline {
             .follow(frame, &self.camera, &mut self.segmenter, &mut after);
     }
 
-    /// What is known after the last frame: a report for each user, one with the state absent for who was forgotten in this
-    /// frame, and one without a user if there is neither.
+    /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
+    /// one without a user if there is neither.
     #[must_use]
     pub fn reports(&self) -> heapless::Vec<Report<'_>, { USERS + 1 }> {
         self.people.reports()
     }
 
-    /// The report of the user whom single-user outputs show; of nobody if there is none.
+    /// The report of the user that single-person outputs show; of nobody if there is none.
     #[must_use]
     pub fn report(&self) -> Report<'_> {
         let reports = self.reports();
@@ -93,7 +93,7 @@ impl Pipeline {
         self.people.obey(command);
     }
 
-    /// Those who left, longest gone first, and those who are there, as if they left now; nobody if none is to be remembered.
+    /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
     pub fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
         self.people.people()
     }
@@ -103,7 +103,7 @@ impl Pipeline {
         self.people.recall(people);
     }
 
-    /// Goes on with what another pipeline knows of its users, as when settings change in the middle of a run.
+    /// Takes over what another pipeline knows about its users, as when settings change during a run.
     pub fn adopt(&mut self, before: &Self) {
         self.people.adopt(&before.people);
     }
@@ -127,13 +127,13 @@ impl Pipeline {
         &self.camera
     }
 
-    /// The segmenter, for pictures of what it saw.
+    /// The segmenter, for pictures of its results.
     #[must_use]
     pub fn segmenter(&self) -> &Segmenter {
         &self.segmenter
     }
 
-    /// What was learnt of the user of a slot (the door's beyond the last), for pictures and tables.
+    /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
     #[must_use]
     pub fn expression(&self, slot: usize) -> &Expression {
         self.people.expression(slot)

@@ -1,9 +1,9 @@
-//! Guesses at where in a head's cloud the face may be, for the picture to decide: hair beside a face shifts the box, and a
-//! search then ends where no face is found.
+//! Candidate positions of the face in a head's cloud, for the picture to decide between: hair beside a face shifts the box,
+//! and a search then ends where there is no face.
 //!
-//! The guesses go through places about four centimetres apart in the cloud's extent, the middle first, each with three turns
+//! The candidates are about four centimetres apart in the cloud's extent, the middle first, each with three turns
 //! about the vertical; a fit that starts that far off still ends on the face. Sensor frame, metres. Degenerate: an empty
-//! cloud has none.
+//! cloud gives none.
 
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll};

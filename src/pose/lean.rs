@@ -1,13 +1,13 @@
-//! Leans a head towards where its face is: depth and picture decide the pose together.
+//! Corrects the head pose towards the face in the picture: depth and picture determine the pose together.
 //!
 //! Under a fringe or beside long hair depth alone drifts, slowly and confidently, while the 68 points stay on the face. A
-//! face sits in its head in one way ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points say where the
-//! head should be. Each is weighted by what it knows: depth by the normal matrix of its alignment (`known`), the picture by
-//! standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare head to
-//! a fraction of a degree; pitch has more room, because light and a moving mouth change what the points say of it.
+//! face sits in its head in one way ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points imply where the
+//! head should be. Both are weighted by their certainty: depth by the normal matrix of its alignment (`known`), the picture
+//! by standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare head
+//! to a fraction of a degree; pitch has more room, because light and a moving mouth affect its estimate from the points.
 //!
 //! Method: one Gauss–Newton step on the sum of the two quadratic forms about the depth pose, where depth's gradient is zero.
-//! Head frame, radians and metres. Degenerate: where depth knows nothing, the picture alone counts.
+//! Head frame, radians and metres. Degenerate: where depth carries no information, the picture alone counts.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 

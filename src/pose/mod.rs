@@ -8,8 +8,8 @@
 //!
 //! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all made at construction;
 //! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
-//! badly with the head gives `None`, and the next frame searches anew; a learned shape survives short losses only.
-//! Limitation: the back of a head is a head to the depth camera; telling is left to the landmarks.
+//! badly with the head gives `None`, and the next frame searches again; a learned shape survives short losses only.
+//! Limitation: to the depth camera the back of a head is a head; the landmarks must tell them apart.
 //! One file: the order of the stage; alignment, shape, start and smoothing have their own.
 
 pub mod anchor;
@@ -53,7 +53,8 @@ pub struct HeadPose {
     /// Of the middle of the face, or of its nose if that is less, the share that the cloud lies on, 0…1; 1 with the paper's method,
     /// which does not look.
     pub coverage: f32,
-    /// Whether depth alone says so; else it is to be taken back ([`PoseTracker::take_back`]) unless a face is seen there.
+    /// Whether depth alone confirms it; otherwise it must be taken back ([`PoseTracker::take_back`]) unless a face is seen
+    /// there.
     pub proven: bool,
 }
 
@@ -84,7 +85,7 @@ pub struct Settings {
     pub rounds: u32,
 }
 
-/// Frames of the window unless told.
+/// Default length of the window, frames.
 pub const WINDOW_FRAMES: u32 = 5;
 
 impl Default for Settings {
@@ -123,11 +124,11 @@ const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.0
 /// Of a frame that follows another: roughly on few points, then exactly on all.
 const APPROACH_M: [f32; 2] = [0.020, 0.012];
 const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
-/// Every so many-th point while searching, in the final, and while approaching.
+/// Stride over the points while searching, in the final, and while approaching.
 const SEARCH_STRIDE: usize = 5;
 const FINAL_STRIDE: usize = 2;
 const APPROACH_STRIDE: usize = 4;
-/// Weight of what is not the bare face at the end of a search: a fringe or hair beside the face leans the head.
+/// Weight of points outside the bare face at the end of a search: a fringe or hair beside the face leans the head.
 const BESIDE: f32 = 0.5;
 /// Starts that go on after the first rounds, and that are aligned with more points after the next.
 const GO_ON: usize = 12;
@@ -141,7 +142,7 @@ const SEARCH_HALVES: u32 = 2;
 const COAST_S: f64 = 0.2;
 /// A head goes no further than this between two frames, metres.
 const STEP_M: f32 = 0.1;
-/// After this long somebody else may sit there: the learned shape is dropped, seconds.
+/// After this long it may be another person: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
 /// Share of the least agreement down to which a followed head may be proven by its face instead.
 const UNPROVEN: f32 = 0.7;
@@ -163,7 +164,7 @@ const COVERED_FOUND: f32 = 0.60;
 const MIN_AGREEING: u32 = 120;
 /// A frame teaches the shape from this agreement on.
 const TEACHING_AGREEMENT: f32 = 0.6;
-/// Of the first so many such frames each one teaches, then every so many-th: neighbouring frames tell the same.
+/// The first [`TAUGHT_ALL`] such frames all teach the shape, later ones every [`TAUGHT_STEP`]-th: neighbours are redundant.
 const TAUGHT_ALL: u64 = 60;
 const TAUGHT_STEP: u64 = 3;
 /// The paper's method makes its target anew after so many such frames at first, and then.
@@ -247,7 +248,7 @@ pub struct PoseTracker {
     searched: Timestamp,
     /// The last frame's fit, until it has taught the shape.
     lesson: Option<PlaneFit>,
-    /// Whether the picture told where to look next.
+    /// Whether the picture gave the next place to search.
     is_told: bool,
     /// Frames that might have taught the shape.
     taught: u64,
@@ -310,7 +311,7 @@ impl PoseTracker {
         )
     }
 
-    /// Frames that told about the shape of this head.
+    /// Frames from which this head's shape was learned.
     #[must_use]
     pub fn taught(&self) -> u64 {
         self.taught
@@ -328,7 +329,7 @@ impl PoseTracker {
         one.differ(other, &self.anchor)
     }
 
-    /// Forgets pose and user: the next cloud is somebody new.
+    /// Forgets pose and user: the next cloud is a new person's.
     pub fn reset(&mut self) {
         self.lose();
         self.last = None;
@@ -344,7 +345,7 @@ impl PoseTracker {
         }
     }
 
-    /// Whether a search goes on in the next frame, or what the picture told is tried.
+    /// Whether a search continues in the next frame, or a place from the picture is tried.
     #[must_use]
     pub fn is_searching(&self) -> bool {
         !self.finalists.is_empty() || !self.ends.is_empty() || self.is_told
@@ -363,7 +364,7 @@ impl PoseTracker {
     }
 
     /// Finds the head in the cloud and learns from it. `None` when it is not there or does not agree; the next call searches
-    /// anew.
+    /// again.
     pub fn track(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
         let mut searches = SEARCH_HALVES;
         let pose = self.track_with(cloud, at, &mut searches);
@@ -441,8 +442,8 @@ impl PoseTracker {
         self.is_told = true;
     }
 
-    /// The middle of what was cut out as this head now, before it is followed: until the head has a speed, one who walks in
-    /// by 40 mm a frame is expected where this has moved.
+    /// The centre of this head's cut-out in this frame, before tracking: until the head has a speed, that of a person
+    /// walking in at 40 mm a frame is predicted from how far this has moved.
     pub fn meet(&mut self, middle: Point) {
         self.moved = self
             .middle

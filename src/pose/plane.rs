@@ -1,9 +1,10 @@
 //! Point-to-plane alignment of a live cloud with the anchor: the tracker's default.
 //!
 //! Method: Gauss–Newton on distances along the anchor's normals (Chen & Medioni 1992), pairs weighted by Tukey's biweight
-//! by the anchor's trust and by the sensor's error, one cut-off per iteration falling from wide to narrow. Distances along the normal let the
-//! surfaces slide over each other, so that a handful of iterations does what takes point-to-point dozens, and depth
-//! steps average out. Beside the six of the motion the head's uniform scale is unknown; a quadratic prior holds it.
+//! by the anchor's trust and by the sensor's error, one cut-off per iteration falling from wide to narrow. Distances along
+//! the normal let the surfaces slide over each other, so that a handful of iterations achieves what takes point-to-point
+//! dozens, and depth steps average out. Besides the six parameters of the motion the head's uniform scale is unknown, held
+//! by a quadratic prior.
 //!
 //! With q = `head_from_sensor` p, scale s, anchor point a with normal n and learned offset o along it:
 //! r = n·(q/s − a) − o, ∂r/∂ω = (q × n)/s, ∂r/∂v = n/s, ∂r/∂ln s = −n·q/s.
@@ -11,7 +12,7 @@
 //! Head frame, metres, radians; sums in f64. Cost about 40 ns per point and iteration. Memory: none. Degenerate: too few
 //! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point belongs to a part that
 //! the anchor does not have), and so are pairs whose anchor point looks away from the camera.
-//! One file: one alignment: pairs, sums and what an end is worth.
+//! One file: one alignment: pairs, sums and the score of the result.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -33,9 +34,9 @@ pub(crate) const FACING: f32 = -0.15;
 pub(crate) struct Effort<'a> {
     /// Cut-off of the biweight in each iteration, metres.
     pub(crate) cutoffs_m: &'a [f32],
-    /// Every so many-th live point is used.
+    /// Stride over the live points.
     pub(crate) stride: usize,
-    /// Weight of what is not the bare face, which may be hair, 0…1.
+    /// Weight of points outside the bare face, which may be hair, 0…1.
     pub(crate) beside: f32,
     /// Standard deviation the scale may have around the shape's, as a logarithm; 0 keeps the scale.
     pub(crate) scale_sigma: f64,
@@ -138,7 +139,7 @@ fn is_nose(p: &Point) -> bool {
 
 /// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
 const EVIDENCE_M: f64 = 0.004;
-/// Live points whose errors hang together count as one; of some 1500 so many are independent.
+/// Live points with correlated errors count as one; of some 1500 this many are independent.
 const INDEPENDENT: f64 = 60.0;
 /// Variance of what all live points together say, metres²: divided by the variance of something else that is known, it gives
 /// that something's worth in units of weight.

@@ -11,7 +11,7 @@ use crate::base::prelude::*;
 /// Heads are 0.85 to 1.15 of the standard size.
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
-/// The standard head counts as so many frames: one noisy look must not bend it.
+/// The standard head counts as this many frames, so that one noisy frame cannot bend it.
 pub(super) const PRIOR_FRAMES: f32 = 4.0;
 
 /// The learned differences.

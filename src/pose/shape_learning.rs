@@ -1,14 +1,14 @@
 //! How one user's head differs from the standard head ([`HeadShape`]), learned while tracking.
 //!
-//! Nobody's head is the standard head. Where it is wider or its nose longer, the alignment settles at a compromise that
+//! Nobody has the standard head. Where a head is wider or its nose longer, the alignment settles at a compromise that
 //! depends on which part is seen, and so the pose error would depend on the pose. Learned are the uniform scale (a
 //! running mean of each frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a
 //! running mean of the distances of the live points that belong to it; the idea of a fused reference model, Newcombe et
 //! al., KinectFusion, 2011, on the anchor's own points instead of a volume).
 //!
-//! What of the offsets amounts to a rigid motion or a change of scale is taken out again ([`HeadShape::settle`]), because
+//! Any rigid motion or change of scale contained in the offsets is removed again ([`HeadShape::settle`]), because
 //! it belongs to the pose: without that the learned head could creep away from the standard one. Only the bare face
-//! ([`Anchor`]) counts there: measured over the whole head, hair that stands off the cranium pulls the face along, by a
+//! ([`Anchor`]) counts there: measured over the whole head, hair standing off the cranium pulls the face along, by a
 //! centimetre in half a minute. Offsets are smoothed along the surface, which also carries them a little way into parts
 //! not yet seen.
 //!
@@ -34,7 +34,7 @@ const SPREAD: (f32, f32) = (0.08, 0.01);
 /// As for the offsets, for the scale.
 const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
-/// After so many frames an offset is a running mean of that length.
+/// After this many frames an offset is a running mean of that length.
 const MEMORY_FRAMES: f32 = 150.0;
 /// Fewer where offsets tell the size, which is known only when they have settled.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;

@@ -1,10 +1,10 @@
-//! What tells one head from another: a few dozen numbers, by which a person who comes back is known.
+//! A head's signature: a few dozen numbers by which a returning person is recognised.
 //!
-//! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and cheeks,
-//! and the head's size. Before two are compared, what a rigid motion or a change of size would explain is taken out of
-//! their difference: the motion belongs to the pose's convention, and growth is size. A head that was seen for a few frames
-//! has part of its size still in the offsets (3 % of it, as much as people differ), so only the sum of both tells. What is
-//! left is divided by its usual spread within one person. A face cannot be drawn from these numbers: they hold neither
+//! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and
+//! cheeks, and the head's size. Before two are compared, any rigid motion or change of size is removed from their
+//! difference: the motion belongs to the pose's convention, and growth is size. A head seen for only a few frames still has
+//! part of its size in the offsets (3 % of it, as much as people differ), so only the sum of both is informative. The
+//! remainder is divided by its usual spread within one person. A face cannot be drawn from these numbers: they hold neither
 //! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth.
 //!
 //! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few

@@ -7,7 +7,7 @@
 //!
 //! Rotations are averaged in the tangent space at the newest one (exponential map), translations as vectors; both in the
 //! sensor frame, metres and radians. Memory: [`MAX_WINDOW`] poses. Degenerate: after a gap of [`GAP_S`] or time running
-//! backwards the filter starts anew. Limitation: constant delay models only; no prediction.
+//! backwards the filter restarts. Limitation: constant delay models only; no prediction.
 
 use crate::base::geometry::{Rigid, Rotation, Vector};
 use crate::base::time::Timestamp;
@@ -26,7 +26,7 @@ const LEVER_M: f32 = 0.1;
 pub enum Smoothing {
     /// Poses pass as they are.
     Off,
-    /// Triangular mean over the last so many frames (1 to [`MAX_WINDOW`]).
+    /// Triangular mean over this many last frames (1 to [`MAX_WINDOW`]).
     Window(usize),
     /// Low-pass with speed-dependent cut-off.
     Adaptive {

@@ -1,8 +1,8 @@
-//! The first pose: a search over turned starts, for yaw within ±60° and pitch within ±40°.
+//! The first pose: a search over rotated starts, for yaw within ±60° and pitch within ±40°.
 //!
-//! A closest-point alignment finds the nearest minimum only, and from a frontal start a head turned by 40° is caught by the
-//! cheek. So a few starts are tried on a thinned cloud and the best end is kept. Each start turns the anchor and lays
-//! the middle of its visible half on the middle of the cloud.
+//! A closest-point alignment finds the nearest minimum only, and from a frontal start a head turned by 40° gets stuck at
+//! the cheek. So several starts are tried on a thinned cloud and the best result is kept. Each start turns the anchor and
+//! lays the centre of its visible half on the centre of the cloud.
 //!
 //! Sensor and head frame, metres, radians. Cost: 25 starts of four rounds on a fifth of the points, five more for the best
 //! twelve, eight on half of the points for the best six: about ten times a frame that is followed. Limitation: a head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.

@@ -1,9 +1,9 @@
-//! The pixels of a head as points: of one that was cut from the picture ([`gather`]), or of one whose place is known from the
-//! frames before ([`around`]), where hair, hands and collars that hang together with it do not matter.
+//! A head's pixels as points: of a head cut from the picture ([`gather`]), or of one whose position is known from earlier
+//! frames ([`around`]), where connected hair, hands and collars do not matter.
 //!
-//! Pixels are averaged in square blocks, just big enough that the cloud holds them: the mean of b² readings has a b-th of
-//! a reading's noise and of its quantisation, so thinning loses little. Only pixels near their cell's depth count, so
-//! that no block mixes nose and cheek, and blocks less than half full are dropped: at the outline readings are ragged.
+//! Pixels are averaged in square blocks, just big enough that the cloud holds them: the mean of b² readings has a b-th of a
+//! reading's noise and of its quantisation, so thinning loses little. Only pixels near their cell's depth count, so that no
+//! block mixes nose and cheek, and blocks less than half full are dropped, because readings are ragged at the outline.
 //!
 //! Sensor frame, metres. Memory: 12 kB of the stack. Cost: one pass over the head's pixels, two if the first overflows.
 
@@ -67,7 +67,7 @@ pub(crate) fn gather(
 /// at the standard size.
 const HEAD_FROM: [f32; 3] = [-0.100, -0.140, -0.050];
 const HEAD_TO: [f32; 3] = [0.100, 0.120, 0.110];
-/// Fall of the neck's front behind the chin: what is lower than that is neck and collar, metres and slope.
+/// Front of the neck behind the chin, as height (metres) and slope: anything below it is neck and collar.
 const CHIN_Y: f32 = 0.115;
 const NECK_SLOPE: f32 = 0.75;
 /// Share of the rectangle around a head that its pixels fill, about.

@@ -2,9 +2,9 @@
 //!
 //! Seen from its crown downwards a head widens to 0.13 – 0.26 m (hair included), is rounded (its sides lie behind its
 //! middle), and ends where the outline narrows to the neck, widens to the shoulders, or has gone on for the height of a
-//! head. A hand and forearm are narrower and flat, a wall and the back of a chair are flat and wide. Every local top of a region
-//! is tried, so a raised hand does not hide the head beside it. A head found in the last frame is given more latitude,
-//! since a hand may cover half of it.
+//! head. A hand and forearm are narrower and flat, a wall and the back of a chair are flat and wide. Every local top of a
+//! region is tried, so a raised hand does not hide the head beside it. The limits are wider for a head found in the last
+//! frame, since a hand may cover half of it.
 //!
 //! Cells and metres. Memory: a profile of at most [`MAX_PROFILE`] rows. Cost: linear in the cells of the tops' columns.
 //! Limitation: the cut is level with the picture, so a head lying on its side is cut badly.
@@ -29,7 +29,7 @@ const NECK_FLARE: f32 = 1.1;
 const SHOULDER_SHARE: f32 = 1.35;
 /// Depth from the nearest tenth of a head to what still belongs to it, metres.
 const DEEP_M: f32 = 0.19;
-/// Beyond a head's own depth by this much is somebody else's, metres: shoulders are not.
+/// Points this far behind a head's own depth belong to another person, metres; its shoulders are closer.
 const BEHIND_M: f32 = 0.08;
 /// Columns of cells without depth that do not end a row of the outline.
 const ROW_GAP: usize = 3;
@@ -85,7 +85,7 @@ fn covered(a: &PixelRect, b: &PixelRect) -> f32 {
 }
 
 /// Finds heads from the top of the picture down and marks them in the mask. `last` is where they were in the last frame.
-/// When full, what is further down in the picture is left out.
+/// When full, those further down in the picture are left out.
 pub(crate) fn heads(
     regions: &mut Regions,
     last: &[PixelRect],
@@ -163,8 +163,8 @@ fn is_top(regions: &Regions, row: usize, begin: usize, end: usize, label: u16) -
     })
 }
 
-/// Whether a top lies within a head that was found, or in its neck and chest. One who stands behind or before another does
-/// not: their depth tells.
+/// Whether a top lies within a head already found, or in its neck and chest. A person standing behind or in front of
+/// another does not: their depth differs.
 fn inside(found: &[Head], regions: &Regions, row: usize, begin: usize, end: usize) -> bool {
     let middle = ((begin + end) / 2 * CELL_PX) as u16;
     let y = (row * CELL_PX) as u16;

@@ -1,4 +1,4 @@
-//! What segmentation gives: heads as points and as rectangles of the picture, and the labels of its mask.
+//! The output of segmentation: heads as points and as picture rectangles, and the labels of its mask.
 
 use crate::base::capacity::HEAD_POINTS;
 use crate::base::geometry::Point;

@@ -8,8 +8,8 @@
 //!
 //! Units: raw disparity values (monotone in distance, finest near the sensor, which is where heads are). Memory: 32 kB of
 //! running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
-//! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything as it was.
-//! Limitation: a local optimum, as ever with Lloyd; starting anew when a layer runs empty keeps it useful.
+//! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything unchanged.
+//! Limitation: a local optimum, as always with Lloyd; restarting when a layer runs empty keeps it useful.
 
 use crate::base::capacity::RAW_DEPTH_VALUES;
 #[cfg(not(feature = "std"))]

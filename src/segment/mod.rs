@@ -5,10 +5,10 @@
 //!    [`Settings::max_distance_m`] is not).
 //! 2. [`regions`]: what remains is labelled in cells of 4 × 4 pixels, neighbours of like depth together.
 //! 3. [`cut`]: from every local top of a region downwards a head is sought: as wide as a head, rounded, ending at a neck
-//!    or at shoulders.
+//!    or shoulders.
 //! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
 //!
-//! A head that is followed needs no cut: its points are what depth shows where it is expected ([`Segmenter::around`]).
+//! A tracked head needs no cut: its points are those around its predicted position ([`Segmenter::around`]).
 //!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching

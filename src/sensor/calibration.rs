@@ -1,8 +1,8 @@
-//! The calibration blocks a Kinect keeps of itself: parse and emit.
+//! The calibration blocks stored in a Kinect: parse and emit.
 //!
 //! Four blocks: the optics (fixed parameters: four 32-bit floats at byte 94), the registration integers, the constant shift
-//! of raw depth, the lines cut off. The distance between the cameras is replaced by 2.4 cm, as every field driver does: the
-//! units store 2.3, and the registration was computed with 2.4.
+//! of raw depth, the lines cut off. The distance between the cameras is replaced by 2.4 cm, as every common driver does: the
+//! devices store 2.3, and the registration was computed with 2.4.
 
 use super::camera::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 use super::device::Model;

@@ -5,9 +5,9 @@
 //! the row that depends on distance (the baseline between the cameras).
 //!
 //! * [`Registration`]: the numbers read from the device.
-//! * [`Camera`]: what the stages use: continuous, no integer steps.
-//! * [`RegistrationTable`]: the driver's fixed-point table, entry for entry; the yardstick of the continuous form, and what
-//!   lays colour over depth in a picture.
+//! * [`Camera`]: used by the stages; continuous, no integer steps.
+//! * [`RegistrationTable`]: the driver's fixed-point table, entry for entry; the reference for the continuous form, also used
+//!   to overlay colour on depth in pictures.
 //!
 //! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers; `_mm` where millimetres.
 //! Memory: [`Camera`] 12 kB, [`RegistrationTable`] 1.9 MB, both on the heap, built once. Cost: `colour_pixel` about 40

@@ -1,11 +1,11 @@
 //! Bayer mosaic of the colour camera to RGB and to luma, and RGB back to the mosaic.
 //!
 //! Method: bilinear interpolation: a missing colour is the mean, rounded down, of the 2 or 4 nearest pixels that have it;
-//! at the border the row or column next to it is mirrored. Luma is ITU-R BT.601 in whole numbers, full range:
+//! at the border the row or column next to it is mirrored. Luma is ITU-R BT.601 in integers, full range:
 //! `(77 R + 150 G + 29 B + 128) / 256`.
 //!
 //! The mosaic's own samples pass through unchanged, so RGB back to the mosaic is exact; and [`luma_from_bayer`] is
-//! [`luma_of`] of [`rgb_from_bayer`], value for value: what is recorded as RGB replays as the same luma.
+//! [`luma_of`] of [`rgb_from_bayer`], value for value: a recording stored as RGB replays with the same luma.
 //! Layout: even rows G R G R…, odd rows B G B G…. Memory: four rows on the stack. Cost of luma: below 0.1 ms per picture.
 
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};

@@ -1,5 +1,5 @@
 //! Commands to the camera and their replies, as bytes: emit, check, parse. Both directions, so that the virtual device
-//! speaks the same code.
+//! uses the same code.
 //!
 //! ```text
 //! byte   0..1             2..3                     4..5      6..7   8..
@@ -105,7 +105,7 @@ pub enum BadReply {
         found: [u8; 2],
     },
     /// Answers another command.
-    #[error("it answers command 0x{found:02x}")]
+    #[error("it replies to command 0x{found:02x}")]
     Command {
         /// Command answered.
         found: u16,
@@ -119,7 +119,7 @@ pub enum BadReply {
         found: u16,
     },
     /// Length field and length differ.
-    #[error("it says {said} words and has {found} bytes after the header")]
+    #[error("it announces {said} words but has {found} bytes after the header")]
     Length {
         /// Words, by its header.
         said: u16,

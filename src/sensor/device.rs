@@ -1,4 +1,4 @@
-//! The seam under the driver: what a Kinect's USB functions can do, and nothing about how.
+//! The interface below the driver: what a Kinect's USB functions do, not how.
 //!
 //! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
@@ -237,7 +237,7 @@ pub enum DeviceError {
     },
     /// The device was not configured by the kernel.
     #[error(
-        "the Kinect at bus {bus} address {address} is on USB but not configured, a sign of poor power; use a port of the computer itself and check the 12 V supply"
+        "the Kinect at bus {bus} address {address} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
     )]
     NotConfigured {
         /// Bus number.
@@ -247,7 +247,7 @@ pub enum DeviceError {
     },
     /// Connected at a speed that cannot carry the streams.
     #[error(
-        "the Kinect is connected at {speed}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port of the computer itself, with a good cable"
+        "the Kinect is connected at {speed}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
     )]
     Slow {
         /// Speed found.
@@ -272,7 +272,7 @@ pub enum DeviceError {
     NoUsb,
     /// The host controller refused the isochronous reservation.
     #[error(
-        "the USB controller has no room for the {stream:?} stream; give the Kinect a controller of its own (not behind a hub, no other camera or sound card)"
+        "the USB controller has no room for the {stream:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
     )]
     Bandwidth {
         /// The stream refused.

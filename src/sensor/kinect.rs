@@ -1,14 +1,14 @@
 //! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED, tilt and accelerometer.
 //!
-//! Every exchange is bounded: a reply is polled for each millisecond for at most a second, and a failed exchange is tried
-//! again twice under a new tag. A stream from which no packet comes for a second is stopped and started; if that does not
-//! help twice running, [`KinectError::Silent`] asks the caller to open the device anew.
+//! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried
+//! twice with a new tag. A stream that delivers no packet for a second is stopped and restarted; if that fails twice in a
+//! row, [`KinectError::Silent`] asks the caller to reopen the device.
 //!
-//! Depth is worth something without colour: after a second without a pair depth pictures are handed on by themselves, and it is
-//! said; after five, and then at twice the distance each time, the streams are restarted. A colour stream that stays silent
-//! does not end depth.
+//! Depth is useful without colour: after a second without a pair, depth pictures are passed on alone, and this is logged;
+//! after five seconds, and then at doubling intervals, the streams are restarted. A colour stream that stays silent does
+//! not end depth.
 //!
-//! What is not essential never stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
+//! Nothing inessential stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
 //! One file: one device from opening to closing, and what happens when a stream falls silent.
 
@@ -59,7 +59,7 @@ impl Default for Settings {
 
 /// A stream is dead when nothing came for this long.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Restarts in a row that may fail before the device is opened anew.
+/// Consecutive restarts that may fail before the device is reopened.
 const RESTARTS: u32 = 2;
 /// Without a pair for this long depth pictures are given alone.
 const ALONE: Duration = Duration::from_secs(1);
@@ -113,7 +113,7 @@ pub enum KinectError {
     Calibration(#[from] CalibrationError),
     /// No packets although the stream was restarted.
     #[error(
-        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it a USB controller of its own"
+        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it its own USB controller"
     )]
     Silent {
         /// The stream.
@@ -190,7 +190,7 @@ impl<S: PacketSource> Kinect<S> {
         if settings.set_tilt
             && let Err(problem) = kinect.tilt(settings.tilt_deg)
         {
-            tracing::info!("the sensor is not tilted: {problem}");
+            tracing::info!("tilt not set: {problem}");
         }
         Ok(kinect)
     }
@@ -281,7 +281,7 @@ impl<S: PacketSource> Kinect<S> {
         }
         self.heard = [self.source.clock(); 2];
         if let Err(problem) = self.freeze(false) {
-            tracing::warn!("exposure left as it was: {problem}");
+            tracing::warn!("exposure left unchanged: {problem}");
         }
         Ok(())
     }
@@ -352,7 +352,7 @@ impl<S: PacketSource> Kinect<S> {
         self.watch(now)
     }
 
-    /// A pair was made, or is to be waited for from now on.
+    /// A pair was made, or waiting for one starts now.
     fn is_paired(&mut self, now: Duration) {
         self.pairing.set_alone(false);
         self.paired = (now, self.pictures());
@@ -379,7 +379,7 @@ impl<S: PacketSource> Kinect<S> {
         if unpaired >= ALONE && !self.pairing.is_alone() {
             let [colour, depth] = self.pairing.unpaired();
             tracing::warn!(
-                "for 1 s no colour picture has belonged to a depth picture ({colour} colour and {depth} depth pictures without a partner so far); what is seen is followed without colour"
+                "no colour picture has matched a depth picture for 1 s ({colour} colour and {depth} depth pictures unpaired so far); tracking continues without colour"
             );
             self.pairing.set_alone(true);
         }
@@ -393,7 +393,7 @@ impl<S: PacketSource> Kinect<S> {
             Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
             _ if now >= self.restart_at && !self.is_lossy(unpaired) => {
                 tracing::warn!(
-                    "depth and colour pictures make no pairs; restarting the Kinect's streams"
+                    "depth and colour pictures do not pair; restarting the Kinect's streams"
                 );
                 self.patience = (2 * self.patience).min(UNPAIRED_MOST);
                 self.restart_at = now + self.patience;

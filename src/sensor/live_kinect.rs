@@ -1,9 +1,9 @@
-//! A Kinect that may come and go: a thread of its own opens it, keeps it streaming, and opens it again when it was unplugged,
-//! lost its power, or fell silent. The other side takes frames and is told what is being waited for.
+//! A Kinect that may come and go: its own thread opens it, keeps it streaming, and reopens it after it was unplugged, lost
+//! power, or fell silent. The consumer takes frames, or learns what the thread is waiting for.
 //!
-//! The thread reaps packets, copies payloads into pictures, and hands pairs of pictures over through a bounded ring in which
-//! the newest wins: a slow consumer loses frames (counted), never memory and never time. Unpacking and luma are done by the
-//! consumer. Memory: two pairs, 1.5 MB, allocated at the start; a pair is handed over by swapping buffers.
+//! The thread reaps packets, copies payloads into pictures, and hands pairs of pictures over through a bounded ring in
+//! which the newest wins: a slow consumer loses frames (counted), but costs no memory and adds no delay. Unpacking and luma
+//! are done by the consumer. Memory: two pairs, 1.5 MB, allocated at the start; a pair is handed over by swapping buffers.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -106,7 +106,7 @@ impl LiveKinect {
         let thread = std::thread::Builder::new()
             .name("kinect".to_owned())
             .spawn(move || feed(&theirs, open, settings))
-            .map_err(|problem| tracing::error!("the sensor's thread cannot be started: {problem}"))
+            .map_err(|problem| tracing::error!("cannot start the sensor thread: {problem}"))
             .ok();
         Self {
             shared,
@@ -265,7 +265,7 @@ fn feed<S: PacketSource>(
     }
 }
 
-/// Streams until the end is asked for (`Ok`) or the device fails. `pictures`: whole depth pictures before and after.
+/// Streams until asked to stop (`Ok`) or the device fails. `pictures`: whole depth pictures before and after.
 fn stream<S: PacketSource>(
     shared: &Shared,
     mut kinect: Kinect<S>,

@@ -1,7 +1,7 @@
-//! Motor, LED and accelerometer, as messages: the first series has a motor device with vendor requests, the later ones take
-//! bulk messages through the audio device (only when its firmware runs).
+//! Motor, LED and accelerometer, as messages: the first series has a motor device with vendor requests; later ones take
+//! bulk messages through the audio device (only if its firmware is running).
 //!
-//! Units: degrees and multiples of standard gravity. The tilt is relative to the horizon; there is no stop in the device, so
+//! Units: degrees and multiples of standard gravity. The tilt is relative to the horizon; the device has no limit stop, so
 //! nothing beyond ±31° is ever sent.
 
 #[cfg(not(feature = "std"))]

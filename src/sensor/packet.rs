@@ -7,7 +7,7 @@
 //!
 //! The high nibble of the flag names the stream (7 depth, 8 colour), the low nibble the place in the picture (1 first,
 //! 2 middle, 5 last). `sequence` counts the packets of one stream, 8 bits, across pictures. `size` is the length of the
-//! packet, big endian; it is written here but not relied upon, since no field driver checks it.
+//! packet, big endian; it is written here but not relied upon, since no common driver checks it.
 
 use super::device::Stream;
 

@@ -1,17 +1,17 @@
-//! Which colour picture belongs to which depth picture.
+//! Pairs colour pictures with depth pictures.
 //!
-//! Both streams carry stamps of one kind of clock (60 MHz, wraps after 71.6 s) at one rate, in step or at a constant offset.
-//! A depth picture is paired with the colour picture whose stamp, less the offset learned so far, is nearest, if it is within
-//! half a picture's time. At equal rates there is at most one such picture, so the pair is made when the second of the two
-//! arrives: no waiting. The offset is learned slowly and kept within one period, so that jitter around half a period does not make
-//! the choice flip.
+//! Both streams carry timestamps of the same clock (60 MHz, wraps after 71.6 s) at one rate, in step or at a constant
+//! offset. A depth picture is paired with the colour picture whose stamp, less the offset learned so far, is nearest, if it
+//! is within half a picture's time. At equal rates there is at most one such picture, so the pair is made when the second
+//! of the two arrives, without waiting. The offset is learned slowly and kept within one period, so that jitter around half
+//! a period does not make the choice flip.
 //!
-//! While no colour comes ([`Pairing::set_alone`]) each depth picture that gives way to the next is handed on by itself, one
-//! period late, so that colour that comes back finds its partner.
+//! While no colour comes ([`Pairing::set_alone`]) each depth picture that is replaced by the next is passed on alone, one
+//! period late, so that returning colour finds its partner.
 //!
-//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays where its halves
-//! waited until it is swapped for what is free elsewhere.
-//! One file: the rule beside the cases it is for.
+//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays in the
+//! buffers where its halves waited until it is swapped for free ones.
+//! One file: the rule and the cases it covers.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;

@@ -8,13 +8,13 @@
 //! | `device.json` | calibration of the sensor; optional, the nominal one without it |
 //!
 //! Ticks are the camera's 60 MHz counter and the only clock used here: wall time depends on when the recording computer
-//! got round to it. `index` unwraps them and pairs the pictures, `write` is the other direction, [`device`] the
+//! handled the picture. `index` unwraps them and pairs the pictures, `write` is the other direction, [`device`] the
 //! calibration.
 //!
-//! A depth picture without a colour picture, or whose colour picture is not there, is a frame without colour. Any other
-//! damaged or missing file skips its frame with a warning and a count and never ends the run; what is no file (a pipe) is
-//! not waited for. Memory: 0.9 MB of reused
-//! scratch and about 60 bytes per picture of the index; nothing is allocated per frame. Cost: reading 1.5 MB per frame.
+//! A depth picture without a colour picture, or whose colour picture is missing, is a frame without colour. Any other
+//! damaged or missing file skips its frame with a warning and a count and never ends the run; anything but a regular file
+//! (a pipe) is skipped without waiting. Memory: 0.9 MB of reused scratch and about 60 bytes per picture of the index;
+//! nothing is allocated per frame. Cost: reading 1.5 MB per frame.
 
 pub mod device;
 mod error;
@@ -40,7 +40,7 @@ use index::{Entry, Index};
 const INDEX_MOST: [usize; 2] = [1 << 26, 1 << 21];
 /// Longest header of a picture we look at, bytes.
 const HEADER_BYTES: usize = 64;
-/// Up to this many skipped frames are each told in full; then only when their number has doubled.
+/// Up to this many skipped frames are logged in full; after that only when their number has doubled.
 const WARNINGS_IN_FULL: u64 = 10;
 
 /// Why one frame of a recording was skipped.
@@ -52,7 +52,7 @@ enum Damage {
     Order,
     #[error("its time fits neither the frame before nor those after it")]
     Stray,
-    #[error("is no file")]
+    #[error("not a regular file")]
     NoFile,
     #[error("cannot be read ({0})")]
     Unreadable(ErrorKind),
@@ -70,7 +70,7 @@ pub struct Recording {
     index: Index,
     next: usize,
     skipped: u64,
-    /// Whether it was told that a colour picture is missing.
+    /// Whether it was logged that a colour picture is missing.
     told_missing: bool,
     directory: PathBuf,
     /// The path being read; kept to reuse its memory.
@@ -226,7 +226,7 @@ impl Recording {
     }
 
     /// Reads a colour picture into `bytes`; `false` if there is no such file, as in a recording of which only depth was
-    /// kept: that is told once.
+    /// kept: that is logged once.
     fn read_colour(&mut self, colour: &Entry) -> Result<bool, Damage> {
         self.path.clone_from(&self.directory);
         self.path.push(self.index.name(colour));
@@ -235,7 +235,7 @@ impl Recording {
                 if !core::mem::replace(&mut self.told_missing, true) {
                     let file = self.path.display();
                     tracing::warn!(
-                        "{file}: is missing; frames whose colour picture is missing play without colour"
+                        "{file} is missing; frames whose colour picture is missing play without colour"
                     );
                 }
                 Ok(false)

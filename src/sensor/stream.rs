@@ -1,10 +1,9 @@
-//! Packets of one stream to whole pictures. A picture is delivered whole or not at all, and what is missing is counted
-//! by reason.
+//! Packets of one stream to whole pictures. A picture is delivered whole or not at all, and losses are counted by reason.
 //!
-//! A picture is whole if every one of its packets came, in sequence, with the flag and the length its place demands. The
-//! 8-bit sequence alone would take a loss of 256 + k packets for one of k; here any gap ends the picture, and a loss of a
-//! multiple of 256 shows when the last flag comes at the wrong place. Only a loss of exactly 128 pictures (4.3 s) would pass;
-//! the driver restarts a stream that is silent for a second.
+//! A picture is whole if all its packets arrived, in sequence, with the flag and length their position demands. The 8-bit
+//! sequence alone would mistake a loss of 256 + k packets for one of k; here any gap ends the picture, and a loss of a
+//! multiple of 256 shows when the last flag arrives at the wrong place. Only a loss of exactly 128 pictures (4.3 s) would
+//! pass; the driver restarts a stream that is silent for a second.
 //!
 //! Memory: one picture, allocated once, plus what the caller swaps in. Cost: one copy of the payload. Limitations: a run of
 //! lost packets longer than 255 is counted modulo 256; damage inside the payload is visible only if the bus reports it.

@@ -1,8 +1,8 @@
 //! Packed 11-bit depth to 16-bit values and back.
 //!
 //! Pixel k occupies bits 11k … 11k+10 counted from the top bit of byte 0; eight pixels fill eleven bytes without a gap.
-//! Method: four pixels are 44 bits of one word, which are drawn apart to 4 × 16 bits in two steps, halves and quarters at
-//! once. Reads 422 kB, writes 614 kB per picture, allocates nothing. Cost: 0.1 ms per picture.
+//! Method: four pixels are 44 bits of one word, which are spread to 4 × 16 bits in two steps, halves and then quarters.
+//! Reads 422 kB, writes 614 kB per picture, allocates nothing. Cost: 0.1 ms per picture.
 
 use crate::base::capacity::PIXELS;
 

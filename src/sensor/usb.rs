@@ -1,15 +1,15 @@
 //! [`PacketSource`] over libusb: isochronous transfers, which rusb's safe part does not have. One of four files with unsafe code.
 //!
-//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). One that has landed is queued as it is; when polled, its
-//! packets are read where they lie and it is submitted again. Whoever does not poll for 32 ms, a long request to the device
-//! among it, misses what the bus brings then; it shows as lost in its stream.
+//! Per stream there are 16 transfers of 16 packets (32 ms of the bus). A completed transfer is queued as it is; when polled,
+//! its packets are read in place and it is resubmitted. A caller that does not poll for 32 ms, for instance during a long
+//! request to the device, misses what arrives meanwhile, which is counted as lost in its stream.
 //!
 //! Everything runs in the thread that owns [`UsbKinect`]: libusb calls back only from within `handle_events` and synchronous
 //! requests, both made here. The type is neither `Send` nor `Sync`, so the compiler holds us to it.
 //!
 //! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
-//! transfers within two seconds costs their memory (it is left to libusb on purpose).
-//! One file: the unsafe code of the driver stays in one place.
+//! transfers within two seconds leaks their memory (it is left to libusb on purpose).
+//! One file: it keeps the unsafe code of the driver in one place.
 #![expect(
     unsafe_code,
     reason = "isochronous transfers exist only in libusb's C interface"

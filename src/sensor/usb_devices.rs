@@ -1,9 +1,9 @@
-//! Which Kinects are on USB, and how to get hold of one: listing, matching, opening, claiming. No pictures yet, no unsafe.
+//! The Kinects on USB: listing, matching, opening, claiming. No pictures yet, no unsafe.
 //!
 //! A Kinect is a hub with separate devices behind it: camera, audio, and (first series) motor. The parts of one unit are
-//! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of the later models
-//! all say the serial `0000000000000000`: the unit's is then that of its audio device, and if even that cannot be read, the
-//! bus and ports stand for it, which name a socket rather than a unit.
+//! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of later models
+//! all report the serial `0000000000000000`: the audio device's serial is then used, and if that cannot be read, the bus and
+//! port numbers, which identify a socket rather than a sensor.
 //! One file: listing, matching and claiming ask the same questions of a device.
 
 use std::path::Path;
@@ -28,7 +28,7 @@ pub const PRODUCTS: [u16; 8] = [
 ];
 /// Where Linux keeps the device nodes.
 const NODES: &str = "/dev/bus/usb";
-/// Where Linux tells the bound drivers.
+/// Where Linux lists the bound drivers.
 const SYSFS: &str = "/sys/bus/usb/devices";
 
 /// Who holds the camera's interface.

@@ -46,7 +46,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "train",
         usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N] | --person SESSION --out FILE [--paper-into MODEL] [--seed N]",
-        about: "shape, appearance and confidence of the face model into one file; prints the error on held-out people; with --paper-into the paper's own model alone, in a model file that is else as it was; with --person that of the one person in a recording, who goes through all expressions there",
+        about: "trains the face model (shape, appearance, confidence) and writes it to one file; prints the error on held-out people; with --paper-into only the paper's own model, replaced in a model file that otherwise stays unchanged; with --person a model of the one person in a recording, who must go through all expressions there",
         example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
         options: &[
             "images",
@@ -69,7 +69,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "fit",
         usage: "--images DIR --out FILE.csv [--model FILE] [--box x,y,w,h | --boxes FILE.csv] [--offsets FILE]",
-        about: "landmarks of still pictures, with the error if they are annotated",
+        about: "fits landmarks to still pictures; reports the error if they are annotated",
         example: "mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv",
         options: &["images", "out", "model", "box", "boxes", "offsets"],
         flags: &[],
@@ -79,7 +79,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "inspect",
         usage: "PATH [--out FILE.html|FILE.png] [--config FILE] [--model FILE]",
-        about: "a recording, a model, the CSV of a run or a mesh, as pictures and plots",
+        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots",
         example: "mien-studio inspect session --out session.html",
         options: &["out", "config", "model"],
         flags: &[],
@@ -89,7 +89,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "simulated-head",
         usage: "--out FILE [--data DIR]",
-        about: "remakes the head of the built-in sensor from the training people",
+        about: "rebuilds the simulated sensor's built-in head from the training people",
         example: "mien-studio simulated-head --out config/simulated.head",
         options: &["out", "data"],
         flags: &[],
@@ -99,7 +99,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "record",
         usage: "--out DIR [--seconds N] [--source S]",
-        about: "a recording, from the sensor or the simulator",
+        about: "records from the sensor or the simulator",
         example: "mien-studio record --source simulated --seconds 10 --out session",
         options: &["out", "seconds", "source"],
         flags: &[],
@@ -109,7 +109,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "evaluate",
         usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...] | --wild [--pictures DIR] | --figures DIR [--rows NAME,...]]",
-        about: "plays rendered sessions of people never trained on through the whole pipeline, with --landmarks the face model alone under every condition, with --heads scenes of one and several heads, hands and rooms, or with --wild people with hair, clothes and things before a sensor with a real one's faults; one table; with --figures the figures of docs/paper.md, the paper's system beside the default",
+        about: "runs rendered sessions of held-out people through the whole pipeline and prints one table; with --landmarks the face model alone under every condition; with --heads scenes of one or several heads, hands and rooms; with --wild people with hair, clothes and accessories in front of a sensor with realistic faults; with --figures the figures of docs/paper.md, the paper's system next to the default",
         example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
         options: &[
             "data", "model", "config", "people", "seconds", "split", "seed", "rows", "pictures",
@@ -122,7 +122,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "units",
         usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--seed N] [--examples FILE] [--out FILE]",
-        about: "learns how each unit is read from all measures together: the [[feature]] and [[reading]] tables of config/units.toml",
+        about: "learns how each unit is computed from all measures together: the [[feature]] and [[reading]] tables of config/units.toml",
         example: "mien-studio units --data ../shared/data --out readings.toml",
         options: &[
             "data", "model", "config", "people", "seconds", "seed", "examples", "out",
@@ -134,7 +134,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "nrsfm",
         usage: "--tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]",
-        about: "tracks to moving 3D shapes; the error if the truth is given",
+        about: "recovers moving 3D shapes from 2D tracks; reports the error if the ground truth is given",
         example: "mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv",
         options: &["tracks", "rank", "out", "truth"],
         flags: &[],
@@ -144,7 +144,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "bake",
         usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
-        about: "67 blendshapes onto a neutral head",
+        about: "bakes 67 blendshapes onto a neutral head",
         example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
         options: &[
             "mesh",
@@ -164,7 +164,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "head",
         usage: "--out FILE.glb|FILE.obj",
-        about: "a head to try things with, that of the simulated sensor: baked and coloured (.glb), or neutral with its landmarks (.obj, .txt)",
+        about: "writes the simulated sensor's head to experiment with: baked and coloured (.glb), or neutral with its landmarks (.obj, .txt)",
         example: "mien-studio head --out head.obj",
         options: &["out"],
         flags: &[],
@@ -174,7 +174,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "preview",
         usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--mesh FILE.glb...] [--port N]",
-        about: "a web page: the head that moves, the units, their ranges, curves, pose and state",
+        about: "serves a web page: the animated head, the units, their ranges, curves, pose and state",
         example: "mien-studio preview --csv run.csv --mesh head.glb",
         options: &[
             "osc", "serial", "baud", "full", "csv", "source", "model", "config", "mesh", "port",
@@ -186,7 +186,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "animate",
         usage: "--mesh FILE.glb --csv FILE --out FILE.glb [--user N]",
-        about: "the weights of a run as a glTF animation",
+        about: "exports the weights of a run as a glTF animation",
         example: "mien-studio animate --mesh head.glb --csv run.csv --out acted.glb",
         options: &["mesh", "csv", "out", "user"],
         flags: &[],
@@ -350,7 +350,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
 
 fn help() -> String {
     let mut text = String::from(
-        "mien-studio - the workstation of mien: trains the face model, makes pictures and recordings\n\n",
+        "mien-studio - the workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews\n\n",
     );
     for command in COMMANDS {
         text += &format!(
@@ -370,7 +370,7 @@ fn data(words: &Words) -> PathBuf {
         .unwrap_or_else(|| Path::new("../shared/data").to_path_buf())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_record(words: &Words) -> Result<(), Fault> {
     let out = words.required("out")?;
     let name = words
@@ -387,7 +387,7 @@ fn run_record(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_evaluate(words: &Words) -> Result<(), Fault> {
     let defaults = Sessions::default();
     let sessions = Sessions {
@@ -480,7 +480,7 @@ fn rows(words: &Words, names: &[&str]) -> Result<Vec<String>, Fault> {
     }
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_units(words: &Words) -> Result<(), Fault> {
     let defaults = readings::Practice::default();
     let practice = readings::Practice {
@@ -503,7 +503,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the door's answer")]
+#[expect(clippy::print_stdout, reason = "the command's output")]
 fn say(line: &str) {
     println!("{line}");
 }

@@ -1,22 +1,22 @@
-//! Which user is shown where only one can be: on VMC, VRChat, FaceOSC and serial wires, and on the live line.
+//! Which user a single-person output shows: VMC, VRChat, FaceOSC, serial, and the live line.
 //!
-//! The one who is shown stays until gone, or until another has been plainly better, by the policy's measure, for a while, so
-//! that two who sit alike do not take turns. Metres, seconds. Memory: a few numbers.
+//! The user shown stays until gone, or until another has been clearly better by the policy's measure for a while, so that two
+//! people in similar positions do not alternate. Metres, seconds. Memory: a few numbers.
 
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 
-/// Who is preferred.
+/// Which person is preferred.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
     /// Who came first; never changed while they are there.
     #[default]
     First,
-    /// Who is nearest to the sensor.
+    /// The person nearest to the sensor.
     Nearest,
-    /// Who is nearest to the middle of the picture.
+    /// The person nearest to the middle of the picture.
     Central,
 }
 
@@ -25,7 +25,7 @@ const MARGIN_M: f32 = 0.12;
 /// for so long, seconds.
 const PATIENCE_S: f64 = 0.7;
 
-/// One who may be shown.
+/// A user who may be shown.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// Their slot.
@@ -41,7 +41,7 @@ pub struct Candidate {
 pub struct Choice {
     policy: Policy,
     shown: Option<usize>,
-    /// Who has been better, and since when.
+    /// The user who has been better, and since when.
     rival: Option<(usize, Timestamp)>,
 }
 
@@ -55,18 +55,18 @@ impl Choice {
         }
     }
 
-    /// Who is shown: the slot; also one who is lost, until another is there.
+    /// The slot of the user shown; also a lost one, until another is there.
     #[must_use]
     pub fn shown(&self) -> Option<usize> {
         self.shown
     }
 
-    /// Goes on from another choice.
+    /// Continues from another choice.
     pub fn adopt(&mut self, other: &Self) {
         self.shown = other.shown;
     }
 
-    /// Looks at all who are there now.
+    /// Updates the choice with everyone present now.
     pub fn look(&mut self, there: &[Candidate], at: Timestamp) {
         let merit = |one: &Candidate| match self.policy {
             Policy::First => one.since.as_us() as f64 * 1e-6,

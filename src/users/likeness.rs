@@ -1,11 +1,11 @@
-//! What a person is known again by: the surface of their head, its size, and some lengths of their face.
+//! The features by which a returning person is recognised: the surface and size of the head, and some lengths of the face.
 //!
-//! Computes how far apart two people are from three things that are measured independently: the head's surface and size as
-//! depth has them ([`crate::pose::signature`]), and [`LENGTHS`] lengths between eyes, brows, nose and jaw as the landmarks
-//! have them, each a mean over the frames in which the face was seen. Each difference is divided by its usual spread within
-//! one person from one session to another, measured after ten frames on drawn heads of people who are in no other table,
-//! and their mean square is weighed by how much each tells that the others do not: the distance is about 0.8 for the same
-//! person and 2.3 for another one. A face cannot be drawn from these numbers.
+//! Computes the distance between two people from three independent measurements: the head's surface and size from depth
+//! ([`crate::pose::signature`]), and [`LENGTHS`] lengths between eyes, brows, nose and jaw from the landmarks, each a mean
+//! over the frames in which the face was seen. Each difference is divided by its usual spread within one person from one
+//! session to another, measured after ten frames on rendered heads of people used in no other table, and their mean square
+//! is weighted by how much independent information each adds: the distance is about 0.8 for the same person and 2.3 for
+//! another one. A face cannot be drawn from these numbers.
 //!
 //! Metres. Memory: 48 bytes beside the signature. Cost: a few distances a frame. Degenerate: heads of which too little was seen
 //! cannot be compared; without a face the head alone decides. Limitation: hats, glasses and thick hair change it; siblings
@@ -27,7 +27,7 @@ const SIGMA_M: [f32; LENGTHS] = [
 const WEIGHTS: [f32; 3] = [8.0, 2.0, 0.5];
 /// Spread of the logarithm of the size within one person.
 const SIZE_SIGMA: f32 = 0.02;
-/// After so many frames a length is a running mean of that many.
+/// After this many frames a length is a running mean of that many.
 const MEMORY_FRAMES: f32 = 150.0;
 /// No length of a face is longer, metres.
 const MOST_M: f32 = 0.5;

@@ -1,6 +1,6 @@
-//! Whose head is whose: heads of this frame against the places where the users are expected.
+//! Matches the heads of this frame to the users by their predicted positions.
 //!
-//! Each user is expected where they were seen last, moved on at their speed, within a reach that grows while they are not
+//! Each user is predicted from where they were last seen, at their last speed, within a gate that grows while they are not
 //! seen. The nearest pair of user and head belongs together, then the nearest of the rest, and so on (greedy nearest
 //! neighbour in the gate; for at most four users and six heads at 30 Hz it differs from the best assignment only where
 //! two people could not be told apart by place at all).
@@ -12,7 +12,7 @@ use crate::base::capacity::{HEADS, USERS};
 use crate::base::geometry::{Point, Vector};
 use crate::base::time::Timestamp;
 
-/// A head moves less than this between two frames, beyond what its speed tells, metres.
+/// A head moves less than this between two frames, beyond its predicted motion, metres.
 const REACH_M: f32 = 0.14;
 /// The reach grows by this while a user is not seen, metres per second: a quick step aside.
 const REACH_GROWTH: f32 = 0.5;

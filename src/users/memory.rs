@@ -1,15 +1,15 @@
-//! People who left, to be known when they come back: what their head and face are known by and the ranges learned, for a
-//! while, in memory.
+//! People who left, remembered in memory for a while so that they can be recognised: the features of their head and face, and
+//! their learned ranges.
 //!
-//! At most [`capacity::REMEMBERED`](crate::base::capacity::REMEMBERED) people; when full, the one gone longest is dropped. Neither
-//! pictures nor clouds are kept; [`super::saved`] takes them over a restart.
+//! At most [`capacity::REMEMBERED`](crate::base::capacity::REMEMBERED) people; when full, the one gone longest is dropped.
+//! Neither pictures nor clouds are kept; [`super::saved`] keeps them across a restart.
 
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::time::Timestamp;
 use crate::expression::saved::Learned;
 use crate::users::likeness::Likeness;
 
-/// One who left.
+/// A person who left.
 #[derive(Clone, Debug)]
 pub struct Gone {
     /// The slot they had.
@@ -20,7 +20,7 @@ pub struct Gone {
     pub learned: Learned,
     /// When they were seen last, or the start of this run.
     pub last_seen: Timestamp,
-    /// How long they had been gone before this run, seconds; 0 for who was seen in it.
+    /// How long they had been gone before this run, seconds; 0 for people seen in it.
     pub before_s: f64,
 }
 
@@ -32,30 +32,30 @@ impl Gone {
     }
 }
 
-/// Those who left, longest gone first.
+/// People who left, longest gone first.
 #[derive(Clone, Debug, Default)]
 pub struct Memory {
     gone: heapless::Vec<Gone, REMEMBERED>,
 }
 
 impl Memory {
-    /// Remembers one who left; of a slot only the last.
+    /// Remembers a person who left; only the last one of each slot.
     pub fn keep(&mut self, gone: Gone) {
         self.forget_slot(gone.slot);
         if self.gone.is_full() {
             self.gone.remove(0);
         }
-        // Not full: just seen to.
+        // Not full: checked above.
         let _ = self.gone.push(gone);
     }
 
-    /// Forgets who has been gone for more than `most_s` seconds.
+    /// Forgets people gone for more than `most_s` seconds.
     pub fn forget_older(&mut self, now: Timestamp, most_s: f64) {
         self.gone
             .retain(|gone| now >= gone.last_seen && gone.away_s(now) <= most_s);
     }
 
-    /// Forgets who had a slot last.
+    /// Forgets the last person of a slot.
     pub fn forget_slot(&mut self, slot: usize) {
         self.gone.retain(|gone| gone.slot != slot);
     }
@@ -72,7 +72,7 @@ impl Memory {
         Some(self.gone.remove(at))
     }
 
-    /// The slot for somebody new among the free ones: one that nobody remembered had, else that of the one gone longest.
+    /// The free slot for a new person: one that belongs to nobody remembered, else that of the person gone longest.
     #[must_use]
     pub fn slot_for_newcomer(&self, free: &[bool; USERS]) -> Option<usize> {
         let owner = |slot: usize| self.gone.iter().position(|gone| gone.slot == slot);

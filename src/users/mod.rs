@@ -1,5 +1,5 @@
-//! Who is who: states of a user, whose head is whose from frame to frame ([`matching`]), who is back again ([`memory`]) and
-//! what they are known by ([`likeness`]), and which user a wire shows that has room for one ([`choice`]).
+//! Identity of users: their states, matching heads to users from frame to frame ([`matching`]), recognising people who return
+//! ([`memory`]) and by which features ([`likeness`]), and which user a single-person output shows ([`choice`]).
 //!
 //! A user has a slot, 0 to 3, and keeps it until forgotten. State of a user, from whether the face was seen in this frame:
 //!
@@ -8,7 +8,7 @@
 //!                   ▲______________________seen again______________|
 //! ```
 //!
-//! The one rule: what was seen in a frame decides.
+//! The only rule: the state follows from what was seen in the frame.
 //!
 //! | seen | state |
 //! | --- | --- |
@@ -19,9 +19,9 @@
 //! | nothing for up to `hold_s` | held |
 //! | nothing for longer | lost, and after `forget_s` more absent |
 //!
-//! Whether a head is there is told by depth ([`crate::pose`]), with less asked of one that was there in the frame before;
-//! whether a face is, by the picture ([`crate::landmarks`]), likewise. A head becomes a user by its face. Without a picture,
-//! or where the face of somebody known is hidden, depth alone has to be sure.
+//! Depth decides whether a head is there ([`crate::pose`]), with a lower threshold if it was there in the previous frame; the
+//! picture decides likewise whether a face is ([`crate::landmarks`]). A head becomes a user once its face is seen. Without a
+//! picture, or while a known person's face is hidden, depth alone has to be certain.
 
 pub mod choice;
 pub mod likeness;
@@ -167,7 +167,7 @@ impl Presence {
         }
     }
 
-    /// The face was not seen. On the change to [`TrackingState::Absent`] the person is to be forgotten.
+    /// The face was not seen. On the change to [`TrackingState::Absent`] the person must be forgotten.
     pub fn unseen(&mut self, at: Timestamp) -> TrackingState {
         let Some(last) = self.last_seen else {
             return TrackingState::Absent;

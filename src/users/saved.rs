@@ -1,8 +1,8 @@
-//! People who are remembered, to disk and back, so that a restart forgets nobody who is not to be forgotten.
+//! Saves remembered people to disk and loads them, so that a restart forgets nobody too early.
 //!
 //! One text file; its last line has the CRC-32 of all before it. Per person the slot, when they were seen last (seconds
-//! since 1970), what they are known by ([`Likeness`]) and what was learned ([`Learned`]); no picture, nothing a face could
-//! be drawn from:
+//! since 1970), their recognition features ([`Likeness`]) and what was learned ([`Learned`]); no picture, and nothing a face
+//! could be drawn from:
 //! ```text
 //! mien-people 2
 //! person 0 1763720000 0.012 0.00041 - -0.00112 …
@@ -11,9 +11,9 @@
 //! …
 //! checksum 1a2b3c4d
 //! ```
-//! Written by rename, at most once a minute and at the end, and only while a Kinect is followed: a recording that changed
-//! what its next replay starts from would not be one. A damaged file is set aside and said. Memory: fixed after
-//! [`People::at`]. Degenerate: a clock that was set back makes nobody older; who has been gone for too long is dropped by
+//! Written by rename, at most once a minute and at the end, and only while the source is a Kinect: replaying a recording
+//! must not change its next replay. A damaged file is moved aside and logged. Memory: fixed after
+//! [`People::at`]. Degenerate: a clock that was set back makes nobody older; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
 use std::fmt::Write as _;
@@ -127,7 +127,7 @@ pub struct People {
     new: PathBuf,
     written: Instant,
     text: String,
-    /// Whether it was said that it cannot be written.
+    /// Whether it was logged that it cannot be written.
     told: bool,
 }
 
@@ -146,7 +146,7 @@ impl People {
         }
     }
 
-    /// Who is remembered; nobody if there is no file, or a damaged one, which is set aside.
+    /// The people remembered; nobody if there is no file, or a damaged one, which is moved aside.
     #[must_use]
     pub fn load(&self) -> heapless::Vec<Gone, REMEMBERED> {
         let path = self.path.display();
@@ -176,7 +176,7 @@ impl People {
             // If it cannot be renamed it is overwritten in a minute: nothing in it is of use.
             let _ = std::fs::rename(&self.path, &aside);
             tracing::warn!(
-                "{path}: {problem}; it is set aside as {}, nobody is remembered",
+                "{path}: {problem}; moved aside to {}, nobody is remembered",
                 Path::new(&aside).display()
             );
             heapless::Vec::new()
@@ -189,7 +189,7 @@ impl People {
         self.written.elapsed() >= PERIOD
     }
 
-    /// Writes the file; said once if that cannot be done. `at` is the time of the last frame.
+    /// Writes the file; failure is logged once. `at` is the time of the last frame.
     pub fn save<'a>(&mut self, people: impl Iterator<Item = &'a Gone>, at: Timestamp) {
         self.written = Instant::now();
         // A string takes everything.
@@ -204,7 +204,7 @@ impl People {
             && !self.told
         {
             tracing::info!(
-                "{}: people are not saved ({error}); state.path names another place, state.persist = false does without",
+                "{}: people are not saved ({error}); set state.path to another place, or state.persist = false",
                 self.path.display()
             );
         }

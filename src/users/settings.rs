@@ -1,9 +1,9 @@
-//! What can be chosen of the following of people.
+//! Settings for tracking people.
 
 use super::choice::Policy;
 use crate::base::capacity::USERS;
 
-/// Who is followed, and what happens when a face is lost.
+/// Which people are tracked, and what happens when a face is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// People followed at once, at most.
@@ -14,7 +14,7 @@ pub struct Settings {
     pub hold_s: f32,
     /// Seconds after which a lost person's slot is free again.
     pub forget_s: f32,
-    /// Seconds during which a person who left is known again by the shape of the head; 0 never.
+    /// Seconds during which a person who left can be recognised by the shape of the head; 0 never.
     pub remember_s: f32,
 }
 

@@ -375,7 +375,7 @@ fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
         tracing::subscriber::with_default(Said(Arc::clone(&said)), || delivered(&mut kinect, 2000));
     let said = said.lock().unwrap().join("\n");
     assert!(
-        said.contains("WARN: for 1 s no colour picture has belonged to a depth picture"),
+        said.contains("WARN: no colour picture has matched a depth picture for 1 s"),
         "within two seconds: {said}"
     );
     first.extend(delivered(&mut kinect, 2900));

@@ -182,7 +182,7 @@ fn outputs_that_cannot_open_leave_the_old_ones_for_this_reload_and_every_later_o
     }
     assert_eq!(service.stop(), Some(0));
     let said = std::fs::read_to_string(said).unwrap();
-    let stays = said.matches("; the old configuration stays").count();
+    let stays = said.matches("; keeping the old configuration").count();
     assert!(stays == 5 && said.contains("\"AU5L\""), "{said}");
 }
 
@@ -217,7 +217,7 @@ fn a_table_whose_pipe_nobody_opens_ends_with_the_signal() {
         let (said, log) = std::io::pipe().unwrap();
         let service = Service::start_with(folder.path(), "", &words, Stdio::null(), log);
         let mut lines = BufReader::new(said).lines().map(Result::unwrap);
-        assert!(lines.any(|line| line.contains("table.csv: waiting until somebody reads it")));
+        assert!(lines.any(|line| line.contains("table.csv: waiting for a reader")));
         service
     };
     let mut service = started();
@@ -402,7 +402,7 @@ fn commands_fill_no_log() {
     let said = std::fs::read_to_string(said).unwrap();
     let lines = said
         .lines()
-        .filter(|line| line.contains("asked over OSC"))
+        .filter(|line| line.contains("OSC command "))
         .count();
     let most = start.elapsed().as_secs() as usize + 1;
     assert!(

@@ -407,7 +407,10 @@ fn a_pipe_is_not_waited_for() {
         fs::remove_file(folder.path().join(name)).unwrap();
         pipe(folder.path().join(name));
         let said = Recording::open(folder.path()).err().unwrap().to_string();
-        assert!(said.contains(name) && said.contains("no file"), "{said}");
+        assert!(
+            said.contains(name) && said.contains("not a regular file"),
+            "{said}"
+        );
         assert!(!said.contains('\n'));
     }
 }

@@ -13,32 +13,32 @@ use crate::{expression, landmarks, pose};
 
 /// Sections in the order they are printed, with a sentence about each.
 pub(super) const SECTIONS: &[(&str, &str)] = &[
-    ("sensor", "Where frames come from."),
-    ("segment", "Finding the head in depth."),
-    ("pose", "Where the head is."),
-    ("landmarks", "The 68 points."),
+    ("sensor", "The source of frames."),
+    ("segment", "Head segmentation in the depth picture."),
+    ("pose", "Head pose."),
+    ("landmarks", "The 68 landmarks."),
     ("learning", "How each person's ranges are learned."),
     (
         "users",
-        "Who is followed, and what happens when a face is lost.",
+        "Which people are tracked, and what happens when a face is lost.",
     ),
     (UNITS, UNITS_ABOUT),
     ("osc", "OSC over UDP, the native schema."),
-    ("vmc", "OSC for avatar programs, VMC protocol."),
-    ("vrchat", "OSC for VRChat, Unified Expressions."),
-    ("faceosc", "OSC as FaceOSC sends it."),
-    ("serial", "A serial port."),
+    ("vmc", "OSC for avatar programs: the VMC protocol."),
+    ("vrchat", "OSC for VRChat: Unified Expressions."),
+    ("faceosc", "OSC in FaceOSC's format."),
+    ("serial", "Serial output."),
     (
         "state",
-        "What outlives a restart, of people before a Kinect.",
+        "What is kept across restarts about people tracked with a Kinect.",
     ),
-    ("status", "What the program tells of itself, in files."),
+    ("status", "Status files."),
     ("log", "What is written to standard error."),
 ];
 
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";
-const UNITS_ABOUT: &str = "Names and gains of units on the wires, for those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
+const UNITS_ABOUT: &str = "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
 
 /// What a key may hold and where it is kept.
 pub(super) enum Kind<'a> {
@@ -146,7 +146,7 @@ const SERIAL_STYLES: [serial::Style; 3] = [
 ];
 const STYLES: [Style; 3] = [Style::Vector, Style::Scalar, Style::Both];
 
-const MIRROR: &str = "Whether left and right change places, as in a mirror.";
+const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
 
 fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
     all.iter().position(|one| one == value).unwrap_or_default()
@@ -157,7 +157,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "source",
-        "Where frames come from; --source goes before it.",
+        "Where frames come from; the option --source takes precedence.",
         |s| Kind::Text {
             value: &mut s.sensor.source,
             form: "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
@@ -177,7 +177,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "near_mode",
-        "Kinect for Windows: measure from 0.4 m on instead of 0.8 m.",
+        "Kinect for Windows: measure from 0.4 m instead of 0.8 m.",
         |s| Kind::Bool {
             value: &mut s.sensor.kinect.near_mode,
         },
@@ -185,7 +185,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "freeze_exposure",
-        "Whether exposure and white balance are held while a face is tracked.",
+        "Whether exposure and white balance are locked while a face is tracked.",
         |s| Kind::Bool {
             value: &mut s.sensor.kinect.freeze_exposure,
         },
@@ -193,7 +193,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "set_tilt",
-        "Whether the Kinect's motor is moved when it is opened.",
+        "Whether the motor tilts the Kinect when it is opened.",
         |s| Kind::Bool {
             value: &mut s.sensor.kinect.set_tilt,
         },
@@ -201,7 +201,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "tilt_deg",
-        "Where to, against the horizon.",
+        "The tilt, relative to the horizon.",
         |s| Kind::Float {
             value: Number::Single(&mut s.sensor.kinect.tilt_deg),
             min: -31.0,
@@ -212,7 +212,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sensor",
         "reset_audio",
-        "Second series and Kinect for Windows: reset the audio device on opening; for units that stop streaming without.",
+        "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming.",
         |s| Kind::Bool {
             value: &mut s.sensor.kinect.reset_audio,
         },
@@ -220,13 +220,13 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "segment",
         "max_distance_m",
-        "Nobody is looked for beyond this distance.",
+        "Maximum distance at which heads are detected.",
         |s| single(&mut s.segment.max_distance_m, 0.4, 4.0, "m"),
     ),
     key(
         "segment",
         "iterations",
-        "Rounds of K-means per frame, at most.",
+        "Maximum K-means iterations per frame.",
         |s| Kind::Integer {
             value: &mut s.segment.iterations,
             min: 1,
@@ -237,7 +237,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "method",
-        "Point-to-plane against the learned head, or the paper's point-to-point.",
+        "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP.",
         |s| Kind::Choice {
             value: index_of(&POSE_METHODS, &s.pose.method),
             names: &["plane", "paper"],
@@ -247,7 +247,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "smoothing",
-        "Filter of the pose: none, the paper's window, or adaptive.",
+        "Pose filter: none, the paper's window, or adaptive.",
         |s| Kind::Choice {
             value: match s.pose.smoothing {
                 Smoothing::Off => 0,
@@ -267,7 +267,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "window_frames",
-        "Frames of the paper's window; the delay is (frames - 1) / 3 frames (window).",
+        "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window).",
         |s| Kind::Integer {
             value: &mut s.pose.window_frames,
             min: 1,
@@ -278,7 +278,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "rounds",
-        "Rounds of point-to-point alignment at most; it ends where it stands still (paper).",
+        "Maximum iterations of point-to-point ICP, which stops early when it converges (paper).",
         |s| Kind::Integer {
             value: &mut s.pose.rounds,
             min: 1,
@@ -295,7 +295,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "pose",
         "learn_shape",
-        "Whether size and shape of the user's head are learned (plane).",
+        "Whether the size and shape of the user's head are learned (plane).",
         |s| Kind::Bool {
             value: &mut s.pose.learn_shape,
         },
@@ -303,7 +303,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "landmarks",
         "method",
-        "Cascade on orientation patches, or the paper's 2D+3D AAM.",
+        "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM.",
         |s| Kind::Choice {
             value: index_of(&LANDMARK_METHODS, &s.landmarks.method),
             names: &["cascade", "paper"],
@@ -342,7 +342,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "scale",
-        "What measures are divided by: the frame's eye distance, the learned one, or as the method has it.",
+        "What measures are divided by: the frame's eye distance, the learned one, or the method's default.",
         |s| Kind::Choice {
             value: index_of(&SCALES, &s.learning.scale),
             names: &["by-method", "frame", "learned"],
@@ -352,13 +352,13 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "best_distance_m",
-        "Distance at which samples count fully, equation (4).",
+        "Distance at which samples have full weight, equation (4).",
         |s| double(&mut s.learning.best_distance_m, 0.3, 4.0, "m"),
     ),
     key(
         "learning",
         "half_life_s",
-        "Half-life of what was learned, in time of presence; 0 never forgets.",
+        "Half-life of what was learned, counted while the person is present; 0 never forgets.",
         |s| double(&mut s.learning.half_life_s, 0.0, 86_400.0, "s"),
     ),
     key(
@@ -370,19 +370,19 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "dead_zone",
-        "Dead zone about rest, in deviations of the noise (robust).",
+        "Dead zone around rest, in deviations of the noise (robust).",
         |s| double(&mut s.learning.dead_zone, 0.0, 3.0, ""),
     ),
     key(
         "learning",
         "smoothing_hz",
-        "Cut-off of the weights' filter on a still face; 0 switches it off (robust).",
+        "Cut-off of the weight filter on a still face; 0 disables it (robust).",
         |s| double(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz"),
     ),
     key(
         "learning",
         "infer_covered",
-        "Whether the units of a covered mouth are inferred from how it was and for how long, instead of read (robust).",
+        "Whether the units of a covered mouth are inferred from how it was before and for how long, instead of measured (robust).",
         |s| Kind::Bool {
             value: &mut s.learning.infer_covered,
         },
@@ -390,25 +390,25 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "compensation_scale",
-        "Spread of compensating samples as a share of the range; 0 is the paper's (paper).",
+        "Spread of compensation samples as a share of the range; 0 is the paper's value (paper).",
         |s| double(&mut s.learning.compensation_scale, 0.0, 1.0, ""),
     ),
     key(
         "learning",
         "gap_percent",
-        "l of section 2.5: a gap that cuts the end of a range off, of its width (paper).",
+        "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper).",
         |s| double(&mut s.learning.scan.gap, 0.0, 100.0, "%"),
     ),
     key(
         "learning",
         "count_percent",
-        "k of section 2.5: samples without a gap that end the scan, of all (paper).",
+        "k of section 2.5: samples without a gap that end the scan, as a share of all (paper).",
         |s| double(&mut s.learning.scan.count, 0.0, 100.0, "%"),
     ),
     key(
         "learning",
         "scanned_percent",
-        "m of section 2.5: samples scanned at most, of all (paper).",
+        "m of section 2.5: maximum samples scanned, as a share of all (paper).",
         |s| double(&mut s.learning.scan.scanned, 0.0, 100.0, "%"),
     ),
     key(
@@ -426,7 +426,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "users",
         "most",
-        "People followed at once, at most; with 1 whoever comes has slot 0.",
+        "Maximum number of people tracked at once; with 1, whoever appears gets slot 0.",
         |s| Kind::Integer {
             value: &mut s.users.most,
             min: 1,
@@ -447,22 +447,22 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "users",
         "hold_s",
-        "How long values are kept after the face was last seen.",
+        "How long values are held after the face was last seen.",
         |s| single(&mut s.users.hold_s, 0.0, 10.0, "s"),
     ),
     key(
         "users",
         "forget_s",
-        "How long a lost person keeps their slot after that.",
+        "How long a lost person then keeps their slot.",
         |s| single(&mut s.users.forget_s, 0.0, 3600.0, "s"),
     ),
     key(
         "users",
         "remember_s",
-        "How long a person who left is known again by the shape of the head, and gets ranges and slot back; 0 never.",
+        "How long a person who left can be recognised by the shape of the head, and gets their ranges and slot back; 0 never.",
         |s| single(&mut s.users.remember_s, 0.0, 86_400.0, "s"),
     ),
-    key("osc", "enabled", "Whether anything is sent.", |s| {
+    key("osc", "enabled", "Whether this output is enabled.", |s| {
         Kind::Bool {
             value: &mut s.osc.enabled,
         }
@@ -470,10 +470,10 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "osc",
         "target",
-        "Where to: hosts, broadcast addresses or multicast groups.",
+        "Destinations: hosts, broadcast addresses or multicast groups.",
         |s| targets(&mut s.osc.targets),
     ),
-    key("osc", "prefix", "What every address starts with.", |s| {
+    key("osc", "prefix", "Prefix of every address.", |s| {
         Kind::Text {
             value: &mut s.osc.prefix,
             form: "a slash and a name",
@@ -501,7 +501,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "osc",
         "commands",
-        "Whether /face/cmd/forget, freeze, neutral and schema are listened for.",
+        "Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.",
         |s| Kind::Bool {
             value: &mut s.osc.commands,
         },
@@ -509,7 +509,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "osc",
         "listen",
-        "Where they are listened for; 127.0.0.1 hears this machine only.",
+        "Address on which these commands are received; 127.0.0.1 accepts this machine only.",
         |s| Kind::Text {
             value: &mut s.osc.listen,
             form: "address:port",
@@ -522,7 +522,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "osc",
         "hold_s",
-        "How long the last weights of a lost face are kept.",
+        "How long the last weights of a lost face are held.",
         |s| single(&mut s.osc.loss.hold_s, 0.0, 60.0, "s"),
     ),
     key(
@@ -531,7 +531,7 @@ pub(super) const KEYS: &[Key] = &[
         "How long they then take to fade to neutral.",
         |s| single(&mut s.osc.loss.decay_s, 0.0, 60.0, "s"),
     ),
-    key("vmc", "enabled", "Whether anything is sent.", |s| {
+    key("vmc", "enabled", "Whether this output is enabled.", |s| {
         Kind::Bool {
             value: &mut s.vmc.enabled,
         }
@@ -539,23 +539,20 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vmc",
         "target",
-        "Where to: hosts, broadcast addresses or multicast groups.",
+        "Destinations: hosts, broadcast addresses or multicast groups.",
         |s| targets(&mut s.vmc.targets),
     ),
-    key(
-        "vmc",
-        "role",
-        "What this program is to the receiver.",
-        |s| Kind::Choice {
+    key("vmc", "role", "This program's role to the receiver.", |s| {
+        Kind::Choice {
             value: index_of(&ROLES, &s.vmc.role),
             names: &["performer", "assistant"],
             set: |s, index| s.vmc.role = ROLES[index],
-        },
-    ),
+        }
+    }),
     key(
         "vmc",
         "names",
-        "Whose names the blend shapes have: ARKit's, VRM avatars', or the units' own.",
+        "Names of the blend shapes: ARKit's, VRM avatars', or the units' own.",
         |s| Kind::Choice {
             value: index_of(&NAMES, &s.vmc.names),
             names: &["arkit", "vrm0", "vrm1", "units"],
@@ -568,7 +565,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vmc",
         "hold_s",
-        "How long the last weights of a lost face are kept.",
+        "How long the last weights of a lost face are held.",
         |s| single(&mut s.vmc.loss.hold_s, 0.0, 60.0, "s"),
     ),
     key(
@@ -577,21 +574,24 @@ pub(super) const KEYS: &[Key] = &[
         "How long they then take to fade to neutral.",
         |s| single(&mut s.vmc.loss.decay_s, 0.0, 60.0, "s"),
     ),
-    key("vrchat", "enabled", "Whether anything is sent.", |s| {
-        Kind::Bool {
+    key(
+        "vrchat",
+        "enabled",
+        "Whether this output is enabled.",
+        |s| Kind::Bool {
             value: &mut s.vrchat.enabled,
-        }
-    }),
+        },
+    ),
     key(
         "vrchat",
         "target",
-        "Where to: hosts, broadcast addresses or multicast groups.",
+        "Destinations: hosts, broadcast addresses or multicast groups.",
         |s| targets(&mut s.vrchat.targets),
     ),
     key(
         "vrchat",
         "prefix",
-        "What the avatar's author put before the names.",
+        "Prefix that the avatar's author put before the parameter names.",
         |s| Kind::Text {
             value: &mut s.vrchat.prefix,
             form: "empty or ending in a slash",
@@ -601,7 +601,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vrchat",
         "values",
-        "Parameters as numbers, made of switches, or both.",
+        "Parameters as floats, as binary switches, or both.",
         |s| Kind::Choice {
             value: index_of(&VALUES, &s.vrchat.values),
             names: &["float", "binary", "both"],
@@ -611,7 +611,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vrchat",
         "bits",
-        "Switches of a parameter besides its sign.",
+        "Binary switches per parameter, besides its sign.",
         |s| Kind::Integer {
             value: &mut s.vrchat.bits,
             min: 1,
@@ -625,7 +625,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "vrchat",
         "hold_s",
-        "How long the last weights of a lost face are kept.",
+        "How long the last weights of a lost face are held.",
         |s| single(&mut s.vrchat.loss.hold_s, 0.0, 60.0, "s"),
     ),
     key(
@@ -634,34 +634,37 @@ pub(super) const KEYS: &[Key] = &[
         "How long they then take to fade to neutral.",
         |s| single(&mut s.vrchat.loss.decay_s, 0.0, 60.0, "s"),
     ),
-    key("faceosc", "enabled", "Whether anything is sent.", |s| {
-        Kind::Bool {
+    key(
+        "faceosc",
+        "enabled",
+        "Whether this output is enabled.",
+        |s| Kind::Bool {
             value: &mut s.faceosc.enabled,
-        }
-    }),
+        },
+    ),
     key(
         "faceosc",
         "target",
-        "Where to: hosts, broadcast addresses or multicast groups.",
+        "Destinations: hosts, broadcast addresses or multicast groups.",
         |s| targets(&mut s.faceosc.targets),
     ),
     key("faceosc", "mirror", MIRROR, |s| Kind::Bool {
         value: &mut s.faceosc.mirror,
     }),
-    key("faceosc", "hold_s", "How long a lost face is kept.", |s| {
+    key("faceosc", "hold_s", "How long a lost face is held.", |s| {
         single(&mut s.faceosc.hold_s, 0.0, 60.0, "s")
     }),
     key(
         "serial",
         "port",
-        "Where to; empty = no serial output.",
+        "The port; empty = no serial output.",
         |s| Kind::Text {
             value: &mut s.serial.port,
             form: "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty",
             valid: |text| text.strip_prefix("tcp:").is_none_or(is_host_port),
         },
     ),
-    key("serial", "baud", "Speed.", |s| Kind::Integer {
+    key("serial", "baud", "Baud rate.", |s| Kind::Integer {
         value: &mut s.serial.baud,
         min: 1200,
         max: 4_000_000,
@@ -680,7 +683,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "serial",
         "full",
-        "What a weight of 1 is in lines; 100 are whole percents.",
+        "Value of a weight of 1 in text lines; 100 gives whole percentages.",
         |s| Kind::Integer {
             value: &mut s.serial.full,
             min: 10,
@@ -696,7 +699,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "serial",
         "units",
-        "Units to send, the most important first; empty = all.",
+        "Units to send, most important first; empty = all.",
         |s| Kind::Texts {
             value: &mut s.serial.units,
             form: "units, like [\"AU26\", \"AU25\"]",
@@ -707,13 +710,13 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "serial",
         "min_rate_hz",
-        "Frames a second below which units are left out on a slow line.",
+        "Frame rate below which units are left out on a slow line.",
         |s| single(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz"),
     ),
     key(
         "serial",
         "dtr",
-        "Whether DTR is raised on opening, which resets many boards; else it stays as it is.",
+        "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged.",
         |s| Kind::Bool {
             value: &mut s.serial.dtr,
         },
@@ -724,7 +727,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "serial",
         "hold_s",
-        "How long the last weights of a lost face are kept.",
+        "How long the last weights of a lost face are held.",
         |s| single(&mut s.serial.loss.hold_s, 0.0, 60.0, "s"),
     ),
     key(
@@ -736,7 +739,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "state",
         "persist",
-        "Whether ranges and head shape of those who left are saved, for users.remember_s, so that a restart forgets nobody.",
+        "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody.",
         |s| Kind::Bool {
             value: &mut s.state.persist,
         },
@@ -744,7 +747,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "state",
         "path",
-        "The file; rewritten once a minute and at the end.",
+        "The file; rewritten once a minute and on exit.",
         |s| Kind::Text {
             value: &mut s.state.path,
             form: "the path of a file in an existing directory",
@@ -754,7 +757,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "status",
         "path",
-        "Rewritten once a second, with mien.prom for Prometheus beside it; empty = neither.",
+        "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither.",
         |s| Kind::Text {
             value: &mut s.status.path,
             form: "the path of a file in an existing directory, or empty",
@@ -764,7 +767,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "log",
         "level",
-        "Least severity written; \"trace\" is as \"debug\".",
+        "Lowest severity written; \"trace\" is the same as \"debug\".",
         |s| Kind::Choice {
             value: index_of(&LEVELS, &s.log.level),
             names: &["error", "warn", "info", "debug", "trace"],

@@ -16,7 +16,7 @@ pub struct Settings {
     pub landmarks: landmarks::StageSettings,
     /// Learning of ranges.
     pub learning: expression::Settings,
-    /// Who is followed, and what happens when a face is lost.
+    /// Which people are tracked, and what happens when a face is lost.
     pub users: users::Settings,
     /// Names and gains of units, for every wire.
     pub units: Vec<output::UnitView>,

@@ -1,9 +1,9 @@
-//! What is compared of the picture: grey values relative to their surroundings.
+//! The grey values compared by the fit, normalised to their surroundings.
 //!
 //! The paper compares pixel values. Light from one side and another person's skin change them over whole cheeks by more than
-//! an eyelid does, and a model that has never seen the person moves its points to make up for it. So the mean of its
-//! surroundings is taken from every value, which is then divided by their spread (local normalisation).
-//! Window pixels. Cost: ten passes over the window. Degenerate: where all pixels are alike the values are 0.
+//! an eyelid does, and a model that has never seen the person moves its points to compensate. So the mean of its
+//! surroundings is subtracted from every value, which is then divided by their spread (local normalisation).
+//! Window pixels. Cost: ten passes over the window. Degenerate: where all pixels are equal the values are 0.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

@@ -1,15 +1,15 @@
 //! The paper's own landmark method (`landmarks.method = "paper"`): a 3D active appearance model (section 1.2, equations 1, 2).
 //!
-//! A 3D shape `S0 + Σ p_i S_i` from non-rigid structure from motion, seen at the head's pose, is the 2D shape; appearance is
-//! `A0 + Σ λ_i A_i`. The fit makes the picture inside the shape as much like an appearance as possible (Matthews and Baker,
-//! *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time combined 2D+3D active
-//! appearance models*, CVPR 2004), held near the depth pose, which also gives the start: [`solver`]. 2D and 3D share their
-//! shape parameters.
+//! A 3D shape `S0 + Σ p_i S_i` from non-rigid structure from motion, seen at the head's pose, is the 2D shape; appearance
+//! is `A0 + Σ λ_i A_i`. The fit minimises the difference between the picture inside the shape and an appearance (Matthews
+//! and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time combined 2D+3D
+//! active appearance models*, CVPR 2004), held near the depth pose, which also gives the start: [`solver`]. 2D and 3D share
+//! their shape parameters.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
 //! relative to their surroundings ([`grey`]). One step costs pixels x parameters x modes ≈ 6 M operations; some scratch is
 //! allocated per frame, unlike the default method. Limitation: a mouth that is open when a person is first seen may be taken
-//! for a shut one until it shuts. Degenerate: a flat window, a pose outside the picture or a residual too large to believe
+//! for a closed one until it closes. Degenerate: a flat window, a pose outside the picture or an implausibly large residual
 //! gives `None`.
 
 mod grey;

@@ -1,11 +1,11 @@
-//! What the 3D active appearance model knows, and its bytes in the model file.
+//! The data of the 3D active appearance model, and its bytes in the model file.
 //!
 //! ```text
 //! magic "PAM2" · counts u16: appearance modes m, head modes k, triangles, pixels
 //! f32: mean head 204 · k deviations · k x 204 modes · base shape 136 · noise · residual middle, width · m deviations
 //! u8 triangles 3 each · per row (trust, mean appearance, m modes): f32 unit, i8 values
 //! ```
-//! Little endian. Everything is checked: counts, finiteness, indices, and that the pixels are those the shape gives.
+//! Little endian. Everything is checked: counts, finiteness, indices, and that the pixels are those of the shape.
 
 use super::warp::{BasePixel, Shape2, base_pixels};
 use crate::base::capacity::LANDMARKS;

@@ -8,7 +8,7 @@
 //!
 //! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread = [`POSE_SPREAD`]. The 2D shape that the
 //! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D parameters are one and the same,
-//! as the paper says, no unknown is added, and the reprojection error, the paper's second term, is zero instead of small.
+//! as in the paper, no unknown is added, and the reprojection error, the paper's second term, is zero instead of small.
 //! (With separate 2D bases, tied to the 3D ones, it cannot be made small: a test below has the figures.)
 //!
 //! As in expectation maximisation the two kinds of unknowns take turns: λ is Gaussian, so given the shape its expectation is
@@ -29,7 +29,7 @@ use crate::landmarks::view::{UNITS, View};
 use crate::landmarks::window::WINDOW;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Neighbouring pixels err together: so many count as one observation.
+/// Errors of neighbouring pixels are correlated: this many count as one observation.
 const PIXELS_PER_OBSERVATION: f32 = 18.0;
 /// How far the depth pose may be off, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
@@ -51,7 +51,7 @@ pub struct AamFit {
     pub view: View,
     /// Shape parameters p, standard deviations.
     pub head: [f32; MOST_HEAD_MODES],
-    /// Root mean square of what the appearance leaves, in standard deviations of grey.
+    /// Root mean square residual of the appearance, in standard deviations of grey.
     pub residual: f32,
     /// 0…1.
     pub confidence: f32,

@@ -2,8 +2,8 @@
 //!
 //! A pixel of the base shape keeps its barycentric weights in its triangle; in a picture it lies at the same weights of the
 //! moved corners (Matthews and Baker 2004, section 2.2). Triangles: Delaunay, incremental (Bowyer 1981, Watson 1981).
-//! Window pixels. Computed once; a warp of all pixels then costs six multiplications each.
-//! Degenerate: pixels outside every triangle do not exist; flat triangles hold none.
+//! Window pixels. Computed once; a warp of all pixels then costs six multiplications each. Degenerate: pixels outside every
+//! triangle are not used; flat triangles contain none.
 
 use crate::base::capacity::LANDMARKS;
 #[cfg(not(feature = "std"))]

@@ -179,7 +179,7 @@ impl Commands {
                 Err(error) => {
                     if self.pause == PAUSES[0] {
                         tracing::warn!(
-                            "cannot listen for OSC commands at {} ({error}), trying again until it is free",
+                            "cannot listen for OSC commands at {} ({error}), retrying until it is free",
                             self.address
                         );
                     }

@@ -92,7 +92,7 @@ impl Target {
                             name.wanted.store(false, Ordering::Relaxed);
                         }
                         None => {
-                            tracing::warn!("OSC target {target} is not found, trying again");
+                            tracing::warn!("OSC target {target} does not resolve, retrying");
                         }
                     }
                     drop(name);

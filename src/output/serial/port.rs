@@ -150,7 +150,7 @@ pub(super) fn feed(
                     Ok(mut port) => {
                         tracing::info!("serial port {path} is open");
                         if let Some(name) = stable_name(Path::new(&path), Path::new(STABLE_NAMES)) {
-                            tracing::info!("serial port {path} is looked for as {name} from now on");
+                            tracing::info!("serial port {path} will be reopened as {name}");
                             path = name;
                         }
                         shared.set_state(PortState::Open);
@@ -160,7 +160,7 @@ pub(super) fn feed(
                         cut = writer.cut;
                         shared.set_state(PortState::Absent);
                         let Err(error) = end else { return };
-                        tracing::warn!("serial port {path} is lost ({error}), trying to open it again");
+                        tracing::warn!("serial port {path} is lost ({error}), reopening it");
                         failures = 2;
                         // One that opens and fails at once is not tried without a pause.
                         if opened.elapsed() > PAUSES[1] {
@@ -170,7 +170,7 @@ pub(super) fn feed(
                     Err(error) => {
                         failures = failures.saturating_add(1);
                         if failures == 2 {
-                            tracing::warn!("serial port {path} cannot be opened ({error}), trying again until it is there");
+                            tracing::warn!("serial port {path} cannot be opened ({error}), retrying until it can");
                         }
                     }
                 }

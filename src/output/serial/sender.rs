@@ -69,7 +69,7 @@ fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
         .collect();
     if !left_out.is_empty() {
         tracing::warn!(
-            "serial port {port} carries {} of {} units at {baud} bit/s: left out are {}",
+            "serial port {port} carries {} of {} units at {baud} bit/s, omitting {}",
             plan.units.len(),
             plan.units.len() + left_out.len(),
             left_out.join(" ")
@@ -77,7 +77,7 @@ fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
     }
     if plan.rate_hz < budget::FRAMES_HZ {
         tracing::warn!(
-            "serial port {port} takes {:.1} frames a second of up to {} bytes at {baud} bit/s, the newest each time; {} come from the sensor",
+            "serial port {port} carries {:.1} frames per second of up to {} bytes at {baud} bit/s, always the newest; the sensor delivers {}",
             plan.rate_hz,
             plan.frame_bytes,
             budget::FRAMES_HZ

@@ -1,4 +1,4 @@
-//! Calibration as the device gives it: names and numbers of its own, and one real unit's as the default.
+//! Calibration in the device's own names and numbers, with that of one real device as the default.
 
 macro_rules! registration_integers {
     ($($name:ident = $sample:literal),* $(,)?) => {

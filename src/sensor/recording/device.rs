@@ -5,7 +5,7 @@
 //!  "const_shift": 200}
 //! ```
 //! An integer of `reg_info` that is absent is 0; everything else that is absent keeps its nominal value; unknown names are
-//! passed over. Read by a small strict parser of our own, because one file of numbers does not earn a dependency.
+//! ignored. Read by our own small strict parser, because one file of numbers does not justify a dependency.
 
 use std::io::Read;
 use std::path::Path;

@@ -12,7 +12,7 @@ pub(super) const DEVICE_NAME: &str = "device.json";
 /// The file at `path`, if it is one: what a pipe would give is not waited for.
 pub(super) fn open_file(path: &Path) -> std::io::Result<File> {
     if !std::fs::metadata(path)?.is_file() {
-        return Err(std::io::Error::other("it is no file"));
+        return Err(std::io::Error::other("not a regular file"));
     }
     File::open(path)
 }

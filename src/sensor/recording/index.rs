@@ -4,17 +4,17 @@
 //! ticks, at most half a frame period away (the recording's own, at most 33 ms): the two cameras may run at a constant
 //! offset. A depth picture without one is a frame without colour.
 //!
-//! What others recorded, copied or merged may be disordered; wall times, which ticks do not need, then help:
-//! * an index whose pictures step back in time is played in the order of wall times if they step back less often there, and
-//!   by ticks alone if that, too, is a shuffle;
+//! Recordings from elsewhere, copied or merged, may be out of order; wall times, otherwise unused, then help:
+//! * an index whose pictures step back in time is played in the order of wall times if those step back less often, and
+//!   by ticks alone if they are shuffled too;
 //! * a single stamp that fits neither its neighbours before nor those after it is a fault, and skipped;
-//! * colour finds its turn of the counter, and its run of the sensor, by the depth picture nearest in wall time; if these say
-//!   nothing, by the order of the index, as one sorted by name lists one stream after the other.
+//! * colour finds its turn of the counter, and its run of the sensor, by the depth picture nearest in wall time; if those are
+//!   uninformative, by the order of the index, since one sorted by name lists one stream after the other.
 //!
-//! Degenerate: ticks that step back by more than a second mean that the sensor was started again, and time goes on one frame
+//! Degenerate: ticks that step back by more than a second mean that the sensor was restarted, and time continues one frame
 //! period later; a gap of more than half the counter's range (35.8 s) cannot be told from that. A depth picture that is not
 //! later than the one before is marked to be skipped.
-//! One file: order, time and pairs are one decision.
+//! One file: order, time and pairing are one decision.
 
 use std::collections::BinaryHeap;
 
@@ -24,7 +24,7 @@ use crate::sensor::FRAME_TICKS;
 const RESTART_TICKS: i64 = 60_000_000;
 /// Longest gap between the neighbours of a stamp that is held to be a fault (10 s).
 const NEIGHBOURS_TICKS: i64 = 10 * RESTART_TICKS;
-/// One step back in so many pictures is no accident: the index is shuffled.
+/// With one step back in this many pictures the index is shuffled.
 const SHUFFLED: usize = 20;
 
 /// A file the index names.

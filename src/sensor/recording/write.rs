@@ -1,4 +1,4 @@
-//! Writing a recording, frame by frame. A picture is named in the index only when it is whole; one that cannot be written
+//! Writing a recording, frame by frame. A picture is added to the index only once it is complete; one that cannot be written
 //! is removed again. Colour is stored demosaiced, from which the mosaic comes back exactly, so that depth and luma replay
 //! bit for bit.
 

@@ -1,4 +1,4 @@
-//! What libusb's errors mean here.
+//! Translates libusb's errors.
 
 use crate::sensor::device::DeviceError;
 
