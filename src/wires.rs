@@ -20,9 +20,14 @@ pub(crate) fn open(
         &mut settings.vmc.view,
         &mut settings.vrchat.view,
         &mut settings.serial.view,
+        &mut settings.network.lights.view,
+        &mut settings.network.live_link.view,
+        &mut settings.network.websocket.view,
+        &mut settings.network.mqtt.view,
     ] {
         view.units.clone_from(&settings.units);
     }
+    open_network(&settings, units, &mut wires)?;
     if settings.osc.enabled {
         wires.push(Box::new(Osc::new(settings.osc, units)?));
     }
@@ -39,4 +44,50 @@ pub(crate) fn open(
         wires.push(Box::new(Serial::new(&settings.serial, units)?));
     }
     Ok(wires)
+}
+
+/// A wire that is a feature of the build, or why there is none.
+macro_rules! feature {
+    ($wires:ident, $section:literal, $feature:literal, $make:expr) => {
+        #[cfg(feature = $feature)]
+        $wires.push(Box::new($make));
+        #[cfg(not(feature = $feature))]
+        return Err(OutputError::NotBuilt {
+            section: $section,
+            feature: $feature,
+        });
+    };
+}
+
+/// Opens those that are features of the build.
+#[allow(
+    unused_variables,
+    clippy::needless_return,
+    clippy::ptr_arg,
+    reason = "without features there is nothing to open"
+)]
+fn open_network(
+    settings: &Settings,
+    units: &[&str],
+    wires: &mut Vec<Box<dyn Output>>,
+) -> Result<(), OutputError> {
+    let network = &settings.network;
+    if network.artnet.enabled {
+        feature!(wires, "artnet", "lights", {
+            crate::output::lights::artnet::ArtNet::new(&network.artnet, &network.lights, units)?
+        });
+    }
+    if network.sacn.enabled {
+        feature!(wires, "sacn", "lights", {
+            let (sacn, lights) = (&network.sacn, &network.lights);
+            crate::output::lights::sacn::Sacn::new(sacn, lights, &network.name, units)?
+        });
+    }
+    if network.live_link.enabled {
+        feature!(wires, "live_link", "live-link", {
+            let settings = network.live_link.clone();
+            crate::output::live_link::LiveLink::new(settings, &network.name, units)?
+        });
+    }
+    Ok(())
 }

@@ -6,6 +6,20 @@
 
 pub mod csv;
 mod face;
+#[cfg(feature = "std")]
+pub mod features;
+#[cfg(any(
+    feature = "lights",
+    feature = "live-link",
+    feature = "web",
+    feature = "discovery",
+    feature = "mqtt"
+))]
+mod identity;
+#[cfg(feature = "lights")]
+pub mod lights;
+#[cfg(feature = "live-link")]
+pub mod live_link;
 pub mod osc;
 pub mod serial;
 mod view;
@@ -180,6 +194,24 @@ pub enum OutputError {
     Unit {
         /// What was given.
         unit: String,
+    },
+    /// A row of the table of channels is unusable.
+    #[error("lights.channels has {row:?}, expected {expected}")]
+    Channel {
+        /// What was given.
+        row: String,
+        /// What may stand there.
+        expected: &'static str,
+    },
+    /// Something is switched on that this build has not.
+    #[error(
+        "[{section}] is switched on, but this mien is built without it; build with --features {feature}, or install the package"
+    )]
+    NotBuilt {
+        /// Of the configuration.
+        section: &'static str,
+        /// Of the build.
+        feature: &'static str,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]

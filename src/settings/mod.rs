@@ -5,6 +5,7 @@
 //! One file: the settings and the reading of them are one format; the keys have their own.
 
 mod keys;
+mod network;
 mod units;
 
 use std::fmt::Write as _;
@@ -13,7 +14,9 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
+use keys::{Key, Kind, SECTIONS, UNITS};
+
+pub use network::NetworkSettings;
 
 use crate::bounded;
 use crate::capacity::USERS;
@@ -51,6 +54,8 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// What the wires that are features of the build are told.
+    pub network: NetworkSettings,
     /// What outlives a restart.
     pub state: StateSettings,
     /// What is told in files.
@@ -261,12 +266,10 @@ impl Settings {
                     )?;
                     continue;
                 }
-                let Some(known) = KEYS
-                    .iter()
+                let Some(known) = all_keys()
                     .find(|k| k.section == section_name && k.name == key.get_ref().as_ref())
                 else {
-                    let names: Vec<&str> = KEYS
-                        .iter()
+                    let names: Vec<&str> = all_keys()
                         .filter(|k| k.section == section_name)
                         .map(|k| k.name)
                         .collect();
@@ -294,7 +297,7 @@ impl Settings {
             if *section == UNITS {
                 units::print(&self.units, &mut text);
             }
-            for key in KEYS.iter().filter(|key| key.section == *section) {
+            for key in all_keys().filter(|key| key.section == *section) {
                 let (allowed, value) = match (key.kind)(&mut copy) {
                     Kind::Float {
                         value,
@@ -325,6 +328,11 @@ impl Settings {
         }
         text
     }
+}
+
+/// Every key.
+fn all_keys() -> impl Iterator<Item = &'static Key> {
+    keys::KEYS.iter().chain(network::KEYS)
 }
 
 fn with_space(unit: &str) -> String {
