@@ -89,5 +89,16 @@ fn open_network(
             crate::output::live_link::LiveLink::new(settings, &network.name, units)?
         });
     }
+    if network.websocket.enabled {
+        feature!(wires, "websocket", "web", {
+            crate::output::web::websocket::WebSocket::new(&network.websocket, units)?
+        });
+    }
+    if network.oscquery.enabled {
+        feature!(wires, "oscquery", "web", {
+            let (oscquery, osc) = (&network.oscquery, &settings.osc);
+            crate::output::web::oscquery::OscQuery::new(oscquery, osc, &network.name, units)?
+        });
+    }
     Ok(())
 }

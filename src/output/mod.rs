@@ -4,6 +4,8 @@
 //! for a moment, then fade to neutral ([`LossPolicy`]). Closing an output (dropping it) sends neutral and absent. Nothing
 //! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
 
+#[cfg(any(feature = "web", feature = "mqtt"))]
+mod board;
 pub mod csv;
 mod face;
 #[cfg(feature = "std")]
@@ -23,6 +25,8 @@ pub mod live_link;
 pub mod osc;
 pub mod serial;
 mod view;
+#[cfg(feature = "web")]
+pub mod web;
 
 use crate::expression::UnitRange;
 use crate::geometry::Rigid;

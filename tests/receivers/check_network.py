@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Wires that are features of the build, against programs and libraries that others wrote.
 
-    check_network.py MIEN WHAT...      WHAT: sacn ola live-link
+    check_network.py MIEN WHAT...      WHAT: sacn ola live-link websocket oscquery
 
 What is received is compared with the CSV of the same run, by the rules the wires' descriptions state, written here anew.
 """
@@ -213,9 +213,158 @@ def check_live_link(mien):
     print(f"PyLiveLinkFace: {len(rows)} frames, {compared} values equal to the CSV's")
 
 
+def check_websocket(mien):
+    """Two pages of the library websockets: one reads all, one never reads; and a flood of connections that say nothing."""
+    import asyncio
+    import json
+    import websockets
+    port = free_port(socket.SOCK_STREAM)
+    got = []
+
+    async def page():
+        for _ in range(100):
+            try:
+                async with websockets.connect(f"ws://127.0.0.1:{port}/", compression=None) as one:
+                    await one.ping()
+                    async for message in one:
+                        got.append(json.loads(message))
+                    return
+            except (ConnectionRefusedError, OSError):
+                await asyncio.sleep(0.05)
+
+    def lazy():
+        time.sleep(1)
+        with socket.create_connection(("127.0.0.1", port)) as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            one.sendall(b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n")
+            time.sleep(5)
+
+    threads = [threading.Thread(target=lambda: asyncio.run(page())), threading.Thread(target=lazy),
+               threading.Thread(target=flood, args=(port, 1000))]
+    for thread in threads:
+        thread.start()
+    config = f'[websocket]\nenabled = true\nlisten = "127.0.0.1:{port}"\n[osc]\nenabled = false\n'
+    path, _, status = session.run(mien, config, RUN)
+    for thread in threads:
+        thread.join()
+    rows, units = session.read(path)
+    by_time = {message["time_us"] // 1000: message for message in reversed(got) if message["user"] is not None}
+    started = min(message["frame"] for message in got)
+    compared = 0
+    for row in rows:
+        if not row.present or row.ms not in by_time:
+            assert row.frame < started or not row.present, f"frame {row.frame} is missing"
+            continue
+        message = by_time[row.ms]
+        assert message["state"] == row.state and abs(message["confidence"] - row.confidence) < 1e-3
+        assert list(message["weights"]) == units
+        for unit in units:
+            assert abs(message["weights"][unit] - row.shown[unit]) <= 0.5e-4 + 1e-6, (unit, row.frame)
+            compared += 1
+    assert compared > FRAMES // 2 * len(units), compared
+    end = got[-1]
+    assert end["user"] is None or (end["state"] == "absent" and not any(end["weights"].values())), end
+    wire = next(one for one in status["outputs"] if one["name"] == "websocket")
+    assert wire["commands_refused"] > 500, wire
+    print(f"websockets (PyPI): {len(got)} messages, {compared} weights equal to the CSV's; 1000 connections turned away or "
+          f"answered ({wire['commands_refused']} counted)")
+
+
+def flood(port, connections):
+    """Connections that send nonsense, or nothing, and stay."""
+    held = []
+    time.sleep(2)
+    for i in range(connections):
+        try:
+            one = socket.create_connection(("127.0.0.1", port), timeout=1)
+            if i % 2:
+                one.sendall(os.urandom(100))
+            held.append(one)
+        except OSError:
+            pass
+        if len(held) > 200:
+            held.pop(0).close()
+
+
+OSCQUERY_CLIENT = """
+const { OSCQueryDiscovery } = require("oscquery");
+const discovery = new OSCQueryDiscovery();
+discovery.queryNewService("127.0.0.1", Number(process.argv[2])).then((service) => {
+  const out = { host: service.hostInfo, nodes: [] };
+  for (const method of service.flat()) {
+    out.nodes.push({ path: method.full_path, arguments: method.arguments, access: method.access, description: method.description });
+  }
+  console.log(JSON.stringify(out));
+  process.exit(0);
+}).catch((error) => { console.error(String(error)); process.exit(1); });
+"""
+
+
+def check_oscquery(mien):
+    """The library oscquery (npm) reads the tree; plain HTTP asks for values while frames go by."""
+    import json
+    import urllib.error
+    import urllib.request
+    port, commands = free_port(socket.SOCK_STREAM), free_port()
+    seen, client, codes = [], [], {}
+
+    def ask(path):
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=5) as answer:
+            return json.load(answer) if answer.status == 200 else answer.status
+
+    def while_running(_):
+        for _ in range(100):
+            try:
+                ask("/?HOST_INFO")
+                break
+            except OSError:
+                time.sleep(0.05)
+        if os.environ.get("NODE_PATH"):
+            client.append(subprocess.run(["node", "-e", OSCQUERY_CLIENT, "-", str(port)], capture_output=True, text=True))
+        for path in ("/nobody", "/?NONSENSE", "/face/0/pose/1"):
+            try:
+                codes[path] = ask(path)
+            except urllib.error.HTTPError as error:
+                codes[path] = error.code
+        for _ in range(60):
+            frame = ask("/face/0?CONTENTS")["CONTENTS"]
+            seen.append((frame["frame"]["VALUE"][1], frame["au"]["VALUE"]))
+            time.sleep(0.02)
+        seen.append(ask("/"))
+    config = f'[oscquery]\nenabled = true\nlisten = "127.0.0.1:{port}"\n' \
+             f'[osc]\ncommands = true\nlisten = "127.0.0.1:{commands}"\ntarget = "127.0.0.1:9"\n'
+    path, _, _ = session.run(mien, config, RUN, while_running)
+    rows, units = session.read(path)
+    tree = seen.pop()
+    assert tree["CONTENTS"]["face"]["CONTENTS"]["0"]["CONTENTS"]["au"]["TYPE"] == "f" * len(units)
+    assert codes == {"/nobody": 404, "/?NONSENSE": 400, "/face/0/pose/1": 404}, codes
+    by_time = {row.ms: row for row in rows}
+    compared = 0
+    for ms, weights in seen:
+        if ms in by_time and by_time[ms].present:
+            for unit, weight in zip(units, weights):
+                assert abs(weight - by_time[ms].shown[unit]) <= 0.5e-4 + 1e-6, unit
+                compared += 1
+    assert compared > 20 * len(units), compared
+    told = ""
+    if client:
+        assert client[0].returncode == 0, client[0].stderr
+        answer = json.loads(client[0].stdout)
+        assert answer["host"]["name"].startswith("mien ") and answer["host"]["oscPort"] == commands, answer["host"]
+        paths = [node["path"] for node in answer["nodes"]]
+        for unit in units:
+            assert f"/face/0/au/{unit}" in paths, unit
+        one = next(node for node in answer["nodes"] if node["path"] == "/face/0/au/AU26")
+        assert one["arguments"][0]["range"] == {"min": 0, "max": 1} and one["description"], one
+        told = f"; oscquery (npm) found {len(paths)} nodes"
+    print(f"OSCQuery: {len(seen)} values of the tree over HTTP, {compared} weights equal to the CSV's{told}")
+
+
 def main():
     mien, *wanted = sys.argv[1:]
-    checks = {"sacn": check_sacn, "ola": check_ola, "live-link": check_live_link}
+    checks = {"sacn": check_sacn, "ola": check_ola, "live-link": check_live_link, "websocket": check_websocket,
+              "oscquery": check_oscquery}
     for name in wanted:
         checks[name](mien)
 
