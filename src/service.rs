@@ -386,7 +386,7 @@ impl Heard {
                     self.untold += 1;
                     continue;
                 }
-                tracing::info!("asked over OSC: {command:?}, {} before", self.untold);
+                tracing::info!("asked over a wire: {command:?}, {} before", self.untold);
                 (self.told, self.untold) = (Some(now), 0);
             }
         }

@@ -100,5 +100,39 @@ fn open_network(
             crate::output::web::oscquery::OscQuery::new(oscquery, osc, &network.name, units)?
         });
     }
+    if network.discovery.enabled {
+        feature!(wires, "discovery", "discovery", {
+            crate::output::discovery::Discovery::new(&network.name, services(settings))?
+        });
+    }
+    if network.mqtt.enabled {
+        feature!(wires, "mqtt", "mqtt", {
+            crate::output::mqtt::Mqtt::new(&network.mqtt, &network.name, units)?
+        });
+    }
     Ok(())
+}
+
+/// What may be found on this box.
+#[cfg(feature = "discovery")]
+fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
+    let one = |on: bool, listen: &str, kind, transport, text| {
+        let (_, port) = listen.rsplit_once(':').filter(|_| on)?;
+        Some(crate::output::discovery::Service {
+            kind,
+            transport,
+            port: port.parse().ok()?,
+            text,
+        })
+    };
+    let (osc, network) = (&settings.osc, &settings.network);
+    let (query, pages) = (&network.oscquery, &network.websocket);
+    [
+        one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
+        one(query.enabled, &query.listen, "_oscjson", "_tcp", ""),
+        one(pages.enabled, &pages.listen, "_http", "_tcp", "path=/"),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }

@@ -67,14 +67,16 @@ impl Shared {
         let _ = (&self.bell).write(&[1]);
     }
 
-    /// Copies what is there; what was fresh is so no more.
+    /// Copies what is there; what was fresh is so here no more.
     pub(super) fn take(&self, into: &mut Board) {
         let mut board = self.board();
-        into.users.clone_from(&board.users);
-        into.nobody.clone_from(&board.nobody);
-        board.nobody.fresh = false;
-        for shot in &mut board.users {
-            shot.fresh = false;
+        let board = &mut *board;
+        let theirs = board.users.iter_mut().chain([&mut board.nobody]);
+        for (shot, own) in theirs.zip(into.users.iter_mut().chain([&mut into.nobody])) {
+            // What the thread has not looked at stays fresh.
+            let fresh = own.fresh || std::mem::take(&mut shot.fresh);
+            own.clone_from(shot);
+            own.fresh = fresh;
         }
     }
 

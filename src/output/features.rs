@@ -136,8 +136,6 @@ pub struct MqttSettings {
     pub user: String,
     /// A file with the password; empty = none.
     pub password_file: String,
-    /// A file with the certificates (PEM) of who may sign the broker's; empty = no TLS.
-    pub ca_file: String,
     /// What every topic starts with.
     pub prefix: String,
     /// Weights a second; 0 = none.
@@ -162,7 +160,6 @@ impl Default for MqttSettings {
             version: 4,
             user: String::new(),
             password_file: String::new(),
-            ca_file: String::new(),
             prefix: "mien".to_owned(),
             rate_hz: 5.0,
             health_s: 10.0,

@@ -7,6 +7,8 @@
 #[cfg(any(feature = "web", feature = "mqtt"))]
 mod board;
 pub mod csv;
+#[cfg(feature = "discovery")]
+pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
@@ -22,6 +24,8 @@ mod identity;
 pub mod lights;
 #[cfg(feature = "live-link")]
 pub mod live_link;
+#[cfg(feature = "mqtt")]
+pub mod mqtt;
 pub mod osc;
 pub mod serial;
 mod view;
@@ -206,6 +210,17 @@ pub enum OutputError {
         row: String,
         /// What may stand there.
         expected: &'static str,
+    },
+    /// A password that cannot be read.
+    #[cfg(feature = "std")]
+    #[error(
+        "cannot read mqtt.password_file {path:?}: {source}; does it belong to the user of mien?"
+    )]
+    Password {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
     },
     /// Something is switched on that this build has not.
     #[error(
