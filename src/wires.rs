@@ -136,3 +136,32 @@ fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
     .flatten()
     .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_switched_on_is_there_or_it_is_said_why_not() {
+        let mut settings = Settings::default();
+        assert_eq!(
+            open(&settings, &["AU26"]).map(|wires| wires.len()).ok(),
+            Some(1)
+        );
+        settings.network.lights.channels = vec!["AU26 1 1".into()];
+        settings.network.artnet.enabled = true;
+        match open(&settings, &["AU26"]) {
+            Ok(wires) => {
+                assert!(cfg!(feature = "lights"));
+                assert_eq!(wires[0].tally().name, "artnet");
+            }
+            Err(problem) => {
+                assert!(!cfg!(feature = "lights"));
+                assert!(
+                    problem.to_string().contains("build with --features lights"),
+                    "{problem}"
+                );
+            }
+        }
+    }
+}

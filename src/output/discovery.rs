@@ -10,7 +10,7 @@
 //! Instances are called `mien NAME`, the host `mien-NAME.local`, so that nothing is claimed that a daemon of the host claims.
 //! The name is asked for three times before it is used; if another has it, `-2`, `-3`, … is put behind. Then everything is
 //! announced twice, answered when asked for (not what the asker says it knows), and taken back at the end. The address told
-//! is the one by which the asker reaches us. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
+//! is the one by which the asker reaches us. Sending on a network of its own asks for a few bytes of memory. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
 //! are there at the start or a minute later.
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
@@ -23,7 +23,10 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 use nix::sys::socket::sockopt::{ReuseAddr, ReusePort};
-use nix::sys::socket::{AddressFamily, SockFlag, SockType, bind, setsockopt, socket};
+use nix::sys::socket::{
+    AddressFamily, ControlMessage, MsgFlags, SockFlag, SockType, SockaddrIn, bind, sendmsg,
+    setsockopt, socket,
+};
 
 use super::{Output, OutputError, Report, Tally, identity};
 
@@ -536,7 +539,7 @@ fn open() -> std::io::Result<UdpSocket> {
     setsockopt(socket.as_raw_fd(), ReuseAddr, &true)?;
     setsockopt(socket.as_raw_fd(), ReusePort, &true)?;
     let any = SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, PORT);
-    bind(socket.as_raw_fd(), &nix::sys::socket::SockaddrIn::from(any))?;
+    bind(socket.as_raw_fd(), &SockaddrIn::from(any))?;
     let socket = UdpSocket::from(socket);
     socket.set_nonblocking(true)?;
     socket.set_multicast_ttl_v4(255)?;
@@ -553,7 +556,7 @@ fn owned(raw: std::os::fd::RawFd) -> OwnedFd {
 }
 
 /// Addresses of this host's interfaces that can be reached by multicast.
-fn interfaces(each: &mut dyn FnMut(Ipv4Addr)) {
+fn interfaces(each: &mut dyn FnMut(Ipv4Addr, u32)) {
     use nix::net::if_::InterfaceFlags;
     let Ok(all) = nix::ifaddrs::getifaddrs() else {
         return;
@@ -567,8 +570,9 @@ fn interfaces(each: &mut dyn FnMut(Ipv4Addr)) {
             .address
             .as_ref()
             .and_then(|address| address.as_sockaddr_in().map(|v4| Ipv4Addr::from(v4.ip())));
-        if let Some(address) = address.filter(|_| up) {
-            each(address);
+        let number = nix::net::if_::if_nametoindex(one.interface_name.as_str());
+        if let (Some(address), Ok(number)) = (address.filter(|_| up), number) {
+            each(address, number);
         }
     }
 }
@@ -583,46 +587,20 @@ fn towards(whom: SocketAddr) -> Option<Ipv4Addr> {
     }
 }
 
-/// Joins the group on every network that is new; a socket for each to speak there.
-fn join(socket: &UdpSocket, speakers: &mut heapless::Vec<(Ipv4Addr, UdpSocket), 8>) -> bool {
+/// Networks to speak on: the address there, and the interface's number.
+type Networks = heapless::Vec<(Ipv4Addr, u32), 8>;
+
+/// Joins the group on every network that is new; whether any is.
+fn join(socket: &UdpSocket, networks: &mut Networks) -> bool {
     let mut new = false;
-    interfaces(&mut |address| {
-        if speakers.iter().any(|(known, _)| *known == address) || speakers.is_full() {
-            return;
-        }
-        // Joined already is as well.
-        let _ = socket.join_multicast_v4(&GROUP, &address);
-        if let Ok(speaker) = speaker(address) {
-            // There is room.
-            let _ = speakers.push((address, speaker));
-            new = true;
+    interfaces(&mut |address, interface| {
+        if !networks.iter().any(|(known, _)| *known == address) {
+            // Joined already is as well.
+            let _ = socket.join_multicast_v4(&GROUP, &address);
+            new |= networks.push((address, interface)).is_ok();
         }
     });
     new
-}
-
-/// Speaks from the port, on the network of an address.
-fn speaker(address: Ipv4Addr) -> std::io::Result<UdpSocket> {
-    let raw = socket(
-        AddressFamily::Inet,
-        SockType::Datagram,
-        SockFlag::SOCK_CLOEXEC,
-        None,
-    )?;
-    let socket = owned(raw);
-    setsockopt(socket.as_raw_fd(), ReuseAddr, &true)?;
-    setsockopt(socket.as_raw_fd(), ReusePort, &true)?;
-    // Bound to the address: what is sent to the group goes out there, and nothing for the group comes in here.
-    let from = SocketAddrV4::new(address, PORT);
-    bind(
-        socket.as_raw_fd(),
-        &nix::sys::socket::SockaddrIn::from(from),
-    )?;
-    let socket = UdpSocket::from(socket);
-    socket.set_nonblocking(true)?;
-    socket.set_multicast_ttl_v4(255)?;
-    socket.set_multicast_loop_v4(true)?;
-    Ok(socket)
 }
 
 /// What is to be done next.
@@ -633,7 +611,7 @@ enum Step {
 }
 
 fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
-    let mut speakers = heapless::Vec::<(Ipv4Addr, UdpSocket), 8>::new();
+    let mut networks = Networks::new();
     let mut listener: Option<UdpSocket> = None;
     let (mut step, mut due) = (Step::Probe(0), Instant::now());
     let (mut joined, mut number) = (Instant::now(), 1);
@@ -649,26 +627,36 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
                     .ok();
             }
             if let Some(listener) = &listener
-                && join(listener, &mut speakers)
+                && join(listener, &mut networks)
                 && matches!(step, Step::Wait)
             {
                 (step, due) = (Step::Announce(0), now);
             }
-            counts.there.store(!speakers.is_empty(), Ordering::Relaxed);
+            counts.there.store(!networks.is_empty(), Ordering::Relaxed);
         }
         if now >= due {
             let (next, pause) = match step {
                 Step::Probe(done) if done < PROBES => {
-                    shout(&speakers, counts, &mut said, 0, |address, out| {
-                        zone.probe(address, out)
-                    });
+                    shout(
+                        listener.as_ref(),
+                        &networks,
+                        counts,
+                        &mut said,
+                        0,
+                        |address, out| zone.probe(address, out),
+                    );
                     (Step::Probe(done + 1), PROBE_PAUSE)
                 }
                 Step::Probe(_) => (Step::Announce(0), Duration::ZERO),
                 Step::Announce(done) if done < ANNOUNCEMENTS => {
-                    shout(&speakers, counts, &mut said, 0x8400, |address, out| {
-                        zone.announce(KEEP, address, out)
-                    });
+                    shout(
+                        listener.as_ref(),
+                        &networks,
+                        counts,
+                        &mut said,
+                        0x8400,
+                        |address, out| zone.announce(KEEP, address, out),
+                    );
                     if done == 0 {
                         tracing::info!("announced as {:?} at {}.local", zone.instance, zone.host);
                     }
@@ -698,7 +686,7 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
                 continue;
             };
             if flags & 0x8000 != 0 {
-                let own = |address: Ipv4Addr| speakers.iter().any(|(known, _)| *known == address);
+                let own = |address: Ipv4Addr| networks.iter().any(|(known, _)| *known == address);
                 match zone.is_taken(bytes, &own) {
                     Some(true) if from.port() == PORT => {
                         number += 1;
@@ -740,46 +728,88 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
                 counts.dropped.fetch_add(1, Ordering::Relaxed);
                 continue;
             }
-            let speaker = speakers
-                .iter()
-                .find(|(known, _)| *known == address)
-                .map_or(listener, |(_, one)| one);
-            let to = if legacy {
-                from
+            if legacy {
+                tell(listener, out.bytes(), from, None, counts);
             } else {
-                SocketAddr::from((GROUP, PORT))
-            };
-            tell(speaker, out.bytes(), to, counts);
+                let network = networks.iter().find(|(known, _)| *known == address);
+                tell(
+                    listener,
+                    out.bytes(),
+                    SocketAddr::from((GROUP, PORT)),
+                    network,
+                    counts,
+                );
+            }
         }
     }
     if !matches!(step, Step::Probe(_)) {
-        shout(&speakers, counts, &mut said, 0x8400, |address, out| {
-            zone.announce(0, address, out)
-        });
+        shout(
+            listener.as_ref(),
+            &networks,
+            counts,
+            &mut said,
+            0x8400,
+            |address, out| zone.announce(0, address, out),
+        );
     }
 }
 
-fn tell(speaker: &UdpSocket, bytes: &[u8], to: SocketAddr, counts: &Counts) {
-    let sent = speaker.send_to(bytes, to).is_ok();
+/// Sends, on a network if one is named. All goes out of the one socket: another one bound to the network's address would
+/// take what is meant for a daemon of this host.
+fn tell(
+    socket: &UdpSocket,
+    bytes: &[u8],
+    to: SocketAddr,
+    network: Option<&(Ipv4Addr, u32)>,
+    counts: &Counts,
+) {
+    let sent = match (network, to) {
+        (Some(&(address, interface)), SocketAddr::V4(to)) => {
+            let info = libc::in_pktinfo {
+                ipi_ifindex: interface as i32,
+                ipi_spec_dst: libc::in_addr {
+                    s_addr: u32::from_ne_bytes(address.octets()),
+                },
+                ipi_addr: libc::in_addr { s_addr: 0 },
+            };
+            let out = [ControlMessage::Ipv4PacketInfo(&info)];
+            let to = SockaddrIn::from(to);
+            let parts = [std::io::IoSlice::new(bytes)];
+            sendmsg(
+                socket.as_raw_fd(),
+                &parts,
+                &out,
+                MsgFlags::MSG_DONTWAIT,
+                Some(&to),
+            )
+            .is_ok()
+        }
+        _ => socket.send_to(bytes, to).is_ok(),
+    };
     let counter = if sent { &counts.sent } else { &counts.dropped };
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
 /// Says something on every network, with the address there.
 fn shout(
-    speakers: &[(Ipv4Addr, UdpSocket)],
+    socket: Option<&UdpSocket>,
+    networks: &Networks,
     counts: &Counts,
     said: &mut [u8; LARGEST],
     flags: u16,
     what: impl Fn(Ipv4Addr, &mut Writer),
 ) {
-    for (address, speaker) in speakers {
+    let Some(socket) = socket else {
+        return;
+    };
+    for network in networks {
         let mut out = Writer::new(said, 0, flags);
-        what(*address, &mut out);
+        what(network.0, &mut out);
         tell(
-            speaker,
+            socket,
             out.bytes(),
             SocketAddr::from((GROUP, PORT)),
+            Some(network),
             counts,
         );
     }
