@@ -10,8 +10,9 @@
 //! Instances are called `mien NAME`, the host `mien-NAME.local`, so that nothing is claimed that a daemon of the host claims.
 //! The name is asked for three times before it is used; if another has it, `-2`, `-3`, … is put behind. Then everything is
 //! announced twice, answered when asked for (not what the asker says it knows), and taken back at the end. The address told
-//! is the one by which the asker reaches us. Sending on a network of its own asks for a few bytes of memory. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
+//! is the one by which the asker reaches us. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
 //! are there at the start or a minute later.
+//! One file: the format written and read, what is said in it, and when.
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
@@ -24,8 +25,8 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, poll};
 use nix::sys::socket::sockopt::{ReuseAddr, ReusePort};
 use nix::sys::socket::{
-    AddressFamily, ControlMessage, MsgFlags, SockFlag, SockType, SockaddrIn, bind, sendmsg,
-    setsockopt, socket,
+    AddressFamily, ControlMessage, MsgFlags, MultiHeaders, SockFlag, SockType, SockaddrIn, bind,
+    sendmmsg, setsockopt, socket,
 };
 
 use super::{Output, OutputError, Report, Tally, identity};
@@ -612,6 +613,10 @@ enum Step {
 
 fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
     let mut networks = Networks::new();
+    let mut voice = Voice {
+        head: MultiHeaders::preallocate(1, Some(nix::cmsg_space!(libc::in_pktinfo))),
+        counts,
+    };
     let mut listener: Option<UdpSocket> = None;
     let (mut step, mut due) = (Step::Probe(0), Instant::now());
     let (mut joined, mut number) = (Instant::now(), 1);
@@ -637,10 +642,9 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
         if now >= due {
             let (next, pause) = match step {
                 Step::Probe(done) if done < PROBES => {
-                    shout(
+                    voice.shout(
                         listener.as_ref(),
                         &networks,
-                        counts,
                         &mut said,
                         0,
                         |address, out| zone.probe(address, out),
@@ -649,10 +653,9 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
                 }
                 Step::Probe(_) => (Step::Announce(0), Duration::ZERO),
                 Step::Announce(done) if done < ANNOUNCEMENTS => {
-                    shout(
+                    voice.shout(
                         listener.as_ref(),
                         &networks,
-                        counts,
                         &mut said,
                         0x8400,
                         |address, out| zone.announce(KEEP, address, out),
@@ -728,25 +731,23 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
                 counts.dropped.fetch_add(1, Ordering::Relaxed);
                 continue;
             }
-            if legacy {
-                tell(listener, out.bytes(), from, None, counts);
-            } else {
-                let network = networks.iter().find(|(known, _)| *known == address);
-                tell(
-                    listener,
-                    out.bytes(),
-                    SocketAddr::from((GROUP, PORT)),
-                    network,
-                    counts,
-                );
+            match networks.iter().find(|(known, _)| *known == address) {
+                Some(network) if !legacy => voice.call(listener, out.bytes(), *network),
+                _ => {
+                    let to = if legacy {
+                        from
+                    } else {
+                        SocketAddr::from((GROUP, PORT))
+                    };
+                    voice.count(listener.send_to(out.bytes(), to).is_ok());
+                }
             }
         }
     }
     if !matches!(step, Step::Probe(_)) {
-        shout(
+        voice.shout(
             listener.as_ref(),
             &networks,
-            counts,
             &mut said,
             0x8400,
             |address, out| zone.announce(0, address, out),
@@ -754,64 +755,58 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
     }
 }
 
-/// Sends, on a network if one is named. All goes out of the one socket: another one bound to the network's address would
-/// take what is meant for a daemon of this host.
-fn tell(
-    socket: &UdpSocket,
-    bytes: &[u8],
-    to: SocketAddr,
-    network: Option<&(Ipv4Addr, u32)>,
-    counts: &Counts,
-) {
-    let sent = match (network, to) {
-        (Some(&(address, interface)), SocketAddr::V4(to)) => {
-            let info = libc::in_pktinfo {
-                ipi_ifindex: interface as i32,
-                ipi_spec_dst: libc::in_addr {
-                    s_addr: u32::from_ne_bytes(address.octets()),
-                },
-                ipi_addr: libc::in_addr { s_addr: 0 },
-            };
-            let out = [ControlMessage::Ipv4PacketInfo(&info)];
-            let to = SockaddrIn::from(to);
-            let parts = [std::io::IoSlice::new(bytes)];
-            sendmsg(
-                socket.as_raw_fd(),
-                &parts,
-                &out,
-                MsgFlags::MSG_DONTWAIT,
-                Some(&to),
-            )
-            .is_ok()
-        }
-        _ => socket.send_to(bytes, to).is_ok(),
-    };
-    let counter = if sent { &counts.sent } else { &counts.dropped };
-    counter.fetch_add(1, Ordering::Relaxed);
+/// What is sent, and how. All goes out of the one socket: another one bound to a network's address would take what is meant
+/// for a daemon of this host.
+struct Voice<'a> {
+    /// Room for the head of a datagram, taken once.
+    head: MultiHeaders<SockaddrIn>,
+    counts: &'a Counts,
 }
 
-/// Says something on every network, with the address there.
-fn shout(
-    socket: Option<&UdpSocket>,
-    networks: &Networks,
-    counts: &Counts,
-    said: &mut [u8; LARGEST],
-    flags: u16,
-    what: impl Fn(Ipv4Addr, &mut Writer),
-) {
-    let Some(socket) = socket else {
-        return;
-    };
-    for network in networks {
-        let mut out = Writer::new(said, 0, flags);
-        what(network.0, &mut out);
-        tell(
-            socket,
-            out.bytes(),
-            SocketAddr::from((GROUP, PORT)),
-            Some(network),
-            counts,
-        );
+impl Voice<'_> {
+    fn count(&self, sent: bool) {
+        let counter = if sent {
+            &self.counts.sent
+        } else {
+            &self.counts.dropped
+        };
+        counter.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Sends to everybody on a network.
+    fn call(&mut self, socket: &UdpSocket, bytes: &[u8], (address, interface): (Ipv4Addr, u32)) {
+        let info = libc::in_pktinfo {
+            ipi_ifindex: interface as i32,
+            ipi_spec_dst: libc::in_addr {
+                s_addr: u32::from_ne_bytes(address.octets()),
+            },
+            ipi_addr: libc::in_addr { s_addr: 0 },
+        };
+        let to = [Some(SockaddrIn::from(SocketAddrV4::new(GROUP, PORT)))];
+        let parts = [[std::io::IoSlice::new(bytes)]];
+        let out = [ControlMessage::Ipv4PacketInfo(&info)];
+        let flags = MsgFlags::MSG_DONTWAIT;
+        let sent = sendmmsg(socket.as_raw_fd(), &mut self.head, &parts, to, out, flags).is_ok();
+        self.count(sent);
+    }
+
+    /// Says something on every network, with the address there.
+    fn shout(
+        &mut self,
+        socket: Option<&UdpSocket>,
+        networks: &Networks,
+        said: &mut [u8; LARGEST],
+        flags: u16,
+        what: impl Fn(Ipv4Addr, &mut Writer),
+    ) {
+        let Some(socket) = socket else {
+            return;
+        };
+        for network in networks {
+            let mut out = Writer::new(said, 0, flags);
+            what(network.0, &mut out);
+            self.call(socket, out.bytes(), *network);
+        }
     }
 }
 

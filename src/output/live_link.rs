@@ -10,7 +10,9 @@
 //! | 1 + 61 × 4 | 61 and as many floats; absent without a face |
 //!
 //! Angles are in radians, as Unreal turns the app's transforms: yaw to the subject's right, pitch down, roll towards the
-//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0.
+//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not checked against
+//! Unreal itself: the signs of the angles follow from its axes.
+//! One file: most of it is the list of names.
 
 use super::features::LiveLinkSettings;
 use super::osc::parameters::{Parameter, Rig};

@@ -1,4 +1,5 @@
 //! The thread that talks with the broker.
+//! One file: what is said, when, and what becomes of it over a lost connection hang together.
 
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write as _};
@@ -63,6 +64,8 @@ pub(super) struct Talk {
     /// Topics and payloads for Home Assistant.
     discovery: Box<[(String, String)]>,
     commands: bool,
+    /// Where commands are heard.
+    heard: String,
     weights_each: Option<Duration>,
     health_each: Duration,
 }
@@ -87,6 +90,7 @@ impl Talk {
             user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
             password,
             presence: format!("{base}/presence"),
+            heard: format!("{base}/cmd/+"),
             base,
             units: units
                 .iter()
@@ -423,14 +427,20 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
 }
 
 fn connect(broker: &str) -> std::io::Result<TcpStream> {
+    let reach = |address| {
+        let stream = TcpStream::connect_timeout(&address, PATIENCE)?;
+        stream.set_nonblocking(true)?;
+        let _ = stream.set_nodelay(true);
+        Ok(stream)
+    };
+    // Only a name is looked up, which asks for memory.
+    if let Ok(address) = broker.parse() {
+        return reach(address);
+    }
     let mut last = std::io::Error::from(ErrorKind::NotFound);
     for address in broker.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, PATIENCE) {
-            Ok(stream) => {
-                stream.set_nonblocking(true)?;
-                let _ = stream.set_nodelay(true);
-                return Ok(stream);
-            }
+        match reach(address) {
+            Ok(stream) => return Ok(stream),
             Err(error) => last = error,
         }
     }
@@ -597,8 +607,7 @@ impl<'a> Connection<'a> {
                 tracing::info!("MQTT broker {} is there", self.talk.broker);
                 if self.talk.commands {
                     let number = self.next_number();
-                    let topic = format!("{}/cmd/+", self.talk.base);
-                    packet::subscribe(self.talk.version, number, &topic, out);
+                    packet::subscribe(self.talk.version, number, &self.talk.heard, out);
                 }
             }
             Told::Connected(0) => return Err(End::Nonsense),

@@ -3,6 +3,8 @@
 //! `GET /face/0/pose?VALUE` one attribute of it, `GET /?HOST_INFO` what the box is. Limits: no LISTEN over WebSocket: values
 //! come over OSC itself, or over `[websocket]`.
 //!
+//! One file: every node with its types, ranges and values.
+//!
 //! | status | when |
 //! | --- | --- |
 //! | 200 | the node or attribute is there |

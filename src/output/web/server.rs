@@ -1,9 +1,10 @@
 //! A small server: HTTP/1.1 requests without bodies, each answered once and closed, or turned into a WebSocket.
 //!
-//! Whoever connects gets one of [`SLOTS`] places. When all are taken, one who has asked for nothing yet makes room; else the
-//! newcomer is turned away, and counted. A request must be whole after [`PATIENCE`] and at most [`REQUEST`] bytes long; who does
+//! Whoever connects gets one of [`SLOTS`] places. When all are taken, one who has not asked for anything in a quarter of a second
+//! makes room; else the newcomer is turned away. Whoever goes without is counted. A request must be whole after [`PATIENCE`] and at most [`REQUEST`] bytes long; who does
 //! not read what is written for [`STUCK`] is let go. A page that reads slower than frames come gets the newest that it can.
 //! Memory: what a place reads and what waits for it, taken at the start.
+//! One file: requests, frames and places are small, and of use to nobody else.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -23,6 +24,8 @@ const SLOTS: usize = 8;
 const REQUEST: usize = 2048;
 /// How long a request may take.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// How long nobody is sent away for another.
+const GRACE: Duration = Duration::from_millis(250);
 /// How long what is written may wait to be read.
 const STUCK: Duration = Duration::from_secs(10);
 /// Connections taken between two frames.
@@ -373,18 +376,24 @@ pub(super) fn serve<S: Service>(
     }
 }
 
-/// Gives a newcomer a place, if there is one.
+/// Gives a newcomer a place: a free one, or that of who has been silent for longest. False if somebody goes without.
 fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
     if stream.set_nonblocking(true).is_err() {
         return false;
     }
     let _ = stream.set_nodelay(true);
-    let free = places.iter_mut().find(|place| place.stream.is_none());
-    let Some(place) = free else {
-        return false;
-    };
-    place.seat(stream);
-    true
+    if let Some(place) = places.iter_mut().find(|place| place.stream.is_none()) {
+        place.seat(stream);
+        return true;
+    }
+    let asking = places
+        .iter_mut()
+        .filter(|place| place.stage == Stage::Request);
+    let silent = asking.max_by_key(|place| place.since.elapsed());
+    if let Some(place) = silent.filter(|place| place.since.elapsed() > GRACE) {
+        place.seat(stream);
+    }
+    false
 }
 
 /// Looks at what was read.
