@@ -26,13 +26,21 @@ fn main() -> ExitCode {
             Ok(())
         }
         Command::Version => {
-            let studio = if cfg!(feature = "studio") {
-                "std studio"
-            } else {
-                "std"
-            };
+            let features = [
+                ("std", true),
+                ("studio", cfg!(feature = "studio")),
+                ("lights", cfg!(feature = "lights")),
+                ("live-link", cfg!(feature = "live-link")),
+                ("web", cfg!(feature = "web")),
+                ("discovery", cfg!(feature = "discovery")),
+                ("mqtt", cfg!(feature = "mqtt")),
+            ];
+            let built = features
+                .into_iter()
+                .filter_map(|(name, on)| on.then_some(name));
+            let features = built.collect::<Vec<_>>().join(" ");
             println!(
-                "mien {} (features {studio}, model {:08x})",
+                "mien {} (features {features}, model {:08x})",
                 env!("CARGO_PKG_VERSION"),
                 FaceModel::shipped().id
             );

@@ -330,7 +330,7 @@ impl Heard {
                     continue;
                 }
                 tracing::info!(
-                    "OSC command {command:?}, {} not logged before it",
+                    "command from a receiver: {command:?}, {} not logged before it",
                     self.untold
                 );
                 (self.told, self.untold) = (Some(now), 0);

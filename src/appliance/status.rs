@@ -34,6 +34,8 @@ pub struct Status {
     frames: u64,
     time_us: u64,
     lost: u64,
+    /// Whether frames come.
+    sensor: bool,
     latencies: Latencies,
     users: [Option<User>; USERS],
     text: String,
@@ -62,6 +64,7 @@ impl Status {
             frames: 0,
             time_us: 0,
             lost: 0,
+            sensor: false,
             latencies: Latencies::default(),
             users: [const { None }; USERS],
             text: String::with_capacity(TEXT),
@@ -72,6 +75,8 @@ impl Status {
     /// report of the same frame has been taken.
     pub fn observe(&mut self, report: &Report, latency: Option<Duration>) {
         self.time_us = report.at.as_us();
+        // Reports of a frame come with its time first; without, and of nobody, the sensor is away.
+        self.sensor = latency.is_some() || self.sensor && report.user.is_some();
         if let Some(latency) = latency {
             self.frames += 1;
             self.latencies.push(latency);
@@ -123,9 +128,10 @@ impl Status {
         let uptime_s = self.start.elapsed().as_secs_f64();
         writeln!(
             text,
-            "{{\n  \"version\": \"{}\",\n  \"source\": {},\n  \"uptime_s\": {uptime_s:.1},\n  \"frames\": {},\n  \"time_us\": {},",
+            "{{\n  \"version\": \"{}\",\n  \"source\": {},\n  \"sensor\": {},\n  \"uptime_s\": {uptime_s:.1},\n  \"frames\": {},\n  \"time_us\": {},",
             env!("CARGO_PKG_VERSION"),
             Quoted(&self.source),
+            self.sensor,
             self.frames,
             self.time_us
         )?;
@@ -192,11 +198,17 @@ impl Status {
              mien_capture_to_send_seconds{{quantile=\"0.99\"}} {p99:.6}\n\
              # TYPE mien_face_present gauge\nmien_face_present {faces}\n\
              # TYPE mien_tracking_lost_total counter\nmien_tracking_lost_total {}\n\
+             # TYPE mien_sensor_connected gauge\nmien_sensor_connected {}\n\
+             # TYPE mien_uptime_seconds gauge\nmien_uptime_seconds {:.1}\n\
              # TYPE mien_output_sent_total counter\n\
-             # TYPE mien_output_errors_total counter\n",
+             # TYPE mien_output_errors_total counter\n\
+             # TYPE mien_output_refused_total counter\n\
+             # TYPE mien_output_connected gauge\n",
             env!("CARGO_PKG_VERSION"),
             self.frames,
-            self.lost
+            self.lost,
+            u8::from(self.sensor),
+            self.start.elapsed().as_secs_f64()
         )?;
         writeln!(text, "# TYPE mien_users gauge")?;
         for state in &TrackingState::ALL[1..] {
@@ -214,6 +226,12 @@ impl Status {
                 text,
                 "mien_output_errors_total{{output=\"{name}\"}} {}",
                 tally.dropped
+            )?;
+            writeln!(
+                text,
+                "mien_output_refused_total{{output=\"{name}\"}} {}\nmien_output_connected{{output=\"{name}\"}} {}",
+                tally.commands[1],
+                u8::from(tally.connected)
             )?;
         }
         Ok(())

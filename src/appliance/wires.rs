@@ -20,9 +20,14 @@ pub(crate) fn open(
         &mut settings.vmc.view,
         &mut settings.vrchat.view,
         &mut settings.serial.view,
+        &mut settings.network.lights.view,
+        &mut settings.network.live_link.view,
+        &mut settings.network.websocket.view,
+        &mut settings.network.mqtt.view,
     ] {
         view.units.clone_from(&settings.units);
     }
+    open_network(&settings, units, &mut wires)?;
     if settings.osc.enabled {
         wires.push(Box::new(Osc::new(settings.osc, units)?));
     }
@@ -60,5 +65,136 @@ pub(crate) fn named(settings: &Settings) -> String {
     if !settings.serial.port.is_empty() {
         all.push(format!("serial to {}", settings.serial.port));
     }
+    let network = &settings.network;
+    let features = [
+        ("Art-Net", network.artnet.enabled),
+        ("sACN", network.sacn.enabled),
+        ("Live Link", network.live_link.enabled),
+        ("WebSocket", network.websocket.enabled),
+        ("OSCQuery", network.oscquery.enabled),
+        ("MQTT", network.mqtt.enabled),
+    ];
+    let features = features.iter().filter(|(_, enabled)| *enabled);
+    all.extend(features.map(|(name, _)| (*name).to_owned()));
     all.join(", ")
+}
+
+/// A wire that is a feature of the build, or why there is none.
+macro_rules! feature {
+    ($wires:ident, $section:literal, $feature:literal, $make:expr) => {
+        #[cfg(feature = $feature)]
+        $wires.push(Box::new($make));
+        #[cfg(not(feature = $feature))]
+        return Err(OutputError::NotBuilt {
+            section: $section,
+            feature: $feature,
+        });
+    };
+}
+
+/// Opens those that are features of the build.
+#[allow(
+    unused_variables,
+    clippy::needless_return,
+    clippy::ptr_arg,
+    reason = "without features there is nothing to open"
+)]
+fn open_network(
+    settings: &Settings,
+    units: &[&str],
+    wires: &mut Vec<Box<dyn Output>>,
+) -> Result<(), OutputError> {
+    let network = &settings.network;
+    if network.artnet.enabled {
+        feature!(wires, "artnet", "lights", {
+            crate::output::lights::artnet::ArtNet::new(&network.artnet, &network.lights, units)?
+        });
+    }
+    if network.sacn.enabled {
+        feature!(wires, "sacn", "lights", {
+            let (sacn, lights) = (&network.sacn, &network.lights);
+            crate::output::lights::sacn::Sacn::new(sacn, lights, &network.name, units)?
+        });
+    }
+    if network.live_link.enabled {
+        feature!(wires, "live_link", "live-link", {
+            let settings = network.live_link.clone();
+            crate::output::live_link::LiveLink::new(settings, &network.name, units)?
+        });
+    }
+    if network.websocket.enabled {
+        feature!(wires, "websocket", "web", {
+            crate::output::web::websocket::WebSocket::new(&network.websocket, units)?
+        });
+    }
+    if network.oscquery.enabled {
+        feature!(wires, "oscquery", "web", {
+            let (oscquery, osc) = (&network.oscquery, &settings.osc);
+            crate::output::web::oscquery::OscQuery::new(oscquery, osc, &network.name, units)?
+        });
+    }
+    if network.discovery.enabled {
+        feature!(wires, "discovery", "discovery", {
+            crate::output::discovery::Discovery::new(&network.name, services(settings))?
+        });
+    }
+    if network.mqtt.enabled {
+        feature!(wires, "mqtt", "mqtt", {
+            crate::output::mqtt::Mqtt::new(&network.mqtt, &network.name, units)?
+        });
+    }
+    Ok(())
+}
+
+/// What may be found on this box.
+#[cfg(feature = "discovery")]
+fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
+    let one = |on: bool, listen: &str, kind, transport, text| {
+        let (_, port) = listen.rsplit_once(':').filter(|_| on)?;
+        Some(crate::output::discovery::Service {
+            kind,
+            transport,
+            port: port.parse().ok()?,
+            text,
+        })
+    };
+    let (osc, network) = (&settings.osc, &settings.network);
+    let (query, pages) = (&network.oscquery, &network.websocket);
+    [
+        one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
+        one(query.enabled, &query.listen, "_oscjson", "_tcp", ""),
+        one(pages.enabled, &pages.listen, "_http", "_tcp", "path=/"),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_switched_on_is_there_or_it_is_said_why_not() {
+        let mut settings = Settings::default();
+        assert_eq!(
+            open(&settings, &["AU26"]).map(|wires| wires.len()).ok(),
+            Some(1)
+        );
+        settings.network.lights.channels = vec!["AU26 1 1".into()];
+        settings.network.artnet.enabled = true;
+        match open(&settings, &["AU26"]) {
+            Ok(wires) => {
+                assert!(cfg!(feature = "lights"));
+                assert_eq!(wires[0].tally().name, "artnet");
+            }
+            Err(problem) => {
+                assert!(!cfg!(feature = "lights"));
+                assert!(
+                    problem.to_string().contains("build with --features lights"),
+                    "{problem}"
+                );
+            }
+        }
+    }
 }

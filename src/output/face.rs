@@ -84,6 +84,12 @@ impl WireWeights {
         self.weights.iter().map(|weight| weight * self.share)
     }
 
+    /// 0…1, as last seen, whether held or not.
+    #[cfg(feature = "lights")]
+    pub(super) fn kept(&self, unit: usize) -> f32 {
+        self.weights.get(unit).copied().unwrap_or(0.0)
+    }
+
     /// Weights that were no numbers and were shown as 0.
     pub(super) fn not_numbers(&self) -> u64 {
         self.not_numbers

@@ -4,12 +4,34 @@
 //! for a moment, then fade to neutral ([`LossPolicy`]). Closing an output (dropping it) sends neutral and absent. Nothing
 //! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
 
+#[cfg(any(feature = "web", feature = "mqtt"))]
+mod board;
 pub mod csv;
+#[cfg(feature = "discovery")]
+pub mod discovery;
 mod face;
+#[cfg(feature = "std")]
+pub mod features;
+#[cfg(any(
+    feature = "lights",
+    feature = "live-link",
+    feature = "web",
+    feature = "discovery",
+    feature = "mqtt"
+))]
+mod identity;
+#[cfg(feature = "lights")]
+pub mod lights;
+#[cfg(feature = "live-link")]
+pub mod live_link;
+#[cfg(feature = "mqtt")]
+pub mod mqtt;
 pub mod osc;
 mod report;
 pub mod serial;
 mod view;
+#[cfg(feature = "web")]
+pub mod web;
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -140,6 +162,35 @@ pub enum OutputError {
     Unit {
         /// What was given.
         unit: String,
+    },
+    /// A row of the table of channels is unusable.
+    #[error("lights.channels has {row:?}, expected {expected}")]
+    Channel {
+        /// What was given.
+        row: String,
+        /// What may stand there.
+        expected: &'static str,
+    },
+    /// A password that cannot be read.
+    #[cfg(feature = "std")]
+    #[error(
+        "cannot read mqtt.password_file {path:?}: {source}; does it belong to the user of mien?"
+    )]
+    Password {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Something is switched on that this build has not.
+    #[error(
+        "[{section}] is switched on, but this mien is built without it; build with --features {feature}, or install the package"
+    )]
+    NotBuilt {
+        /// Of the configuration.
+        section: &'static str,
+        /// Of the build.
+        feature: &'static str,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]

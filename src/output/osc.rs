@@ -20,9 +20,9 @@
 pub mod commands;
 pub mod faceosc;
 mod packet;
-mod parameters;
+pub(super) mod parameters;
 #[cfg(feature = "std")]
-mod udp;
+pub(super) mod udp;
 pub mod vmc;
 pub mod vrchat;
 mod wire;

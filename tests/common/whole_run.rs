@@ -57,6 +57,19 @@ pub fn read_port() -> ReadPort {
     }
 }
 
+/// What is a feature of the build, to nobody.
+#[cfg(feature = "wires")]
+const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\", \"yaw 1 5\"]\n\
+    [artnet]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+    [sacn]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+    [live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
+    [websocket]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
+    [oscquery]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
+    [discovery]\nenabled = true\n\
+    [mqtt]\nenabled = true\nbroker = \"127.0.0.1:9\"\n";
+#[cfg(not(feature = "wires"))]
+const WIRES: &str = "";
+
 /// Every output there is, into this folder and to nobody.
 pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
     let config = folder.join("mien.toml");
@@ -69,6 +82,7 @@ pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
          [status]\npath = {:?}\n",
         folder.join("status.json")
     );
+    let text = text + WIRES;
     std::fs::write(&config, text).unwrap();
     config
 }

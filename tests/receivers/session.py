@@ -18,6 +18,7 @@ class Row:
     """One frame of the CSV."""
 
     def __init__(self, cells, units):
+        self.frame = int(cells["frame"])
         self.ms = int(cells["time_us"]) // 1000
         self.seconds = int(cells["time_us"]) * 1e-6
         self.state = cells["state"]

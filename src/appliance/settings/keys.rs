@@ -29,6 +29,33 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("faceosc", "OSC in FaceOSC's format."),
     ("serial", "Serial output."),
     (
+        "network",
+        "What the wires below show of the box; they are features of the build, and on in the package.",
+    ),
+    (
+        "lights",
+        "Lights and servos: which unit drives which channel, for Art-Net and sACN.",
+    ),
+    ("artnet", "Art-Net, the channels of [lights]."),
+    ("sacn", "sACN (E1.31), the channels of [lights]."),
+    (
+        "live_link",
+        "Unreal's Live Link, as the app Live Link Face sends it.",
+    ),
+    ("websocket", "JSON over WebSocket, for pages."),
+    (
+        "oscquery",
+        "OSCQuery: the OSC addresses, their types, ranges and values, over HTTP.",
+    ),
+    (
+        "discovery",
+        "mDNS: the box announces OSC, OSCQuery and WebSocket, whichever are on.",
+    ),
+    (
+        "mqtt",
+        "MQTT: presence, state, health, weights, and Home Assistant.",
+    ),
+    (
         "state",
         "What is kept across restarts about people tracked with a Kinect.",
     ),
@@ -107,7 +134,7 @@ pub(super) struct Key {
     pub(super) kind: fn(&mut Settings) -> Kind<'_>,
 }
 
-const fn key(
+pub(super) const fn key(
     section: &'static str,
     name: &'static str,
     about: &'static str,
@@ -146,9 +173,9 @@ const SERIAL_STYLES: [serial::Style; 3] = [
 ];
 const STYLES: [Style; 3] = [Style::Vector, Style::Scalar, Style::Both];
 
-const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
+pub(super) const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
 
-fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
+pub(super) fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
     all.iter().position(|one| one == value).unwrap_or_default()
 }
 
@@ -776,7 +803,7 @@ pub(super) const KEYS: &[Key] = &[
     ),
 ];
 
-fn single<'a>(value: &'a mut f32, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
+pub(super) fn single<'a>(value: &'a mut f32, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
     Kind::Float {
         value: Number::Single(value),
         min,
@@ -794,7 +821,7 @@ fn double<'a>(value: &'a mut f64, min: f32, max: f32, unit: &'static str) -> Kin
     }
 }
 
-fn targets(value: &mut Vec<String>) -> Kind<'_> {
+pub(super) fn targets(value: &mut Vec<String>) -> Kind<'_> {
     Kind::Texts {
         value,
         form: "host:port, or several as [\"host:port\", \"host:port\"]",
@@ -803,7 +830,7 @@ fn targets(value: &mut Vec<String>) -> Kind<'_> {
     }
 }
 
-fn is_host_port(text: &str) -> bool {
+pub(super) fn is_host_port(text: &str) -> bool {
     text.rsplit_once(':')
         .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
 }

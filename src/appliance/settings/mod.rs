@@ -5,10 +5,13 @@
 //! One file: the settings and the reading of them are one format; the keys have their own.
 
 mod keys;
+mod network;
+mod network_sections;
 mod sections;
 mod toml_words;
 mod units;
 
+pub use network_sections::NetworkSettings;
 pub use sections::{LogSettings, SensorSettings, Settings, StateSettings, StatusSettings};
 
 use std::fmt::Write as _;
@@ -17,7 +20,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use keys::{KEYS, Key, Kind, SECTIONS, UNITS};
+use keys::{Key, Kind, SECTIONS, UNITS};
 use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
@@ -131,12 +134,10 @@ impl Settings {
                     )?;
                     continue;
                 }
-                let Some(known) = KEYS
-                    .iter()
+                let Some(known) = all_keys()
                     .find(|k| k.section == section_name && k.name == key.get_ref().as_ref())
                 else {
-                    let names: Vec<&str> = KEYS
-                        .iter()
+                    let names: Vec<&str> = all_keys()
                         .filter(|k| k.section == section_name)
                         .map(|k| k.name)
                         .collect();
@@ -164,7 +165,7 @@ impl Settings {
             if *section == UNITS {
                 units::print(&self.units, &mut text);
             }
-            for key in KEYS.iter().filter(|key| key.section == *section) {
+            for key in all_keys().filter(|key| key.section == *section) {
                 let (allowed, value) = match (key.kind)(&mut copy) {
                     Kind::Float {
                         value,
@@ -195,6 +196,11 @@ impl Settings {
         }
         text
     }
+}
+
+/// Every key.
+fn all_keys() -> impl Iterator<Item = &'static Key> {
+    keys::KEYS.iter().chain(network::KEYS)
 }
 
 fn with_space(unit: &str) -> String {

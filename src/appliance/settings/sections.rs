@@ -1,5 +1,6 @@
 //! Everything that can be configured, section by section, in the stages' own types.
 
+use super::network_sections::NetworkSettings;
 use crate::sensor::kinect;
 use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
@@ -30,6 +31,8 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// What the wires that are features of the build are told.
+    pub network: NetworkSettings,
     /// What outlives a restart.
     pub state: StateSettings,
     /// What is told in files.

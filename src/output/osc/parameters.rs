@@ -12,7 +12,7 @@ const SHIPPED: &str = include_str!("../../../config/rigs.toml");
 
 /// A section of the table: whose names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Rig {
+pub(in crate::output) enum Rig {
     /// ARKit's blend shapes.
     Arkit,
     /// Unified Expressions v2.
@@ -102,15 +102,15 @@ impl<'a> Sum<'a> {
 }
 
 /// A parameter that can be computed.
-pub(super) struct Parameter {
-    pub(super) name: Cow<'static, str>,
+pub(in crate::output) struct Parameter {
+    pub(in crate::output) name: Cow<'static, str>,
     rest: f32,
     terms: Box<[(f32, Box<[usize]>)]>,
 }
 
 impl Parameter {
     /// The parameters of a rig for which there are units, by name.
-    pub(super) fn of_rig(rig: Rig, units: &[&str]) -> Box<[Self]> {
+    pub(in crate::output) fn of_rig(rig: Rig, units: &[&str]) -> Box<[Self]> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
     }
 
@@ -170,7 +170,10 @@ impl Parameter {
     }
 
     /// Value for weights of 0…1, limited to −1…1.
-    pub(super) fn value(&self, weights: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {
+    pub(in crate::output) fn value(
+        &self,
+        weights: impl ExactSizeIterator<Item = f32> + Clone,
+    ) -> f32 {
         let weight = |index: usize| weights.clone().nth(index).unwrap_or(0.0);
         let term = |(gain, units): &(f32, Box<[usize]>)| {
             gain * units.iter().map(|&unit| weight(unit)).fold(0.0, f32::max)

@@ -24,7 +24,7 @@ const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 ///
 /// # Errors
 /// If a target is unusable, or there is no socket to be had.
-pub(super) fn open(targets: &[String]) -> Result<Targets, OutputError> {
+pub(in crate::output) fn open(targets: &[String]) -> Result<Targets, OutputError> {
     let open = |target: &String| -> Result<Box<dyn Datagrams>, OutputError> {
         Ok(Box::new(Target::open(target)?))
     };
@@ -92,7 +92,7 @@ impl Target {
                             name.wanted.store(false, Ordering::Relaxed);
                         }
                         None => {
-                            tracing::warn!("OSC target {target} does not resolve, retrying");
+                            tracing::warn!("target {target} does not resolve, retrying");
                         }
                     }
                     drop(name);

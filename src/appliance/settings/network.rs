@@ -1,0 +1,268 @@
+//! The keys of the wires that are features of the build.
+//! One table, as that of the other keys: every build reads all of it.
+
+use super::keys::{Key, Kind, MIRROR, is_host_port, key, single, targets};
+
+const ENABLED: &str = "Whether anything is sent.";
+const TARGET: &str = "Where to: hosts, broadcast addresses or multicast groups.";
+const HOLD: &str = "How long the last weights of a lost face are kept.";
+const DECAY: &str = "How long they then take to fade to neutral.";
+const LISTEN: &str = "Where; 127.0.0.1 serves this machine only, 0.0.0.0 whoever can reach it.";
+
+/// `address:port` of this machine.
+fn listen(value: &mut String) -> Kind<'_> {
+    Kind::Text {
+        value,
+        form: "address:port",
+        valid: |text| text.parse::<std::net::SocketAddr>().is_ok(),
+    }
+}
+
+fn seconds(value: &mut f32) -> Kind<'_> {
+    single(value, 0.0, 60.0, "s")
+}
+
+fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) -> Kind<'a> {
+    Kind::Text { value, form, valid }
+}
+
+/// Whether a row of the table can be read; whether its unit is measured is known only with the method of learning.
+fn is_channel(row: &str) -> bool {
+    #[cfg(feature = "lights")]
+    let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
+    // Rows that nothing reads are not judged.
+    #[cfg(not(feature = "lights"))]
+    let read = row.split_whitespace().next();
+    read.is_some_and(|unit| {
+        ["present", "yaw", "pitch", "roll"].contains(&unit) || super::units::is_unit(unit)
+    })
+}
+
+/// The keys, in the order printed.
+pub(super) const KEYS: &[Key] = &[
+    key(
+        "network",
+        "name",
+        "What the box is called on networks; empty = as the host.",
+        |s| {
+            text(
+                &mut s.network.name,
+                "at most 63 letters, digits and -, or empty",
+                |name| {
+                    name.len() <= 63 && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
+                },
+            )
+        },
+    ),
+    key(
+        "lights",
+        "channels",
+        "Channels from 1; 16 bits take two; linear, square, root or smooth; percents; hold keeps what is lost.",
+        |s| Kind::Texts {
+            value: &mut s.network.lights.channels,
+            form: "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll",
+            valid: is_channel,
+            least: 0,
+        },
+    ),
+    key("lights", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.network.lights.view.mirror,
+    }),
+    key("lights", "hold_s", HOLD, |s| {
+        seconds(&mut s.network.lights.loss.hold_s)
+    }),
+    key("lights", "decay_s", DECAY, |s| {
+        seconds(&mut s.network.lights.loss.decay_s)
+    }),
+    key("artnet", "enabled", ENABLED, |s| Kind::Bool {
+        value: &mut s.network.artnet.enabled,
+    }),
+    key(
+        "artnet",
+        "target",
+        "Where to: hosts or broadcast addresses.",
+        |s| targets(&mut s.network.artnet.targets),
+    ),
+    key("sacn", "enabled", ENABLED, |s| Kind::Bool {
+        value: &mut s.network.sacn.enabled,
+    }),
+    key(
+        "sacn",
+        "target",
+        "Where to; [] = the multicast group of each universe.",
+        |s| Kind::Texts {
+            value: &mut s.network.sacn.targets,
+            form: "host:port, or several, or []",
+            valid: is_host_port,
+            least: 0,
+        },
+    ),
+    key(
+        "sacn",
+        "priority",
+        "Of several sources receivers take the highest.",
+        |s| Kind::Integer {
+            value: &mut s.network.sacn.priority,
+            min: 0,
+            max: 200,
+            unit: "",
+        },
+    ),
+    key("live_link", "enabled", ENABLED, |s| Kind::Bool {
+        value: &mut s.network.live_link.enabled,
+    }),
+    key("live_link", "target", TARGET, |s| {
+        targets(&mut s.network.live_link.targets)
+    }),
+    key(
+        "live_link",
+        "subject",
+        "What the face is called in Unreal; empty = as the box.",
+        |s| {
+            text(
+                &mut s.network.live_link.subject,
+                "at most 64 bytes",
+                |name| name.len() <= 64,
+            )
+        },
+    ),
+    key("live_link", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.network.live_link.view.mirror,
+    }),
+    key("live_link", "hold_s", HOLD, |s| {
+        seconds(&mut s.network.live_link.loss.hold_s)
+    }),
+    key("live_link", "decay_s", DECAY, |s| {
+        seconds(&mut s.network.live_link.loss.decay_s)
+    }),
+    key("websocket", "enabled", "Whether pages are served.", |s| {
+        Kind::Bool {
+            value: &mut s.network.websocket.enabled,
+        }
+    }),
+    key("websocket", "listen", LISTEN, |s| {
+        listen(&mut s.network.websocket.listen)
+    }),
+    key("websocket", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.network.websocket.view.mirror,
+    }),
+    key("websocket", "hold_s", HOLD, |s| {
+        seconds(&mut s.network.websocket.loss.hold_s)
+    }),
+    key("websocket", "decay_s", DECAY, |s| {
+        seconds(&mut s.network.websocket.loss.decay_s)
+    }),
+    key(
+        "oscquery",
+        "enabled",
+        "Whether programs are answered.",
+        |s| Kind::Bool {
+            value: &mut s.network.oscquery.enabled,
+        },
+    ),
+    key("oscquery", "listen", LISTEN, |s| {
+        listen(&mut s.network.oscquery.listen)
+    }),
+    key(
+        "discovery",
+        "enabled",
+        "Whether the box announces what it serves.",
+        |s| Kind::Bool {
+            value: &mut s.network.discovery.enabled,
+        },
+    ),
+    key("mqtt", "enabled", "Whether a broker is sought.", |s| {
+        Kind::Bool {
+            value: &mut s.network.mqtt.enabled,
+        }
+    }),
+    key("mqtt", "broker", "Where it is.", |s| {
+        text(&mut s.network.mqtt.broker, "host:port", is_host_port)
+    }),
+    key(
+        "mqtt",
+        "version",
+        "4 is MQTT 3.1.1, which every broker speaks.",
+        |s| Kind::Integer {
+            value: &mut s.network.mqtt.version,
+            min: 4,
+            max: 5,
+            unit: "",
+        },
+    ),
+    key("mqtt", "user", "For a broker that asks for one.", |s| {
+        text(
+            &mut s.network.mqtt.user,
+            "at most 64 bytes, or empty",
+            |name| name.len() <= 64,
+        )
+    }),
+    key(
+        "mqtt",
+        "password_file",
+        "First line is the password.",
+        |s| {
+            text(
+                &mut s.network.mqtt.password_file,
+                "the path of a file, or empty",
+                |_| true,
+            )
+        },
+    ),
+    key(
+        "mqtt",
+        "prefix",
+        "What every topic starts with; the box's name follows.",
+        |s| {
+            text(
+                &mut s.network.mqtt.prefix,
+                "at most 64 bytes without spaces, #, + or a slash at either end",
+                |text| {
+                    let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
+                    !text.is_empty()
+                        && text.len() <= 64
+                        && text.chars().all(plain)
+                        && !text.starts_with('/')
+                        && !text.ends_with('/')
+                },
+            )
+        },
+    ),
+    key(
+        "mqtt",
+        "rate_hz",
+        "Weights a second, at most; 0 = none.",
+        |s| single(&mut s.network.mqtt.rate_hz, 0.0, 30.0, "Hz"),
+    ),
+    key(
+        "mqtt",
+        "health_s",
+        "Time between two reports of health.",
+        |s| single(&mut s.network.mqtt.health_s, 1.0, 3600.0, "s"),
+    ),
+    key(
+        "mqtt",
+        "commands",
+        "Whether forget, freeze and neutral are taken.",
+        |s| Kind::Bool {
+            value: &mut s.network.mqtt.commands,
+        },
+    ),
+    key(
+        "mqtt",
+        "home_assistant",
+        "Whether Home Assistant is told what there is.",
+        |s| Kind::Bool {
+            value: &mut s.network.mqtt.home_assistant,
+        },
+    ),
+    key("mqtt", "mirror", MIRROR, |s| Kind::Bool {
+        value: &mut s.network.mqtt.view.mirror,
+    }),
+    key("mqtt", "hold_s", HOLD, |s| {
+        seconds(&mut s.network.mqtt.loss.hold_s)
+    }),
+    key("mqtt", "decay_s", DECAY, |s| {
+        seconds(&mut s.network.mqtt.loss.decay_s)
+    }),
+];

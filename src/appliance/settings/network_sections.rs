@@ -1,0 +1,45 @@
+//! Settings of the wires that are features of the build; every build reads all of them.
+
+use crate::output::features::{
+    ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, SacnSettings,
+    ServerSettings,
+};
+
+/// Settings of these wires.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkSettings {
+    /// What the box is called; empty = as the host.
+    pub name: String,
+    /// The table of channels.
+    pub lights: LightSettings,
+    /// Art-Net.
+    pub artnet: ArtNetSettings,
+    /// sACN.
+    pub sacn: SacnSettings,
+    /// Unreal's Live Link.
+    pub live_link: LiveLinkSettings,
+    /// JSON for pages.
+    pub websocket: ServerSettings,
+    /// OSC's addresses over HTTP.
+    pub oscquery: ServerSettings,
+    /// mDNS.
+    pub discovery: DiscoverySettings,
+    /// MQTT.
+    pub mqtt: MqttSettings,
+}
+
+impl Default for NetworkSettings {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            lights: LightSettings::default(),
+            artnet: ArtNetSettings::default(),
+            sacn: SacnSettings::default(),
+            live_link: LiveLinkSettings::default(),
+            websocket: ServerSettings::websocket(),
+            oscquery: ServerSettings::oscquery(),
+            discovery: DiscoverySettings::default(),
+            mqtt: MqttSettings::default(),
+        }
+    }
+}

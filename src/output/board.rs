@@ -1,0 +1,293 @@
+//! What wires with a thread of their own (web, MQTT) know of the users: the newest report of each, with the weights as that
+//! wire shows them. The pipeline puts reports here and wakes the thread; neither waits for the other longer than a copy takes.
+
+use std::io::{Read, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::unit_range;
+use super::{Command, LossPolicy, OutputError, Report, Tally, TrackingState, View, WireWeights};
+use crate::base::capacity::{UNITS, USERS};
+
+/// How long closing may take: to say goodbye and no longer.
+const CLOSING: Duration = Duration::from_millis(500);
+/// Commands that wait for the pipeline.
+const COMMANDS: usize = 16;
+
+/// A report as it is shown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shot {
+    pub(super) frame: u64,
+    pub(super) at_us: u64,
+    /// Reports of this user so far.
+    pub(super) count: u32,
+    pub(super) state: TrackingState,
+    pub(super) confidence: f32,
+    pub(super) frozen: bool,
+    pub(super) latency_us: u32,
+    /// Place in metres, rotation as x, y, z, w.
+    pub(super) pose: Option<[f32; 7]>,
+    pub(super) weights: heapless::Vec<f32, UNITS>,
+    /// Whether nobody has taken it yet.
+    pub(super) fresh: bool,
+}
+
+/// The newest of each user, and of nobody.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Board {
+    pub(super) users: [Shot; USERS],
+    pub(super) nobody: Shot,
+    commands: heapless::Deque<Command, COMMANDS>,
+}
+
+/// Between the pipeline and the thread.
+pub(super) struct Shared {
+    board: Mutex<Board>,
+    bell: UnixStream,
+    pub(super) stop: AtomicBool,
+    pub(super) sent: AtomicU64,
+    pub(super) dropped: AtomicU64,
+    /// What came in and made no sense, or found no room.
+    pub(super) refused: AtomicU64,
+    taken: AtomicU64,
+    pub(super) connected: AtomicBool,
+}
+
+impl Shared {
+    fn board(&self) -> MutexGuard<'_, Board> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ring(&self) {
+        // A full one has been rung enough.
+        let _ = (&self.bell).write(&[1]);
+    }
+
+    /// Copies what is there; what was fresh is so here no more.
+    pub(super) fn take(&self, into: &mut Board) {
+        let mut board = self.board();
+        let board = &mut *board;
+        let theirs = board.users.iter_mut().chain([&mut board.nobody]);
+        for (shot, own) in theirs.zip(into.users.iter_mut().chain([&mut into.nobody])) {
+            // What the thread has not looked at stays fresh.
+            let fresh = own.fresh || std::mem::take(&mut shot.fresh);
+            own.clone_from(shot);
+            own.fresh = fresh;
+        }
+    }
+
+    /// Hands a command to the pipeline; one that finds no room is refused.
+    pub(super) fn ask(&self, command: Command) {
+        let took = self.board().commands.push_back(command).is_ok();
+        let count = if took { &self.taken } else { &self.refused };
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// One more.
+pub(super) fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// The thread's end of the bell.
+pub(super) struct Bell(UnixStream);
+
+impl Bell {
+    /// To be polled.
+    pub(super) fn fd(&self) -> RawFd {
+        self.0.as_raw_fd()
+    }
+
+    /// Takes all rings so far.
+    pub(super) fn answer(&mut self) {
+        let mut rings = [0; 64];
+        while matches!(self.0.read(&mut rings), Ok(64)) {}
+    }
+}
+
+/// The pipeline's end.
+pub(super) struct Front {
+    pub(super) shared: Arc<Shared>,
+    name: &'static str,
+    users: [(bool, WireWeights); USERS],
+    view: View,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Front {
+    /// Starts `work` on a thread called `name`, the section of the configuration.
+    pub(super) fn start(
+        name: &'static str,
+        units: &[&str],
+        view: &View,
+        loss: LossPolicy,
+        work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
+    ) -> Result<Self, OutputError> {
+        let pair = UnixStream::pair().and_then(|(bell, heard)| {
+            bell.set_nonblocking(true)?;
+            heard.set_nonblocking(true)?;
+            Ok((bell, heard))
+        });
+        let (bell, heard) = pair.map_err(|source| OutputError::Socket { source })?;
+        let shared = Arc::new(Shared {
+            board: Mutex::default(),
+            bell,
+            stop: AtomicBool::new(false),
+            sent: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
+            connected: AtomicBool::new(false),
+        });
+        let its = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || work(its, Bell(heard)))
+            .map_err(|source| OutputError::Thread { source })?;
+        Ok(Self {
+            shared,
+            name,
+            users: std::array::from_fn(|_| (false, WireWeights::new(view.channels(units), loss))),
+            view: view.clone(),
+            thread: Some(thread),
+        })
+    }
+
+    /// Takes a report.
+    pub(super) fn post(&mut self, report: &Report) {
+        let mut board = self.shared.board();
+        if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
+            let (known, weights) = &mut self.users[slot];
+            *known = true;
+            weights.observe(report);
+            let present = report.state.is_present();
+            let pose = report.sensor_from_head.filter(|_| present);
+            let pose = pose.map(|pose| {
+                let pose = self.view.pose(pose);
+                let (place, turn) = (pose.translation.vector, pose.rotation.coords);
+                [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+            });
+            let pose = pose.filter(|pose| pose.iter().all(|number| number.is_finite()));
+            let confidence = if present {
+                unit_range(report.confidence)
+            } else {
+                0.0
+            };
+            let shot = &mut board.users[slot];
+            fill(shot, report, report.state, weights);
+            (shot.pose, shot.confidence, shot.frozen) = (pose, confidence, report.frozen);
+        } else {
+            for ((known, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
+                if *known {
+                    weights.observe(report);
+                    // Told once more when all is at rest, then no more.
+                    *known = !weights.is_neutral();
+                    fill(shot, report, TrackingState::Absent, weights);
+                }
+            }
+            let nobody = &mut board.nobody;
+            (nobody.frame, nobody.at_us, nobody.fresh) = (report.frame, report.at.as_us(), true);
+        }
+        drop(board);
+        self.shared.ring();
+    }
+
+    pub(super) fn next_command(&mut self) -> Option<Command> {
+        self.shared.board().commands.pop_front()
+    }
+
+    pub(super) fn tally(&self) -> Tally {
+        let shared = &self.shared;
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        Tally {
+            sent: of(&shared.sent),
+            dropped: of(&shared.dropped),
+            connected: shared.connected.load(Ordering::Relaxed),
+            not_numbers: self
+                .users
+                .iter()
+                .map(|(_, weights)| weights.not_numbers())
+                .sum(),
+            commands: [of(&shared.taken), of(&shared.refused)],
+            ..Tally::of(self.name)
+        }
+    }
+}
+
+fn fill(shot: &mut Shot, report: &Report, state: TrackingState, weights: &WireWeights) {
+    shot.frame = report.frame;
+    shot.at_us = report.at.as_us();
+    shot.count = shot.count.wrapping_add(1);
+    shot.latency_us = report.latency_us;
+    shot.state = state;
+    (shot.pose, shot.confidence) = (None, 0.0);
+    shot.weights.clear();
+    shot.weights.extend(weights.shown().take(UNITS));
+    shot.fresh = true;
+}
+
+impl Drop for Front {
+    /// Neutral and absent, as far as whoever listens takes it in half a second.
+    fn drop(&mut self) {
+        let mut board = self.shared.board();
+        for ((_, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
+            if shot.count > 0 {
+                weights.reset();
+                let at = crate::base::time::Timestamp::from_us(shot.at_us);
+                let report = Report {
+                    frame: shot.frame,
+                    at,
+                    ..Report::default()
+                };
+                fill(shot, &report, TrackingState::Absent, weights);
+            }
+        }
+        drop(board);
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.ring();
+        let Some(thread) = self.thread.take() else {
+            return;
+        };
+        let start = Instant::now();
+        while !thread.is_finished() && start.elapsed() < CLOSING {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        if thread.is_finished() {
+            // A panic of the thread has been reported by itself.
+            thread.join().ok();
+        }
+    }
+}
+
+/// A text as JSON has it.
+pub(super) struct Quoted<'a>(pub(super) &'a str);
+
+impl std::fmt::Display for Quoted<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        use std::fmt::Write as _;
+        f.write_char('"')?;
+        for c in self.0.chars() {
+            match c {
+                '"' | '\\' => write!(f, "\\{c}")?,
+                c if c.is_control() => write!(f, "\\u{:04x}", u32::from(c))?,
+                c => f.write_char(c)?,
+            }
+        }
+        f.write_char('"')
+    }
+}
+
+/// A weight as JSON has it: four decimals.
+pub(super) struct Weight(pub(super) f32);
+
+impl std::fmt::Display for Weight {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        // By hand: a float's own way takes most of the time of a message.
+        let parts = (unit_range(self.0) * 10_000.0).round() as u32;
+        write!(f, "{}.{:04}", parts / 10_000, parts % 10_000)
+    }
+}

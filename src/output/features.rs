@@ -1,0 +1,172 @@
+//! What can be chosen of the wires that are features of the build: lights, Live Link, the web, discovery, MQTT. Known to
+//! every build, so that one configuration is read alike by all of them; one that switches on what is not built in is told so.
+
+use super::{LossPolicy, View};
+
+/// Which unit goes to which channel, for Art-Net and sACN alike.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LightSettings {
+    /// Rows `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`.
+    pub channels: Vec<String>,
+    /// How the units are shown.
+    pub view: View,
+    /// What is sent of a face that is lost.
+    pub loss: LossPolicy,
+}
+
+/// Art-Net.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArtNetSettings {
+    /// Whether anything is sent.
+    pub enabled: bool,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
+}
+
+impl Default for ArtNetSettings {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            targets: vec!["127.0.0.1:6454".to_owned()],
+        }
+    }
+}
+
+/// sACN (E1.31).
+#[derive(Clone, Debug, PartialEq)]
+pub struct SacnSettings {
+    /// Whether anything is sent.
+    pub enabled: bool,
+    /// Each `host:port`; none = the multicast group of each universe.
+    pub targets: Vec<String>,
+    /// 0 to 200; the highest of several sources wins.
+    pub priority: u32,
+}
+
+impl Default for SacnSettings {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            targets: Vec::new(),
+            priority: 100,
+        }
+    }
+}
+
+/// Unreal's Live Link, as the app Live Link Face sends it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveLinkSettings {
+    /// Whether anything is sent.
+    pub enabled: bool,
+    /// Each `host:port`.
+    pub targets: Vec<String>,
+    /// What the face is called in Unreal; empty = as the box.
+    pub subject: String,
+    /// How the units are shown.
+    pub view: View,
+    /// What is sent of a face that is lost.
+    pub loss: LossPolicy,
+}
+
+impl Default for LiveLinkSettings {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            targets: vec!["127.0.0.1:11111".to_owned()],
+            subject: String::new(),
+            view: View::default(),
+            loss: LossPolicy::default(),
+        }
+    }
+}
+
+/// A server of web pages' data: WebSocket, or OSCQuery.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ServerSettings {
+    /// Whether anybody is served.
+    pub enabled: bool,
+    /// `address:port`.
+    pub listen: String,
+    /// How the units are shown.
+    pub view: View,
+    /// What is sent of a face that is lost.
+    pub loss: LossPolicy,
+}
+
+impl ServerSettings {
+    fn at(listen: &str) -> Self {
+        Self {
+            enabled: false,
+            listen: listen.to_owned(),
+            view: View::default(),
+            loss: LossPolicy::default(),
+        }
+    }
+
+    /// WebSocket's own.
+    #[must_use]
+    pub fn websocket() -> Self {
+        Self::at("127.0.0.1:9133")
+    }
+
+    /// OSCQuery's own.
+    #[must_use]
+    pub fn oscquery() -> Self {
+        Self::at("127.0.0.1:9132")
+    }
+}
+
+/// mDNS.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DiscoverySettings {
+    /// Whether the box announces what it serves.
+    pub enabled: bool,
+}
+
+/// MQTT.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MqttSettings {
+    /// Whether a broker is sought.
+    pub enabled: bool,
+    /// `host:port`.
+    pub broker: String,
+    /// 4 for MQTT 3.1.1, 5.
+    pub version: u32,
+    /// For brokers that ask for one; empty = none.
+    pub user: String,
+    /// A file with the password; empty = none.
+    pub password_file: String,
+    /// What every topic starts with.
+    pub prefix: String,
+    /// Weights a second; 0 = none.
+    pub rate_hz: f32,
+    /// Seconds between two reports of health.
+    pub health_s: f32,
+    /// Whether commands are taken.
+    pub commands: bool,
+    /// Whether Home Assistant is told what there is.
+    pub home_assistant: bool,
+    /// How the units are shown.
+    pub view: View,
+    /// What is sent of a face that is lost.
+    pub loss: LossPolicy,
+}
+
+impl Default for MqttSettings {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            broker: "127.0.0.1:1883".to_owned(),
+            version: 4,
+            user: String::new(),
+            password_file: String::new(),
+            prefix: "mien".to_owned(),
+            rate_hz: 5.0,
+            health_s: 10.0,
+            commands: false,
+            home_assistant: false,
+            view: View::default(),
+            loss: LossPolicy::default(),
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! What the box is called on networks, and a number that tells it from every other: the same after each start.
+
+/// Longest name, bytes: what DNS lets a label have.
+const LONGEST: usize = 63;
+
+/// `name`, or the host's if that is empty; letters, digits and `-` only, as host names and topics have them.
+pub(super) fn name(name: &str) -> String {
+    let name = if name.is_empty() {
+        host()
+    } else {
+        name.to_owned()
+    };
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    let name: String = name.chars().map(plain).take(LONGEST).collect();
+    let name = name.trim_matches('-');
+    if name.is_empty() { "mien" } else { name }.to_owned()
+}
+
+/// The first label of the host's name.
+pub(super) fn host() -> String {
+    let host = nix::unistd::gethostname().ok();
+    let host = host.and_then(|host| host.into_string().ok());
+    let host = host.unwrap_or_default();
+    host.split('.').next().unwrap_or_default().to_owned()
+}
+
+/// 128 bits of the box, shaped as a random UUID (RFC 9562), from its name and the machine's own number, where it has one.
+pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
+    let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
+    let mut uuid = [0; 16];
+    for (half, bytes) in uuid.chunks_exact_mut(8).enumerate() {
+        // FNV-1a, told apart by the half.
+        let mut hash = 0xcbf2_9ce4_8422_2325_u64 ^ half as u64;
+        for &byte in machine
+            .iter()
+            .chain(name.as_bytes())
+            .chain(purpose.as_bytes())
+        {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+        // The last bytes have hardly spread yet.
+        hash = (hash ^ hash >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bytes.copy_from_slice(&(hash ^ hash >> 32).to_be_bytes());
+    }
+    uuid[6] = uuid[6] & 0x0f | 0x40;
+    uuid[8] = uuid[8] & 0x3f | 0x80;
+    uuid
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_labels() {
+        assert_eq!(name("hall 3.left"), "hall-3-left");
+        assert_eq!(name("--"), "mien");
+        assert_eq!(name(&"x".repeat(99)).len(), LONGEST);
+        assert!(!name("").is_empty());
+    }
+
+    #[test]
+    fn a_box_keeps_its_number_and_shares_it_with_none() {
+        assert_eq!(uuid("a", "sacn"), uuid("a", "sacn"));
+        assert_ne!(uuid("a", "sacn"), uuid("b", "sacn"));
+        assert_ne!(uuid("a", "sacn"), uuid("a", "live-link"));
+        let one = uuid("a", "");
+        assert_ne!(one[..8], one[8..]);
+        assert_eq!((one[6] >> 4, one[8] >> 6), (4, 2));
+    }
+}

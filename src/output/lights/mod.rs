@@ -1,0 +1,385 @@
+//! Lights and servos: a table of which unit drives which channel of which universe, sent as Art-Net ([`artnet`]) and sACN
+//! ([`sacn`]). One face: the first seen, until lost.
+//!
+//! A row is `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`: channels count from 1, 16 bits take two, coarse first.
+//! The curve says what becomes of a weight of 0…1: `linear`, `square` (what an eye takes for even on a lamp), `root`, or
+//! `smooth` (slow at both ends, for servos). MIN and MAX are percents of the channel's full scale; MIN above MAX turns it
+//! round. `hold` keeps the last value of a face that is lost, and at the end; else it goes back to MIN as on other wires.
+//! Besides units a row may name `present` (0 or 1) and the head's `yaw`, `pitch` and `roll`, −45° to 45° over the scale.
+//!
+//! Every universe goes out with every frame, whether changed or not, as receivers expect of a source: 30 a second, of which
+//! DMX carries 44. Memory: a datagram per universe. Limits: no RDM, no ArtPoll, no universe discovery, no synchronisation.
+
+pub mod artnet;
+pub mod sacn;
+
+use super::features::LightSettings;
+use super::{OneFace, OutputError, Report, TrackingState, View};
+use crate::base::geometry::yaw_pitch_roll;
+
+/// Channels of a universe.
+pub const CHANNELS: usize = 512;
+/// Universes at most.
+const UNIVERSES: usize = 16;
+/// Head angles that are the ends of a channel, radians.
+const TURN: f32 = std::f32::consts::FRAC_PI_4;
+
+/// What becomes of a weight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Curve {
+    #[default]
+    Linear,
+    Square,
+    Root,
+    Smooth,
+}
+
+impl Curve {
+    const ALL: [(&'static str, Self); 4] = [
+        ("linear", Self::Linear),
+        ("square", Self::Square),
+        ("root", Self::Root),
+        ("smooth", Self::Smooth),
+    ];
+
+    fn of(self, weight: f32) -> f32 {
+        match self {
+            Self::Linear => weight,
+            Self::Square => weight * weight,
+            Self::Root => weight.sqrt(),
+            Self::Smooth => weight * weight * (3.0 - 2.0 * weight),
+        }
+    }
+}
+
+/// A row of the table, but for its unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    universe: u16,
+    /// From 1.
+    channel: usize,
+    wide: bool,
+    curve: Curve,
+    /// Shares of full scale.
+    ends: [f32; 2],
+    hold: bool,
+}
+
+impl Row {
+    /// Reads a row and what drives it: a unit, or `present`, `yaw`, `pitch`, `roll`; `None` if it is none.
+    ///
+    /// ```
+    /// use mien::output::lights::Row;
+    /// assert!(Row::read("AU26 1 17 16 smooth 10 90 hold").is_some());
+    /// assert!(Row::read("AU26 1 513").is_none());
+    /// ```
+    #[must_use]
+    pub fn read(text: &str) -> Option<(&str, Self)> {
+        let mut words = text.split_whitespace().peekable();
+        let unit = words.next()?;
+        let universe = words.next()?.parse().ok()?;
+        let channel: usize = words.next()?.parse().ok()?;
+        let wide = match words.next_if(|word| ["8", "16"].contains(word)) {
+            Some(bits) => bits == "16",
+            None => false,
+        };
+        let named = words.peek().and_then(|word| {
+            let found = Curve::ALL.iter().find(|(name, _)| name == word);
+            found.map(|(_, curve)| *curve)
+        });
+        if named.is_some() {
+            words.next();
+        }
+        let mut ends = [0.0, 1.0];
+        if words.peek().is_some_and(|word| *word != "hold") {
+            for end in &mut ends {
+                let percent: f32 = words.next()?.parse().ok()?;
+                *end = Some(percent / 100.0).filter(|share| (0.0..=1.0).contains(share))?;
+            }
+        }
+        let hold = words.next_if_eq(&"hold").is_some();
+        let last = channel + usize::from(wide);
+        let fits = channel > 0 && last <= CHANNELS && words.next().is_none();
+        let row = Self {
+            universe,
+            channel,
+            wide,
+            curve: named.unwrap_or_default(),
+            ends,
+            hold,
+        };
+        fits.then_some((unit, row))
+    }
+
+    /// What stands in the channel for 0…1: 8 bits, or 16.
+    fn value(&self, weight: f32) -> u16 {
+        let [low, high] = self.ends;
+        let share = low + (high - low) * self.curve.of(weight);
+        let full = if self.wide { u16::MAX } else { u8::MAX.into() };
+        (share * f32::from(full)).round() as u16
+    }
+}
+
+/// What drives a channel.
+#[derive(Clone, Copy, Debug)]
+enum Driver {
+    /// Index of the weight.
+    Unit(usize),
+    Present,
+    /// Index among yaw, pitch, roll.
+    Turn(usize),
+}
+
+/// The table with its values: what a lighting desk does.
+struct Desk {
+    face: OneFace,
+    view: View,
+    channels: Box<[Channel]>,
+    universes: Box<[(u16, [u8; CHANNELS])]>,
+    /// Yaw, pitch and roll, 0…1.
+    turn: [f32; 3],
+}
+
+struct Channel {
+    driver: Driver,
+    row: Row,
+    /// Index of the universe.
+    at: usize,
+}
+
+impl Desk {
+    /// `most` is the highest universe of the wire, `least` the lowest.
+    fn new(
+        settings: &LightSettings,
+        units: &[&str],
+        least: u16,
+        most: u16,
+    ) -> Result<Self, OutputError> {
+        let refuse = |row: &str, expected: &'static str| OutputError::Channel {
+            row: row.to_owned(),
+            expected,
+        };
+        let mut universes: Vec<(u16, [u8; CHANNELS])> = Vec::new();
+        let mut taken: Vec<[bool; CHANNELS]> = Vec::new();
+        let mut channels = Vec::new();
+        for text in &settings.channels {
+            let (unit, row) = Row::read(text).ok_or_else(|| {
+                refuse(
+                    text,
+                    "UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]",
+                )
+            })?;
+            let driver = match unit {
+                "present" => Driver::Present,
+                "yaw" => Driver::Turn(0),
+                "pitch" => Driver::Turn(1),
+                "roll" => Driver::Turn(2),
+                unit => {
+                    Driver::Unit(units.iter().position(|known| *known == unit).ok_or_else(
+                        || refuse(text, "a unit that is measured with these settings"),
+                    )?)
+                }
+            };
+            if !(least..=most).contains(&row.universe) {
+                return Err(refuse(
+                    text,
+                    if least == 0 {
+                        "a universe of Art-Net, 0 to 32767"
+                    } else {
+                        "a universe of sACN, 1 to 63999"
+                    },
+                ));
+            }
+            let at = match universes
+                .iter()
+                .position(|(number, _)| *number == row.universe)
+            {
+                Some(at) => at,
+                None if universes.len() == UNIVERSES => {
+                    return Err(refuse(text, "at most 16 universes"));
+                }
+                None => {
+                    universes.push((row.universe, [0; CHANNELS]));
+                    taken.push([false; CHANNELS]);
+                    universes.len() - 1
+                }
+            };
+            for slot in &mut taken[at][row.channel - 1..row.channel + usize::from(row.wide)] {
+                if std::mem::replace(slot, true) {
+                    return Err(refuse(text, "a channel that no row above has"));
+                }
+            }
+            channels.push(Channel { driver, row, at });
+        }
+        let mut desk = Self {
+            face: OneFace::new(units, &settings.view, settings.loss),
+            view: settings.view.clone(),
+            channels: channels.into(),
+            universes: universes.into(),
+            turn: [0.5; 3],
+        };
+        desk.set(false, false);
+        Ok(desk)
+    }
+
+    /// Takes a report; whether its face is the one on this wire.
+    fn observe(&mut self, report: &Report) -> bool {
+        let Some(state) = self.face.follow(report) else {
+            return false;
+        };
+        let present = state.is_present();
+        if let Some(pose) = report.sensor_from_head.filter(|_| present) {
+            let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
+            self.turn = [yaw, pitch, roll].map(|angle| super::unit_range(0.5 + 0.5 * angle / TURN));
+        }
+        self.set(present, state != TrackingState::Absent);
+        true
+    }
+
+    /// Nobody, for the end.
+    fn neutral(&mut self) {
+        self.face.weights.reset();
+        self.set(false, false);
+    }
+
+    /// Computes the channels. A head that is away looks straight on, unless it is to be held.
+    fn set(&mut self, present: bool, known: bool) {
+        for Channel { driver, row, at } in &self.channels {
+            let weights = &self.face.weights;
+            let weight = match *driver {
+                Driver::Unit(unit) if row.hold => weights.kept(unit),
+                Driver::Unit(unit) => weights.shown().nth(unit).unwrap_or(0.0),
+                Driver::Present if row.hold => f32::from(u8::from(present || known)),
+                Driver::Present => f32::from(u8::from(present)),
+                Driver::Turn(axis) if present || row.hold => self.turn[axis],
+                Driver::Turn(_) => 0.5,
+            };
+            let value = row.value(weight);
+            let [coarse, fine] = value.to_be_bytes();
+            let slots = &mut self.universes[*at].1[row.channel - 1..];
+            if row.wide {
+                slots[..2].copy_from_slice(&[coarse, fine]);
+            } else {
+                slots[0] = fine;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Timestamp;
+
+    fn desk(rows: &[&str]) -> Result<Desk, OutputError> {
+        let settings = LightSettings {
+            channels: rows.iter().map(|&row| row.to_owned()).collect(),
+            ..LightSettings::default()
+        };
+        Desk::new(&settings, &["AU26", "AU12L"], 1, 63_999)
+    }
+
+    #[test]
+    fn rows_are_read_in_every_short_form_and_nothing_else_is() {
+        let (_, row) = Row::read("AU26 3 511 16 smooth 90 10 hold").unwrap();
+        assert_eq!((row.universe, row.channel, row.wide), (3, 511, true));
+        assert_eq!(
+            (row.curve, row.ends, row.hold),
+            (Curve::Smooth, [0.9, 0.1], true)
+        );
+        let (_, row) = Row::read("AU26 1 1 hold").unwrap();
+        assert_eq!(
+            (row.curve, row.ends, row.hold),
+            (Curve::Linear, [0.0, 1.0], true)
+        );
+        assert_eq!(Row::read("AU26 1 1 root").unwrap().1.curve, Curve::Root);
+        assert_eq!(Row::read("AU26 1 1 5 50").unwrap().1.ends, [0.05, 0.5]);
+        for bad in [
+            "",
+            "AU26",
+            "AU26 1",
+            "AU26 1 0",
+            "AU26 1 513",
+            "AU26 1 512 16",
+            "AU26 -1 1",
+            "AU26 1 1 9",
+            "AU26 1 1 8 wave",
+            "AU26 1 1 8 linear 0",
+            "AU26 1 1 0 101",
+            "AU26 1 1 nan 1",
+            "AU26 1 1 hold 8",
+            "AU26 99999 1",
+        ] {
+            assert_eq!(Row::read(bad), None, "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn tables_that_contradict_themselves_are_refused_with_one_sentence() {
+        for (rows, part) in [
+            (
+                &["AU26 1 5 16", "AU12L 1 6"][..],
+                "\"AU12L 1 6\", expected a channel that no row above has",
+            ),
+            (&["AU99 1 5"], "expected a unit that is measured"),
+            (&["AU26 0 5"], "a universe of sACN, 1 to 63999"),
+        ] {
+            let told = desk(rows).err().unwrap().to_string();
+            assert!(told.contains(part), "{told}");
+        }
+        let many: Vec<String> = (1..18)
+            .map(|universe| format!("AU26 {universe} 1"))
+            .collect();
+        let many: Vec<&str> = many.iter().map(String::as_str).collect();
+        assert!(desk(&many).is_err() && desk(&many[..16]).is_ok());
+    }
+
+    #[test]
+    fn channels_are_what_the_table_says_of_each_weight() {
+        let mut desk = desk(&[
+            "AU26 1 1",
+            "AU26 1 2 16",
+            "AU26 1 4 8 square",
+            "AU26 1 5 8 linear 100 20",
+            "AU12L 2 512 8 root hold",
+            "present 1 6",
+            "yaw 1 7 16",
+            "AU12L 1 9 smooth 10 90",
+        ])
+        .unwrap();
+        assert_eq!(desk.universes[0].1[..6], [0, 0, 0, 0, 255, 0]);
+        let turned = crate::base::geometry::Rigid::from_parts(
+            nalgebra::Translation3::identity(),
+            crate::base::geometry::rotation_from_yaw_pitch_roll(TURN / 2.0, 0.0, 0.0),
+        );
+        let mut report = Report {
+            user: Some(0),
+            state: TrackingState::Tracking,
+            weights: &[0.5, 0.25],
+            sensor_from_head: Some(&turned),
+            ..Report::default()
+        };
+        assert!(desk.observe(&report));
+        let [one, two] = [0, 1].map(|at| desk.universes[at].1);
+        // 0.5 of 255 and of 65535, 0.25 of 255, 100 to 20 percent halfway.
+        assert_eq!(one[..6], [128, 128, 0, 64, 153, 255]);
+        let yaw = f32::from(u16::from_be_bytes([one[6], one[7]])) / 65535.0;
+        assert!((yaw - 0.75).abs() < 1e-4, "{yaw}");
+        // 10 % and 80 % of 0.15625.
+        assert_eq!(one[8], (255.0_f32 * 0.225).round() as u8);
+        assert_eq!((desk.universes[1].0, two[511]), (2, 128));
+        // Lost for long: back to the ends, but what is to be held.
+        (report.state, report.weights, report.sensor_from_head) = (TrackingState::Lost, &[], None);
+        report.at = Timestamp::from_us(9_000_000);
+        assert!(desk.observe(&report));
+        assert_eq!(desk.universes[0].1[..6], [0, 0, 0, 0, 255, 0]);
+        assert_eq!(desk.universes[0].1[6..9], [128, 0, 26]);
+        assert_eq!(desk.universes[1].1[511], 128);
+        desk.neutral();
+        assert_eq!(desk.universes[1].1[511], 128);
+        // Somebody else's report changes nothing.
+        report.aside = true;
+        report.user = Some(1);
+        assert!(!desk.observe(&report));
+    }
+}

@@ -1,0 +1,66 @@
+//! MQTT, for buildings and fleets: presence, state, health, weights at a chosen rate, commands, and Home Assistant's discovery.
+//! Topics start with the prefix and the box's name:
+//!
+//! | topic | payload | when |
+//! | --- | --- | --- |
+//! | `presence` | `online`, `offline` (by the broker too, as the last will) | on connecting and leaving; retained |
+//! | `faces` | number of people | on change; retained |
+//! | `<slot>/state` | `{"state":"tracking","present":true,"changes":7,"time_us":400000}` | on change; retained |
+//! | `health` | `{"sensor":true,"rate_hz":30.0,"latency_ms":9.1,"faces":1,"frames":900,"uptime_s":30.1,"dropped":0}` | every `health_s`; retained |
+//! | `<slot>/weights` | `{"time_us":400000,"AU26":0.2500,…}` | at `rate_hz` while somebody is there |
+//! | `cmd/forget`, `cmd/neutral` | slot | heard, if commands are on |
+//! | `cmd/freeze` | slot, and 0 or 1 | |
+//!
+//! Presence, faces and states are sent with quality of service 1, one after the other, each until the broker has it, also
+//! over a lost connection: of up to [`client::QUEUE`] that wait the oldest goes first. Weights and health are sent once; while the
+//! broker takes less than there is, weights are left out and counted. A thread of its own does all of it: a broker that is
+//! away, slow, refuses or talks nonsense is tried again after 1, 2, 4, … at most 30 s, and nothing else notices. Commands
+//! that are retained are refused: they would be obeyed anew at every connection. No TLS: see `docs/fleet.md`.
+
+mod client;
+mod packet;
+
+use super::board::Front;
+use super::features::MqttSettings;
+use super::{Command, Output, OutputError, Report, Tally, identity};
+
+/// A client of a broker.
+pub struct Mqtt(Front);
+
+impl Mqtt {
+    /// Starts looking for the broker. `units` are the names in the order of the weights, `name` is the box's.
+    ///
+    /// # Errors
+    /// If the password cannot be read or no thread can be started; not if the broker is away.
+    pub fn new(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Self, OutputError> {
+        let password = (!settings.password_file.is_empty()).then(|| {
+            let text = std::fs::read_to_string(&settings.password_file);
+            text.map(|text| text.lines().next().unwrap_or_default().to_owned())
+        });
+        let password = password
+            .transpose()
+            .map_err(|source| OutputError::Password {
+                path: settings.password_file.clone(),
+                source,
+            })?;
+        let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
+        let talk = client::Talk::new(settings, &identity::name(name), password, names.collect());
+        let work = move |shared, bell| client::run(talk, &shared, bell);
+        Front::start("mqtt", units, &settings.view, settings.loss, work).map(Self)
+    }
+}
+
+impl Output for Mqtt {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.0.post(report);
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        self.0.tally()
+    }
+
+    fn next_command(&mut self) -> Option<Command> {
+        self.0.next_command()
+    }
+}

@@ -1,0 +1,544 @@
+//! A small server: HTTP/1.1 requests without bodies, each answered once and closed, or turned into a WebSocket.
+//!
+//! Whoever connects gets one of [`SLOTS`] places. When all are taken, one who has not asked for anything in a quarter of a second
+//! makes room; else the newcomer is turned away. Whoever goes without is counted. A request must be whole after [`PATIENCE`] and at most [`REQUEST`] bytes long; who does
+//! not read what is written for [`STUCK`] is let go. A page that reads slower than frames come gets the newest that it can.
+//! Memory: what a place reads and what waits for it, taken at the start.
+//! One file: requests, frames and places are small, and of use to nobody else.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::os::fd::AsRawFd;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use nix::poll::{PollFd, PollFlags, poll};
+
+use super::handshake;
+use crate::output::board::{Bell, Board, Shared, count};
+
+/// Connections at once.
+const SLOTS: usize = 8;
+/// Longest request, or frame of a page, bytes.
+const REQUEST: usize = 2048;
+/// How long a request may take.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long nobody is sent away for another.
+const GRACE: Duration = Duration::from_millis(250);
+/// How long what is written may wait to be read.
+const STUCK: Duration = Duration::from_secs(10);
+/// Connections taken between two frames.
+const NEWCOMERS: usize = 32;
+/// Longest wait: to notice who is too slow.
+const TICK_MS: i32 = 250;
+/// First and longest pause before an address that is taken is tried again.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
+
+/// What is served.
+pub(super) trait Service {
+    /// Bytes that may wait for a connection.
+    const WAITING: usize;
+
+    /// Whether pages may stay connected.
+    const STAYS: bool;
+
+    /// Answers a request for `path` and what follows its `?`, into `body`; the status.
+    fn answer(&mut self, path: &str, query: Option<&str>, board: &Board, body: &mut String) -> u16;
+
+    /// Writes the next message for all pages into `message`; false if there is none.
+    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool;
+}
+
+/// What a connection is about.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Request,
+    Reply,
+    Page,
+}
+
+struct Place {
+    stream: Option<TcpStream>,
+    stage: Stage,
+    /// When the request began, or something was last written.
+    since: Instant,
+    heard: Box<[u8; REQUEST]>,
+    length: usize,
+    waiting: Vec<u8>,
+    written: usize,
+}
+
+/// What a request asks for.
+#[derive(Debug, PartialEq, Eq)]
+enum Asked<'a> {
+    Page(&'a [u8; handshake::KEY]),
+    Document(&'a str, Option<&'a str>),
+    Refused(u16),
+}
+
+/// Reads a request; `None` while it is not whole.
+fn request(bytes: &[u8]) -> Option<Asked<'_>> {
+    let end = bytes.windows(4).position(|four| four == b"\r\n\r\n")?;
+    let Ok(text) = std::str::from_utf8(&bytes[..end]) else {
+        return Some(Asked::Refused(400));
+    };
+    let mut lines = text.split("\r\n");
+    let mut words = lines.next().unwrap_or_default().split(' ');
+    let (method, target) = (words.next(), words.next());
+    let known = words
+        .next()
+        .is_some_and(|version| version.starts_with("HTTP/1."))
+        && words.next().is_none();
+    let Some(target) = target.filter(|target| known && target.starts_with('/')) else {
+        return Some(Asked::Refused(400));
+    };
+    if method != Some("GET") {
+        return Some(Asked::Refused(405));
+    }
+    let (mut upgrade, mut key) = (false, None);
+    for line in lines {
+        let (name, value) = line.split_once(':').unwrap_or_default();
+        if name.eq_ignore_ascii_case("upgrade") {
+            upgrade = value.trim().eq_ignore_ascii_case("websocket");
+        } else if name.eq_ignore_ascii_case("sec-websocket-key") {
+            key = value.trim().as_bytes().try_into().ok();
+        }
+    }
+    Some(match (upgrade, key, target.split_once('?')) {
+        (true, Some(key), _) => Asked::Page(key),
+        (true, None, _) => Asked::Refused(400),
+        (false, _, Some((path, query))) => Asked::Document(path, Some(query)),
+        (false, _, None) => Asked::Document(target, None),
+    })
+}
+
+/// What a page sends.
+#[derive(Debug, PartialEq, Eq)]
+enum Sent {
+    /// To be answered with the same bytes.
+    Ping(heapless::Vec<u8, 125>),
+    /// Nothing for us.
+    Other,
+    Close,
+}
+
+/// The first frame in `bytes`, unmasked, and its length; `None` while it is not whole. What is no frame of a page, or too
+/// long for us, closes.
+fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
+    let (&first, &second) = (bytes.first()?, bytes.get(1)?);
+    let (length, at) = match second & 0x7f {
+        126 => (
+            usize::from(u16::from_be_bytes([*bytes.get(2)?, *bytes.get(3)?])),
+            4,
+        ),
+        127 => return Some((Sent::Close, bytes.len())),
+        length => (usize::from(length), 2),
+    };
+    let control = first & 0x08 != 0;
+    // Pages mask what they send; control frames are short and whole.
+    let wrong =
+        second & 0x80 == 0 || first & 0x70 != 0 || control && (length > 125 || first & 0x80 == 0);
+    if wrong || at + 4 + length > REQUEST {
+        return Some((Sent::Close, bytes.len()));
+    }
+    let masked = bytes.get(at + 4..at + 4 + length)?;
+    let sent = match first & 0x0f {
+        0 | 1 | 2 | 10 => Sent::Other,
+        9 => {
+            let mask = &bytes[at..at + 4];
+            Sent::Ping(
+                masked
+                    .iter()
+                    .zip(mask.iter().cycle())
+                    .map(|(byte, mask)| byte ^ mask)
+                    .collect(),
+            )
+        }
+        _ => Sent::Close,
+    };
+    Some((sent, at + 4 + length))
+}
+
+/// Header of a frame that we send, whole and unmasked.
+fn header(kind: u8, length: usize, into: &mut Vec<u8>) {
+    into.push(0x80 | kind);
+    if length < 126 {
+        into.push(length as u8);
+    } else {
+        into.push(126);
+        into.extend_from_slice(&(length as u16).to_be_bytes());
+    }
+}
+
+impl Place {
+    fn new(waiting: usize) -> Self {
+        Self {
+            stream: None,
+            stage: Stage::Request,
+            since: Instant::now(),
+            heard: Box::new([0; REQUEST]),
+            length: 0,
+            waiting: Vec::with_capacity(waiting),
+            written: 0,
+        }
+    }
+
+    fn seat(&mut self, stream: TcpStream) {
+        (self.stream, self.stage, self.since) = (Some(stream), Stage::Request, Instant::now());
+        self.leave_nothing();
+    }
+
+    fn leave_nothing(&mut self) {
+        (self.length, self.written) = (0, 0);
+        self.waiting.clear();
+    }
+
+    fn close(&mut self) {
+        self.stream = None;
+        self.leave_nothing();
+    }
+
+    fn is_waiting(&self) -> bool {
+        self.written < self.waiting.len()
+    }
+
+    /// Writes what waits, as far as it is taken.
+    fn write(&mut self) {
+        let Some(stream) = &mut self.stream else {
+            return;
+        };
+        while self.written < self.waiting.len() {
+            match stream.write(&self.waiting[self.written..]) {
+                Ok(0) => return self.close(),
+                Ok(more) => {
+                    self.written += more;
+                    self.since = Instant::now();
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return self.close(),
+            }
+        }
+        self.waiting.clear();
+        self.written = 0;
+        if self.stage == Stage::Reply {
+            let _ = stream.shutdown(std::net::Shutdown::Write);
+            self.close();
+        }
+    }
+
+    /// Reads what there is; false if the other end is gone.
+    fn read(&mut self) -> bool {
+        let Some(stream) = &mut self.stream else {
+            return false;
+        };
+        match stream.read(&mut self.heard[self.length..]) {
+            Ok(0) => false,
+            Ok(more) => {
+                self.length += more;
+                true
+            }
+            Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted),
+        }
+    }
+
+    /// Sends a frame if nothing waits; whether it does.
+    fn send(&mut self, kind: u8, payload: &[u8]) -> bool {
+        if self.is_waiting() {
+            return false;
+        }
+        header(kind, payload.len(), &mut self.waiting);
+        self.waiting.extend_from_slice(payload);
+        self.since = Instant::now();
+        self.write();
+        true
+    }
+}
+
+/// Serves until told to stop.
+pub(super) fn serve<S: Service>(
+    mut service: S,
+    address: SocketAddr,
+    shared: Arc<Shared>,
+    mut bell: Bell,
+) {
+    let mut places: [Place; SLOTS] = std::array::from_fn(|_| Place::new(S::WAITING));
+    let (mut body, mut board) = (String::with_capacity(S::WAITING), Board::default());
+    let mut listener: Option<TcpListener> = None;
+    let (mut again, mut pause) = (Instant::now(), PAUSES[0]);
+    loop {
+        if listener.is_none() && Instant::now() >= again {
+            match TcpListener::bind(address).and_then(|one| one.set_nonblocking(true).map(|()| one))
+            {
+                Ok(one) => listener = Some(one),
+                Err(error) => {
+                    if pause == PAUSES[1] {
+                        tracing::warn!(
+                            "cannot listen at {address} ({error}), trying again until it is free"
+                        );
+                    }
+                    again = Instant::now() + pause;
+                    pause = if pause == PAUSES[0] {
+                        PAUSES[1]
+                    } else {
+                        2 * PAUSES[1]
+                    };
+                }
+            }
+            shared
+                .connected
+                .store(listener.is_some(), Ordering::Relaxed);
+        }
+        let mut asked: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
+            let reading = PollFlags::POLLIN;
+            let (fd, flags) = match i.checked_sub(2) {
+                None if i == 0 => (bell.fd(), reading),
+                None => (listener.as_ref().map_or(-1, |one| one.as_raw_fd()), reading),
+                Some(at) => {
+                    let place = &places[at];
+                    let flags = if place.is_waiting() {
+                        reading | PollFlags::POLLOUT
+                    } else {
+                        reading
+                    };
+                    (
+                        place.stream.as_ref().map_or(-1, |one| one.as_raw_fd()),
+                        flags,
+                    )
+                }
+            };
+            // Descriptors below 0 are passed over.
+            PollFd::new(fd, flags)
+        });
+        // Interrupted or not: what there is to do is looked at.
+        let _ = poll(&mut asked, TICK_MS);
+        let ready = asked.map(|one| one.revents().unwrap_or(PollFlags::empty()));
+        bell.answer();
+        let stopping = shared.stop.load(Ordering::Relaxed);
+        shared.take(&mut board);
+        loop {
+            body.clear();
+            if !service.next_message(&mut board, &mut body) {
+                break;
+            }
+            for place in places
+                .iter_mut()
+                .filter(|place| place.stage == Stage::Page && place.stream.is_some())
+            {
+                let sent = place.send(1, body.as_bytes());
+                count(if sent { &shared.sent } else { &shared.dropped });
+            }
+        }
+        if stopping {
+            for place in places
+                .iter_mut()
+                .filter(|place| place.stage == Stage::Page && place.stream.is_some())
+            {
+                // 1001: going away.
+                place.send(8, &[3, 233]);
+            }
+            return;
+        }
+        if !ready[1].is_empty()
+            && let Some(listener) = &listener
+        {
+            for _ in 0..NEWCOMERS {
+                let Ok((stream, _)) = listener.accept() else {
+                    break;
+                };
+                if !admit(&mut places, stream) {
+                    count(&shared.refused);
+                }
+            }
+        }
+        for (place, ready) in places.iter_mut().zip(&ready[2..]) {
+            if place.stream.is_none() {
+                continue;
+            }
+            if !ready.is_empty() && !place.read() {
+                place.close();
+                continue;
+            }
+            hear(place, &mut service, &board, &mut body, &shared);
+            place.write();
+            let patience = match place.stage {
+                Stage::Request => PATIENCE,
+                Stage::Reply => STUCK,
+                Stage::Page if place.is_waiting() => STUCK,
+                Stage::Page => Duration::MAX,
+            };
+            if place.stream.is_some() && place.since.elapsed() > patience {
+                count(&shared.refused);
+                place.close();
+            }
+        }
+    }
+}
+
+/// Gives a newcomer a place: a free one, or that of who has been silent for longest. False if somebody goes without.
+fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
+    if stream.set_nonblocking(true).is_err() {
+        return false;
+    }
+    let _ = stream.set_nodelay(true);
+    if let Some(place) = places.iter_mut().find(|place| place.stream.is_none()) {
+        place.seat(stream);
+        return true;
+    }
+    let asking = places
+        .iter_mut()
+        .filter(|place| place.stage == Stage::Request);
+    let silent = asking.max_by_key(|place| place.since.elapsed());
+    if let Some(place) = silent.filter(|place| place.since.elapsed() > GRACE) {
+        place.seat(stream);
+    }
+    false
+}
+
+/// Looks at what was read.
+fn hear<S: Service>(
+    place: &mut Place,
+    service: &mut S,
+    board: &Board,
+    body: &mut String,
+    shared: &Shared,
+) {
+    while place.stage == Stage::Page && place.length > 0 {
+        let Some((sent, used)) = frame(&place.heard[..place.length]) else {
+            return;
+        };
+        place.heard.copy_within(used..place.length, 0);
+        place.length -= used;
+        match sent {
+            Sent::Other => {}
+            // One that waits is answered by the next message.
+            Sent::Ping(payload) => {
+                place.send(10, &payload);
+            }
+            Sent::Close => {
+                place.send(8, &[]);
+                return place.close();
+            }
+        }
+    }
+    if place.stage != Stage::Request {
+        // Who has asked already is not listened to.
+        place.length = 0;
+        return;
+    }
+    let full = place.length == REQUEST;
+    let heard = &place.heard[..place.length];
+    let asked = match request(heard) {
+        Some(asked) => asked,
+        None if full => Asked::Refused(431),
+        None => return,
+    };
+    body.clear();
+    let status = match asked {
+        Asked::Page(key) if S::STAYS => {
+            let head = b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ";
+            place.waiting.extend_from_slice(head);
+            place.waiting.extend_from_slice(&handshake::answer(key));
+            place.waiting.extend_from_slice(b"\r\n\r\n");
+            (place.stage, place.length) = (Stage::Page, 0);
+            place.since = Instant::now();
+            return;
+        }
+        Asked::Page(_) => 426,
+        Asked::Document(path, query) => service.answer(path, query, board, body),
+        Asked::Refused(status) => status,
+    };
+    if status < 300 {
+        count(&shared.sent);
+    } else {
+        count(&shared.refused);
+    }
+    let reason = match status {
+        200 => "OK",
+        204 => "No Content",
+        400 => "Bad Request",
+        404 => "Not Found",
+        405 => "Method Not Allowed",
+        426 => "Upgrade Required",
+        _ => "Refused",
+    };
+    let _ = write!(
+        place.waiting,
+        "HTTP/1.1 {status} {reason}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nAccess-Control-Allow-Origin: *\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n",
+        body.len()
+    );
+    place.waiting.extend_from_slice(body.as_bytes());
+    (place.stage, place.length) = (Stage::Reply, 0);
+    place.since = Instant::now();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_are_read_and_nonsense_is_refused() {
+        let ask = |text: &str| format!("{text}\r\n\r\n");
+        for (text, expected) in [
+            (
+                "GET /a/b?VALUE HTTP/1.1\r\nHost: x",
+                Asked::Document("/a/b", Some("VALUE")),
+            ),
+            ("GET / HTTP/1.0", Asked::Document("/", None)),
+            (
+                "GET / HTTP/1.1\r\nupgrade: WebSocket\r\nSEC-WEBSOCKET-KEY: dGhlIHNhbXBsZSBub25jZQ==",
+                Asked::Page(b"dGhlIHNhbXBsZSBub25jZQ=="),
+            ),
+            (
+                "GET / HTTP/1.1\r\nUpgrade: websocket\r\nSec-WebSocket-Key: short",
+                Asked::Refused(400),
+            ),
+            ("POST / HTTP/1.1", Asked::Refused(405)),
+            ("GET a HTTP/1.1", Asked::Refused(400)),
+            ("GET /", Asked::Refused(400)),
+            ("GET / HTTP/2", Asked::Refused(400)),
+            ("", Asked::Refused(400)),
+        ] {
+            assert_eq!(request(ask(text).as_bytes()), Some(expected), "{text}");
+        }
+        assert_eq!(request(b"GET / HTTP/1.1\r\n"), None);
+        assert_eq!(request(b"\xff\r\n\r\n"), Some(Asked::Refused(400)));
+    }
+
+    #[test]
+    fn frames_of_pages_are_read_and_others_close() {
+        let ping = [0x89, 0x83, 1, 2, 3, 4, b'a' ^ 1, b'b' ^ 2, b'c' ^ 3];
+        let (sent, used) = frame(&ping).unwrap();
+        assert_eq!(
+            (sent, used),
+            (Sent::Ping(heapless::Vec::from_slice(b"abc").unwrap()), 9)
+        );
+        for cut in 0..ping.len() {
+            assert_eq!(frame(&ping[..cut]), None);
+        }
+        assert_eq!(frame(&[0x81, 0x80, 0, 0, 0, 0]), Some((Sent::Other, 6)));
+        for bad in [
+            &[0x81, 0x00][..],
+            &[0x88, 0x80, 0, 0, 0, 0],
+            &[0x81, 0xff],
+            &[0x81, 0xfe, 0xff, 0xff],
+            &[0xc1, 0x80],
+            &[0x09, 0x80],
+        ] {
+            assert_eq!(
+                frame(bad).map(|(sent, _)| sent),
+                Some(Sent::Close),
+                "{bad:?}"
+            );
+        }
+        let mut random = fastrand::Rng::with_seed(5);
+        for _ in 0..100_000 {
+            let bytes: Vec<u8> = (0..random.usize(..40)).map(|_| random.u8(..)).collect();
+            if let Some((_, used)) = frame(&bytes) {
+                assert!(used > 0 && used <= bytes.len());
+            }
+            request(&bytes);
+        }
+    }
+}

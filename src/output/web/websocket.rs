@@ -1,0 +1,121 @@
+//! JSON over WebSocket: every report as one text message, to every page that is connected.
+//!
+//! ```json
+//! {"frame":12,"time_us":400000,"user":0,"state":"tracking","confidence":0.9310,"frozen":false,"latency_us":9100,
+//!  "pose":[0.01,0.02,0.8,0.0,0.0,0.0,1.0],"weights":{"AU26":0.2500,"AU25":0.1200}}
+//! ```
+//! `pose` is the place in metres and the rotation (x, y, z, w) in the sensor's frame, or null; weights are 0…1 with four
+//! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. What pages send is not looked at.
+
+use std::fmt::Write as _;
+use std::net::SocketAddr;
+
+use super::server::{Service, serve};
+use crate::output::board::{Board, Front, Quoted, Shot, Weight};
+use crate::output::features::ServerSettings;
+use crate::output::{Output, OutputError, Report, Tally};
+
+/// Bytes of a message, with room for the longest names.
+const MESSAGE: usize = 4096;
+
+struct Pages {
+    /// As JSON has them, with a colon.
+    units: Box<[String]>,
+}
+
+impl Service for Pages {
+    const WAITING: usize = MESSAGE;
+    const STAYS: bool = true;
+
+    fn answer(&mut self, _: &str, _: Option<&str>, _: &Board, _: &mut String) -> u16 {
+        426
+    }
+
+    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
+        let mut users = board.users.iter_mut().enumerate();
+        if let Some((slot, shot)) = users.find(|(_, shot)| shot.fresh) {
+            shot.fresh = false;
+            // A string takes everything.
+            let _ = self.write(slot, shot, message);
+            return true;
+        }
+        let nobody = &mut board.nobody;
+        if !std::mem::take(&mut nobody.fresh) {
+            return false;
+        }
+        let _ = write!(
+            message,
+            "{{\"frame\":{},\"time_us\":{},\"user\":null}}",
+            nobody.frame, nobody.at_us
+        );
+        true
+    }
+}
+
+impl Pages {
+    fn write(&self, slot: usize, shot: &Shot, message: &mut String) -> std::fmt::Result {
+        write!(
+            message,
+            "{{\"frame\":{},\"time_us\":{},\"user\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"pose\":",
+            shot.frame,
+            shot.at_us,
+            shot.state.name(),
+            Weight(shot.confidence),
+            shot.frozen,
+            shot.latency_us
+        )?;
+        match shot.pose {
+            Some([x, y, z, a, b, c, d]) => {
+                write!(
+                    message,
+                    "[{x:.5},{y:.5},{z:.5},{a:.6},{b:.6},{c:.6},{d:.6}]"
+                )?;
+            }
+            None => message.write_str("null")?,
+        }
+        message.write_str(",\"weights\":{")?;
+        for (i, (name, weight)) in self.units.iter().zip(&shot.weights).enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            write!(message, "{comma}{name}{}", Weight(*weight))?;
+        }
+        message.write_str("}}")
+    }
+}
+
+/// A server of weights for pages.
+pub struct WebSocket(Front);
+
+impl WebSocket {
+    /// Starts serving. `units` are the names in the order of the weights.
+    ///
+    /// # Errors
+    /// If the address is unusable or no thread can be started; not if it is taken.
+    pub fn new(settings: &ServerSettings, units: &[&str]) -> Result<Self, OutputError> {
+        let address = address(settings)?;
+        let names = units.iter().map(|unit| settings.view.name(unit));
+        let pages = Pages {
+            units: names.map(|name| format!("{}:", Quoted(name))).collect(),
+        };
+        let work = move |shared, bell| serve(pages, address, shared, bell);
+        Front::start("websocket", units, &settings.view, settings.loss, work).map(Self)
+    }
+}
+
+/// Where to listen.
+pub(super) fn address(settings: &ServerSettings) -> Result<SocketAddr, OutputError> {
+    let parsed = settings.listen.parse();
+    parsed.map_err(|_| OutputError::Listen {
+        address: settings.listen.clone(),
+    })
+}
+
+impl Output for WebSocket {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.0.post(report);
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        self.0.tally()
+    }
+}
