@@ -193,7 +193,7 @@ impl LiveLink {
         let name = identity::name(name);
         let place = |parameter: Parameter| {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
-            Some((SHAPES.iter().position(|shape| same(&shape))?, parameter))
+            Some((SHAPES.iter().position(same)?, parameter))
         };
         let shapes = Parameter::of_rig(Rig::Arkit, units).into_iter();
         let mut subject = if settings.subject.is_empty() {
