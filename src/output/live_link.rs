@@ -193,7 +193,7 @@ impl LiveLink {
         let name = identity::name(name);
         let place = |parameter: Parameter| {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
-            Some((SHAPES.iter().position(|shape| same(&shape))?, parameter))
+            Some((SHAPES.iter().position(same)?, parameter))
         };
         let shapes = Parameter::of_rig(Rig::Arkit, units).into_iter();
         let mut subject = if settings.subject.is_empty() {
@@ -381,8 +381,10 @@ mod tests {
             ),
             (1.0, 1.0, 0.0)
         );
-        let expected = [0.3, -0.2, 0.1, 0.5236, 0.2618, 0.0, 0.5236, 0.2618, 0.0];
-        for (angle, expected) in values[52..].iter().zip(expected) {
+        let full = std::f32::consts::FRAC_PI_6;
+        let eye = [full, full / 2.0, 0.0];
+        let expected = [[0.3, -0.2, 0.1], eye, eye];
+        for (angle, expected) in values[52..].iter().zip(expected.as_flattened()) {
             assert!((angle - expected).abs() < 1e-4, "{:?}", &values[52..]);
         }
         assert!(next().unwrap().iter().all(|value| *value == 0.0));
@@ -396,11 +398,7 @@ mod tests {
         let units: Vec<&str> = columns.iter().map(|name| name.as_str()).collect();
         for parameter in Parameter::of_rig(Rig::Arkit, &units) {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
-            assert!(
-                SHAPES.iter().any(|shape| same(&shape)),
-                "{}",
-                parameter.name
-            );
+            assert!(SHAPES.iter().any(same), "{}", parameter.name);
         }
     }
 }

@@ -77,7 +77,7 @@ impl Talk {
         settings: &MqttSettings,
         name: &str,
         password: Option<String>,
-        units: Box<[String]>,
+        units: &[String],
     ) -> Self {
         let base = format!("{}/{name}", settings.prefix);
         let discovery = if settings.home_assistant {

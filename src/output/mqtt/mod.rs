@@ -44,7 +44,8 @@ impl Mqtt {
                 source,
             })?;
         let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
-        let talk = client::Talk::new(settings, &identity::name(name), password, names.collect());
+        let names: Vec<String> = names.collect();
+        let talk = client::Talk::new(settings, &identity::name(name), password, &names);
         let work = move |shared, bell| client::run(talk, &shared, bell);
         Front::start("mqtt", units, &settings.view, settings.loss, work).map(Self)
     }

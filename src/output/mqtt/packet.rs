@@ -161,6 +161,10 @@ pub(super) fn read(version: u8, bytes: &[u8]) -> Result<Option<(Told<'_>, usize)
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
     };
+    // Told at once: who talks something else may never say as much as its second byte promises.
+    if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0 | 0xe0) {
+        return Err(Nonsense);
+    }
     let Some((count, rest)) = length(rest)? else {
         return Ok(None);
     };
