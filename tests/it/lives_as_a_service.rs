@@ -359,7 +359,7 @@ fn weights_are_shown_on_a_terminal_only_and_one_that_is_not_read_stops_nothing()
     // Ten times what it keeps for its reader.
     hear_frames(&socket, 1000);
     let mut text = Vec::new();
-    while !contains(&text, b"tracking") || !contains(&text, b"turn") {
+    while !contains(&text, b"tracking") || !contains(&text, b"sends to: OSC to ") {
         let mut bytes = [0; 4096];
         let length = terminal.read(&mut bytes).expect("a live line");
         text.extend_from_slice(&bytes[..length]);

@@ -44,7 +44,7 @@ const FOLLOWS: [(&str, &[&str], f64); 17] = [
 
 /// Where the head may be against where it is: mean and 95th percentile.
 const MOST_TURN_DEG: [f32; 2] = [0.65, 1.7];
-const MOST_SHIFT_MM: [f32; 2] = [0.01, 0.01];
+const MOST_SHIFT_MM: [f32; 2] = [4.0, 4.5];
 
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let n = pairs.len() as f64;
