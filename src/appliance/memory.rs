@@ -1,7 +1,7 @@
 //! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can say how often memory
 //! was asked for and how much is in use; and memory kept in RAM where the system permits it.
 //!
-//! Cost: two relaxed additions per request. One of four files with unsafe code, because neither an allocator nor
+//! Cost: two relaxed additions per request. One of five files with unsafe code, because neither an allocator nor
 //! `mlockall` can be had without: the others are those of the USB transfers and of [`crate::base::vectors`].
 #![expect(
     unsafe_code,

@@ -1,7 +1,7 @@
 //! What a person sees who runs `mien` on a terminal: what goes where, one line that is written over and over, and at the
 //! end what there was.
 //!
-//! One of four files with unsafe code: the width of a terminal is not to be had without.
+//! One of five files with unsafe code: the width of a terminal is not to be had without.
 #![expect(
     unsafe_code,
     reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"
