@@ -134,7 +134,8 @@ fn depth_reading(camera: &Camera) -> DepthReading {
 /// Draws frames of one scene.
 ///
 /// ```no_run
-/// use mien::sensor::{Frame, virtual_head::{HeadAsset, Scene, Simulator}};
+/// use mien::sensor::Frame;
+/// use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 /// use mien::base::time::Timestamp;
 /// let mut simulator = Simulator::new(HeadAsset::default(), Scene::Acted, 1);
 /// let mut frame = Frame::default();
