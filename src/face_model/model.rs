@@ -66,9 +66,9 @@ impl ShapeModel {
 pub struct CascadeStage {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
-    /// Mean features, [`FEATURES`] values.
+    /// Mean features, [`super::sizes::FEATURES`] values.
     pub mean: Vec<f32>,
-    /// Update matrix, one row of [`FEATURES`] per parameter that is moved, in units of `scales`.
+    /// Update matrix, one row of [`super::sizes::FEATURES`] per parameter that is moved, in units of `scales`.
     pub weights: Cow<'static, [i8]>,
     /// Size of one step of `weights`, per row and landmark.
     pub scales: Vec<f32>,
@@ -84,9 +84,9 @@ pub struct CascadeStage {
 pub struct ConfidenceModel {
     /// Distance of neighbouring cells of a patch, window pixels.
     pub cell_px: f32,
-    /// Mean features, [`FEATURES`] values.
+    /// Mean features, [`super::sizes::FEATURES`] values.
     pub mean: Vec<f32>,
-    /// Direction per landmark in feature space, [`FEATURES`] values.
+    /// Direction per landmark in feature space, [`super::sizes::FEATURES`] values.
     pub weights: Vec<f32>,
     /// Logistic slopes on the signs of each landmark ([`crate::landmarks::cascade::landmark_signs`]): 68 × 4.
     pub landmark: Vec<f32>,

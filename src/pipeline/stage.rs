@@ -1,6 +1,6 @@
 //! The stages by name.
 
-/// Stages of [`Pipeline::follow`], in order; all but the first once for each head that is followed.
+/// Stages of [`super::Pipeline::follow`], in order; all but the first once for each head that is followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Heads out of the depth picture.
