@@ -107,7 +107,8 @@ def check_sacn(mien):
 
 def check_ola(mien):
     """OLA receives both protocols and records what it gets. It refuses to run as root."""
-    folder = tempfile.mkdtemp(prefix="mien-ola-")
+    # Not in TMPDIR, which may be root's alone: olad runs as nobody.
+    folder = tempfile.mkdtemp(prefix="mien-ola-", dir="/tmp")
     os.chmod(folder, 0o755)
     user = [] if os.getuid() else ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
     configuration = {
