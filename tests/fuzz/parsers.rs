@@ -32,7 +32,7 @@ use mien::studio::bake::recipe::Recipe;
 use mien::studio::nrsfm::{Shapes, Tracks};
 use mien::studio::preview::hub::Hub;
 use mien::studio::preview::{http, osc, serial, table};
-use mien::studio::{text, train};
+use mien::studio::{text_files, train};
 use mien::users::saved;
 use serde_json::{Value, json};
 
