@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::base::capacity::{UNITS, USERS};
+use crate::base::json::Quoted;
 use crate::expression::UnitRange;
 use crate::output::{Report, Tally, TrackingState};
 
@@ -350,23 +351,6 @@ impl Files {
 /// What tells a file from another one that takes its place.
 fn mark(about: &Metadata) -> [u64; 3] {
     [about.dev(), about.ino(), about.mtime_nsec() as u64]
-}
-
-/// A text as JSON has it.
-struct Quoted<'a>(&'a str);
-
-impl std::fmt::Display for Quoted<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_char('"')?;
-        for c in self.0.chars() {
-            match c {
-                '"' | '\\' => write!(f, "\\{c}")?,
-                c if c.is_control() => write!(f, "\\u{:04x}", u32::from(c))?,
-                c => f.write_char(c)?,
-            }
-        }
-        f.write_char('"')
-    }
 }
 
 /// A number that JSON can hold: what is none becomes 0.

@@ -8,6 +8,8 @@ pub mod frames;
 pub mod geometry;
 #[cfg(feature = "std")]
 pub(crate) mod insertion_sort;
+#[cfg(feature = "std")]
+pub(crate) mod json;
 pub mod one_euro;
 #[cfg(not(feature = "std"))]
 pub(crate) mod prelude;

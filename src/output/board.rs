@@ -7,14 +7,12 @@ use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
+use super::closing;
 use super::unit_range;
 use super::{Command, LossPolicy, OutputError, Report, Tally, TrackingState, View, WireWeights};
 use crate::base::capacity::{UNITS, USERS};
 
-/// How long closing may take: to say goodbye and no longer.
-const CLOSING: Duration = Duration::from_millis(500);
 /// Commands that wait for the pipeline.
 const COMMANDS: usize = 16;
 
@@ -249,35 +247,9 @@ impl Drop for Front {
         drop(board);
         self.shared.stop.store(true, Ordering::Relaxed);
         self.shared.ring();
-        let Some(thread) = self.thread.take() else {
-            return;
-        };
-        let start = Instant::now();
-        while !thread.is_finished() && start.elapsed() < CLOSING {
-            std::thread::sleep(Duration::from_millis(2));
+        if let Some(thread) = self.thread.take() {
+            closing::wait_for(thread);
         }
-        if thread.is_finished() {
-            // A panic of the thread has been reported by itself.
-            thread.join().ok();
-        }
-    }
-}
-
-/// A text as JSON has it.
-pub(super) struct Quoted<'a>(pub(super) &'a str);
-
-impl std::fmt::Display for Quoted<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        use std::fmt::Write as _;
-        f.write_char('"')?;
-        for c in self.0.chars() {
-            match c {
-                '"' | '\\' => write!(f, "\\{c}")?,
-                c if c.is_control() => write!(f, "\\u{:04x}", u32::from(c))?,
-                c => f.write_char(c)?,
-            }
-        }
-        f.write_char('"')
     }
 }
 

@@ -6,6 +6,8 @@
 
 #[cfg(any(feature = "web", feature = "mqtt"))]
 mod board;
+#[cfg(feature = "std")]
+mod closing;
 pub mod csv;
 #[cfg(feature = "discovery")]
 pub mod discovery;

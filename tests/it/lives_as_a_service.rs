@@ -1,5 +1,6 @@
 //! A run under a service manager: it says when it is ready, feeds the watchdog, reads its configuration again, and stops;
 //! and what others do to its ports, its configuration and its standard output does not end or stop it.
+//! One file: one promise, from its start to its stop.
 
 use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::net::UdpSocket;
@@ -16,6 +17,14 @@ const PATIENCE: Duration = Duration::from_secs(300);
 struct Service {
     child: Child,
     socket: UnixDatagram,
+}
+
+impl Drop for Service {
+    /// A test that fails leaves no run behind.
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 impl Service {

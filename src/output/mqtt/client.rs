@@ -13,7 +13,8 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::packet::{self, Hello, LONGEST, Message, Nonsense, Told};
 use crate::base::capacity::USERS;
-use crate::output::board::{Bell, Board, Quoted, Shared, Weight, count};
+use crate::base::json::Quoted;
+use crate::output::board::{Bell, Board, Shared, Weight, count};
 use crate::output::features::MqttSettings;
 use crate::output::{Command, TrackingState};
 

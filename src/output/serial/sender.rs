@@ -2,16 +2,13 @@
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 use super::budget::{self, Plan};
 use super::encoder::Encoder;
 use super::port::{self, PortState, Shared};
 use super::settings::Settings;
+use crate::output::closing;
 use crate::output::{Output, OutputError, Report, Tally};
-
-/// How long closing may take: to send the neutral line and no longer.
-const CLOSING: Duration = Duration::from_millis(500);
 
 /// A sender of weights, one face at a time.
 pub struct Serial {
@@ -109,16 +106,8 @@ impl Drop for Serial {
     fn drop(&mut self) {
         self.shared.put(self.encoder.neutral());
         self.shared.stop();
-        let Some(thread) = self.thread.take() else {
-            return;
-        };
-        let start = Instant::now();
-        while !thread.is_finished() && start.elapsed() < CLOSING {
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        if thread.is_finished() {
-            // A panic of the thread has been reported by itself.
-            thread.join().ok();
+        if let Some(thread) = self.thread.take() {
+            closing::wait_for(thread);
         }
     }
 }

@@ -11,7 +11,8 @@ use std::fmt::Write as _;
 use std::net::SocketAddr;
 
 use super::server::{Service, serve};
-use crate::output::board::{Board, Front, Quoted, Shot, Weight};
+use crate::base::json::Quoted;
+use crate::output::board::{Board, Front, Shot, Weight};
 use crate::output::features::ServerSettings;
 use crate::output::{Output, OutputError, Report, Tally};
 

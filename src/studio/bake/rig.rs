@@ -5,6 +5,7 @@
 //! nearest skin, eyeballs turn with the gaze.
 //!
 //! Units: the mesh's. Cost: one factor of the area per shape, two to four for lids; shapes run in parallel.
+//! One file: the order of a shape; each of its steps has its own. The rest is the second implementation it is held against.
 
 use std::time::Instant;
 

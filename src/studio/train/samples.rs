@@ -2,6 +2,7 @@
 //!
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
+//! One file: all that is done to a picture before it is learnt from, in order.
 
 use rayon::prelude::*;
 

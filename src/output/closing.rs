@@ -1,0 +1,19 @@
+//! The end of an output that has a thread: it may still send what leaves the receiver with nobody, and no longer.
+
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long that may take.
+const CLOSING: Duration = Duration::from_millis(500);
+
+/// Waits for a thread that was told to stop; one that hangs is left to itself.
+pub(super) fn wait_for(thread: JoinHandle<()>) {
+    let start = Instant::now();
+    while !thread.is_finished() && start.elapsed() < CLOSING {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    if thread.is_finished() {
+        // A panic of the thread has been reported by itself.
+        thread.join().ok();
+    }
+}
