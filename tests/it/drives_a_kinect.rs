@@ -1,7 +1,7 @@
 //! Promise: the driver says to the camera what the camera needs, survives its silence, and reads its calibration.
 //! One file: one promise in many cases of one made-up camera.
 
-use std::sync::{Arc, Mutex};
+use std::cell::RefCell;
 use std::time::Duration;
 
 use mien::sensor::camera::{Registration, RegistrationTable};
@@ -305,8 +305,14 @@ fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<
     delivered
 }
 
-/// Keeps what is logged.
-struct Said(Arc<Mutex<Vec<String>>>);
+thread_local! {
+    /// What this thread has logged since it began to listen.
+    static SAID: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
+}
+
+/// Keeps what is logged by the threads that listen. One for the whole process: a subscriber of one thread may be passed over where
+/// another thread met the line first.
+struct Said;
 
 impl tracing::Subscriber for Said {
     fn enabled(&self, _: &tracing::Metadata<'_>) -> bool {
@@ -321,7 +327,7 @@ impl tracing::Subscriber for Said {
         }
         let mut words = Words(format!("{}: ", event.metadata().level()));
         event.record(&mut words);
-        self.0.lock().unwrap().push(words.0);
+        SAID.with_borrow_mut(|said| said.as_mut().map(|said| said.push(words.0)));
     }
     fn new_span(&self, _: &tracing::span::Attributes<'_>) -> tracing::span::Id {
         tracing::span::Id::from_u64(1)
@@ -370,10 +376,11 @@ fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
     let source = VirtualKinect::new(Model::Xbox1414, "A", scene);
     let mut kinect = Kinect::open(source, Settings::default()).unwrap();
     kinect.start().unwrap();
-    let said = Arc::default();
-    let mut first =
-        tracing::subscriber::with_default(Said(Arc::clone(&said)), || delivered(&mut kinect, 2000));
-    let said = said.lock().unwrap().join("\n");
+    tracing::subscriber::set_global_default(Said).expect("nobody else listens");
+    tracing::callsite::rebuild_interest_cache();
+    SAID.set(Some(Vec::new()));
+    let mut first = delivered(&mut kinect, 2000);
+    let said = SAID.take().unwrap().join("\n");
     assert!(
         said.contains("WARN: no colour picture has matched a depth picture for 1 s"),
         "within two seconds: {said}"
