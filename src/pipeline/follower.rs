@@ -527,10 +527,16 @@ mod tests {
     fn who_goes_on_in_another_pipeline_is_who_they_were() {
         let (mut before, mut after) = (follower(), follower());
         let mut at = Timestamp::default();
+        let mut face = FaceLengths::default();
         frames(12, |frame, camera, cloud, truth| {
+            let frames = before.frames;
             before.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+            if before.frames > frames {
+                face.see(&before.points.as_ref().expect("a face").head);
+            }
             at = frame.at;
         });
+        assert_eq!(before.face, face, "known by every face that was seen");
         before.expression.freeze(true);
         after.adopt(&before);
         assert!(before.frames > 5 && before.since < before.last_seen);

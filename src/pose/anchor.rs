@@ -326,6 +326,27 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn the_fine_surface_spans_no_gap() {
+        let anchor = Anchor::new(&half_egg()).unwrap();
+        let apart =
+            |a: u16, b: u16| (anchor.points[usize::from(a)] - anchor.points[usize::from(b)]).norm();
+        let mut longest = 0.0_f32;
+        for Between {
+            corners: [a, b, c], ..
+        } in anchor.fine_surface().0
+        {
+            longest = longest.max(apart(a, b)).max(apart(a, c)).max(apart(b, c));
+        }
+        // Neighbours are further apart than that in places, so it is not by chance.
+        assert!(longest < NEIGHBOUR_M, "{longest}");
+        assert!(
+            (0u16..)
+                .zip(&anchor.neighbours)
+                .any(|(i, beside)| beside.iter().any(|&j| apart(i, j) > NEIGHBOUR_M))
+        );
+    }
+
+    #[test]
     fn the_grid_finds_what_the_tree_finds() {
         let head = half_egg();
         let anchor = Anchor::new(&head).unwrap();

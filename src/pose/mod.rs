@@ -957,6 +957,37 @@ mod tests {
     }
 
     #[test]
+    fn a_correction_is_followed_at_once() {
+        let settings = Settings {
+            learn_shape: false,
+            ..Settings::default()
+        };
+        let turn = placed(4.0, 0.0, 0.0).rotation;
+        let before = placed(5.0, 0.0, 0.0);
+        let after = Rigid::from_parts(before.translation, before.rotation * turn);
+        let lag = |corrected: bool| {
+            let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
+            let at = |k: u64| Timestamp::from_us(k * 33_333);
+            for k in 0..30 {
+                tracker
+                    .track(&cloud(&before, 0.0, 1), at(k))
+                    .expect("a head");
+            }
+            if corrected {
+                tracker.correct(&HeadFromFace::of(Rigid::from_parts(
+                    Vector::zeros().into(),
+                    turn,
+                )));
+            }
+            let pose = tracker.track(&cloud(&after, 0.0, 1), at(30));
+            let found = pose.expect("a head").sensor_from_head.rotation;
+            found.angle_to(&after.rotation).to_degrees()
+        };
+        let [corrected, smoothed] = [true, false].map(lag);
+        assert!(corrected < 0.5 * smoothed, "{corrected} {smoothed}");
+    }
+
+    #[test]
     fn a_search_may_take_two_frames() {
         let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
         let at = |k: u64| Timestamp::from_us(k * 33_333);
