@@ -2,9 +2,17 @@
 
 use toml::de::DeValue;
 
-/// A TOML basic string; every value here came from TOML or from a literal, so only these two need an escape.
+/// A TOML basic string. Control characters cannot stand in one as they are.
 pub(super) fn toml_string(text: &str) -> String {
-    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+    let mut out = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '\\' | '"' => out.extend(['\\', c]),
+            c if c.is_control() => out += &format!("\\u{:04X}", u32::from(c)),
+            c => out.push(c),
+        }
+    }
+    out + "\""
 }
 
 pub(super) fn describe(value: &DeValue<'_>) -> String {
@@ -23,4 +31,16 @@ pub(super) fn describe(value: &DeValue<'_>) -> String {
 
 pub(super) fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(&number.as_str().replace('_', ""), number.radix()).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_string_reads_back() {
+        let all: String = (0..0x3000).filter_map(char::from_u32).collect();
+        let table: toml::Table = format!("text = {}", toml_string(&all)).parse().unwrap();
+        assert_eq!(table["text"].as_str(), Some(all.as_str()));
+    }
 }
