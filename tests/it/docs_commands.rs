@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use mien::appliance::settings::Settings;
+
 /// Documents with commands, in the order of a reader who reads all.
 const DOCUMENTS: [&str; 9] = [
     "README.md",
@@ -27,8 +29,17 @@ const README_LINES: usize = 200;
 /// What needs minutes: only its words are looked at.
 const LONG: [&str; 5] = ["train", "units", "evaluate", "fit", "nrsfm"];
 /// Commands of others, or of this very run.
-const NOT_OURS: [&str; 9] = [
-    "cargo", "sudo", "git", "node", "python", "cd", "npm", "apt", "export",
+const NOT_OURS: [&str; 10] = [
+    "cargo",
+    "sudo",
+    "git",
+    "node",
+    "python",
+    "cd",
+    "npm",
+    "apt",
+    "export",
+    "sha256sum",
 ];
 /// Enough for the slowest to speak.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -249,7 +260,10 @@ fn what_the_documents_point_to_is_there() {
                 continue;
             }
             let (file, part) = link.split_once('#').unwrap_or((link, ""));
-            let to = root().join(folder).join(file);
+            let to = match file {
+                "" => root().join(document),
+                file => root().join(folder).join(file),
+            };
             assert!(to.exists(), "{document} points to {link}, which is nowhere");
             let is_there = part.is_empty()
                 || std::fs::read_to_string(&to)
@@ -269,6 +283,22 @@ fn what_the_documents_point_to_is_there() {
         }
     }
     assert!(links > 15, "only {links} links were found");
+}
+
+#[test]
+fn every_configuration_in_the_documents_is_accepted() {
+    let mut blocks = 0;
+    for document in DOCUMENTS.iter().chain(&["docs/fleet.md"]) {
+        let whole = text(document);
+        for block in whole.split("```toml\n").skip(1) {
+            let block = block.split("```").next().unwrap();
+            if let Err(error) = Settings::parse(block, Path::new(document)) {
+                panic!("{error}\n{block}");
+            }
+            blocks += 1;
+        }
+    }
+    assert!(blocks > 5, "only {blocks} were found");
 }
 
 #[test]
