@@ -130,6 +130,10 @@ pub struct MqttSettings {
     pub enabled: bool,
     /// `host:port`.
     pub broker: String,
+    /// Whether the connection is TLS.
+    pub tls: bool,
+    /// A file with the certificates, in PEM, that the broker's must be signed by.
+    pub ca_file: String,
     /// 4 for MQTT 3.1.1, 5.
     pub version: u32,
     /// For brokers that ask for one; empty = none.
@@ -157,6 +161,8 @@ impl Default for MqttSettings {
         Self {
             enabled: false,
             broker: "127.0.0.1:1883".to_owned(),
+            tls: false,
+            ca_file: "/etc/ssl/certs/ca-certificates.crt".to_owned(),
             version: 4,
             user: String::new(),
             password_file: String::new(),

@@ -184,6 +184,17 @@ pub enum OutputError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Certificates that cannot be read.
+    #[cfg(feature = "std")]
+    #[error(
+        "cannot read mqtt.ca_file {path:?}: {source}; it names who signs the broker's certificate, in PEM"
+    )]
+    Certificates {
+        /// The file.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// Something is switched on that this build has not.
     #[error(
         "[{section}] is switched on, but this mien is built without it; build with --features {feature}, or install the package"

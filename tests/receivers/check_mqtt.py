@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """MQTT against Debian's Mosquitto and the client paho-mqtt: everything arrives and equals the CSV; a broker that restarts, is
-stopped for a while, refuses, or is none at all.
+stopped for a while, refuses, or is none at all; TLS.
 
     check_mqtt.py MIEN
 """
@@ -21,10 +21,12 @@ MOSQUITTO = next((path for path in ("/usr/sbin/mosquitto", "/usr/local/sbin/mosq
 
 
 class Broker:
-    def __init__(self, port, password=None):
+    def __init__(self, port, password=None, certificate=None):
         self.port = port
         self.folder = tempfile.mkdtemp(prefix="mien-mqtt-")
         lines = [f"listener {port} 127.0.0.1", "persistence false"]
+        if certificate:
+            lines += [f"certfile {certificate}.pem", f"keyfile {certificate}.key"]
         if password:
             path = os.path.join(self.folder, "passwords")
             open(path, "w").close()
@@ -57,16 +59,18 @@ class Broker:
 class Listener:
     """Everything published, in order; comes back by itself."""
 
-    def __init__(self, port, user=None):
+    def __init__(self, port, user=None, authority=None):
         import paho.mqtt.client as paho
         self.messages = []
         self.client = paho.Client(paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv5)
         if user:
             self.client.username_pw_set(*user)
+        if authority:
+            self.client.tls_set(authority)
         self.client.on_connect = lambda client, *_: client.subscribe("#", 1)
         self.client.on_message = lambda _, __, message: self.messages.append((message.topic, message.payload.decode(), message.retain))
         self.client.reconnect_delay_set(1, 1)
-        self.client.connect("127.0.0.1", port)
+        self.client.connect("localhost", port)
         self.client.loop_start()
 
     def of(self, topic):
@@ -143,6 +147,73 @@ def everything(mien, version):
           f"{compared} weights equal to the CSV's, {len(discovery)} entities for Home Assistant, 1 command taken and 3 refused")
 
 
+def certificates(folder):
+    """An authority, and a broker's certificate for localhost that it signed; another authority that did not."""
+    def openssl(*words):
+        subprocess.run(["openssl", *words], check=True, capture_output=True, cwd=folder)
+    new = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"]
+    for name in ("authority", "stranger"):
+        openssl("req", "-x509", *new, "-keyout", f"{name}.key", "-out", f"{name}.pem", "-days", "2", "-subj", f"/CN=mien test {name}",
+                "-addext", "basicConstraints=critical,CA:TRUE")
+    openssl("req", *new, "-keyout", "broker.key", "-out", "broker.csr", "-subj", "/CN=localhost")
+    with open(os.path.join(folder, "names"), "w") as file:
+        file.write("subjectAltName=DNS:localhost\nbasicConstraints=CA:FALSE\n")
+    openssl("x509", "-req", "-in", "broker.csr", "-CA", "authority.pem", "-CAkey", "authority.key", "-CAcreateserial", "-days", "2",
+            "-extfile", "names", "-out", "broker.pem")
+    os.chmod(os.path.join(folder, "broker.key"), 0o644)
+    os.chmod(folder, 0o755)
+
+
+def sealed(mien):
+    """With TLS: the same values; a broker whose certificate a stranger signed, or that has another name, is told nothing."""
+    port = free_port(socket.SOCK_STREAM)
+    folder = tempfile.mkdtemp(prefix="mien-tls-")
+    certificates(folder)
+    path_of = lambda name: os.path.join(folder, name)
+    broker = Broker(port, certificate=path_of("broker"))
+    listener = Listener(port, authority=path_of("authority.pem"))
+
+    def setting(host, authority):
+        return config(port, f"tls = true\nca_file = {json.dumps(path_of(authority))}\n").replace("127.0.0.1:", f"{host}:")
+    path, _, status = session.run(mien, setting("localhost", "authority.pem"), RUN)
+    time.sleep(1)
+    rows, units = session.read(path)
+    by_time = {row.ms: row for row in reversed(rows)}
+    compared = 0
+    for text in listener.of("mien/hall/0/weights"):
+        weights = json.loads(text)
+        row = by_time[weights["time_us"] // 1000]
+        if row.present and row is not rows[-1]:
+            for unit in units:
+                assert abs(weights[unit] - row.shown[unit]) <= 0.5e-4 + 1e-6, (unit, row.frame)
+                compared += 1
+    assert compared > FRAMES // 2 * len(units), compared
+    assert listener.of("mien/hall/presence") == ["online", "offline"], listener.of("mien/hall/presence")
+    listener.messages.clear()
+    for host, authority, reason in (("localhost", "stranger.pem", "UnknownIssuer"), ("127.0.0.1", "authority.pem", "not valid for name")):
+        _, log, status = session.run(mien, setting(host, authority), RUN)
+        assert reason in log, log
+        assert next(one for one in status["outputs"] if one["name"] == "mqtt")["sent"] == 0, status
+    # Somebody without TLS where it should be: no word of ours in the clear.
+    broker.stop()
+    heard = b""
+    with socket.create_server(("127.0.0.1", port)) as server:
+        server.settimeout(20)
+
+        def listen(_):
+            nonlocal heard
+            one, _ = server.accept()
+            one.settimeout(2)
+            heard = one.recv(10000)
+            one.sendall(b"\x20\x02\x00\x00")
+            one.close()
+        _, log, _ = session.run(mien, setting("localhost", "authority.pem"), RUN, listen)
+    assert heard[:1] == b"\x16" and b"hall" not in heard, heard
+    assert not listener.messages, listener.messages
+    listener.close()
+    print(f"mosquitto, TLS: {compared} weights equal to the CSV's; a stranger's certificate, another name and a server without TLS are told nothing")
+
+
 def trouble(mien):
     """Nobody there; then nonsense; then one that refuses; then a broker, restarted, then stopped for a while; then killed boxes."""
     port = free_port(socket.SOCK_STREAM)
@@ -207,6 +278,7 @@ def main():
         return
     for version in (4, 5):
         everything(sys.argv[1], version)
+    sealed(sys.argv[1])
     trouble(sys.argv[1])
 
 

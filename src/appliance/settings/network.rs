@@ -181,6 +181,24 @@ pub(super) const KEYS: &[Key] = &[
     }),
     key(
         "mqtt",
+        "tls",
+        "Whether the connection is encrypted with TLS, usually on port 8883.",
+        |s| Kind::Bool {
+            value: &mut s.network.mqtt.tls,
+        },
+    ),
+    key(
+        "mqtt",
+        "ca_file",
+        "Certificates of whoever signed the broker's, in PEM; the default is the system's.",
+        |s| {
+            text(&mut s.network.mqtt.ca_file, "the path of a file", |path| {
+                !path.is_empty()
+            })
+        },
+    ),
+    key(
+        "mqtt",
         "version",
         "4 is MQTT 3.1.1, which every broker speaks.",
         |s| Kind::Integer {

@@ -3,7 +3,6 @@
 
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write as _};
-use std::net::{TcpStream, ToSocketAddrs};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -12,6 +11,7 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, poll};
 
 use super::packet::{self, Hello, LONGEST, Message, Nonsense, Told};
+use super::stream::{Stream, Trust};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::output::board::{Bell, Board, Shared, Weight, count};
@@ -55,6 +55,7 @@ enum Item {
 /// What is said, and to whom.
 pub(super) struct Talk {
     broker: String,
+    trust: Trust,
     version: u8,
     client: String,
     user: Option<String>,
@@ -77,7 +78,7 @@ impl Talk {
     pub(super) fn new(
         settings: &MqttSettings,
         name: &str,
-        password: Option<String>,
+        (trust, password): (Trust, Option<String>),
         units: &[String],
     ) -> Self {
         let base = format!("{}/{name}", settings.prefix);
@@ -88,6 +89,7 @@ impl Talk {
         };
         Self {
             broker: settings.broker.clone(),
+            trust,
             version: settings.version as u8,
             client: format!("mien-{name}"),
             user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
@@ -381,7 +383,7 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
     };
     let (mut pause, mut told) = (PAUSES[0], false);
     loop {
-        let end = match connect(&talk.broker) {
+        let end = match Stream::connect(&talk.broker, &talk.trust) {
             Ok(stream) => {
                 let mut connection = Connection::new(stream, &talk, shared);
                 let end = connection.run(&mut bell, &mut watch, &mut buffers);
@@ -429,29 +431,8 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
     }
 }
 
-fn connect(broker: &str) -> std::io::Result<TcpStream> {
-    let reach = |address| {
-        let stream = TcpStream::connect_timeout(&address, PATIENCE)?;
-        stream.set_nonblocking(true)?;
-        let _ = stream.set_nodelay(true);
-        Ok(stream)
-    };
-    // Only a name is looked up, which asks for memory.
-    if let Ok(address) = broker.parse() {
-        return reach(address);
-    }
-    let mut last = std::io::Error::from(ErrorKind::NotFound);
-    for address in broker.to_socket_addrs()? {
-        match reach(address) {
-            Ok(stream) => return Ok(stream),
-            Err(error) => last = error,
-        }
-    }
-    Err(last)
-}
-
 struct Connection<'a> {
-    stream: TcpStream,
+    stream: Stream,
     talk: &'a Talk,
     shared: &'a Shared,
     /// Whether the broker has let us in.
@@ -475,7 +456,7 @@ struct Connection<'a> {
 }
 
 impl<'a> Connection<'a> {
-    fn new(stream: TcpStream, talk: &'a Talk, shared: &'a Shared) -> Self {
+    fn new(stream: Stream, talk: &'a Talk, shared: &'a Shared) -> Self {
         let now = Instant::now();
         Self {
             stream,
@@ -529,8 +510,8 @@ impl<'a> Connection<'a> {
         watch: &mut Watch,
         buffers: &mut Buffers,
     ) -> Result<(), End> {
-        let waits = self.written < buffers.out.len();
-        let flags = if waits {
+        let pending = self.written < buffers.out.len();
+        let flags = if self.stream.waits_to_write(pending) {
             PollFlags::POLLIN | PollFlags::POLLOUT
         } else {
             PollFlags::POLLIN
@@ -770,11 +751,6 @@ impl<'a> Connection<'a> {
         let number = self.next_number();
         self.publish(buffers, true, Some((number, false)));
         packet::disconnect(&mut buffers.out);
-        let _ = self.stream.set_nonblocking(false);
-        let _ = self
-            .stream
-            .set_write_timeout(Some(Duration::from_millis(300)));
-        let _ = self.stream.write_all(&buffers.out[self.written..]);
-        let _ = self.stream.shutdown(std::net::Shutdown::Write);
+        self.stream.finish(&buffers.out[self.written..]);
     }
 }

@@ -15,10 +15,11 @@
 //! over a lost connection: of up to [`client::QUEUE`] that wait the oldest goes first. Weights and health are sent once; while the
 //! broker takes less than there is, weights are left out and counted. A thread of its own does all of it: a broker that is
 //! away, slow, refuses or talks nonsense is tried again after 1, 2, 4, … at most 30 s, and nothing else notices. Commands
-//! that are retained are refused: they would be obeyed anew at every connection. No TLS: see `docs/fleet.md`.
+//! that are retained are refused: they would be obeyed anew at every connection. With TLS ([`stream`]) the broker's thread asks for memory as it goes.
 
 mod client;
 mod packet;
+mod stream;
 
 use super::board::Front;
 use super::features::MqttSettings;
@@ -31,8 +32,9 @@ impl Mqtt {
     /// Starts looking for the broker. `units` are the names in the order of the weights, `name` is the box's.
     ///
     /// # Errors
-    /// If the password cannot be read or no thread can be started; not if the broker is away.
+    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is away.
     pub fn new(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Self, OutputError> {
+        let trust = stream::Trust::new(settings)?;
         let password = (!settings.password_file.is_empty()).then(|| {
             let text = std::fs::read_to_string(&settings.password_file);
             text.map(|text| text.lines().next().unwrap_or_default().to_owned())
@@ -45,7 +47,7 @@ impl Mqtt {
             })?;
         let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
         let names: Vec<String> = names.collect();
-        let talk = client::Talk::new(settings, &identity::name(name), password, &names);
+        let talk = client::Talk::new(settings, &identity::name(name), (trust, password), &names);
         let work = move |shared, bell| client::run(talk, &shared, bell);
         Front::start("mqtt", units, &settings.view, settings.loss, work).map(Self)
     }
