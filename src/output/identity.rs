@@ -25,7 +25,7 @@ pub(super) fn host() -> String {
 }
 
 /// 128 bits of the box, shaped as a random UUID (RFC 9562), from its name and the machine's own number, where it has one.
-#[cfg(any(feature = "lights", feature = "live-link"))]
+#[cfg(any(feature = "lights", feature = "live-link", test))]
 pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
     let mut uuid = [0; 16];
