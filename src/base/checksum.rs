@@ -1,35 +1,27 @@
-//! CRC-32 as in zlib and PNG (reflected polynomial 0xEDB88320), for files that must not be read damaged.
+//! Checksums of files and frames, by the crate `crc` and under the names of its catalogue.
 
-const TABLE: [u32; 256] = table();
+use crc::{CRC_16_MCRF4XX, CRC_32_ISO_HDLC, Crc, NoTable};
 
-const fn table() -> [u32; 256] {
-    let mut table = [0; 256];
-    let mut i = 0;
-    while i < 256 {
-        let mut c = i as u32;
-        let mut k = 0;
-        while k < 8 {
-            c = if c & 1 == 1 {
-                0xEDB8_8320 ^ (c >> 1)
-            } else {
-                c >> 1
-            };
-            k += 1;
-        }
-        table[i] = c;
-        i += 1;
-    }
-    table
-}
+static FILES: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// Frames are short: a table is not worth its half kilobyte.
+static FRAMES: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MCRF4XX);
 
-/// CRC-32 of the bytes.
+/// CRC-32 as in zlib and PNG, for files that must not be read damaged.
 ///
 /// ```
 /// assert_eq!(mien::base::checksum::crc32(b"123456789"), 0xCBF4_3926);
 /// ```
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0, |c, &b| {
-        TABLE[((c ^ u32::from(b)) & 0xFF) as usize] ^ (c >> 8)
-    })
+    FILES.checksum(bytes)
+}
+
+/// CRC-16/MCRF4XX, for serial frames; avr-libc has it as `_crc_ccitt_update`.
+///
+/// ```
+/// assert_eq!(mien::base::checksum::crc16(b"123456789"), 0x6F91);
+/// ```
+#[must_use]
+pub fn crc16(bytes: &[u8]) -> u16 {
+    FRAMES.checksum(bytes)
 }

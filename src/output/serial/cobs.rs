@@ -13,52 +13,27 @@
 
 use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
+use crate::base::checksum::crc16;
 use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
-/// Start of the checksum, and its reflected polynomial.
-const CRC: [u16; 2] = [0xffff, 0x8408];
-
 /// A frame before it is stuffed; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
-fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(CRC[0], |crc, &byte| {
-        (0..8).fold(crc ^ u16::from(byte), |crc, _| {
-            if crc & 1 == 1 {
-                crc >> 1 ^ CRC[1]
-            } else {
-                crc >> 1
-            }
-        })
-    })
-}
-
 /// Appends the payload with its checksum, stuffed; `false` if there is no room.
 fn append(mut payload: Payload, line: &mut Line) -> bool {
-    let crc = crc(&payload);
+    let crc = crc16(&payload);
     if payload.extend_from_slice(&crc.to_le_bytes()).is_err() {
         return false;
     }
-    line.all_or_nothing(|line| {
-        // Each run without zeros stands behind its length + 1; a run of 254 has no zero after it.
-        let mut rest = &payload[..];
-        loop {
-            let run = rest
-                .iter()
-                .take(254)
-                .position(|&byte| byte == 0)
-                .unwrap_or(rest.len().min(254));
-            line.put(&[run as u8 + 1])?;
-            line.put(&rest[..run])?;
-            if run == rest.len() {
-                return line.put(&[0]);
-            }
-            rest = &rest[run + usize::from(rest[run] == 0 && run < 254)..];
-        }
-    })
+    let mut stuffed = [0; LARGEST];
+    let Ok(length) = cobs::try_encode(&payload, &mut stuffed[..LARGEST - 1]) else {
+        return false;
+    };
+    // The zero behind a frame is there already.
+    line.put(&stuffed[..=length]).is_ok()
 }
 
 /// Bytes of a pose on the wire.
@@ -167,11 +142,6 @@ mod tests {
     }
 
     #[test]
-    fn the_checksum_is_mcrf4xx() {
-        assert_eq!(crc(b"123456789"), 0x6f91);
-    }
-
-    #[test]
     fn weights_are_the_reference_frame() {
         let mut line = Line::new();
         let values = [0.0, 128.0 / 255.0, 1.0];
@@ -237,7 +207,7 @@ mod tests {
                 let (back, checksum) = back.split_at(length);
                 assert_eq!(
                     (back, checksum),
-                    (&payload[..], &crc(&payload).to_le_bytes()[..])
+                    (&payload[..], &crc16(&payload).to_le_bytes()[..])
                 );
             }
         }
