@@ -32,7 +32,7 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
     let Ok(length) = cobs::try_encode(&payload, &mut stuffed[..LARGEST - 1]) else {
         return false;
     };
-    // The zero behind a frame is there already.
+    stuffed[length] = 0;
     line.put(&stuffed[..=length]).is_ok()
 }
 
