@@ -45,7 +45,10 @@ fn man_page_and_completions_know_what_help_says() {
 #[test]
 fn the_page_of_units_has_every_unit_s_words() {
     let page = include_str!("../../docs/units.md");
+    let manual = include_str!("../../systemd/mien.1");
     for words in &unit_words::ALL {
+        let entry = format!(".B {}\n{}: {}\n", words.code, words.plain, words.does);
+        assert!(manual.contains(&entry), "mien.1 has not {entry}");
         let row = page
             .lines()
             .find(|line| line.starts_with(&format!("| {} |", words.code)))

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::ops::Range;
 
+use crate::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
@@ -97,7 +98,18 @@ pub(super) fn assign(
 
 /// The lines of the section.
 pub(super) fn print(views: &[UnitView], text: &mut String) {
-    let _ = writeln!(text, "# One of {}", known().join(", "));
+    let known = known();
+    text.push_str("# Codes, and what the face does; L and R are the subject's own sides.\n");
+    for words in &unit_words::ALL {
+        let of_it = known
+            .iter()
+            .map(String::as_str)
+            .filter(|unit| unit_words::of(unit).is_some_and(|(found, _)| found == words));
+        let codes: Vec<&str> = of_it.collect();
+        if !codes.is_empty() {
+            let _ = writeln!(text, "#   {:<16} {}", codes.join(", "), words.does);
+        }
+    }
     for UnitView { unit, name, gain } in views {
         let name = toml_string(name);
         let _ = writeln!(text, "{unit} = {{ name = {name}, gain = {gain:?} }}");
