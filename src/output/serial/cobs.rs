@@ -24,7 +24,7 @@ const CRC: [u16; 2] = [0xffff, 0x8408];
 /// A frame before it is stuffed; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
-fn crc(bytes: &[u8]) -> u16 {
+pub(super) fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(CRC[0], |crc, &byte| {
         (0..8).fold(crc ^ u16::from(byte), |crc, _| {
             if crc & 1 == 1 {
@@ -59,6 +59,21 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
             rest = &rest[run + usize::from(rest[run] == 0 && run < 254)..];
         }
     })
+}
+
+/// Undoes the stuffing; the closing zero is gone already.
+#[cfg(feature = "studio")]
+pub(super) fn unstuffed(mut rest: &[u8]) -> Option<Vec<u8>> {
+    let mut out = Vec::new();
+    while let Some((&code, after)) = rest.split_first() {
+        let (run, after) = after.split_at_checked(usize::from(code).checked_sub(1)?)?;
+        out.extend(run);
+        if code < 255 && !after.is_empty() {
+            out.push(0);
+        }
+        rest = after;
+    }
+    Some(out)
 }
 
 /// Bytes of a pose on the wire.
@@ -97,6 +112,18 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
         )) << 3
         | (report.user.unwrap_or(0) as u8 & 3) << 4
         | u8::from(state == TrackingState::Posed) << 6
+}
+
+/// The state that [`flags`] tell. What is lost is sent as held, as it fades.
+#[cfg(feature = "studio")]
+pub(super) fn state(flags: u8) -> TrackingState {
+    match flags & 0b100_1101 {
+        1 => TrackingState::Tracking,
+        4 => TrackingState::Warming,
+        8 => TrackingState::Held,
+        0b100_1000 => TrackingState::Posed,
+        _ => TrackingState::Absent,
+    }
 }
 
 /// Number, state and weights (0…1).
