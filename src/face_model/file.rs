@@ -143,7 +143,8 @@ pub(super) fn parse_in_place(bytes: &'static [u8]) -> Result<FaceModel, ModelErr
 /// What makes bytes of a file stay, if they do.
 type Lasting<'a> = fn(&'a [u8]) -> Option<&'static [u8]>;
 
-fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, ModelError> {
+/// The sections of a file that is whole and of a version that is understood, and its checksum.
+fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
     let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
     if !is_model {
         return Err(ModelError::NotAModel {
@@ -178,15 +179,19 @@ fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, Mo
     if expected != found {
         return Err(ModelError::Damaged { expected, found });
     }
+    Ok((&bytes[HEADER..body], found))
+}
 
+fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, ModelError> {
+    let (bytes, id) = checked(bytes)?;
     let mut model = FaceModel {
-        id: found,
+        id,
         ..FaceModel::default()
     };
     let (mut cold, mut warm, mut confidence, mut refinement) = (None, None, None, None);
     let mut sections = Reader {
         section: "header",
-        bytes: &bytes[HEADER..body],
+        bytes,
     };
     while !sections.bytes.is_empty() {
         let tag = sections.take(4)?;

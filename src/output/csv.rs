@@ -3,6 +3,9 @@
 //! Numbers have a fixed count of decimals, so that equal values give equal bytes. A value that is absent, or not a number,
 //! is an empty field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
+#[cfg(feature = "studio")]
+pub mod read;
+
 use core::fmt::Write as _;
 #[cfg(feature = "std")]
 use std::io::Write;

@@ -612,146 +612,190 @@ enum Step {
 }
 
 fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
-    let mut networks = Networks::new();
-    let mut voice = Voice {
-        head: MultiHeaders::preallocate(1, Some(nix::cmsg_space!(libc::in_pktinfo))),
-        counts,
+    let mut talk = Talk {
+        networks: Networks::new(),
+        voice: Voice {
+            head: MultiHeaders::preallocate(1, Some(nix::cmsg_space!(libc::in_pktinfo))),
+            counts,
+        },
+        listener: None,
+        step: Step::Probe(0),
+        due: Instant::now(),
+        joined: Instant::now(),
+        number: 1,
+        said: [0; LARGEST],
+        second: Instant::now(),
+        answers: 0,
     };
-    let mut listener: Option<UdpSocket> = None;
-    let (mut step, mut due) = (Step::Probe(0), Instant::now());
-    let (mut joined, mut number) = (Instant::now(), 1);
-    let (mut heard, mut said) = ([0; LARGEST], [0; LARGEST]);
-    let (mut second, mut answers) = (Instant::now(), 0);
+    let mut heard = [0; LARGEST];
     while !counts.stop.load(Ordering::Relaxed) {
         let now = Instant::now();
-        if listener.is_none() || now >= joined {
-            joined = now + JOIN_PAUSE;
-            if listener.is_none() {
-                listener = open()
-                    .inspect_err(|error| tracing::debug!("mDNS: {error}"))
-                    .ok();
-            }
-            if let Some(listener) = &listener
-                && join(listener, &mut networks)
-                && matches!(step, Step::Wait)
-            {
-                (step, due) = (Step::Announce(0), now);
-            }
-            counts.there.store(!networks.is_empty(), Ordering::Relaxed);
+        if talk.listener.is_none() || now >= talk.joined {
+            talk.join(now);
         }
-        if now >= due {
-            let (next, pause) = match step {
-                Step::Probe(done) if done < PROBES => {
-                    voice.shout(
-                        listener.as_ref(),
-                        &networks,
-                        &mut said,
-                        0,
-                        |address, out| zone.probe(address, out),
-                    );
-                    (Step::Probe(done + 1), PROBE_PAUSE)
-                }
-                Step::Probe(_) => (Step::Announce(0), Duration::ZERO),
-                Step::Announce(done) if done < ANNOUNCEMENTS => {
-                    voice.shout(
-                        listener.as_ref(),
-                        &networks,
-                        &mut said,
-                        0x8400,
-                        |address, out| zone.announce(KEEP, address, out),
-                    );
-                    if done == 0 {
-                        tracing::info!("announced as {:?} at {}.local", zone.instance, zone.host);
-                    }
-                    (Step::Announce(done + 1), ANNOUNCE_PAUSE)
-                }
-                _ => (Step::Wait, JOIN_PAUSE),
+        if now >= talk.due {
+            talk.go_on(&zone, now);
+        }
+        talk.wait(bell);
+        for _ in 0..64 {
+            let Some((length, from)) = talk.listen(&mut heard) else {
+                break;
             };
-            (step, due) = (next, now + pause);
+            talk.hear(&mut zone, &heard[..length], from);
         }
-        let fd = listener.as_ref().map_or(-1, |one| one.as_raw_fd());
+    }
+    if !matches!(talk.step, Step::Probe(_)) {
+        talk.shout(0x8400, |address, out| zone.announce(0, address, out));
+    }
+}
+
+/// How far we are in telling others of us.
+struct Talk<'a> {
+    networks: Networks,
+    voice: Voice<'a>,
+    listener: Option<UdpSocket>,
+    /// What comes next, and when.
+    step: Step,
+    due: Instant,
+    /// When networks are looked for again.
+    joined: Instant,
+    /// Names tried so far.
+    number: u32,
+    said: [u8; LARGEST],
+    /// Start of the second that answers are counted in.
+    second: Instant,
+    answers: u32,
+}
+
+impl Talk<'_> {
+    /// Listens on all networks; on new ones we are announced.
+    fn join(&mut self, now: Instant) {
+        self.joined = now + JOIN_PAUSE;
+        if self.listener.is_none() {
+            self.listener = open()
+                .inspect_err(|error| tracing::debug!("mDNS: {error}"))
+                .ok();
+        }
+        if let Some(listener) = &self.listener
+            && join(listener, &mut self.networks)
+            && matches!(self.step, Step::Wait)
+        {
+            (self.step, self.due) = (Step::Announce(0), now);
+        }
+        let there = !self.networks.is_empty();
+        self.voice.counts.there.store(there, Ordering::Relaxed);
+    }
+
+    /// Does the next step.
+    fn go_on(&mut self, zone: &Zone, now: Instant) {
+        let (next, pause) = match self.step {
+            Step::Probe(done) if done < PROBES => {
+                self.shout(0, |address, out| zone.probe(address, out));
+                (Step::Probe(done + 1), PROBE_PAUSE)
+            }
+            Step::Probe(_) => (Step::Announce(0), Duration::ZERO),
+            Step::Announce(done) if done < ANNOUNCEMENTS => {
+                self.shout(0x8400, |address, out| zone.announce(KEEP, address, out));
+                if done == 0 {
+                    tracing::info!("announced as {:?} at {}.local", zone.instance, zone.host);
+                }
+                (Step::Announce(done + 1), ANNOUNCE_PAUSE)
+            }
+            _ => (Step::Wait, JOIN_PAUSE),
+        };
+        (self.step, self.due) = (next, now + pause);
+    }
+
+    /// Waits for the bell, a datagram or the next step.
+    fn wait(&self, bell: &UnixStream) {
+        let fd = self.listener.as_ref().map_or(-1, |one| one.as_raw_fd());
         let mut asked = [
             PollFd::new(bell.as_raw_fd(), PollFlags::POLLIN),
             PollFd::new(fd, PollFlags::POLLIN),
         ];
-        let wait = due.min(joined).saturating_duration_since(Instant::now());
+        let next = self.due.min(self.joined);
+        let wait = next.saturating_duration_since(Instant::now());
         let _ = poll(&mut asked, wait.as_millis().min(1000) as i32 + 1);
-        let Some(listener) = &listener else {
-            continue;
+    }
+
+    /// A datagram that has come, if any.
+    fn listen(&self, heard: &mut [u8]) -> Option<(usize, SocketAddr)> {
+        self.listener.as_ref()?.recv_from(heard).ok()
+    }
+
+    /// Takes a question, or an answer of somebody who may have our name.
+    fn hear(&mut self, zone: &mut Zone, bytes: &[u8], from: SocketAddr) {
+        let counts = self.voice.counts;
+        let Some(flags) = word(bytes, 2).filter(|_| bytes.len() >= 12) else {
+            counts.refused.fetch_add(1, Ordering::Relaxed);
+            return;
         };
-        for _ in 0..64 {
-            let Ok((length, from)) = listener.recv_from(&mut heard) else {
-                break;
-            };
-            let bytes = &heard[..length];
-            let Some(flags) = word(bytes, 2).filter(|_| length >= 12) else {
+        if flags & 0x8000 == 0 {
+            self.answer(zone, bytes, from);
+            return;
+        }
+        let own = |address: Ipv4Addr| self.networks.iter().any(|(known, _)| *known == address);
+        match zone.is_taken(bytes, &own) {
+            Some(true) if from.port() == PORT => {
+                self.number += 1;
+                zone.call(self.number);
+                tracing::info!("the name is taken, trying {:?}", zone.instance);
+                (self.step, self.due) = (Step::Probe(0), Instant::now());
+            }
+            Some(_) => {}
+            None => {
                 counts.refused.fetch_add(1, Ordering::Relaxed);
-                continue;
-            };
-            if flags & 0x8000 != 0 {
-                let own = |address: Ipv4Addr| networks.iter().any(|(known, _)| *known == address);
-                match zone.is_taken(bytes, &own) {
-                    Some(true) if from.port() == PORT => {
-                        number += 1;
-                        zone.call(number);
-                        tracing::info!("the name is taken, trying {:?}", zone.instance);
-                        (step, due) = (Step::Probe(0), Instant::now());
-                    }
-                    Some(_) => {}
-                    None => {
-                        counts.refused.fetch_add(1, Ordering::Relaxed);
-                    }
-                }
-                continue;
-            }
-            // Nothing is promised before the name is ours.
-            if matches!(step, Step::Probe(_)) {
-                continue;
-            }
-            if second.elapsed() > Duration::from_secs(1) {
-                (second, answers) = (Instant::now(), 0);
-            }
-            let legacy = from.port() != PORT;
-            let address = towards(from).unwrap_or(Ipv4Addr::LOCALHOST);
-            let id = if legacy {
-                word(bytes, 0).unwrap_or(0)
-            } else {
-                0
-            };
-            let mut out = Writer::new(&mut said, id, 0x8400);
-            if zone.answer(bytes, address, legacy, &mut out).is_none() {
-                counts.refused.fetch_add(1, Ordering::Relaxed);
-                continue;
-            }
-            if word(out.bytes, 6) == Some(0) {
-                continue;
-            }
-            answers += 1;
-            if answers > ANSWERS {
-                counts.dropped.fetch_add(1, Ordering::Relaxed);
-                continue;
-            }
-            match networks.iter().find(|(known, _)| *known == address) {
-                Some(network) if !legacy => voice.call(listener, out.bytes(), *network),
-                _ => {
-                    let to = if legacy {
-                        from
-                    } else {
-                        SocketAddr::from((GROUP, PORT))
-                    };
-                    voice.count(listener.send_to(out.bytes(), to).is_ok());
-                }
             }
         }
     }
-    if !matches!(step, Step::Probe(_)) {
-        voice.shout(
-            listener.as_ref(),
-            &networks,
-            &mut said,
-            0x8400,
-            |address, out| zone.announce(0, address, out),
-        );
+
+    /// Answers a question: who asks from another port alone, all others on the network it came by.
+    fn answer(&mut self, zone: &Zone, bytes: &[u8], from: SocketAddr) {
+        // Nothing is promised before the name is ours.
+        let (Some(listener), false) = (&self.listener, matches!(self.step, Step::Probe(_))) else {
+            return;
+        };
+        if self.second.elapsed() > Duration::from_secs(1) {
+            (self.second, self.answers) = (Instant::now(), 0);
+        }
+        let legacy = from.port() != PORT;
+        let address = towards(from).unwrap_or(Ipv4Addr::LOCALHOST);
+        let id = if legacy {
+            word(bytes, 0).unwrap_or(0)
+        } else {
+            0
+        };
+        let mut out = Writer::new(&mut self.said, id, 0x8400);
+        if zone.answer(bytes, address, legacy, &mut out).is_none() {
+            self.voice.counts.refused.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        if word(out.bytes, 6) == Some(0) {
+            return;
+        }
+        self.answers += 1;
+        if self.answers > ANSWERS {
+            self.voice.counts.dropped.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        match self.networks.iter().find(|(known, _)| *known == address) {
+            Some(network) if !legacy => self.voice.call(listener, out.bytes(), *network),
+            _ => {
+                let to = if legacy {
+                    from
+                } else {
+                    SocketAddr::from((GROUP, PORT))
+                };
+                self.voice.count(listener.send_to(out.bytes(), to).is_ok());
+            }
+        }
+    }
+
+    /// Says something on every network, with the address there.
+    fn shout(&mut self, flags: u16, what: impl Fn(Ipv4Addr, &mut Writer)) {
+        let (socket, networks) = (self.listener.as_ref(), &self.networks);
+        self.voice
+            .shout(socket, networks, &mut self.said, flags, what);
     }
 }
 

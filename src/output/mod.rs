@@ -29,6 +29,8 @@ pub mod live_link;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
 pub mod osc;
+#[cfg(feature = "studio")]
+pub mod received;
 mod report;
 pub mod serial;
 mod view;

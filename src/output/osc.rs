@@ -21,6 +21,8 @@ pub mod commands;
 pub mod faceosc;
 mod packet;
 pub(super) mod parameters;
+#[cfg(feature = "studio")]
+mod receive;
 #[cfg(feature = "std")]
 pub(super) mod udp;
 pub mod vmc;
@@ -40,6 +42,8 @@ use crate::base::time::Timestamp;
 #[cfg(feature = "std")]
 use commands::{Commands, Request};
 use packet::Argument;
+#[cfg(feature = "studio")]
+pub use receive::Receiver;
 use wire::Wire;
 pub use wire::{Datagrams, Targets};
 

@@ -29,6 +29,8 @@ mod frame;
 mod line;
 #[cfg(feature = "std")]
 mod port;
+#[cfg(feature = "studio")]
+mod receive;
 #[cfg(feature = "std")]
 mod sender;
 mod settings;
@@ -37,6 +39,8 @@ pub use encoder::Encoder;
 pub use line::Line;
 #[cfg(feature = "std")]
 pub use port::PortState;
+#[cfg(feature = "studio")]
+pub use receive::Receiver;
 #[cfg(feature = "std")]
 pub use sender::Serial;
 pub use settings::{Settings, Style};

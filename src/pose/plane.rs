@@ -260,8 +260,6 @@ pub(crate) fn align(
                 middle2,
             )
         });
-        let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a][b]);
-        let mut g = SVector::<f64, 7>::from(g);
         if total < MIN_USED / effort.stride.max(1) as f64 {
             return None;
         }
@@ -276,29 +274,7 @@ pub(crate) fn align(
                 known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
             });
         }
-        for a in 0..7 {
-            for b in 0..a {
-                h[(a, b)] = h[(b, a)];
-            }
-        }
-        if effort.scale_sigma > 0.0 {
-            // The prior in the units of the sums.
-            let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
-            h[(6, 6)] += strength;
-            g[6] += strength * (log_scale - prior);
-        } else {
-            for k in 0..6 {
-                h[(6, k)] = 0.0;
-                h[(k, 6)] = 0.0;
-            }
-            h[(6, 6)] = 1.0;
-            g[6] = 0.0;
-        }
-        // A touch of damping (mm and mrad against hundreds of weighted pairs) for directions nothing fixes.
-        for k in 0..6 {
-            h[(k, k)] += 1e-4 * total * if k < 3 { 0.01 } else { 1.0 };
-        }
-        let step = h.cholesky()?.solve(&(-g));
+        let step = step(&rows, g, total, effort, log_scale - prior)?;
         let turn = Vector::new(step[0] as f32, step[1] as f32, step[2] as f32);
         let shift = Vector::new(step[3] as f32, step[4] as f32, step[5] as f32);
         let turn = turn.cap_magnitude(MAX_TURN_RAD);
@@ -318,6 +294,43 @@ pub(crate) fn align(
         .iter()
         .all(|c| c.is_finite())
         .then_some(fit)
+}
+
+/// The Gauss–Newton step (turn, shift, logarithm of the scale) that the sums ask for; `off` is how far the logarithm of the
+/// scale is from its prior. `None` where nothing fixes the place.
+#[inline]
+fn step(
+    rows: &[[f64; 8]; 7],
+    g: [f64; 7],
+    total: f64,
+    effort: &Effort,
+    off: f64,
+) -> Option<SVector<f64, 7>> {
+    let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a][b]);
+    let mut g = SVector::<f64, 7>::from(g);
+    for a in 0..7 {
+        for b in 0..a {
+            h[(a, b)] = h[(b, a)];
+        }
+    }
+    if effort.scale_sigma > 0.0 {
+        // The prior in the units of the sums.
+        let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
+        h[(6, 6)] += strength;
+        g[6] += strength * off;
+    } else {
+        for k in 0..6 {
+            h[(6, k)] = 0.0;
+            h[(k, 6)] = 0.0;
+        }
+        h[(6, 6)] = 1.0;
+        g[6] = 0.0;
+    }
+    // A touch of damping (mm and mrad against hundreds of weighted pairs) for directions nothing fixes.
+    for k in 0..6 {
+        h[(k, k)] += 1e-4 * total * if k < 3 { 0.01 } else { 1.0 };
+    }
+    Some(h.cholesky()?.solve(&(-g)))
 }
 
 /// Largest turn of one iteration, radians: beyond, the linearised rotation is no guide.

@@ -230,6 +230,24 @@ fn toml_strings(texts: &[String]) -> String {
     }
 }
 
+/// Any number.
+fn float(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
+        DeValue::Integer(number) => integer(number).map(|number| number as f64),
+        _ => None,
+    }
+}
+
+/// One string as such, or an array of them.
+fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
+    match (value.as_str(), value.as_array()) {
+        (Some(text), _) => Some(vec![text]),
+        (_, Some(all)) => all.iter().map(|text| text.get_ref().as_str()).collect(),
+        _ => None,
+    }
+}
+
 /// Puts a checked value in its place, or says (expected, found).
 fn assign(
     key: &Key,
@@ -245,19 +263,12 @@ fn assign(
             min,
             max,
             unit,
-        } => {
-            let number = match value {
-                DeValue::Float(number) => number.as_str().replace('_', "").parse::<f64>().ok(),
-                DeValue::Integer(number) => integer(number).map(|number| number as f64),
-                _ => None,
-            };
-            match number {
-                Some(number) if number >= f64::from(min) && number <= f64::from(max) => {
-                    slot.set(number)
-                }
-                _ => return refuse(format!("{path} from {min} to {max}{}", with_space(unit))),
+        } => match float(value) {
+            Some(number) if number >= f64::from(min) && number <= f64::from(max) => {
+                slot.set(number)
             }
-        }
+            _ => return refuse(format!("{path} from {min} to {max}{}", with_space(unit))),
+        },
         Kind::Integer {
             value: slot,
             min,
@@ -295,19 +306,12 @@ fn assign(
             form,
             valid,
             least,
-        } => {
-            let texts: Option<Vec<&str>> = match (value.as_str(), value.as_array()) {
-                (Some(text), _) => Some(vec![text]),
-                (_, Some(all)) => all.iter().map(|text| text.get_ref().as_str()).collect(),
-                _ => None,
-            };
-            match texts {
-                Some(texts) if texts.len() >= least && texts.iter().all(|text| valid(text)) => {
-                    *slot = texts.into_iter().map(str::to_owned).collect();
-                }
-                _ => return refuse(format!("{path} to be {form}")),
+        } => match texts(value) {
+            Some(texts) if texts.len() >= least && texts.iter().all(|text| valid(text)) => {
+                *slot = texts.into_iter().map(str::to_owned).collect();
             }
-        }
+            _ => return refuse(format!("{path} to be {form}")),
+        },
         Kind::Choice { names, set, .. } => match value
             .as_str()
             .and_then(|text| names.iter().position(|n| *n == text))

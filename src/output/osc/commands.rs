@@ -21,6 +21,7 @@ use std::net::{IpAddr, SocketAddr, UdpSocket};
 #[cfg(feature = "std")]
 use std::time::{Duration, Instant};
 
+use super::packet::{element, string};
 use crate::base::capacity::USERS;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -265,23 +266,6 @@ fn packet(bytes: &[u8], prefix: &str, depth: usize, take: &mut dyn FnMut(Request
         rest = after;
     }
     refused
-}
-
-/// The first element of a bundle behind its length, and what follows.
-pub(crate) fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    rest.split_at_checked(usize::try_from(u32::from_be_bytes(*length)).ok()?)
-}
-
-/// A string and what follows its padding.
-pub(crate) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
-    let end = bytes.iter().position(|&byte| byte == 0)?;
-    let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;
-    let zeros = text[end..].iter().all(|&byte| byte == 0);
-    Some((
-        core::str::from_utf8(&text[..end]).ok().filter(|_| zeros)?,
-        rest,
-    ))
 }
 
 fn message(bytes: &[u8], prefix: &str) -> Option<Request> {

@@ -36,6 +36,15 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
     line.put(&stuffed[..=length]).is_ok()
 }
 
+/// Undoes the stuffing; the closing zero is gone already.
+#[cfg(feature = "studio")]
+pub(super) fn unstuffed(frame: &[u8]) -> Option<Vec<u8>> {
+    let mut out = vec![0; frame.len()];
+    let report = cobs::decode(frame, &mut out).ok()?;
+    out.truncate(report.frame_size());
+    Some(out)
+}
+
 /// Bytes of a pose on the wire.
 pub(super) const POSE_BYTES: usize = 22;
 /// Bytes a payload may have: the ring less the checksum, the code of the stuffing and the zero.
@@ -72,6 +81,18 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
         )) << 3
         | (report.user.unwrap_or(0) as u8 & 3) << 4
         | u8::from(state == TrackingState::Posed) << 6
+}
+
+/// The state that [`flags`] tell. What is lost is sent as held, as it fades.
+#[cfg(feature = "studio")]
+pub(super) fn state(flags: u8) -> TrackingState {
+    match flags & 0b100_1101 {
+        1 => TrackingState::Tracking,
+        4 => TrackingState::Warming,
+        8 => TrackingState::Held,
+        0b100_1000 => TrackingState::Posed,
+        _ => TrackingState::Absent,
+    }
 }
 
 /// Number, state and weights (0…1).

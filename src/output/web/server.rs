@@ -256,6 +256,38 @@ impl Place {
     }
 }
 
+/// Where newcomers come in. An address that is taken is tried again and again.
+struct Door {
+    address: SocketAddr,
+    listener: Option<TcpListener>,
+    again: Instant,
+    pause: Duration,
+}
+
+impl Door {
+    fn open(&mut self) {
+        match TcpListener::bind(self.address)
+            .and_then(|one| one.set_nonblocking(true).map(|()| one))
+        {
+            Ok(one) => self.listener = Some(one),
+            Err(error) => {
+                if self.pause == PAUSES[1] {
+                    tracing::warn!(
+                        "cannot listen at {} ({error}), trying again until it is free",
+                        self.address
+                    );
+                }
+                self.again = Instant::now() + self.pause;
+                self.pause = if self.pause == PAUSES[0] {
+                    PAUSES[1]
+                } else {
+                    2 * PAUSES[1]
+                };
+            }
+        }
+    }
+}
+
 /// Serves until told to stop.
 pub(super) fn serve<S: Service>(
     mut service: S,
@@ -265,55 +297,19 @@ pub(super) fn serve<S: Service>(
 ) {
     let mut places: [Place; SLOTS] = std::array::from_fn(|_| Place::new(S::WAITING));
     let (mut body, mut board) = (String::with_capacity(S::WAITING), Board::default());
-    let mut listener: Option<TcpListener> = None;
-    let (mut again, mut pause) = (Instant::now(), PAUSES[0]);
+    let mut door = Door {
+        address,
+        listener: None,
+        again: Instant::now(),
+        pause: PAUSES[0],
+    };
     loop {
-        if listener.is_none() && Instant::now() >= again {
-            match TcpListener::bind(address).and_then(|one| one.set_nonblocking(true).map(|()| one))
-            {
-                Ok(one) => listener = Some(one),
-                Err(error) => {
-                    if pause == PAUSES[1] {
-                        tracing::warn!(
-                            "cannot listen at {address} ({error}), trying again until it is free"
-                        );
-                    }
-                    again = Instant::now() + pause;
-                    pause = if pause == PAUSES[0] {
-                        PAUSES[1]
-                    } else {
-                        2 * PAUSES[1]
-                    };
-                }
-            }
-            shared
-                .connected
-                .store(listener.is_some(), Ordering::Relaxed);
+        if door.listener.is_none() && Instant::now() >= door.again {
+            door.open();
+            let is_open = door.listener.is_some();
+            shared.connected.store(is_open, Ordering::Relaxed);
         }
-        let mut asked: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
-            let reading = PollFlags::POLLIN;
-            let (fd, flags) = match i.checked_sub(2) {
-                None if i == 0 => (bell.fd(), reading),
-                None => (listener.as_ref().map_or(-1, |one| one.as_raw_fd()), reading),
-                Some(at) => {
-                    let place = &places[at];
-                    let flags = if place.is_waiting() {
-                        reading | PollFlags::POLLOUT
-                    } else {
-                        reading
-                    };
-                    (
-                        place.stream.as_ref().map_or(-1, |one| one.as_raw_fd()),
-                        flags,
-                    )
-                }
-            };
-            // Descriptors below 0 are passed over.
-            PollFd::new(fd, flags)
-        });
-        // Interrupted or not: what there is to do is looked at.
-        let _ = poll(&mut asked, TICK_MS);
-        let ready = asked.map(|one| one.revents().unwrap_or(PollFlags::empty()));
+        let ready = wait(&bell, door.listener.as_ref(), &places);
         bell.answer();
         let stopping = shared.stop.load(Ordering::Relaxed);
         shared.take(&mut board);
@@ -322,26 +318,20 @@ pub(super) fn serve<S: Service>(
             if !service.next_message(&mut board, &mut body) {
                 break;
             }
-            for place in places
-                .iter_mut()
-                .filter(|place| place.stage == Stage::Page && place.stream.is_some())
-            {
+            for place in pages(&mut places) {
                 let sent = place.send(1, body.as_bytes());
                 count(if sent { &shared.sent } else { &shared.dropped });
             }
         }
         if stopping {
-            for place in places
-                .iter_mut()
-                .filter(|place| place.stage == Stage::Page && place.stream.is_some())
-            {
+            for place in pages(&mut places) {
                 // 1001: going away.
                 place.send(8, &[3, 233]);
             }
             return;
         }
         if !ready[1].is_empty()
-            && let Some(listener) = &listener
+            && let Some(listener) = &door.listener
         {
             for _ in 0..NEWCOMERS {
                 let Ok((stream, _)) = listener.accept() else {
@@ -353,26 +343,77 @@ pub(super) fn serve<S: Service>(
             }
         }
         for (place, ready) in places.iter_mut().zip(&ready[2..]) {
-            if place.stream.is_none() {
-                continue;
-            }
-            if !ready.is_empty() && !place.read() {
-                place.close();
-                continue;
-            }
-            hear(place, &mut service, &board, &mut body, &shared);
-            place.write();
-            let patience = match place.stage {
-                Stage::Request => PATIENCE,
-                Stage::Reply => STUCK,
-                Stage::Page if place.is_waiting() => STUCK,
-                Stage::Page => Duration::MAX,
-            };
-            if place.stream.is_some() && place.since.elapsed() > patience {
-                count(&shared.refused);
-                place.close();
-            }
+            attend(place, *ready, &mut service, &board, &mut body, &shared);
         }
+    }
+}
+
+/// Those who get messages.
+fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
+    places
+        .iter_mut()
+        .filter(|place| place.stage == Stage::Page && place.stream.is_some())
+}
+
+/// Waits until there is something to do, or a tick has gone by: what is ready of the bell, the door and the places.
+fn wait(
+    bell: &Bell,
+    listener: Option<&TcpListener>,
+    places: &[Place; SLOTS],
+) -> [PollFlags; SLOTS + 2] {
+    let mut asked: [PollFd; SLOTS + 2] = std::array::from_fn(|i| {
+        let reading = PollFlags::POLLIN;
+        let (fd, flags) = match i.checked_sub(2) {
+            None if i == 0 => (bell.fd(), reading),
+            None => (listener.map_or(-1, |one| one.as_raw_fd()), reading),
+            Some(at) => {
+                let place = &places[at];
+                let flags = if place.is_waiting() {
+                    reading | PollFlags::POLLOUT
+                } else {
+                    reading
+                };
+                (
+                    place.stream.as_ref().map_or(-1, |one| one.as_raw_fd()),
+                    flags,
+                )
+            }
+        };
+        // Descriptors below 0 are passed over.
+        PollFd::new(fd, flags)
+    });
+    // Interrupted or not: what there is to do is looked at.
+    let _ = poll(&mut asked, TICK_MS);
+    asked.map(|one| one.revents().unwrap_or(PollFlags::empty()))
+}
+
+/// Reads from who is ready, answers, writes what waits, and closes who takes too long.
+fn attend<S: Service>(
+    place: &mut Place,
+    ready: PollFlags,
+    service: &mut S,
+    board: &Board,
+    body: &mut String,
+    shared: &Shared,
+) {
+    if place.stream.is_none() {
+        return;
+    }
+    if !ready.is_empty() && !place.read() {
+        place.close();
+        return;
+    }
+    hear(place, service, board, body, shared);
+    place.write();
+    let patience = match place.stage {
+        Stage::Request => PATIENCE,
+        Stage::Reply => STUCK,
+        Stage::Page if place.is_waiting() => STUCK,
+        Stage::Page => Duration::MAX,
+    };
+    if place.stream.is_some() && place.since.elapsed() > patience {
+        count(&shared.refused);
+        place.close();
     }
 }
 

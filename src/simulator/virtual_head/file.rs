@@ -73,6 +73,8 @@ mod context {
 }
 /// Steps of roughness that have a context of their own.
 const ROUGH: usize = 4;
+/// Most vertices and triangles.
+const SHORT: i32 = u16::MAX as i32;
 /// Most pixels of a photograph in one direction.
 const LARGEST: i32 = 4096;
 /// Most expressions, and letters of a name.
@@ -157,6 +159,142 @@ impl Reader<'_> {
             Err(HeadFileError::Value { what })
         }
     }
+
+    /// The vertices; how many.
+    fn vertices(&mut self, asset: &mut HeadAsset) -> Result<i32, HeadFileError> {
+        let what = "vertices";
+        let n = self.next(context::COUNT, 0, 0..=SHORT, what)?;
+        let (mut photo, mut share, mut colour) = (Vec::new(), Vec::new(), Vec::new());
+        let mut before = [0; 9];
+        for _ in 0..n {
+            for (k, slot) in before.iter_mut().enumerate() {
+                let range = if k < 5 { -32768..=32767 } else { 0..=255 };
+                *slot = self.next(context::VERTEX + k, *slot, range, what)?;
+            }
+            let [x, y, z, u, v, s, r, g, b] = before.map(|step| step as f32);
+            asset
+                .neutral
+                .push(Point::new(x * STEP_M, y * STEP_M, z * STEP_M));
+            photo.push([u * STEP_PX, v * STEP_PX]);
+            share.push(s / 255.0);
+            colour.push([r, g, b]);
+        }
+        asset.photo = photo.into();
+        asset.photo_share = share.into();
+        asset.colour = colour.into();
+        Ok(n)
+    }
+
+    /// Triangles of `n` vertices, and what each is part of.
+    fn triangles(&mut self, n: i32, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        let what = "triangles";
+        let (mut triangles, mut parts) = (Vec::new(), Vec::new());
+        let (mut corner, mut part) = (0, 0);
+        for _ in 0..self.next(context::COUNT, 0, 0..=SHORT, what)? {
+            let mut corners = [0; 3];
+            let mut before = corner;
+            for (k, slot) in corners.iter_mut().enumerate() {
+                before = self.next(context::CORNER + k, before, 0..=n - 1, what)?;
+                *slot = before.cast_unsigned();
+            }
+            corner = corners[0].cast_signed();
+            triangles.push(corners);
+            part = self.next(context::PART, part, 0..=255, what)?;
+            parts.push(Part::from_index(part as u8).ok_or(HeadFileError::Value { what })?);
+        }
+        asset.triangles = triangles.into();
+        asset.parts = parts.into();
+        Ok(())
+    }
+
+    /// Where the landmarks are on `n` vertices.
+    fn landmarks(&mut self, n: i32) -> Result<Vec<Site>, HeadFileError> {
+        let what = "landmarks";
+        let mut landmarks = Vec::new();
+        for _ in 0..LANDMARKS {
+            let mut site = Site::vertex(0);
+            for v in &mut site.vertices {
+                *v = self
+                    .next(context::SITE, 0, 0..=n - 1, what)?
+                    .cast_unsigned();
+            }
+            for share in &mut site.shares {
+                *share = self.f32(what)?;
+            }
+            landmarks.push(site);
+        }
+        Ok(landmarks)
+    }
+
+    /// How expressions move some of `n` vertices.
+    fn expressions(&mut self, n: i32) -> Result<Vec<Expression>, HeadFileError> {
+        let what = "expressions";
+        let mut expressions = Vec::new();
+        for _ in 0..self.next(context::COUNT, 0, 0..=MOST, what)? {
+            let mut name = Vec::new();
+            for _ in 0..self.next(context::COUNT, 0, 0..=MOST, what)? {
+                name.push(self.next(context::BYTE, 0, 0..=255, what)? as u8);
+            }
+            let name = String::from_utf8(name).map_err(|_| HeadFileError::Value { what })?;
+            let step = self.f32(what)?;
+            let (mut vertices, mut offsets) = (Vec::new(), Vec::new());
+            let (mut vertex, mut offset, mut changes) = (-1, [0; 3], [0; 3]);
+            for _ in 0..self.next(context::COUNT, 0, 0..=n, what)? {
+                vertex = self.next(context::GAP, vertex + 1, 0..=n - 1, what)?;
+                vertices.push(vertex.cast_unsigned());
+                for (k, slot) in offset.iter_mut().enumerate() {
+                    let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
+                    let next = self.next(context, *slot, -128..=127, what)?;
+                    changes[k] = next - *slot;
+                    *slot = next;
+                }
+                let [x, y, z] = offset.map(|o| o as f32 * step);
+                offsets.push(Vector::new(x, y, z));
+            }
+            expressions.push(Expression {
+                name,
+                vertices,
+                offsets,
+            });
+        }
+        Ok(expressions)
+    }
+
+    /// The photograph, level by level from what is left of and above it.
+    fn photograph(&mut self) -> Result<Texture, HeadFileError> {
+        let what = "photograph";
+        let width = self.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
+        let height = self.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
+        let mut levels = Vec::new();
+        for at in 0..width * height {
+            // Grown as it is read, so that a false size is found out before it costs memory.
+            levels.resize(3 * (at + 1), 0);
+            for channel in CHANNELS {
+                let (guess, rough) = predicted(&levels, width, at, channel);
+                let base = if channel == 1 { 0 } else { levels[3 * at + 1] };
+                let context = context::PIXEL + ROUGH * channel + rough;
+                levels[3 * at + channel] = self.next(context, base + guess, 0..=255, what)?;
+            }
+        }
+        let rgb = levels.into_iter().map(|level| level as u8).collect();
+        Ok(Texture { width, height, rgb })
+    }
+}
+
+/// What follows the header, if it is whole.
+fn checked(bytes: &[u8]) -> Result<&[u8], HeadFileError> {
+    let (Some(head), Some(body)) = (bytes.get(..HEADER), bytes.get(HEADER..)) else {
+        return Err(HeadFileError::NotAHead);
+    };
+    let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
+    if &head[..8] != MAGIC || word(8) != VERSION {
+        return Err(HeadFileError::NotAHead);
+    }
+    let (expected, found) = (word(12), crc32(body));
+    if expected != found {
+        return Err(HeadFileError::Checksum { expected, found });
+    }
+    Ok(body)
 }
 
 impl HeadAsset {
@@ -172,123 +310,19 @@ impl HeadAsset {
     /// # Errors
     /// If the bytes are not a whole, undamaged head.
     pub fn parse(bytes: &[u8]) -> Result<Self, HeadFileError> {
-        let (Some(head), Some(body)) = (bytes.get(..HEADER), bytes.get(HEADER..)) else {
-            return Err(HeadFileError::NotAHead);
-        };
-        let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
-        if &head[..8] != MAGIC || word(8) != VERSION {
-            return Err(HeadFileError::NotAHead);
-        }
-        let (expected, found) = (word(12), crc32(body));
-        if expected != found {
-            return Err(HeadFileError::Checksum { expected, found });
-        }
         let mut reader = Reader {
-            numbers: Decoder::new(body),
+            numbers: Decoder::new(checked(bytes)?),
         };
-        let what = "vertices";
-        let short = i32::from(u16::MAX);
-        let n = reader.next(context::COUNT, 0, 0..=short, what)?;
         let mut asset = Self::default();
-        let (mut photo, mut share, mut colour) = (Vec::new(), Vec::new(), Vec::new());
-        let mut before = [0; 9];
-        for _ in 0..n {
-            for (k, slot) in before.iter_mut().enumerate() {
-                let range = if k < 5 { -32768..=32767 } else { 0..=255 };
-                *slot = reader.next(context::VERTEX + k, *slot, range, what)?;
-            }
-            let [x, y, z, u, v, s, r, g, b] = before.map(|step| step as f32);
-            asset
-                .neutral
-                .push(Point::new(x * STEP_M, y * STEP_M, z * STEP_M));
-            photo.push([u * STEP_PX, v * STEP_PX]);
-            share.push(s / 255.0);
-            colour.push([r, g, b]);
-        }
-        let what = "triangles";
-        let (mut triangles, mut parts) = (Vec::new(), Vec::new());
-        let (mut corner, mut part) = (0, 0);
-        for _ in 0..reader.next(context::COUNT, 0, 0..=short, what)? {
-            let mut corners = [0; 3];
-            let mut before = corner;
-            for (k, slot) in corners.iter_mut().enumerate() {
-                before = reader.next(context::CORNER + k, before, 0..=n - 1, what)?;
-                *slot = before.cast_unsigned();
-            }
-            corner = corners[0].cast_signed();
-            triangles.push(corners);
-            part = reader.next(context::PART, part, 0..=255, what)?;
-            parts.push(Part::from_index(part as u8).ok_or(HeadFileError::Value { what })?);
-        }
-        let what = "landmarks";
-        let mut landmarks = Vec::new();
-        for _ in 0..LANDMARKS {
-            let mut site = Site::vertex(0);
-            for v in &mut site.vertices {
-                *v = reader
-                    .next(context::SITE, 0, 0..=n - 1, what)?
-                    .cast_unsigned();
-            }
-            for share in &mut site.shares {
-                *share = reader.f32(what)?;
-            }
-            landmarks.push(site);
-        }
-        let what = "expressions";
-        let mut expressions = Vec::new();
-        for _ in 0..reader.next(context::COUNT, 0, 0..=MOST, what)? {
-            let mut name = Vec::new();
-            for _ in 0..reader.next(context::COUNT, 0, 0..=MOST, what)? {
-                name.push(reader.next(context::BYTE, 0, 0..=255, what)? as u8);
-            }
-            let name = String::from_utf8(name).map_err(|_| HeadFileError::Value { what })?;
-            let step = reader.f32(what)?;
-            let (mut vertices, mut offsets) = (Vec::new(), Vec::new());
-            let (mut vertex, mut offset, mut changes) = (-1, [0; 3], [0; 3]);
-            for _ in 0..reader.next(context::COUNT, 0, 0..=n, what)? {
-                vertex = reader.next(context::GAP, vertex + 1, 0..=n - 1, what)?;
-                vertices.push(vertex.cast_unsigned());
-                for (k, slot) in offset.iter_mut().enumerate() {
-                    let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
-                    let next = reader.next(context, *slot, -128..=127, what)?;
-                    changes[k] = next - *slot;
-                    *slot = next;
-                }
-                let [x, y, z] = offset.map(|o| o as f32 * step);
-                offsets.push(Vector::new(x, y, z));
-            }
-            expressions.push(Expression {
-                name,
-                vertices,
-                offsets,
-            });
-        }
-        let what = "photograph";
-        let width = reader.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
-        let height = reader.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
-        let mut levels = Vec::new();
-        for at in 0..width * height {
-            // Grown as it is read, so that a false size is found out before it costs memory.
-            levels.resize(3 * (at + 1), 0);
-            for channel in CHANNELS {
-                let (guess, rough) = predicted(&levels, width, at, channel);
-                let base = if channel == 1 { 0 } else { levels[3 * at + 1] };
-                let context = context::PIXEL + ROUGH * channel + rough;
-                levels[3 * at + channel] = reader.next(context, base + guess, 0..=255, what)?;
-            }
-        }
-        let rgb = levels.into_iter().map(|level| level as u8).collect();
+        let n = reader.vertices(&mut asset)?;
+        reader.triangles(n, &mut asset)?;
+        asset.landmarks = reader.landmarks(n)?.into();
+        asset.expressions = reader.expressions(n)?.into();
+        let photograph = reader.photograph()?;
         if !reader.numbers.finished() {
-            return Err(HeadFileError::Length { what });
+            return Err(HeadFileError::Length { what: "photograph" });
         }
-        asset.triangles = triangles.into();
-        asset.parts = parts.into();
-        asset.photo = photo.into();
-        asset.photo_share = share.into();
-        asset.colour = colour.into();
-        asset.landmarks = landmarks.into();
-        asset.expressions = expressions.into();
-        asset.texture = Texture { width, height, rgb }.levels().into();
+        asset.texture = photograph.levels().into();
         Ok(asset)
     }
 
@@ -297,14 +331,33 @@ impl HeadAsset {
     #[must_use]
     pub fn emit(&self) -> Vec<u8> {
         let mut out = Encoder::new();
-        let short = |value: usize| value.min(usize::from(u16::MAX)) as i32;
+        self.emit_vertices(&mut out);
+        self.emit_triangles(&mut out);
+        for site in self.landmarks.iter() {
+            for v in site.vertices {
+                out.number(context::SITE, short(v as usize));
+            }
+            for share in site.shares {
+                float(&mut out, share);
+            }
+        }
+        out.number(context::COUNT, short(self.expressions.len()));
+        for expression in self.expressions.iter() {
+            emit_expression(expression, &mut out);
+        }
+        self.emit_photograph(&mut out);
+        let body = out.finish();
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(VERSION.to_le_bytes());
+        bytes.extend(crc32(&body).to_le_bytes());
+        bytes.extend(body);
+        bytes
+    }
+
+    #[cfg(any(test, feature = "studio"))]
+    fn emit_vertices(&self, out: &mut Encoder) {
         let step = |value: f32| value.round().clamp(-32768.0, 32767.0) as i32;
         let byte = |value: f32| i32::from((value + 0.5).clamp(0.0, 255.0) as u8);
-        let f32 = |out: &mut Encoder, value: f32| {
-            for byte in value.to_le_bytes() {
-                out.number(context::BYTE, byte.into());
-            }
-        };
         out.number(context::COUNT, short(self.neutral.len()));
         let mut before = [0; 9];
         for (v, p) in self.neutral.iter().enumerate() {
@@ -322,6 +375,10 @@ impl HeadAsset {
             }
             before = now;
         }
+    }
+
+    #[cfg(any(test, feature = "studio"))]
+    fn emit_triangles(&self, out: &mut Encoder) {
         out.number(context::COUNT, short(self.triangles.len()));
         let (mut corner, mut kind) = (0, 0);
         for (triangle, &part) in self.triangles.iter().zip(self.parts.iter()) {
@@ -334,48 +391,10 @@ impl HeadAsset {
             out.number(context::PART, part as i32 - kind);
             kind = part as i32;
         }
-        for site in self.landmarks.iter() {
-            for v in site.vertices {
-                out.number(context::SITE, short(v as usize));
-            }
-            for share in site.shares {
-                f32(&mut out, share);
-            }
-        }
-        out.number(context::COUNT, short(self.expressions.len()));
-        for expression in self.expressions.iter() {
-            let name: Vec<u8> = expression.name.bytes().take(MOST as usize).collect();
-            out.number(context::COUNT, short(name.len()));
-            for letter in name {
-                out.number(context::BYTE, letter.into());
-            }
-            let largest = expression
-                .offsets
-                .iter()
-                .map(Vector::amax)
-                .fold(1e-9, f32::max);
-            let unit = largest / 127.0;
-            f32(&mut out, unit);
-            let moved: Vec<(i32, [i32; 3])> = expression
-                .vertices
-                .iter()
-                .zip(&expression.offsets)
-                .map(|(&v, o)| (v as i32, [0, 1, 2].map(|k| (o[k] / unit).round() as i32)))
-                .filter(|(_, o)| *o != [0; 3])
-                .collect();
-            out.number(context::COUNT, short(moved.len()));
-            let (mut vertex, mut before, mut changes) = (-1, [0; 3], [0; 3]);
-            for (v, offset) in moved {
-                out.number(context::GAP, v - (vertex + 1));
-                vertex = v;
-                for k in 0..3 {
-                    let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
-                    changes[k] = offset[k] - before[k];
-                    out.number(context, changes[k]);
-                }
-                before = offset;
-            }
-        }
+    }
+
+    #[cfg(any(test, feature = "studio"))]
+    fn emit_photograph(&self, out: &mut Encoder) {
         let empty = Texture::default();
         let photograph = self.texture.first().unwrap_or(&empty);
         out.number(context::COUNT, photograph.width as i32);
@@ -389,12 +408,54 @@ impl HeadAsset {
                 out.number(context, levels[3 * at + channel] - base - guess);
             }
         }
-        let body = out.finish();
-        let mut bytes = MAGIC.to_vec();
-        bytes.extend(VERSION.to_le_bytes());
-        bytes.extend(crc32(&body).to_le_bytes());
-        bytes.extend(body);
-        bytes
+    }
+}
+
+/// A count or an index, of as many as can be written.
+#[cfg(any(test, feature = "studio"))]
+fn short(value: usize) -> i32 {
+    value.min(usize::from(u16::MAX)) as i32
+}
+
+#[cfg(any(test, feature = "studio"))]
+fn float(out: &mut Encoder, value: f32) {
+    for byte in value.to_le_bytes() {
+        out.number(context::BYTE, byte.into());
+    }
+}
+
+#[cfg(any(test, feature = "studio"))]
+fn emit_expression(expression: &Expression, out: &mut Encoder) {
+    let name: Vec<u8> = expression.name.bytes().take(MOST as usize).collect();
+    out.number(context::COUNT, short(name.len()));
+    for letter in name {
+        out.number(context::BYTE, letter.into());
+    }
+    let largest = expression
+        .offsets
+        .iter()
+        .map(Vector::amax)
+        .fold(1e-9, f32::max);
+    let unit = largest / 127.0;
+    float(out, unit);
+    let moved: Vec<(i32, [i32; 3])> = expression
+        .vertices
+        .iter()
+        .zip(&expression.offsets)
+        .map(|(&v, o)| (v as i32, [0, 1, 2].map(|k| (o[k] / unit).round() as i32)))
+        .filter(|(_, o)| *o != [0; 3])
+        .collect();
+    out.number(context::COUNT, short(moved.len()));
+    let (mut vertex, mut before, mut changes) = (-1, [0; 3], [0; 3]);
+    for (v, offset) in moved {
+        out.number(context::GAP, v - (vertex + 1));
+        vertex = v;
+        for k in 0..3 {
+            let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
+            changes[k] = offset[k] - before[k];
+            out.number(context, changes[k]);
+        }
+        before = offset;
     }
 }
 

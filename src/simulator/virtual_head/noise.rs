@@ -290,6 +290,8 @@ impl RealReading {
     }
 
     /// Reads a perfect picture and what it shows as a real sensor would; `strength`: how much of its faults.
+    ///
+    /// Long because a pixel goes through all faults in the order of the sensor, each using what those before it have made.
     pub(crate) fn read(
         &mut self,
         reading: &DepthReading,

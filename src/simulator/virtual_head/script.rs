@@ -273,6 +273,8 @@ impl Scene {
 
     /// Where a person is at `t` seconds; `set(name, weight)` is called for every expression above 0, perhaps twice for one
     /// name: the larger counts. `None`: they are not there.
+    ///
+    /// Long because it is the table of the scenes: an arm for each, in numbers.
     pub(crate) fn play_person(
         self,
         person: usize,

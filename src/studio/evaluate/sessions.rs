@@ -382,19 +382,66 @@ fn blown(cheeks: &[Option<usize>; PUFFS], weights: &[f32]) -> [f32; PUFFS] {
     cheeks.map(|k| k.and_then(|k| weights.get(k)).copied().unwrap_or(0.0))
 }
 
-/// Sets of expressions that are full expressions of a face: each alone, those of both sides, the brows as a whole.
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Every frame of everybody in which a face was found.
+fn frames_seen(played: &[Played]) -> impl Iterator<Item = &Seen> {
+    played.iter().flat_map(|one| &one.seen)
+}
+
+/// The figures of all sessions.
 fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
     let seen: usize = played.iter().map(|one| one.seen.len()).sum();
-    let all = |value: &dyn Fn(&Seen) -> f64| {
-        Spread::of(
-            played
-                .iter()
-                .flat_map(|one| one.seen.iter().map(value))
-                .collect(),
-        )
-    };
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
+    let Poses {
+        rotations,
+        translations,
+        turned_deg,
+        people,
+    } = poses(played);
+    let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
+    let rest = Spread::of(resting.flat_map(|seen| seen.weights.clone()).collect());
+    Table {
+        people: played.len(),
+        frames,
+        tracked: seen as f64 / frames.max(1) as f64,
+        rotation_deg: rotations.map(Spread::of),
+        translation_mm: translations.map(Spread::of),
+        turned: [
+            Spread::of(turned_deg),
+            Spread::of(
+                frames_seen(played)
+                    .filter(|seen| is_turned(seen))
+                    .map(|seen| seen.error[0])
+                    .collect(),
+            ),
+        ],
+        landmarks: all(&|seen: &Seen| seen.error[0]),
+        inner: all(&|seen: &Seen| seen.error[1]),
+        worst: core::array::from_fn(|k| {
+            Worst::of(people.iter().map(|(person, means)| (*person, means[k])))
+        }),
+        rest,
+        winks: winks(played).map(Spread::of),
+        following: following(played),
+        matrix: matrix(played),
+    }
+}
+
+/// Errors of the pose over all frames, as they are and with one offset per person taken out.
+struct Poses {
+    rotations: [Vec<f64>; 2],
+    translations: [Vec<f64>; 2],
+    /// Rotations with the offset out, of heads near an end of their range.
+    turned_deg: Vec<f64>,
+    /// Means of each person, in the order of [`Table::worst`].
+    people: Vec<(usize, [f64; 7])>,
+}
+
+fn poses(played: &[Played]) -> Poses {
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
     let mut turned_deg = Vec::new();
     let mut people = Vec::new();
@@ -434,12 +481,21 @@ fn table(played: &[Played]) -> Table {
             ],
         ));
     }
+    Poses {
+        rotations,
+        translations,
+        turned_deg,
+        people,
+    }
+}
+
+/// How each unit's weight follows what is acted.
+fn following(played: &[Played]) -> Vec<Following> {
     let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
         let told = played.iter().filter(|one| one.seen.len() > 2);
         told.map(|one| correlation(one.seen.iter().map(pair)))
             .collect()
     };
-    let frames_seen = || played.iter().flat_map(|one| &one.seen);
     let columns = played.first().map_or(&[][..], |one| &one.columns);
     let mut following = Vec::new();
     for (m, row) in Units::shipped().rows.iter().enumerate() {
@@ -450,7 +506,7 @@ fn table(played: &[Played]) -> Table {
             };
             let weights = each(&|seen: &Seen| [seen.weights[k], seen.acted[k]]);
             let where_so = |so: &dyn Fn(&Seen) -> bool| -> Vec<f64> {
-                let frames = frames_seen().filter(|seen| so(seen));
+                let frames = frames_seen(played).filter(|seen| so(seen));
                 frames.map(|seen| seen.weights[k]).collect()
             };
             let mut full = where_so(&|seen| seen.acted[k] > FULL);
@@ -462,7 +518,12 @@ fn table(played: &[Played]) -> Table {
                 measured,
                 correlation: mean(&weights),
                 worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
-                error: all(&|seen: &Seen| (seen.weights[k] - seen.acted[k]).abs()).mean,
+                error: Spread::of(
+                    frames_seen(played)
+                        .map(|seen| (seen.weights[k] - seen.acted[k]).abs())
+                        .collect(),
+                )
+                .mean,
                 quiet: Spread::of(where_so(&|seen| most(seen) < IDLE)).p95,
                 reach: full.get(full.len() / 2).copied().unwrap_or(f64::NAN),
                 foreign: mean(&where_so(&|seen| {
@@ -471,13 +532,17 @@ fn table(played: &[Played]) -> Table {
             });
         }
     }
-    let resting = frames_seen().filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
-    let rest = Spread::of(resting.flat_map(|seen| seen.weights.clone()).collect());
+    following
+}
+
+/// Weights of the shut and of the open eye while one is shut.
+fn winks(played: &[Played]) -> [Vec<f64>; 2] {
+    let columns = played.first().map_or(&[][..], |one| &one.columns);
     let mut winks = [Vec::new(), Vec::new()];
     let lid = |name: &str| columns.iter().position(|column| column == name);
     if let (Some(left), Some(right)) = (lid("AU43L"), lid("AU43R")) {
         for (seen, [shut, open]) in
-            frames_seen().flat_map(|seen| [(seen, [left, right]), (seen, [right, left])])
+            frames_seen(played).flat_map(|seen| [(seen, [left, right]), (seen, [right, left])])
         {
             if seen.acted[shut] > SHUT && seen.acted[open] < IDLE {
                 winks[0].push(seen.weights[shut]);
@@ -485,31 +550,7 @@ fn table(played: &[Played]) -> Table {
             }
         }
     }
-    Table {
-        people: played.len(),
-        frames,
-        tracked: seen as f64 / frames.max(1) as f64,
-        rotation_deg: rotations.map(Spread::of),
-        translation_mm: translations.map(Spread::of),
-        turned: [
-            Spread::of(turned_deg),
-            Spread::of(
-                frames_seen()
-                    .filter(|seen| is_turned(seen))
-                    .map(|seen| seen.error[0])
-                    .collect(),
-            ),
-        ],
-        landmarks: all(&|seen: &Seen| seen.error[0]),
-        inner: all(&|seen: &Seen| seen.error[1]),
-        worst: core::array::from_fn(|k| {
-            Worst::of(people.iter().map(|(person, means)| (*person, means[k])))
-        }),
-        rest,
-        winks: winks.map(Spread::of),
-        following,
-        matrix: matrix(played),
-    }
+    winks
 }
 
 /// Whether the head is near an end of what the paper handles, ±25° of yaw and ±15° of pitch.
@@ -598,6 +639,31 @@ pub(super) fn mean_offset(seen: &[(Rigid, Rigid)]) -> Rigid {
     Rigid::from_parts((translation / seen.len() as f32).into(), rotation)
 }
 
+impl Table {
+    fn fmt_units(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
+        )?;
+        for one in &self.following {
+            writeln!(
+                f,
+                "| `{}` | {:.3} ({:.3}) | {:.3} | {:.3} | {:.2} | {:.3} | `m_{}` | {:.3} |",
+                one.unit,
+                one.correlation,
+                one.worst,
+                one.error,
+                one.quiet,
+                one.reach,
+                one.foreign,
+                one.measure.name(),
+                one.measured
+            )?;
+        }
+        Ok(())
+    }
+}
+
 impl Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
@@ -658,25 +724,7 @@ impl Display for Table {
             "| winks: weight of the shut eye, of the open one | {:.2}, {open:.2} |",
             shut.mean
         )?;
-        writeln!(
-            f,
-            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
-        )?;
-        for one in &self.following {
-            writeln!(
-                f,
-                "| `{}` | {:.3} ({:.3}) | {:.3} | {:.3} | {:.2} | {:.3} | `m_{}` | {:.3} |",
-                one.unit,
-                one.correlation,
-                one.worst,
-                one.error,
-                one.quiet,
-                one.reach,
-                one.foreign,
-                one.measure.name(),
-                one.measured
-            )?;
-        }
+        self.fmt_units(f)?;
         let all = self.following.iter().map(|one| one.correlation);
         let mean = all.sum::<f64>() / self.following.len().max(1) as f64;
         writeln!(

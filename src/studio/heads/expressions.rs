@@ -12,15 +12,36 @@ const JAW_FORWARD_M: f32 = 0.007;
 /// Share of the lid's way down that `eyeWide` goes up.
 const WIDE_SHARE: f32 = 0.16;
 
+/// A name and how far each vertex moves, metres.
+type Derived = (&'static str, Vec<Vector3<f32>>);
+
 /// Adds the derived expressions, keeping the order by name.
 pub fn complete(ict: &mut IctHead) {
-    let n = ict.neutral.len();
-    let find = |name: &str| {
-        ict.expression(name)
-            .map(|k| ict.expressions[k].offsets.clone())
-    };
-    let mut derived: Vec<(&str, Vec<Vector3<f32>>)> = Vec::new();
-    if let Some(open) = find("jawOpen") {
+    let mut derived = Vec::new();
+    jaw(ict, &mut derived);
+    lips(ict, &mut derived);
+    wide_eyes(ict, &mut derived);
+    outer_brows(ict, &mut derived);
+    for (name, offsets) in derived {
+        if ict.expression(name).is_none() {
+            ict.expressions.push(Delta {
+                name: name.into(),
+                offsets,
+            });
+        }
+    }
+    ict.expressions
+        .retain(|delta| !delta.name.starts_with("PupilDilate"));
+    ict.expressions.sort_by(|a, b| a.name.cmp(&b.name));
+}
+
+fn find(ict: &IctHead, name: &str) -> Option<Vec<Vector3<f32>>> {
+    ict.expression(name)
+        .map(|k| ict.expressions[k].offsets.clone())
+}
+
+fn jaw(ict: &IctHead, derived: &mut Vec<Derived>) {
+    if let Some(open) = find(ict, "jawOpen") {
         // What goes down with the jaw goes with it in other directions; the lower lip as a whole.
         let chin = open[ict.landmarks[8]].norm().max(1e-6);
         let share: Vec<f32> = open.iter().map(|o| (o.norm() / chin).min(1.0)).collect();
@@ -29,6 +50,10 @@ pub fn complete(ict: &mut IctHead) {
         derived.push(("jawRight", along(Vector3::new(-JAW_ASIDE_M, 0.0, 0.0))));
         derived.push(("jawForward", along(Vector3::new(0.0, 0.0, -JAW_FORWARD_M))));
     }
+}
+
+fn lips(ict: &IctHead, derived: &mut Vec<Derived>) {
+    let n = ict.neutral.len();
     let lip = |k: usize| ict.neutral[ict.landmarks[k]];
     let (right, left) = (lip(48), lip(54));
     let middle = nalgebra::center(&right, &left);
@@ -65,11 +90,15 @@ pub fn complete(ict: &mut IctHead) {
             .collect();
         derived.push((name, stretch));
     }
+}
+
+fn wide_eyes(ict: &IctHead, derived: &mut Vec<Derived>) {
+    let n = ict.neutral.len();
     for (name, source, lids) in [
         ("eyeWide_L", "eyeBlink_L", [43usize, 44]),
         ("eyeWide_R", "eyeBlink_R", [37, 38]),
     ] {
-        if let Some(blink) = find(source) {
+        if let Some(blink) = find(ict, source) {
             let upper = lids.map(|k| ict.neutral[ict.landmarks[k]].y);
             let edge = (upper[0] + upper[1]) * 0.5;
             let wide = (0..n)
@@ -87,6 +116,10 @@ pub fn complete(ict: &mut IctHead) {
             derived.push((name, wide));
         }
     }
+}
+
+fn outer_brows(ict: &IctHead, derived: &mut Vec<Derived>) {
+    let n = ict.neutral.len();
     for (name, brow, side) in [
         ("browOuterUp_L", 24usize, 1.0f32),
         ("browOuterUp_R", 19, -1.0),
@@ -107,15 +140,4 @@ pub fn complete(ict: &mut IctHead) {
             .collect();
         derived.push((name, up));
     }
-    for (name, offsets) in derived {
-        if ict.expression(name).is_none() {
-            ict.expressions.push(Delta {
-                name: name.into(),
-                offsets,
-            });
-        }
-    }
-    ict.expressions
-        .retain(|delta| !delta.name.starts_with("PupilDilate"));
-    ict.expressions.sort_by(|a, b| a.name.cmp(&b.name));
 }

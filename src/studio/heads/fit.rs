@@ -57,15 +57,8 @@ fn weight(landmark: usize) -> f64 {
     }
 }
 
-/// Fits the mesh with its landmarks at `sites` to 68 points. Derived expressions (those of no use in a portrait) are
-/// left at 0 where `usable` says so.
-#[must_use]
-pub fn fit(
-    ict: &IctHead,
-    sites: &[Site],
-    points: &[[f32; 2]; LANDMARKS],
-    usable: &[bool],
-) -> PortraitFit {
+/// How identities and expressions move the landmarks, and how far they usually go.
+fn modes(ict: &IctHead, sites: &[Site], usable: &[bool]) -> Vec<(Vec<Vector3<f64>>, f64)> {
     let at = |values: &[Vector3<f32>], site: &Site| {
         let mut sum = Vector3::zeros();
         for (&v, &share) in site.vertices.iter().zip(&site.shares) {
@@ -73,12 +66,7 @@ pub fn fit(
         }
         sum
     };
-    let base: Vec<Vector3<f64>> = sites
-        .iter()
-        .map(|s| s.on(&ict.neutral).coords.cast())
-        .collect();
-    let modes: Vec<(Vec<Vector3<f64>>, f64)> = ict
-        .identities
+    ict.identities
         .iter()
         .map(|d| (d, IDENTITY_SIGMA))
         .chain(
@@ -88,7 +76,23 @@ pub fn fit(
                 .map(|(d, &u)| (d, if u { EXPRESSION_SIGMA } else { 1e-6 })),
         )
         .map(|(d, sigma)| (sites.iter().map(|s| at(&d.offsets, s)).collect(), sigma))
+        .collect()
+}
+
+/// Fits the mesh with its landmarks at `sites` to 68 points. Derived expressions (those of no use in a portrait) are
+/// left at 0 where `usable` says so.
+#[must_use]
+pub fn fit(
+    ict: &IctHead,
+    sites: &[Site],
+    points: &[[f32; 2]; LANDMARKS],
+    usable: &[bool],
+) -> PortraitFit {
+    let base: Vec<Vector3<f64>> = sites
+        .iter()
+        .map(|s| s.on(&ict.neutral).coords.cast())
         .collect();
+    let modes = modes(ict, sites, usable);
     let m = 6 + modes.len();
     let target = |k: usize| [f64::from(points[k][0]), f64::from(points[k][1])];
     let eyes = |k: usize| target(k);

@@ -148,6 +148,21 @@ fn too_many(most: usize) -> GlbError {
     }
 }
 
+/// The corners of a primitive's triangles, among its `count` vertices.
+fn order(glb: &Glb, primitive: &serde_json::Value, count: usize) -> Result<Vec<u32>, GlbError> {
+    let order: Vec<u32> = match primitive["indices"].as_u64() {
+        Some(indices) => glb.indices(indices as usize)?,
+        None => (0..count as u32).collect(),
+    };
+    if order.iter().any(|&k| k as usize >= count) {
+        return Err(GlbError::Content {
+            expected: "indices of vertices that exist",
+            found: format!("one beyond {count}"),
+        });
+    }
+    Ok(order)
+}
+
 /// Meshes and morph targets of a GLB as one.
 fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
     let mut mesh = Mesh {
@@ -212,16 +227,7 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
                 }
             };
             let count = mesh.vertices.len() - first;
-            let order: Vec<u32> = match primitive["indices"].as_u64() {
-                Some(indices) => glb.indices(indices as usize)?,
-                None => (0..count as u32).collect(),
-            };
-            if order.iter().any(|&k| k as usize >= count) {
-                return Err(GlbError::Content {
-                    expected: "indices of vertices that exist",
-                    found: format!("one beyond {count}"),
-                });
-            }
+            let order = order(glb, primitive, count)?;
             let corners = order.chunks_exact(3);
             mesh.triangles
                 .extend(corners.map(|t| [t[0], t[1], t[2]].map(|k| first + k as usize)));

@@ -4,6 +4,7 @@
 //! OSC │ serial │ CSV │ recording, sensor + pipeline ─► hub ─► server-sent events ─► page (WebGL 2, morphs on the GPU)
 //!
 //! osc, serial, table, sensor   the sources
+//! received                     from the receivers of wires to the hub
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         what a page asks and gets
@@ -17,6 +18,7 @@
 pub mod http;
 pub mod hub;
 pub mod osc;
+mod received;
 pub mod sample;
 pub mod sensor;
 pub mod serial;

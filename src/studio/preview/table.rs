@@ -1,4 +1,4 @@
-//! Plays the CSV of a run: columns are found by name, so that a table from elsewhere with `time_us`, `user` and `w_…` will do.
+//! Plays the CSV of a run, or a table from elsewhere with the columns that are needed ([`crate::output::csv`]).
 //!
 //! Every row is told as it is read and kept by the hub, so that the page can go back. A row that is damaged is counted and
 //! skipped. From standard input (`-`) rows are shown as they come.
@@ -7,11 +7,8 @@ use std::io::{BufRead, Read as _};
 use std::path::{Path, PathBuf};
 
 use super::hub::Hub;
-use super::sample::Sample;
-use crate::base::capacity::{LANDMARKS, USERS};
-use crate::studio::csv;
+use crate::output::csv::read::Columns;
 use crate::studio::text_files::decoded;
-use crate::users::TrackingState;
 
 /// Bytes of the longest line: a row has some 3 kB.
 const LINE: u64 = 1 << 16;
@@ -39,154 +36,11 @@ pub enum TableError {
     },
 }
 
-/// Where things stand in a row.
-pub struct Table {
-    cells: usize,
-    time: usize,
-    user: usize,
-    frame: Option<usize>,
-    state: Option<usize>,
-    confidence: Option<usize>,
-    pose: Option<[usize; 7]>,
-    points: Option<Vec<usize>>,
-    head_box: Option<[usize; 4]>,
-    units: Vec<(String, usize)>,
-    rows: u64,
-}
-
-impl Table {
-    /// Finds the columns in the first line.
-    ///
-    /// # Errors
-    /// If those that are needed are missing.
-    pub fn new(path: &Path, header: &str) -> Result<Self, TableError> {
-        let table = csv::Table::new(header);
-        let find = |name: &str| table.find(name);
-        let units = table.columns().iter().enumerate();
-        let units: Vec<(String, usize)> = units
-            .filter_map(|(at, name)| Some((name.strip_prefix("w_")?.to_owned(), at)))
-            .collect();
-        let (Some(time), Some(user), false) = (find("time_us"), find("user"), units.is_empty())
-        else {
-            return Err(TableError::Header {
-                path: path.into(),
-                found: header.trim_end().chars().take(60).collect(),
-            });
-        };
-        let all = |names: Vec<String>| {
-            names
-                .iter()
-                .map(|name| find(name))
-                .collect::<Option<Vec<_>>>()
-        };
-        let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
-        let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
-        Ok(Self {
-            cells: table.columns().len(),
-            time,
-            user,
-            frame: find("frame"),
-            state: find("state"),
-            confidence: find("confidence"),
-            pose: all(pose.to_vec()).and_then(|columns| columns.try_into().ok()),
-            points: all(points.collect()),
-            head_box: all(["x0", "y0", "x1", "y1"]
-                .map(|side| format!("head_{side}"))
-                .to_vec())
-            .and_then(|columns| columns.try_into().ok()),
-            units,
-            rows: 0,
-        })
-    }
-
-    /// Names of the units in the order of the weights.
-    pub fn units(&self) -> impl Iterator<Item = &str> {
-        self.units.iter().map(|(name, _)| name.as_str())
-    }
-
-    /// One row; `None` if it is damaged.
-    pub fn row(&mut self, line: &str) -> Option<Sample> {
-        let cells = csv::cells(line);
-        if cells.len() != self.cells {
-            return None;
-        }
-        // Empty is absent; what is there must be a number.
-        let number = |at: usize| match cells[at] {
-            "" => Some(f32::NAN),
-            cell => cell.parse::<f32>().ok().filter(|value| value.is_finite()),
-        };
-        let several = |columns: &[usize]| {
-            columns
-                .iter()
-                .map(|&at| number(at))
-                .collect::<Option<Vec<f32>>>()
-        };
-        let micros: u64 = cells[self.time].parse().ok()?;
-        let user = match cells[self.user] {
-            "" => None,
-            cell => Some(cell.parse().ok().filter(|&slot: &usize| slot < USERS)?),
-        };
-        let state = match self.state.map(|at| cells[at]) {
-            None => u8::from(user.is_some()) * TrackingState::Tracking.code(),
-            Some(word) => state(word)?,
-        };
-        let columns: Vec<usize> = self.units.iter().map(|unit| unit.1).collect();
-        let mut weights = several(&columns)?;
-        if state == TrackingState::Posed.code() {
-            // No weights are not weights of 0.
-            weights.clear();
-        }
-        for weight in &mut weights {
-            *weight = if weight.is_nan() { 0.0 } else { *weight };
-        }
-        let pose = match &self.pose {
-            Some(columns) => several(columns)?.try_into().ok(),
-            None => None,
-        };
-        let points = match &self.points {
-            Some(columns) => several(columns)?,
-            None => Vec::new(),
-        };
-        let head_box = match &self.head_box {
-            Some(columns) => several(columns)?.try_into().ok(),
-            None => None,
-        };
-        let is_there = |sides: &[f32; 4]| sides.iter().all(|side| (0.0..=65535.0).contains(side));
-        let head_box = head_box.filter(is_there);
-        let whole = points.iter().all(|value| value.is_finite());
-        self.rows += 1;
-        let frame = self.frame.and_then(|at| cells[at].parse().ok());
-        Some(Sample {
-            user,
-            number: frame.unwrap_or(self.rows - 1),
-            seconds: micros as f64 * 1e-6,
-            state,
-            confidence: self.confidence.map_or(Some(f32::NAN), number)?,
-            pose: pose.filter(|pose: &[f32; 7]| pose.iter().all(|value| value.is_finite())),
-            head_box: head_box.map(|sides: [f32; 4]| sides.map(|side| side as u16)),
-            weights,
-            points: if whole {
-                points.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
-            } else {
-                Vec::new()
-            },
-            ..Sample::default()
-        })
-    }
-}
-
-fn state(word: &str) -> Option<u8> {
-    TrackingState::ALL
-        .iter()
-        .find(|state| state.name() == word)
-        .map(|state| state.code())
-}
-
 /// Opens the table and reads its header.
 ///
 /// # Errors
 /// If it cannot be read or is another kind of table.
-pub fn open(path: &Path) -> Result<(Table, Box<dyn BufRead + Send>), TableError> {
+pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), TableError> {
     let unreadable = |source| TableError::Read {
         path: path.into(),
         source,
@@ -201,12 +55,16 @@ pub fn open(path: &Path) -> Result<(Table, Box<dyn BufRead + Send>), TableError>
     let mut header = Vec::new();
     let mut first = reader.by_ref().take(LINE);
     first.read_until(b'\n', &mut header).map_err(unreadable)?;
-    let table = Table::new(path, &decoded(&header))?;
+    let header = decoded(&header);
+    let table = Columns::new(&header).ok_or_else(|| TableError::Header {
+        path: path.into(),
+        found: header.trim_end().chars().take(60).collect(),
+    })?;
     Ok((table, reader))
 }
 
 /// Tells all rows.
-pub fn play(mut table: Table, mut reader: Box<dyn BufRead + Send>, hub: &Hub) {
+pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) {
     let mut line = Vec::new();
     loop {
         line.clear();
@@ -233,38 +91,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_read_by_name_and_damaged_ones_are_none() {
-        let header = "w_AU26,user,time_us,state,other,w_AU25";
-        let mut table = Table::new(Path::new("a.csv"), header).unwrap();
-        assert!(table.units().eq(["AU26", "AU25"]));
-        let row = table.row("0.5,1,33333,tracking,x,0.25\n").unwrap();
-        assert_eq!((row.user, row.state, row.number), (Some(1), 2, 0));
-        assert_eq!(row.weights, [0.5, 0.25]);
-        let header = "w_AU26,user,time_us,state,head_x0,head_y0,head_x1,head_y1";
-        let mut boxed = Table::new(Path::new("a.csv"), header).unwrap();
-        let posed = boxed.row(",0,33333,posed,10,20,110,140").unwrap();
-        assert_eq!((posed.state, posed.head_box), (5, Some([10, 20, 110, 140])));
-        assert!(posed.weights.is_empty(), "no weights are not weights of 0");
-        let held = boxed.row("0.5,0,66666,held,,,,").unwrap();
-        assert_eq!((held.head_box, held.weights), (None, vec![0.5]));
-        let nobody = table.row(",,66666,absent,,\n").unwrap();
-        assert_eq!(
-            (nobody.user, nobody.state, nobody.weights),
-            (None, 0, vec![0.0; 2])
-        );
-        for bad in [
-            "0.5,1,33333,tracking,x",
-            "nan,1,33333,tracking,x,0",
-            "0.5,9,33333,tracking,x,0",
-            "0.5,1,-3,tracking,x,0",
-            "0.5,1,3,sleeping,x,0",
-        ] {
-            assert!(table.row(bad).is_none(), "{bad}");
-        }
-        let wrong = Table::new(Path::new("a.csv"), "a,b")
-            .err()
-            .unwrap()
-            .to_string();
+    fn another_kind_of_table_is_refused_with_its_first_line() {
+        let path = std::env::temp_dir().join(format!("mien-table-{}.csv", std::process::id()));
+        std::fs::write(&path, "a,b\n1,2\n").unwrap();
+        let wrong = open(&path).err().unwrap().to_string();
+        std::fs::remove_file(&path).unwrap();
         assert!(wrong.contains("time_us") && wrong.contains("\"a,b\""));
     }
 }

@@ -108,11 +108,56 @@ pub fn page(
     facts: Vec<(String, String)>,
     seed: u64,
 ) -> Album {
+    let kept = drawn(model, samples);
+    let fitted = fitted(model, &kept, names, seed);
+    let mut header: Vec<String> = ["faces", "number", "mean / 95th percentile, %"]
+        .map(String::from)
+        .to_vec();
+    header.extend(scheme::REGIONS.map(|(name, _)| name.to_owned()));
+    header.push("mean confidence".into());
+    let mut album = Album {
+        title: "A face model and the people it has not learnt from".into(),
+        facts,
+        table: vec![header],
+        ..Album::default()
+    };
+    add_groups(&fitted, &mut album.table);
+    for (which, faces) in [
+        ("worst", fitted.iter().rev().take(SHOWN).collect::<Vec<_>>()),
+        ("best", fitted.iter().take(SHOWN).collect()),
+    ] {
+        for face in faces {
+            let caption = format!(
+                "{which}: {:.2} %, confidence {:.2}, {}; true green, found red",
+                face.error(),
+                face.confidence,
+                face.strongest
+            );
+            album.pictures.push((caption, face.picture.clone()));
+        }
+    }
+    album
+}
+
+/// The samples that can be drawn.
+fn drawn<'a>(
+    model: &FaceModel,
+    samples: &'a [TrainingSample],
+) -> Vec<(&'a TrainingSample, TruePicture)> {
     let camera = Camera::nominal();
-    let kept: Vec<(&TrainingSample, TruePicture)> = samples
+    samples
         .iter()
         .filter_map(|s| Some((s, TruePicture::drawn(s, &camera, &model.shape)?)))
-        .collect();
+        .collect()
+}
+
+/// All faces as the model fits them from a disturbed start, the best first.
+fn fitted<'a>(
+    model: &FaceModel,
+    kept: &[(&'a TrainingSample, TruePicture)],
+    names: &'a [String],
+    seed: u64,
+) -> Vec<Fitted<'a>> {
     let pictures: Vec<TruePicture> = kept.iter().map(|(_, p)| p.clone()).collect();
     let starts = disturbed(&pictures, 1, &[NEAR], false, seed);
     let ends = fit_cold(&starts, &model.shape, &model.cold, &model.warm);
@@ -146,21 +191,14 @@ pub fn page(
         })
         .collect();
     fitted.sort_by(|a, b| a.error().total_cmp(&b.error()));
+    fitted
+}
 
-    let mut header: Vec<String> = ["faces", "number", "mean / 95th percentile, %"]
-        .map(String::from)
-        .to_vec();
-    header.extend(scheme::REGIONS.map(|(name, _)| name.to_owned()));
-    header.push("mean confidence".into());
-    let mut album = Album {
-        title: "A face model and the people it has not learnt from".into(),
-        facts,
-        table: vec![header],
-        ..Album::default()
-    };
+/// A row of the table for each way to be turned, lit, covered and moved.
+fn add_groups(fitted: &[Fitted], table: &mut Vec<Vec<String>>) {
     let mut group = |name: &str, of: &dyn Fn(&Fitted) -> bool| {
         let members: Vec<&Fitted> = fitted.iter().filter(|f| of(f)).collect();
-        album.table.extend(row(name, &members));
+        table.extend(row(name, &members));
     };
     group("all", &|_| true);
     group("yaw to 10°", &|f| f.turned_deg().0 <= 10.0);
@@ -186,19 +224,4 @@ pub fn page(
     for name in strongest {
         group(name, &|f| f.strongest == name);
     }
-    for (which, faces) in [
-        ("worst", fitted.iter().rev().take(SHOWN).collect::<Vec<_>>()),
-        ("best", fitted.iter().take(SHOWN).collect()),
-    ] {
-        for face in faces {
-            let caption = format!(
-                "{which}: {:.2} %, confidence {:.2}, {}; true green, found red",
-                face.error(),
-                face.confidence,
-                face.strongest
-            );
-            album.pictures.push((caption, face.picture.clone()));
-        }
-    }
-    album
 }

@@ -146,13 +146,7 @@ impl Outfit {
         };
         let frame = Cloth::new(Stuff::Dark, colour, 0.0);
         let rim = look.rims_m;
-        let mean = |from: usize| {
-            let sum = (from..from + 6).fold(Vector::zeros(), |sum, k| {
-                sum + asset.landmarks[k].on(&asset.neutral).coords
-            });
-            sum / 6.0
-        };
-        let (right, left) = (mean(36), mean(42));
+        let (right, left) = (eye_middle(asset, 36), eye_middle(asset, 42));
         let bridge = asset.landmarks[27].on(&asset.neutral);
         let (wide, high) = (
             0.024 + 0.003 * share(look.seed, 41),
@@ -459,116 +453,143 @@ impl Outfit {
     /// middle of the face for a sheet.
     pub(crate) fn held(look: &Look) -> Self {
         let mut outfit = Self::default();
-        let skin = Cloth::new(Stuff::Skin, SKIN, 0.0);
         let seed = part(look.seed, 9);
         let side = if share(seed, 1) < 0.5 { -1.0 } else { 1.0f32 };
-        let mut fist = |x: f32, y: f32, z: f32| {
-            outfit.ball([x, y, z], [0.040, 0.034, 0.030], &skin);
-            for k in 0..4 {
-                let up = y - 0.024 + 0.016 * k as f32;
-                outfit.ball(
-                    [x - side * 0.016, up, z - 0.022],
-                    [0.026, 0.0085, 0.010],
-                    &skin,
-                );
-            }
-            // The forearm goes down and outwards, to an elbow on the table.
-            let sleeve = Cloth::new(Stuff::Cloth, look.clothes, 0.0);
-            let path: Vec<Point> = (0..8)
-                .map(|i| {
-                    let t = i as f32 / 7.0;
-                    Point::new(
-                        x + side * 0.13 * t,
-                        y + 0.02 + 0.34 * t,
-                        z + 0.01 + 0.05 * t,
-                    )
-                })
-                .collect();
-            outfit.tube(
-                &path,
-                |_| -Vector::z(),
-                |i| {
-                    let r = 0.026 + 0.003 * i as f32;
-                    [r, r]
-                },
-                14,
-                Stuff::Cloth,
-                |i, p, turn| {
-                    let cloth = if i < 2 { &skin } else { &sleeve };
-                    cloth.knot(p, [turn * 0.3, 0.05 * i as f32], 1.0)
-                },
-            );
-        };
+        let mut fist = |x: f32, y: f32, z: f32| outfit.fist([x, y, z], side, look);
         match look.held {
             Held::None => {}
             Held::Chin => fist(side * 0.012, 0.020, 0.0),
             Held::Cup => {
                 fist(side * 0.035, 0.045, -0.045);
-                let china = Cloth::new(Stuff::Matt, [222.0, 220.0, 214.0], 0.0);
-                let path = [
-                    Point::new(0.0, 0.005, -0.045),
-                    Point::new(0.0, 0.045, -0.055),
-                    Point::new(0.0, 0.088, -0.058),
-                    Point::new(0.0, 0.089, -0.058),
-                ];
-                outfit.tube(
-                    &path,
-                    |_| -Vector::z(),
-                    |i| {
-                        [
-                            [0.041, 0.041],
-                            [0.040, 0.040],
-                            [0.034, 0.034],
-                            [0.001, 0.001],
-                        ][i]
-                    },
-                    18,
-                    Stuff::Matt,
-                    |i, p, turn| china.knot(p, [turn, i as f32], 1.0),
-                );
+                outfit.cup();
             }
             Held::Mouth => {
-                // The palm across the mouth, the fingers over the other cheek.
-                let knuckle = Cloth::new(Stuff::Skin, SKIN, 0.0);
                 fist(side * 0.045, 0.012, -0.012);
-                outfit.ball(
-                    [side * 0.012, 0.008, -0.014],
-                    [0.046, 0.036, 0.016],
-                    &knuckle,
-                );
-                for k in 0..4 {
-                    let up = -0.018 + 0.017 * k as f32;
-                    outfit.ball([-side * 0.046, up, -0.004], [0.034, 0.009, 0.010], &knuckle);
-                }
+                outfit.palm(side);
             }
             Held::Phone => {
                 fist(side * 0.100, 0.045, 0.045);
-                let case = Cloth::new(Stuff::Gloss, [24.0, 24.0, 28.0], 0.0);
-                outfit.sheet([4, 4], &case, |u, v| {
-                    Point::new(
-                        side * (0.088 + 0.004 * u),
-                        0.05 - 0.13 * v,
-                        0.005 + 0.07 * u,
-                    )
-                });
+                outfit.phone(side);
             }
             Held::Paper => {
-                let x = side * 0.17;
-                fist(x + side * 0.02, 0.20, -0.07);
-                let paper = Cloth::new(Stuff::Matt, [228.0, 228.0, 224.0], 0.0);
-                let tilt = 0.3 * (share(seed, 2) - 0.5);
-                outfit.sheet([9, 7], &paper, |u, v| {
-                    let (a, b) = (0.21 * (u - 0.5), 0.297 * (v - 0.85));
-                    Point::new(
-                        x + a * tilt.cos() - b * tilt.sin(),
-                        0.19 + a * tilt.sin() + b * tilt.cos(),
-                        -0.08 + 0.015 * (3.0 * u).sin() + 0.05 * v,
-                    )
-                });
+                fist(side * 0.17 + side * 0.02, 0.20, -0.07);
+                outfit.paper(side, seed);
             }
         }
         outfit
     }
+
+    /// A fist at a place and its forearm.
+    fn fist(&mut self, [x, y, z]: [f32; 3], side: f32, look: &Look) {
+        let skin = Cloth::new(Stuff::Skin, SKIN, 0.0);
+        self.ball([x, y, z], [0.040, 0.034, 0.030], &skin);
+        for k in 0..4 {
+            let up = y - 0.024 + 0.016 * k as f32;
+            self.ball(
+                [x - side * 0.016, up, z - 0.022],
+                [0.026, 0.0085, 0.010],
+                &skin,
+            );
+        }
+        // The forearm goes down and outwards, to an elbow on the table.
+        let sleeve = Cloth::new(Stuff::Cloth, look.clothes, 0.0);
+        let path: Vec<Point> = (0..8)
+            .map(|i| {
+                let t = i as f32 / 7.0;
+                Point::new(
+                    x + side * 0.13 * t,
+                    y + 0.02 + 0.34 * t,
+                    z + 0.01 + 0.05 * t,
+                )
+            })
+            .collect();
+        self.tube(
+            &path,
+            |_| -Vector::z(),
+            |i| {
+                let r = 0.026 + 0.003 * i as f32;
+                [r, r]
+            },
+            14,
+            Stuff::Cloth,
+            |i, p, turn| {
+                let cloth = if i < 2 { &skin } else { &sleeve };
+                cloth.knot(p, [turn * 0.3, 0.05 * i as f32], 1.0)
+            },
+        );
+    }
+
+    fn cup(&mut self) {
+        let china = Cloth::new(Stuff::Matt, [222.0, 220.0, 214.0], 0.0);
+        let path = [
+            Point::new(0.0, 0.005, -0.045),
+            Point::new(0.0, 0.045, -0.055),
+            Point::new(0.0, 0.088, -0.058),
+            Point::new(0.0, 0.089, -0.058),
+        ];
+        self.tube(
+            &path,
+            |_| -Vector::z(),
+            |i| {
+                [
+                    [0.041, 0.041],
+                    [0.040, 0.040],
+                    [0.034, 0.034],
+                    [0.001, 0.001],
+                ][i]
+            },
+            18,
+            Stuff::Matt,
+            |i, p, turn| china.knot(p, [turn, i as f32], 1.0),
+        );
+    }
+
+    fn palm(&mut self, side: f32) {
+        // The palm across the mouth, the fingers over the other cheek.
+        let knuckle = Cloth::new(Stuff::Skin, SKIN, 0.0);
+        self.ball(
+            [side * 0.012, 0.008, -0.014],
+            [0.046, 0.036, 0.016],
+            &knuckle,
+        );
+        for k in 0..4 {
+            let up = -0.018 + 0.017 * k as f32;
+            self.ball([-side * 0.046, up, -0.004], [0.034, 0.009, 0.010], &knuckle);
+        }
+    }
+
+    fn phone(&mut self, side: f32) {
+        let case = Cloth::new(Stuff::Gloss, [24.0, 24.0, 28.0], 0.0);
+        self.sheet([4, 4], &case, |u, v| {
+            Point::new(
+                side * (0.088 + 0.004 * u),
+                0.05 - 0.13 * v,
+                0.005 + 0.07 * u,
+            )
+        });
+    }
+
+    fn paper(&mut self, side: f32, seed: u64) {
+        let x = side * 0.17;
+        let paper = Cloth::new(Stuff::Matt, [228.0, 228.0, 224.0], 0.0);
+        let tilt = 0.3 * (share(seed, 2) - 0.5);
+        self.sheet([9, 7], &paper, |u, v| {
+            let (a, b) = (0.21 * (u - 0.5), 0.297 * (v - 0.85));
+            Point::new(
+                x + a * tilt.cos() - b * tilt.sin(),
+                0.19 + a * tilt.sin() + b * tilt.cos(),
+                -0.08 + 0.015 * (3.0 * u).sin() + 0.05 * v,
+            )
+        });
+    }
+}
+
+/// The middle of an eye whose outline begins with this landmark.
+fn eye_middle(asset: &HeadAsset, from: usize) -> Vector {
+    let sum = (from..from + 6).fold(Vector::zeros(), |sum, k| {
+        sum + asset.landmarks[k].on(&asset.neutral).coords
+    });
+    sum / 6.0
 }
 
 impl Held {

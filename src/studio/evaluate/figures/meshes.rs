@@ -22,22 +22,18 @@ use crate::studio::train::paper_aam::acted;
 /// Side of a picture, pixels.
 const SIDE: u32 = 220;
 
-/// Fig. 2: one pixel of noise and a fifth of the points missing; what structure from motion makes of 150 frames of it, from in
-/// front and from the side.
-pub(super) fn shapes(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(), FiguresError> {
-    const NOISE_PX: f64 = 1.0;
-    const MISSING: f64 = 0.2;
-    /// Frames of the 150 that are shown: at rest, smiling, jaw down, brows up, lips funnelled.
-    const SHOWN: [usize; 5] = [1, 8, 14, 20, 37];
-    let truths = acted(&studio.heads[0].asset, 1);
+/// Noise of a coordinate (standard deviation), and the share of points that are missing, in Fig. 2.
+const NOISE_PX: f64 = 1.0;
+const MISSING: f64 = 0.2;
+
+/// Points with noise, and some of them missing.
+fn disturbed(points: impl Iterator<Item = [f32; 2]>) -> Vec<[f64; 2]> {
     let mut random = fastrand::Rng::with_seed(2);
     let mut gauss = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
-    let noisy: Vec<[f64; 2]> = truths
-        .iter()
-        .flat_map(|truth| truth.landmarks_px)
+    let noisy: Vec<[f64; 2]> = points
         .map(|p| p.map(|v| f64::from(v) + NOISE_PX * gauss()))
         .collect();
-    let noisy: Vec<[f64; 2]> = noisy
+    noisy
         .into_iter()
         .map(|p| {
             if random.f64() < MISSING {
@@ -46,7 +42,16 @@ pub(super) fn shapes(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(
                 p
             }
         })
-        .collect();
+        .collect()
+}
+
+/// Fig. 2: one pixel of noise and a fifth of the points missing; what structure from motion makes of 150 frames of it, from in
+/// front and from the side.
+pub(super) fn shapes(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(), FiguresError> {
+    /// Frames of the 150 that are shown: at rest, smiling, jaw down, brows up, lips funnelled.
+    const SHOWN: [usize; 5] = [1, 8, 14, 20, 37];
+    let truths = acted(&studio.heads[0].asset, 1);
+    let noisy = disturbed(truths.iter().flat_map(|truth| truth.landmarks_px));
     let tracks = Tracks::new(truths.len(), LANDMARKS, noisy.clone())?;
     let settings = nrsfm::Settings {
         rank: Some(10),

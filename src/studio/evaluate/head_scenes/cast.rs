@@ -48,6 +48,11 @@ impl Cast<'_> {
         self.heads[k % self.heads.len()].asset.clone()
     }
 
+    /// Frames of a scene of which ten seconds say enough.
+    pub(super) fn short(&self) -> usize {
+        self.frames.min(300)
+    }
+
     pub(super) fn simulator(&self, scene: Scene, k: usize) -> Simulator {
         let others = [1, 2].map(|next| self.asset(k + next));
         Simulator::new(self.asset(k), scene, self.seed ^ (k as u64 + 1) << 8).joined_by(others)

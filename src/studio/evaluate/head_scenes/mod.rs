@@ -93,7 +93,6 @@ pub fn play(
     sessions: &Sessions,
     only: &[String],
 ) -> Result<Table, SessionsError> {
-    let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
     heads.truncate(sessions.people);
     if heads.is_empty() {
@@ -106,185 +105,222 @@ pub fn play(
         frames: (sessions.seconds * 30.0) as usize,
         seed: sessions.seed,
     };
-    let median = |times: &[f64]| {
-        let mut sorted = times.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
-    };
-    let mut rows = Vec::new();
-    let mut row = |scene: &str, bar: &str, figure: String| {
-        say(scene, &figure);
-        rows.push((scene.to_owned(), bar.to_owned(), figure));
-    };
-    let share = |[part, all]: [usize; 2]| 100.0 * part as f64 / all.max(1) as f64;
-    let sum = |films: &[Film], count: &dyn Fn(&Film) -> [usize; 2]| {
-        films
-            .iter()
-            .map(count)
-            .fold([0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]])
-    };
-    let followed = |films: &[Film]| {
-        let [turn, shift] = pose_errors(films);
-        let lost = share(sum(films, &Film::missing));
-        format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
-    };
+    let mut rows = Rows::default();
+    let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
+    for name in ROWS.into_iter().filter(|name| wanted(name)) {
+        match name {
+            "acted" => near_and_far(&cast, &mut rows)?,
+            "wide" => {
+                let wide = cast.films(Scene::Wide, cast.frames)?;
+                rows.add(
+                    "yaw ±45°, pitch ±30°",
+                    "1.5 / 4°, never lost",
+                    tracked(&wide),
+                );
+            }
+            "fast" => {
+                let fast = cast.films(Scene::Fast, cast.short())?;
+                rows.add("turns at 200°/s", "2 / 5°, lost ≤ 1 %", tracked(&fast));
+            }
+            "still" => jitter_and_lag(&cast, &mut rows)?,
+            "first" => first_poses(&cast, &mut rows)?,
+            "several" => several_people(&cast, sessions.seconds, &mut rows)?,
+            "known" => rows.add(
+                "people who left, known again by the head",
+                "right",
+                cast.known_again()?,
+            ),
+            "hand" => hand_before_the_face(&cast, &mut rows)?,
+            "mouth" => hand_over_the_mouth(&cast, &mut rows)?,
+            "nobody" => nobody(&cast, data, &mut rows)?,
+            _ => {}
+        }
+    }
+    let (pose, times) = (wanted("pose"), wanted("times"));
+    if pose || times {
+        frame_times(&cast, [pose, times], &mut rows)?;
+    }
+    Ok(Table { rows: rows.0 })
+}
 
-    let people = 0..cast.heads.len();
-    if wanted("acted") {
-        let near: Vec<Film> = people
-            .clone()
-            .into_par_iter()
-            .map(|k| cast.near_and_far(k))
-            .collect::<Result<_, _>>()?;
-        row(
-            "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
-            "0.7 / 1.5°, 3 / 6 mm",
-            followed(&near),
-        );
+/// Rows so far: scene, bar, figure.
+#[derive(Default)]
+struct Rows(Vec<(String, String, String)>);
+
+impl Rows {
+    fn add(&mut self, scene: &str, bar: &str, figure: String) {
+        say(scene, &figure);
+        self.0.push((scene.to_owned(), bar.to_owned(), figure));
     }
-    if wanted("wide") {
-        let wide = cast.films(Scene::Wide, cast.frames)?;
-        row(
-            "yaw ±45°, pitch ±30°",
-            "1.5 / 4°, never lost",
-            followed(&wide),
-        );
-    }
-    let short = cast.frames.min(300);
-    if wanted("fast") {
-        let fast = cast.films(Scene::Fast, short)?;
-        row("turns at 200°/s", "2 / 5°, lost ≤ 1 %", followed(&fast));
-    }
+}
+
+fn median(times: &[f64]) -> f64 {
+    let mut sorted = times.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[sorted.len() / 2]
+}
+
+/// A part in percent of all, over all films.
+fn percent(films: &[Film], count: impl Fn(&Film) -> [usize; 2]) -> f64 {
+    let [part, all] = films
+        .iter()
+        .map(count)
+        .fold([0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
+    100.0 * part as f64 / all.max(1) as f64
+}
+
+/// How well heads were tracked.
+fn tracked(films: &[Film]) -> String {
+    let [turn, shift] = pose_errors(films);
+    let lost = percent(films, Film::missing);
+    format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
+}
+
+fn near_and_far(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+    let near: Vec<Film> = (0..cast.heads.len())
+        .into_par_iter()
+        .map(|k| cast.near_and_far(k))
+        .collect::<Result<_, _>>()?;
+    rows.add(
+        "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
+        "0.7 / 1.5°, 3 / 6 mm",
+        tracked(&near),
+    );
+    Ok(())
+}
+
+fn jitter_and_lag(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
     let mean = |values: &dyn Fn(&Film) -> f64, films: &[Film]| {
         films.iter().map(values).sum::<f64>() / films.len() as f64
     };
-    if wanted("still") {
-        let still = cast.films(Scene::Still, short)?;
-        let [turning, fast] = [Scene::Turning, Scene::Fast].map(|scene| cast.films(scene, short));
-        row(
-            "still head: jitter; lag in slow and in fast turns",
-            "0.05°, 0.3 mm; 1 frame",
-            format!(
-                "{:.3}°, {:.2} mm; {:.2} and {:.2} frames",
-                mean(&|film| film.jitter()[0], &still),
-                mean(&|film| film.jitter()[1], &still),
-                mean(&Film::lag, &turning?),
-                mean(&Film::lag, &fast?)
-            ),
-        );
-    }
-    if wanted("first") {
-        let (firsts, searches): (Vec<_>, Vec<_>) = people
-            .clone()
-            .into_par_iter()
-            .map(|k| cast.first_poses(k))
-            .collect::<Result<Vec<_>, _>>()?
-            .into_iter()
-            .unzip();
-        let (firsts, searches) = (firsts.concat(), searches.concat());
-        let within =
-            |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
-        row(
-            "first pose, yaw ±60°, pitch ±40°, after 2 frames",
-            "found",
-            format!(
-                "{} % within 5°, {} % within 15°; a search takes {:.1} ms (median)",
-                within(5.0),
-                within(15.0),
-                median(&searches)
-            ),
-        );
-    }
-    if wanted("several") {
-        for (name, scene, seconds) in [
-            ("two side by side", Scene::Two, 15.0),
-            ("two crossing", Scene::Crossing, 20.0),
-            ("user swap", Scene::Swap, 40.0),
-        ] {
-            let films = cast.films(
-                scene,
-                (30.0 * f64::min(seconds, 2.0 * sessions.seconds)) as usize,
-            )?;
-            let ids = 100.0 - share(sum(&films, &Film::wrong_ids));
-            let lost = share(sum(&films, &Film::missing));
-            let arrivals: Vec<usize> = films.iter().flat_map(Film::arrivals).collect();
-            let late = arrivals.iter().max().copied().unwrap_or(0);
-            let ghosts: usize = films.iter().map(|film| film.ghosts).sum();
-            row(
+    let still = cast.films(Scene::Still, cast.short())?;
+    let [turning, fast] =
+        [Scene::Turning, Scene::Fast].map(|scene| cast.films(scene, cast.short()));
+    rows.add(
+        "still head: jitter; lag in slow and in fast turns",
+        "0.05°, 0.3 mm; 1 frame",
+        format!(
+            "{:.3}°, {:.2} mm; {:.2} and {:.2} frames",
+            mean(&|film| film.jitter()[0], &still),
+            mean(&|film| film.jitter()[1], &still),
+            mean(&Film::lag, &turning?),
+            mean(&Film::lag, &fast?)
+        ),
+    );
+    Ok(())
+}
+
+fn first_poses(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+    let (firsts, searches): (Vec<_>, Vec<_>) = (0..cast.heads.len())
+        .into_par_iter()
+        .map(|k| cast.first_poses(k))
+        .collect::<Result<Vec<_>, _>>()?
+        .into_iter()
+        .unzip();
+    let (firsts, searches) = (firsts.concat(), searches.concat());
+    let within =
+        |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
+    rows.add(
+        "first pose, yaw ±60°, pitch ±40°, after 2 frames",
+        "found",
+        format!(
+            "{} % within 5°, {} % within 15°; a search takes {:.1} ms (median)",
+            within(5.0),
+            within(15.0),
+            median(&searches)
+        ),
+    );
+    Ok(())
+}
+
+fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Rows) -> Result<(), SessionsError> {
+    for (name, scene, seconds) in [
+        ("two side by side", Scene::Two, 15.0),
+        ("two crossing", Scene::Crossing, 20.0),
+        ("user swap", Scene::Swap, 40.0),
+    ] {
+        let films = cast.films(
+            scene,
+            (30.0 * f64::min(seconds, 2.0 * seconds_each)) as usize,
+        )?;
+        let ids = 100.0 - percent(&films, Film::wrong_ids);
+        let lost = percent(&films, Film::missing);
+        let arrivals: Vec<usize> = films.iter().flat_map(Film::arrivals).collect();
+        let late = arrivals.iter().max().copied().unwrap_or(0);
+        let ghosts: usize = films.iter().map(|film| film.ghosts).sum();
+        rows.add(
                 name,
                 "ids 99 %, new user in 10 frames",
                 format!(
                     "ids right {ids:.2} %, new user in {late} frames at most, lost {lost:.2} %, {ghosts} frames with a ghost"
                 ),
             );
-        }
     }
-    if wanted("known") {
-        row(
-            "people who left, known again by the head",
-            "right",
-            cast.known_again()?,
-        );
-    }
-    if wanted("hand") {
-        let hands = cast.films(Scene::Hand, 480)?;
-        let worst = hands
-            .iter()
-            .map(|film| uncovered(film).0)
-            .max()
-            .unwrap_or(0);
-        row(
-            "hand before the face",
-            "held, lost, back in 5 frames",
-            format!("{}; back in {worst} frames at most", uncovered(&hands[0]).1),
-        );
-    }
-    if wanted("mouth") {
-        let films: Vec<covered::Errors> = people
-            .clone()
-            .into_par_iter()
-            .map(|k| covered::play(&cast, k))
-            .collect::<Result<_, _>>()?;
-        row(
-            "hand over the mouth for 1 s: error of its units against holding's",
-            "half",
-            covered::figure(&films),
-        );
-    }
-    if wanted("nobody") {
-        let mut ghosts = Vec::new();
-        for (name, scene) in [
-            ("empty", Scene::Empty),
-            ("furnished", Scene::Furnished),
-            ("behind", Scene::Behind),
-        ] {
-            let films: Vec<Film> = cast.films(scene, 90)?;
-            let count = films.iter().flat_map(|film| {
-                let back = |s: &Option<Sight>| s.is_some_and(|s| s.found.is_some());
-                film.frames
-                    .iter()
-                    .filter(move |frame| frame.iter().any(back))
-            });
-            let faces = count.count() + films.iter().map(|film| film.ghosts).sum::<usize>();
-            ghosts.push(format!("{name} {faces} of {}", 90 * films.len()));
-        }
-        ghosts.push(match cast.real_faces(data)? {
-            Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
-            None => "kinect_v1_pcl is not there".to_owned(),
+    Ok(())
+}
+
+fn hand_before_the_face(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+    let hands = cast.films(Scene::Hand, 480)?;
+    let worst = hands
+        .iter()
+        .map(|film| uncovered(film).0)
+        .max()
+        .unwrap_or(0);
+    rows.add(
+        "hand before the face",
+        "held, lost, back in 5 frames",
+        format!("{}; back in {worst} frames at most", uncovered(&hands[0]).1),
+    );
+    Ok(())
+}
+
+fn hand_over_the_mouth(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+    let films: Vec<covered::Errors> = (0..cast.heads.len())
+        .into_par_iter()
+        .map(|k| covered::play(cast, k))
+        .collect::<Result<_, _>>()?;
+    rows.add(
+        "hand over the mouth for 1 s: error of its units against holding's",
+        "half",
+        covered::figure(&films),
+    );
+    Ok(())
+}
+
+fn nobody(cast: &Cast, data: &Path, rows: &mut Rows) -> Result<(), SessionsError> {
+    let mut ghosts = Vec::new();
+    for (name, scene) in [
+        ("empty", Scene::Empty),
+        ("furnished", Scene::Furnished),
+        ("behind", Scene::Behind),
+    ] {
+        let films: Vec<Film> = cast.films(scene, 90)?;
+        let count = films.iter().flat_map(|film| {
+            let back = |s: &Option<Sight>| s.is_some_and(|s| s.found.is_some());
+            film.frames
+                .iter()
+                .filter(move |frame| frame.iter().any(back))
         });
-        row(
-            "frames with a face where there is none",
-            "0",
-            ghosts.join(", "),
-        );
+        let faces = count.count() + films.iter().map(|film| film.ghosts).sum::<usize>();
+        ghosts.push(format!("{name} {faces} of {}", 90 * films.len()));
     }
-    let (one, pose) = if wanted("pose") || wanted("times") {
-        cast.times(Scene::Acted, 240)?
-    } else {
-        (vec![1.0], vec![1.0])
-    };
-    if wanted("pose") {
-        row(
+    ghosts.push(match cast.real_faces(data)? {
+        Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
+        None => "kinect_v1_pcl is not there".to_owned(),
+    });
+    rows.add(
+        "frames with a face where there is none",
+        "0",
+        ghosts.join(", "),
+    );
+    Ok(())
+}
+
+/// `wanted`: the row of the pose's time, those of whole frames.
+fn frame_times(cast: &Cast, wanted: [bool; 2], rows: &mut Rows) -> Result<(), SessionsError> {
+    let (one, pose) = cast.times(Scene::Acted, 240)?;
+    if wanted[0] {
+        rows.add(
             "pose time, one head",
             "0.4 ms",
             format!(
@@ -294,7 +330,7 @@ pub fn play(
             ),
         );
     }
-    if wanted("times") {
+    if wanted[1] {
         for (name, scene, heads) in [
             ("two side by side", Scene::Two, 2.0),
             ("crossing", Scene::Crossing, 2.0),
@@ -302,7 +338,7 @@ pub fn play(
         ] {
             let (times, _) = cast.times(scene, 480)?;
             let largest = times[5..].iter().copied().fold(0.0, f64::max);
-            row(
+            rows.add(
                 &format!("largest frame time per head over the median of one head, {name}"),
                 "2",
                 format!(
@@ -314,7 +350,7 @@ pub fn play(
             );
         }
     }
-    Ok(Table { rows })
+    Ok(())
 }
 
 /// Long work says where it is.

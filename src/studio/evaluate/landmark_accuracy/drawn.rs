@@ -187,6 +187,33 @@ struct Player<'a> {
     seen: Seen,
 }
 
+/// What a session of acts goes through: a fitter for each way to disturb the picture.
+struct Play {
+    index: i64,
+    tracked: LandmarkFitter,
+    dim: LandmarkFitter,
+    covered: LandmarkFitter,
+    lamp: LandmarkFitter,
+    /// Starts anew each time.
+    once: LandmarkFitter,
+    /// Believes as the appliance does.
+    sceptic: LandmarkFitter,
+    /// Frames since the face was hidden, until it is found again.
+    waited: Option<u32>,
+    changed: Box<[u8; PIXELS]>,
+    /// Differences of all points of all frames that were tracked.
+    found: Vec<[[f32; 2]; LANDMARKS]>,
+    /// The landmark about which points are covered.
+    centre: usize,
+}
+
+/// A frame's time, the pose that was found, and the truth.
+struct Moment {
+    at: Timestamp,
+    pose: HeadPose,
+    truth: Truth,
+}
+
 impl<'a> Player<'a> {
     fn new(
         head: PersonHead,
@@ -250,124 +277,181 @@ impl<'a> Player<'a> {
     }
 
     fn acted(&mut self) {
-        let none = [false; LANDMARKS];
-        let (mut tracked, mut dim, mut covered) = (self.fitter(), self.fitter(), self.fitter());
-        let mut lamp = self.fitter();
-        let mut once = self.fitter();
-        let mut sceptic = self.sceptic();
-        let mut waited = None;
-        let mut changed: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long");
-        let mut found = Vec::new();
-        let mut centre = 0;
+        let mut play = Play {
+            index: 0,
+            tracked: self.fitter(),
+            dim: self.fitter(),
+            covered: self.fitter(),
+            lamp: self.fitter(),
+            once: self.fitter(),
+            sceptic: self.sceptic(),
+            waited: None,
+            changed: vec![0; PIXELS].try_into().expect("PIXELS long"),
+            found: Vec::new(),
+            centre: 0,
+        };
         // Every person in other acts.
         let first = 90 + (self.person as i64 * 151) % 1200;
         for index in 0..(self.seconds * 30.0) as i64 {
+            play.index = index;
             let at = frame_time(first + index);
             let Some(truth) = self.simulator.draw(at, &mut self.frame) else {
                 continue;
             };
             let Some(pose) = self.find(at) else { continue };
-            let began = Instant::now();
-            let fit = tracked.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
-            self.seen.times_ms.push(began.elapsed().as_secs_f64() * 1e3);
-            let mut here = f64::NAN;
-            if let Some(fit) = fit {
-                here = self.seen.judge(fit, &truth, &none);
-                self.seen.tracked.push(here);
-                found.push(differences(&fit.pixels, &truth.landmarks_px));
-            }
-            for (to, from) in changed.iter_mut().zip(self.frame.luma.iter()) {
-                *to = from / 4;
-            }
-            if let Some(fit) = dim.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
-                let error = self.seen.judge(fit, &truth, &none);
-                self.seen.dim.push(error);
-            }
-            if index % 30 == 0 {
-                centre = self.random.usize(..LANDMARKS);
-            }
-            let hidden = cover(
-                &mut changed,
-                &self.frame.luma,
-                &truth,
-                centre,
-                &mut self.random,
-            );
-            if let Some(fit) = covered.fit(&changed, &self.frame.depth, &self.camera, &pose, at) {
-                self.seen.judge(fit, &truth, &hidden);
-                let d = differences(&fit.pixels, &truth.landmarks_px);
-                let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
-                let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
-                self.seen
-                    .covered
-                    .push(f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32));
-                for i in 0..LANDMARKS {
-                    let flagged = fit.point_confidence[i] < 0.5;
-                    self.seen.flagged[usize::from(!hidden[i])].add(flagged == hidden[i]);
-                }
-            }
-            let [every, last] = HIDE;
-            if index % every >= every - last {
-                hide(&mut changed, &self.frame.luma, &truth, &mut self.random);
-                let fit = sceptic.fit(&changed, &self.frame.depth, &self.camera, &pose, at);
-                self.seen.unseen.add(fit.is_none());
-                waited = Some(0);
-            } else {
-                let fit = sceptic.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at);
-                let found = fit.is_some_and(|fit| {
-                    mean_percent(&differences(&fit.pixels, &truth.landmarks_px)) <= 5.0
-                });
-                if let Some(frames) = &mut waited {
-                    *frames += 1;
-                    if found || index % every == every - last - 1 {
-                        self.seen.recovered.push(f64::from(*frames));
-                        waited = None;
-                    }
-                }
-            }
-            if index % SPARSE != 0 {
-                continue;
-            }
-            once.reset();
-            if let Some(fit) =
-                once.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
-            {
-                let error = self.seen.judge(fit, &truth, &none);
-                self.seen.cold.push(error);
-            }
-            once.reset();
-            let wrong = self.astray(&pose);
-            if let Some(fit) = once.fit(
-                &self.frame.luma,
-                &self.frame.depth,
-                &self.camera,
-                &wrong,
-                at,
-            ) {
-                self.seen.judge(fit, &truth, &none);
-            }
-            // The lamp goes round once in two seconds.
-            let turn = std::f32::consts::PI * index as f32 / 30.0;
-            let towards = Vector::new(turn.cos(), turn.sin() - 0.3, -0.8).normalize();
-            let moved = Light {
-                towards,
-                ..self.light
-            };
-            self.relight(moved);
-            self.simulator.draw(at, &mut self.frame);
-            self.relight(self.light);
-            if let Some(fit) =
-                lamp.fit(&self.frame.luma, &self.frame.depth, &self.camera, &pose, at)
-            {
-                let error = self.seen.judge(fit, &truth, &none);
-                self.seen.lamp.push(error);
-                self.seen.same_as_lamp.push(here);
+            let now = Moment { at, pose, truth };
+            let error = self.tracked(&mut play, &now);
+            self.dim(&mut play, &now);
+            self.covered(&mut play, &now);
+            self.hidden(&mut play, &now);
+            if index % SPARSE == 0 {
+                self.from_cold(&mut play, &now);
+                self.under_a_lamp(&mut play, &now, error);
             }
         }
-        let offsets = mean_offsets(&found);
+        let offsets = mean_offsets(&play.found);
         self.seen.offset.push(mean_percent(&offsets));
-        for d in &found {
+        for d in &play.found {
             self.seen.rest.push(mean_percent(&without(d, &offsets)));
+        }
+    }
+
+    /// The picture as it is; the error.
+    fn tracked(&mut self, play: &mut Play, now: &Moment) -> f64 {
+        let Moment { at, pose, truth } = now;
+        let began = Instant::now();
+        let fit = play
+            .tracked
+            .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at);
+        self.seen.times_ms.push(began.elapsed().as_secs_f64() * 1e3);
+        let mut here = f64::NAN;
+        if let Some(fit) = fit {
+            here = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+            self.seen.tracked.push(here);
+            play.found
+                .push(differences(&fit.pixels, &truth.landmarks_px));
+        }
+        here
+    }
+
+    /// A quarter of the light.
+    fn dim(&mut self, play: &mut Play, now: &Moment) {
+        let Moment { at, pose, truth } = now;
+        for (to, from) in play.changed.iter_mut().zip(self.frame.luma.iter()) {
+            *to = from / 4;
+        }
+        if let Some(fit) = play
+            .dim
+            .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at)
+        {
+            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+            self.seen.dim.push(error);
+        }
+    }
+
+    /// A fifth of the points covered.
+    fn covered(&mut self, play: &mut Play, now: &Moment) {
+        let Moment { at, pose, truth } = now;
+        if play.index % 30 == 0 {
+            play.centre = self.random.usize(..LANDMARKS);
+        }
+        let hidden = cover(
+            &mut play.changed,
+            &self.frame.luma,
+            truth,
+            play.centre,
+            &mut self.random,
+        );
+        if let Some(fit) =
+            play.covered
+                .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at)
+        {
+            self.seen.judge(fit, truth, &hidden);
+            let d = differences(&fit.pixels, &truth.landmarks_px);
+            let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
+            let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
+            self.seen
+                .covered
+                .push(f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32));
+            for i in 0..LANDMARKS {
+                let flagged = fit.point_confidence[i] < 0.5;
+                self.seen.flagged[usize::from(!hidden[i])].add(flagged == hidden[i]);
+            }
+        }
+    }
+
+    /// The whole face hidden for a while, and what comes after.
+    fn hidden(&mut self, play: &mut Play, now: &Moment) {
+        let Moment { at, pose, truth } = now;
+        let [every, last] = HIDE;
+        if play.index % every >= every - last {
+            hide(&mut play.changed, &self.frame.luma, truth, &mut self.random);
+            let fit = play
+                .sceptic
+                .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at);
+            self.seen.unseen.add(fit.is_none());
+            play.waited = Some(0);
+        } else {
+            let fit =
+                play.sceptic
+                    .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at);
+            let found = fit.is_some_and(|fit| {
+                mean_percent(&differences(&fit.pixels, &truth.landmarks_px)) <= 5.0
+            });
+            if let Some(frames) = &mut play.waited {
+                *frames += 1;
+                if found || play.index % every == every - last - 1 {
+                    self.seen.recovered.push(f64::from(*frames));
+                    play.waited = None;
+                }
+            }
+        }
+    }
+
+    /// A cold start, from the pose that was found and from one that is wrong.
+    fn from_cold(&mut self, play: &mut Play, now: &Moment) {
+        let Moment { at, pose, truth } = now;
+        play.once.reset();
+        if let Some(fit) =
+            play.once
+                .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at)
+        {
+            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+            self.seen.cold.push(error);
+        }
+        play.once.reset();
+        let wrong = self.astray(pose);
+        if let Some(fit) = play.once.fit(
+            &self.frame.luma,
+            &self.frame.depth,
+            &self.camera,
+            &wrong,
+            *at,
+        ) {
+            self.seen.judge(fit, truth, &[false; LANDMARKS]);
+        }
+    }
+
+    /// A lamp that goes round; `here` is the error without.
+    fn under_a_lamp(&mut self, play: &mut Play, now: &Moment, here: f64) {
+        let Moment { at, pose, truth } = now;
+        // The lamp goes round once in two seconds.
+        let turn = std::f32::consts::PI * play.index as f32 / 30.0;
+        let towards = Vector::new(turn.cos(), turn.sin() - 0.3, -0.8).normalize();
+        let moved = Light {
+            towards,
+            ..self.light
+        };
+        self.relight(moved);
+        self.simulator.draw(*at, &mut self.frame);
+        self.relight(self.light);
+        if let Some(fit) =
+            play.lamp
+                .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at)
+        {
+            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
+            self.seen.lamp.push(error);
+            self.seen.same_as_lamp.push(here);
         }
     }
 

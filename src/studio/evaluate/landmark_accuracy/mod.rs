@@ -26,6 +26,8 @@ use tallies::Errors;
 
 /// Measures and makes the table; `say` gets it row by row.
 ///
+/// Long because it is the table: every row with its words, its figure and its bar.
+///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
 pub fn measure(

@@ -1,0 +1,46 @@
+//! What receivers of our wires understand, whichever wire it came over: one user at one frame, and who is told of it.
+//!
+//! Each receiver stands beside what writes its wire: [`super::osc::Receiver`], [`super::serial::Receiver`] and
+//! [`super::csv::read::Columns`]. Only the workstation receives, so none of this is in the appliance.
+
+/// One user at one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Slot; `None` if nobody is there.
+    pub user: Option<usize>,
+    /// Number of the frame.
+    pub number: u64,
+    /// Capture time.
+    pub seconds: f64,
+    /// Code of the state: 0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed.
+    pub state: u8,
+    /// 0…1.
+    pub confidence: f32,
+    /// From the frame's arrival to its being sent, if the source says so.
+    pub latency_ms: Option<f32>,
+    /// Whether nothing is learnt.
+    pub frozen: bool,
+    /// `sensor_from_head`: place in metres and quaternion x y z w.
+    pub pose: Option<[f32; 7]>,
+    /// The head in depth pixels: first column and row, one past the last.
+    pub head_box: Option<[u16; 4]>,
+    /// In the order of the schema.
+    pub weights: Vec<f32>,
+    /// The 68 points, colour pixels; empty if not known.
+    pub points: Vec<[f32; 2]>,
+}
+
+/// Low, rest, high of the measure behind a unit, and how far they are this person's (0…1, if the source says so).
+pub type UnitRange = ([f32; 3], Option<f32>);
+
+/// Who hears what a receiver understood.
+pub trait Listener {
+    /// The names of the units, in the order of the weights, when they are others than before.
+    fn schema(&self, names: &[String]);
+    /// A user at a frame.
+    fn sample(&self, sample: &Sample);
+    /// What is known of a user's ranges, in the order of the schema; `None` where nothing was told.
+    fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]);
+    /// So many messages, lines or frames were taken, so many refused.
+    fn count(&self, taken: u64, refused: u64);
+}

@@ -1,0 +1,22 @@
+//! What receivers of wires understand goes to the hub.
+
+use super::hub::Hub;
+use crate::output::received::{Listener, Sample, UnitRange};
+
+impl Listener for Hub {
+    fn schema(&self, names: &[String]) {
+        Self::schema(self, names.iter().map(String::as_str));
+    }
+
+    fn sample(&self, sample: &Sample) {
+        self.tell(sample);
+    }
+
+    fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
+        Self::ranges(self, slot, ranges);
+    }
+
+    fn count(&self, taken: u64, refused: u64) {
+        Self::count(self, taken, refused);
+    }
+}
