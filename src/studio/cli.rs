@@ -14,7 +14,7 @@ use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
 use super::preview;
 use super::record;
-use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
+use super::train::{self, TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
 use crate::studio::atomic_write;
@@ -196,7 +196,8 @@ const COMMANDS: &[Command] = &[
 ];
 
 /// What `--help` of a command says beyond its line.
-const OPTIONS: [(&str, &str); 4] = [
+const OPTIONS: [(&str, &str); 5] = [
+    ("train", train::OPTIONS),
     ("preview", preview::OPTIONS),
     ("bake", bake::request::OPTIONS),
     ("animate", animate::OPTIONS),

@@ -25,7 +25,7 @@ const ROOMS: [&str; 13] = [
     "studio",
 ];
 
-type Module = Vec<String>;
+pub(crate) type Module = Vec<String>;
 type Uses = BTreeMap<Module, BTreeSet<Module>>;
 
 fn source() -> std::path::PathBuf {
@@ -33,7 +33,7 @@ fn source() -> std::path::PathBuf {
 }
 
 /// Every file of the library by its module, but those that are tests.
-fn files() -> BTreeMap<Module, String> {
+pub(crate) fn files() -> BTreeMap<Module, String> {
     fn walk(folder: &Path, module: &Module, files: &mut BTreeMap<Module, String>) {
         for entry in fs::read_dir(folder).expect("a folder") {
             let path = entry.expect("an entry").path();
@@ -70,12 +70,17 @@ fn files() -> BTreeMap<Module, String> {
     files
 }
 
-/// A file without comments, and without the tests at its end.
-fn code(text: &str) -> String {
+/// A file without the tests at its end.
+pub(crate) fn without_tests(text: &str) -> &str {
     let end = text.find("#[cfg(test)]\nmod tests {");
     let end = end.or_else(|| text.find("#[cfg(test)]\npub(crate) mod tests {"));
-    let lines = text[..end.unwrap_or(text.len())].lines();
-    lines
+    &text[..end.unwrap_or(text.len())]
+}
+
+/// A file without comments, and without the tests at its end.
+fn code(text: &str) -> String {
+    without_tests(text)
+        .lines()
         .map(|line| line.split("//").next().unwrap_or_default())
         .collect::<Vec<_>>()
         .join("\n")
@@ -181,7 +186,7 @@ fn uses() -> Uses {
     uses
 }
 
-fn name(module: &Module) -> String {
+pub(crate) fn name(module: &Module) -> String {
     module.join("::")
 }
 

@@ -12,6 +12,7 @@ mod docs_commands;
 mod drives_a_kinect;
 mod follows_several_people;
 mod follows_the_paper;
+mod keeps_functions_short;
 mod keeps_its_rooms_apart;
 mod learns_a_range;
 mod lives_as_a_service;

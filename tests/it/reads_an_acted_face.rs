@@ -59,6 +59,18 @@ fn correlation(pairs: &[(f64, f64)]) -> f64 {
     xy / (xx * yy).sqrt().max(1e-12)
 }
 
+/// `most`: in the mean, and in nineteen of twenty frames.
+fn assert_within(what: &str, unit: &str, errors: &mut [f32], most: [f32; 2]) {
+    errors.sort_by(f32::total_cmp);
+    let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+    let p95 = errors[errors.len() * 95 / 100];
+    println!("{what} off by {mean:.2} {unit} in the mean, {p95:.2} in nineteen of twenty frames");
+    assert!(
+        mean < most[0] && p95 < most[1],
+        "{what}: {mean} and {p95} {unit}"
+    );
+}
+
 #[test]
 fn units_follow_the_actor() {
     let mut simulator = Simulator::new(HeadAsset::shipped(), Scene::Acted, 7);
@@ -124,16 +136,7 @@ fn units_follow_the_actor() {
         ("turn", "degrees", &mut turned, MOST_TURN_DEG),
         ("place", "mm", &mut shifted, MOST_SHIFT_MM),
     ] {
-        errors.sort_by(f32::total_cmp);
-        let mean = errors.iter().sum::<f32>() / errors.len() as f32;
-        let p95 = errors[errors.len() * 95 / 100];
-        println!(
-            "{what} off by {mean:.2} {unit} in the mean, {p95:.2} in nineteen of twenty frames"
-        );
-        assert!(
-            mean < most[0] && p95 < most[1],
-            "{what}: {mean} and {p95} {unit}"
-        );
+        assert_within(what, unit, errors, most);
     }
     let mut low = Vec::new();
     for ((unit, follows, least), pairs) in FOLLOWS.iter().zip(&pairs) {

@@ -375,6 +375,39 @@ fn ports_open_at_every_speed() {
     }
 }
 
+/// What a serial port sends until the line of nobody.
+fn lines_until_nobody(mut reader: TTYPort) -> String {
+    let (mut text, mut bytes) = (String::new(), [0; 4096]);
+    let mut quiet = 0;
+    // It is over when the line of nobody has come: state and user are 0 there too.
+    let nobody = ",0".repeat(2 + Units::shipped().columns(false).len()) + "*";
+    while quiet < 400 && !text.lines().any(|line| line.contains(&nobody)) {
+        match std::io::Read::read(&mut reader, &mut bytes) {
+            Ok(length) => text.push_str(&String::from_utf8_lossy(&bytes[..length])),
+            Err(_) => quiet += 1,
+        }
+    }
+    text
+}
+
+/// What a socket receives until nobody is present.
+fn messages_until_nobody(socket: &UdpSocket) -> Vec<OscMessage> {
+    let mut all = Vec::new();
+    let mut quiet = 0;
+    while quiet < 20 {
+        let some = messages(socket);
+        quiet = if some.is_empty() { quiet + 1 } else { 0 };
+        let last = some
+            .last()
+            .is_some_and(|m| m.addr == "/face/0/present" && m.args == [OscType::Int(0)]);
+        all.extend(some);
+        if last {
+            break;
+        }
+    }
+    all
+}
+
 #[test]
 fn send_test_sweeps_every_unit_and_names_it() {
     let socket = receiver("127.0.0.1:0");
@@ -396,35 +429,8 @@ fn send_test_sweeps_every_unit_and_names_it() {
         .stdin(Stdio::null())
         .spawn()
         .unwrap();
-    let lines = std::thread::spawn(move || {
-        let (mut text, mut bytes) = (String::new(), [0; 4096]);
-        let mut quiet = 0;
-        // It is over when the line of nobody has come: state and user are 0 there too.
-        let nobody = ",0".repeat(2 + Units::shipped().columns(false).len()) + "*";
-        while quiet < 400 && !text.lines().any(|line| line.contains(&nobody)) {
-            match std::io::Read::read(&mut reader, &mut bytes) {
-                Ok(length) => text.push_str(&String::from_utf8_lossy(&bytes[..length])),
-                Err(_) => quiet += 1,
-            }
-        }
-        text
-    });
-    let heard = std::thread::spawn(move || {
-        let mut all = Vec::new();
-        let mut quiet = 0;
-        while quiet < 20 {
-            let some = messages(&socket);
-            quiet = if some.is_empty() { quiet + 1 } else { 0 };
-            let last = some
-                .last()
-                .is_some_and(|m| m.addr == "/face/0/present" && m.args == [OscType::Int(0)]);
-            all.extend(some);
-            if last {
-                break;
-            }
-        }
-        all
-    });
+    let lines = std::thread::spawn(move || lines_until_nobody(reader));
+    let heard = std::thread::spawn(move || messages_until_nobody(&socket));
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success());
     let log = String::from_utf8(output.stderr).unwrap();

@@ -174,12 +174,9 @@ fn follows_strangers_through_every_expression() {
     assert!(mean < 0.7, "{mean} deg");
 }
 
-#[test]
-#[ignore = "takes minutes: for choosing the filter, the settings, and for times"]
-fn filters_and_times() {
-    use mien::pose::smoothing::PoseFilter;
-    let Some(ict) = ict() else { return };
-    let filters = [
+/// Filters to choose from.
+fn filters() -> [(&'static str, Smoothing); 9] {
+    [
         ("off", Smoothing::Off),
         ("window 2", Smoothing::Window(2)),
         ("window 3", Smoothing::Window(3)),
@@ -219,7 +216,15 @@ fn filters_and_times() {
                 rise: 300.0,
             },
         ),
-    ];
+    ]
+}
+
+#[test]
+#[ignore = "takes minutes: for choosing the filter, the settings, and for times"]
+fn filters_and_times() {
+    use mien::pose::smoothing::PoseFilter;
+    let Some(ict) = ict() else { return };
+    let filters = filters();
     let settings = Settings {
         smoothing: Smoothing::Off,
         ..Settings::default()

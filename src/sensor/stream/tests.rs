@@ -55,6 +55,29 @@ fn undisturbed_pictures_come_out_as_they_went_in() {
     }
 }
 
+fn assert_counts(found: &Tally, expected: &Tally, seed: u64) {
+    // A short packet of a picture already given up is skipped, not measured; both count once.
+    let skipped_short = expected.wrong_length - found.wrong_length;
+    assert!(skipped_short <= found.skipped, "seed {seed}");
+    assert_eq!(
+        [
+            found.pictures,
+            found.lost,
+            found.repeated,
+            found.damaged,
+            found.bus_errors
+        ],
+        [
+            expected.pictures,
+            expected.lost,
+            expected.repeated,
+            expected.damaged,
+            expected.bus_errors
+        ],
+        "seed {seed} lost/repeated/damaged/bus errors"
+    );
+}
+
 /// The promise: whatever happens to the packets, exactly the untouched pictures are delivered, bit for bit, and the
 /// counts equal what was done.
 #[test]
@@ -122,27 +145,7 @@ fn exactly_the_untouched_pictures_are_delivered_and_losses_are_counted() {
             assert_eq!(delivered, untouched, "seed {seed} picture {number}");
             expected.pictures += u64::from(untouched);
         }
-        let found = *assembler.tally();
-        // A short packet of a picture already given up is skipped, not measured; both count once.
-        let skipped_short = expected.wrong_length - found.wrong_length;
-        assert!(skipped_short <= found.skipped, "seed {seed}");
-        assert_eq!(
-            [
-                found.pictures,
-                found.lost,
-                found.repeated,
-                found.damaged,
-                found.bus_errors
-            ],
-            [
-                expected.pictures,
-                expected.lost,
-                expected.repeated,
-                expected.damaged,
-                expected.bus_errors
-            ],
-            "seed {seed} lost/repeated/damaged/bus errors"
-        );
+        assert_counts(assembler.tally(), &expected, seed);
     }
 }
 

@@ -305,7 +305,7 @@ impl<'a> Player<'a> {
             self.covered(&mut play, &now);
             self.hidden(&mut play, &now);
             if index % SPARSE == 0 {
-                self.from_cold(&mut play, &now);
+                self.cold_start(&mut play, &now);
                 self.under_a_lamp(&mut play, &now, error);
             }
         }
@@ -409,7 +409,7 @@ impl<'a> Player<'a> {
     }
 
     /// A cold start, from the pose that was found and from one that is wrong.
-    fn from_cold(&mut self, play: &mut Play, now: &Moment) {
+    fn cold_start(&mut self, play: &mut Play, now: &Moment) {
         let Moment { at, pose, truth } = now;
         play.once.reset();
         if let Some(fit) =
