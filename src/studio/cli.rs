@@ -23,7 +23,7 @@ use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
 use crate::studio::evaluate::landmark_accuracy;
 use crate::studio::evaluate::sessions::{self, Sessions};
-use crate::studio::heads::default_head;
+use crate::studio::heads::{default_head, hero};
 use crate::studio::people_split::Split;
 use crate::studio::units::readings;
 
@@ -163,10 +163,10 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "head",
-        usage: "--out FILE.glb|FILE.obj",
-        about: "writes the simulated sensor's head to experiment with: baked and coloured (.glb), or neutral with its landmarks (.obj, .txt)",
+        usage: "--out FILE.glb|FILE.obj | --make FILE [--data DIR]",
+        about: "writes a head to experiment with, coloured, its landmarks in a .txt beside: baked with 67 shapes and a neck that stays (.glb), or neutral with its materials (.obj); with --make rebuilds what the program makes it from",
         example: "mien-studio head --out head.obj",
-        options: &["out"],
+        options: &["out", "make", "data"],
         flags: &[],
         words: 0,
         run: run_head,
@@ -641,6 +641,11 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
 }
 
 fn run_head(words: &Words) -> Result<(), Fault> {
+    if let Some(out) = words.path("make") {
+        let bytes = hero::make::make(&data(words), &out)?;
+        say(&format!("wrote {}: {bytes} bytes", out.display()));
+        return Ok(());
+    }
     say(&default_head::write_to(&words.required("out")?)?);
     Ok(())
 }

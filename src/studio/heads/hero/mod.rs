@@ -1,0 +1,293 @@
+//! The head that a user meets first: page, `mien-studio head`, examples and pictures. Nobody's head, with hair, lashes, eyes that
+//! look at one, and a shirt.
+//!
+//! ```text
+//! make      ICT-FaceKit's neutral mesh ─► config/hero.head
+//! skin      colours of skin, brows and lips as one picture, wrapped around the head
+//! eyes      white, iris and pupil as one picture
+//! lashes    blades along the lines of the file
+//! hair      locks over the skull; knows where hair begins
+//! shirt     a collar above the shoulders
+//! ```
+//! Only the mesh is stored; colours, lashes, hair and shirt are made by rule. Frame: glTF's (x to the head's left, y up, z out
+//! of the face), metres, origin between the inner eye corners. Cost: a third of a second, most of it the picture of the
+//! skin.
+
+mod eyes;
+mod hair;
+mod lashes;
+pub mod make;
+mod palette;
+mod shirt;
+mod skin;
+
+use crate::simulator::virtual_head::{HeadAsset, Part};
+use crate::studio::bake::mesh::{Corner, Mesh, Vec3};
+pub use palette::Picture;
+use palette::{linear, smooth};
+
+/// What a surface looks like.
+pub struct Look {
+    /// Name of the material.
+    pub name: &'static str,
+    /// How it scatters light: 0 mirror, 1 chalk.
+    pub rough: f32,
+    /// Colour, linear.
+    pub colour: [f32; 3],
+    /// Picture that the colour is multiplied with.
+    pub picture: Option<Picture>,
+    /// Whether it is seen from both sides.
+    pub thin: bool,
+}
+
+/// Places of the looks in [`Hero::looks`].
+pub mod look {
+    pub(super) const SKIN: usize = 0;
+    /// Skin where the picture does not reach: back of head and neck.
+    pub(super) const BEHIND: usize = 1;
+    pub(super) const MOUTH: usize = 2;
+    pub(super) const GUMS: usize = 3;
+    pub(super) const TEETH: usize = 4;
+    pub(super) const EYES: usize = 5;
+    pub(super) const SOCKETS: usize = 6;
+    pub(super) const LASHES: usize = 7;
+    pub(super) const HAIR: usize = 8;
+    pub(super) const SHIRT: usize = 9;
+}
+
+/// A mesh with a colour and a place in its picture for every vertex.
+#[derive(Default)]
+pub struct Layer {
+    /// Faces; their materials are numbers of looks.
+    pub mesh: Mesh,
+    /// What the look's colour is multiplied with, linear.
+    pub tints: Vec<[f32; 3]>,
+    /// Place in the picture, origin at the top left.
+    pub uv: Vec<[f32; 2]>,
+}
+
+impl Layer {
+    pub(self) fn vertex(&mut self, place: Vec3, tint: [f32; 3]) -> u32 {
+        self.mesh.positions.push(place);
+        self.tints.push(tint);
+        self.uv.push([0.0; 2]);
+        self.mesh.positions.len() as u32 - 1
+    }
+
+    pub(self) fn face(&mut self, corners: &[u32], look: usize) {
+        let corners: Vec<Corner> = corners
+            .iter()
+            .map(|&vertex| Corner {
+                vertex,
+                uv: None,
+                normal: None,
+            })
+            .collect();
+        self.mesh.push_face(&corners, look as u32);
+    }
+}
+
+/// The head.
+pub struct Hero {
+    /// What moves with a face: skin, mouth, eyes, lashes.
+    pub face: Layer,
+    /// What does not: hair, shirt.
+    pub dress: Layer,
+    /// Vertices of `face` that are the 68 landmarks.
+    pub landmarks: Vec<u64>,
+    /// Materials of both.
+    pub looks: Vec<Look>,
+}
+
+/// Middle of the joint between head and neck.
+pub const JOINT: Vec3 = Vec3::new(0.0, -0.055, -0.098);
+/// Lower end of the neck.
+pub const NECK: Vec3 = Vec3::new(0.0, -0.165, -0.112);
+
+/// Share of the head's turns that a place takes, 0 at the lower end of the neck to 1 from the jaw on.
+#[must_use]
+pub fn turns(p: &Vec3) -> f64 {
+    // The neck leans: its front is higher than its back by a third of how far it is in front.
+    smooth(-0.172, -0.098, p.y + 0.35 * (p.z + 0.085))
+}
+
+impl Hero {
+    /// The head built into the program.
+    #[must_use]
+    pub fn shipped() -> Self {
+        let asset = HeadAsset::parse(include_bytes!("../../../../config/hero.head"))
+            .expect("the shipped head is read by a test");
+        Self::of(&asset)
+    }
+
+    fn of(asset: &HeadAsset) -> Self {
+        let upright = |p: &crate::base::geometry::Point| {
+            Vec3::new(f64::from(p.x), f64::from(-p.y), f64::from(-p.z))
+        };
+        let all: Vec<Vec3> = asset.neutral.iter().map(upright).collect();
+        let (places, guides) = all.split_at(all.len() - make::GUIDES);
+        let landmarks: Vec<u64> = asset
+            .landmarks
+            .iter()
+            .map(|site| u64::from(site.vertices[0]))
+            .collect();
+        let marks: Vec<Vec3> = landmarks.iter().map(|&v| places[v as usize]).collect();
+        let (faces, parts) = quads(asset);
+        let mut mesh = Mesh {
+            positions: places.to_vec(),
+            ..Mesh::default()
+        };
+        for (face, &part) in faces.iter().zip(&parts) {
+            let look = match part {
+                Part::Skin if face.iter().all(|&v| skin::reaches(&places[v as usize])) => {
+                    look::SKIN
+                }
+                Part::Skin => look::BEHIND,
+                Part::MouthSocket => look::MOUTH,
+                Part::Gums => look::GUMS,
+                Part::Teeth => look::TEETH,
+                Part::Eye => look::EYES,
+                Part::EyeSocket => look::SOCKETS,
+            };
+            let corners: Vec<Corner> = face
+                .iter()
+                .map(|&vertex| Corner {
+                    vertex,
+                    uv: None,
+                    normal: None,
+                })
+                .collect();
+            mesh.push_face(&corners, look as u32);
+        }
+        let kind = kinds(asset, places.len());
+        let normals = mesh.vertex_normals(places);
+        let lips = marks[62].z;
+        let tints = (0..places.len())
+            .map(|v| {
+                let light = linear(asset.colour[v][0] / 255.0);
+                tint(kind[v], light, &places[v], &normals[v], lips)
+            })
+            .collect();
+        let uv = (0..places.len())
+            .map(|v| match kind[v] {
+                Part::Eye => eyes::place(&places[v]),
+                _ => skin::place(&places[v]),
+            })
+            .collect();
+        let mut face = Layer { mesh, tints, uv };
+        let mut dress = Layer::default();
+        let skull: Vec<Vec3> = (0..places.len())
+            .filter(|&v| kind[v] == Part::Skin)
+            .map(|v| places[v])
+            .collect();
+        hair::grow(&mut dress, &skull);
+        shirt::sew(&mut dress, &face.mesh, &normals, &kind);
+        lashes::grow(&mut face, guides);
+        let looks = looks(&marks);
+        for layer in [&mut face, &mut dress] {
+            layer.mesh.materials = looks.iter().map(|look| look.name.to_owned()).collect();
+        }
+        Self {
+            face,
+            dress,
+            landmarks,
+            looks,
+        }
+    }
+}
+
+fn looks(marks: &[Vec3]) -> Vec<Look> {
+    let look = |name, rough, rgb: [f32; 3]| Look {
+        name,
+        rough,
+        colour: rgb.map(linear),
+        picture: None,
+        thin: false,
+    };
+    let pictured = |name, rough, picture| Look {
+        picture: Some(picture),
+        ..look(name, rough, [1.0; 3])
+    };
+    let thin = |look| Look { thin: true, ..look };
+    vec![
+        pictured("skin", 0.62, skin::paint(marks)),
+        look("skin_behind", 0.62, palette::SKIN),
+        look("mouth", 0.5, [0.60, 0.29, 0.28]),
+        look("gums", 0.4, [0.78, 0.42, 0.41]),
+        look("teeth", 0.25, [0.95, 0.93, 0.88]),
+        pictured("eyes", 0.12, eyes::paint()),
+        look("sockets", 0.7, [0.72, 0.45, 0.40]),
+        thin(look("lashes", 0.8, [0.10, 0.065, 0.05])),
+        thin(look("hair", 0.5, [1.0; 3])),
+        thin(look("shirt", 0.9, [0.17, 0.25, 0.32])),
+    ]
+}
+
+/// What the colour of a vertex is multiplied with: how much light comes there, and where skin is redder.
+fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, lips: f64) -> [f32; 3] {
+    // Little light reaches the back of a mouth, opened as it may be.
+    let behind = (1.15 - (lips - p.z) as f32 / 0.034).clamp(0.10, 1.0);
+    match part {
+        Part::Skin => {
+            let shade = 0.45 + 0.55 * light.powf(0.8);
+            // Light that has been through skin is red.
+            let [r, g, b] = [0.40, 1.0, 1.15].map(|k: f32| shade.powf(k));
+            let ear = smooth(0.070, 0.082, p.x.abs()) as f32;
+            let ear = ear * smooth(-0.075, -0.055, p.y) as f32;
+            // The inner side of the lips is as red as they are.
+            let near = smooth(0.012, 0.006, (p.y + 0.0665).abs()) * smooth(0.030, 0.024, p.x.abs());
+            let inner = (near * smooth(0.15, -0.25, normal.z)) as f32;
+            let red = |k: usize| {
+                1.0 - ear * [0.0, 0.16, 0.18][k] - inner * [0.30, 0.55, 0.52][k]
+            };
+            [r * red(0), g * red(1), b * red(2)]
+        }
+        Part::Eye => {
+            let shade = 0.50 + 0.50 * light.powf(0.7);
+            [shade; 3]
+        }
+        Part::EyeSocket => [0.6; 3],
+        _ => [behind; 3],
+    }
+}
+
+/// Part of every vertex.
+fn kinds(asset: &HeadAsset, count: usize) -> Vec<Part> {
+    let mut kind = vec![Part::Skin; count];
+    for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()).rev() {
+        for &v in t {
+            // Where parts meet, the skin has it.
+            if kind[v as usize] == Part::Skin {
+                kind[v as usize] = part;
+            }
+        }
+    }
+    for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
+        if part == Part::Skin {
+            t.iter().for_each(|&v| kind[v as usize] = Part::Skin);
+        }
+    }
+    kind
+}
+
+/// Faces as the source has them: its four-sided ones were cut along their first diagonal. Anticlockwise from outside.
+fn quads(asset: &HeadAsset) -> (Vec<Vec<u32>>, Vec<Part>) {
+    let (mut faces, mut parts) = (Vec::new(), Vec::new());
+    let mut k = 0;
+    while let Some(&[a, c, b]) = asset.triangles.get(k) {
+        let part = asset.parts[k];
+        let next = asset.triangles.get(k + 1).zip(asset.parts.get(k + 1));
+        match next {
+            Some((&[e, d, f], &same)) if e == a && f == c && same == part => {
+                faces.push(vec![a, b, c, d]);
+                k += 2;
+            }
+            _ => {
+                faces.push(vec![a, b, c]);
+                k += 1;
+            }
+        }
+        parts.push(part);
+    }
+    (faces, parts)
+}
