@@ -611,6 +611,19 @@ fn run_nrsfm(words: &Words) -> Result<(), Fault> {
     })
 }
 
+/// A file of ours by its name: binary glTF, or the VRM that a head came in.
+fn glb_out(words: &Words, instead: &str) -> Result<PathBuf, Fault> {
+    let out = words.required("out")?;
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending == "glb" || ending == "vrm" {
+        return Ok(out);
+    }
+    Err(Fault::Usage(format!(
+        "--out {}: expected a name that ends in .glb or .vrm (binary glTF is what is written{instead})",
+        out.display()
+    )))
+}
+
 fn run_bake(words: &Words) -> Result<(), Fault> {
     let method = words.value::<String>("method")?;
     let unit = words.value::<String>("unit")?;
@@ -621,7 +634,7 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
     let request = bake::request::Request {
         mesh: words.required("mesh")?,
         landmarks: words.required("landmarks")?,
-        out: words.required("out")?,
+        out: glb_out(words, "; --obj FOLDER writes every shape as OBJ too")?,
         recipe: words.path("recipe"),
         controls: words.path("controls"),
         obj: words.path("obj"),
@@ -699,7 +712,7 @@ fn run_animate(words: &Words) -> Result<(), Fault> {
     animate::animate(
         &words.required("mesh")?,
         &words.required("csv")?,
-        &words.required("out")?,
+        &glb_out(words, "")?,
         user.as_deref(),
     )?;
     Ok(())

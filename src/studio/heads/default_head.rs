@@ -101,7 +101,9 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec
         .collect();
     let joints = [0_u8, 1, 0, 0].repeat(places.len());
     let joints = glb.push_view(&joints, VERTICES);
-    let joints = glb.push_accessor(json!({"bufferView": joints, "componentType": U8, "count": places.len(), "type": "VEC4"}));
+    let joints = glb.push_accessor(
+        json!({"bufferView": joints, "componentType": U8, "count": places.len(), "type": "VEC4"}),
+    );
     let attributes = json!({
         "POSITION": rows(glb, &places, true),
         "NORMAL": rows(glb, &normals, false),

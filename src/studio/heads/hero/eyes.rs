@@ -54,7 +54,10 @@ pub(super) fn paint() -> Picture {
         let inside = smooth(IRIS_M * 1.05, IRIS_M * 0.96, r) as f32;
         let mut colour = mix(white, iris, inside);
         // Reflections of a window, to one side of both eyes, so that they look at the same.
-        for (dx, dy, size, strength) in [(-0.0021, 0.0022, 0.00115, 0.95), (0.0022, -0.0024, 0.0007, 0.35)] {
+        for (dx, dy, size, strength) in [
+            (-0.0021, 0.0022, 0.00115, 0.95),
+            (0.0022, -0.0024, 0.0007, 0.35),
+        ] {
             let d = (x - dx).hypot(y - dy);
             let share = strength * smooth(size * 1.15, size * 0.75, d) as f32;
             colour = mix(colour, [1.0; 3], share);

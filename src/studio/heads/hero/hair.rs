@@ -19,8 +19,8 @@ const LINE: [(f64, f64); 12] = [
     (47.0, 26.0),
     (56.0, 13.0),
     (62.0, 1.0),
-    (69.0, -12.0),
-    (76.0, -9.0),
+    (69.0, -6.0),
+    (76.0, -4.0),
     (88.0, 2.0),
     (106.0, -6.0),
     (122.0, -33.0),
@@ -28,7 +28,7 @@ const LINE: [(f64, f64); 12] = [
 ];
 /// Cells of the map of the skull: around, from below to above.
 const MAP: [usize; 2] = [72, 36];
-const LOCKS: u32 = 620;
+const LOCKS: u32 = 760;
 /// Rings of a lock and corners of a ring.
 const RINGS: usize = 9;
 const CORNERS: usize = 5;
@@ -86,7 +86,11 @@ impl Skull {
                     if here[1] > 0.0 && round < 11 {
                         continue;
                     }
-                    let mut sum = if here[1] > 0.0 { [here[0] / here[1], 1.0] } else { [0.0; 2] };
+                    let mut sum = if here[1] > 0.0 {
+                        [here[0] / here[1], 1.0]
+                    } else {
+                        [0.0; 2]
+                    };
                     for (dx, dy) in [(1, 0), (wide - 1, 0), (0, 1), (0, tall)] {
                         let row = match dy {
                             1 => (y + 1).min(tall - 1),
@@ -122,7 +126,8 @@ impl Skull {
         let (col, row) = (x.floor(), y.floor().min((tall - 2) as f64));
         let (u, v) = (x - col, y - row);
         let at = |i: usize, j: usize| self.0[(row as usize + j) * wide + (col as usize + i) % wide];
-        (at(0, 0) * (1.0 - u) + at(1, 0) * u) * (1.0 - v) + (at(0, 1) * (1.0 - u) + at(1, 1) * u) * v
+        (at(0, 0) * (1.0 - u) + at(1, 0) * u) * (1.0 - v)
+            + (at(0, 1) * (1.0 - u) + at(1, 1) * u) * v
     }
 }
 
@@ -158,9 +163,12 @@ pub(super) fn grow(dress: &mut Layer, skin: &[Vec3]) {
         // A spiral over the sphere, then those above the hairline.
         let y = 1.0 - 1.72 * (f64::from(k) + 0.5) / f64::from(LOCKS);
         let around = 2.399_963 * f64::from(k) + 0.5 * dice(k * 3);
-        let d = direction([(around + 3.15).rem_euclid(std::f64::consts::TAU) - 3.15, y.asin()]);
+        let d = direction([
+            (around + 3.15).rem_euclid(std::f64::consts::TAU) - 3.15,
+            y.asin(),
+        ]);
         let [around, above] = angles(&d);
-        if above - line(around) > 0.035 {
+        if above - line(around) > -0.015 {
             lock(dress, &skull, d, k);
         }
     }
@@ -182,7 +190,9 @@ fn cap(dress: &mut Layer, skull: &Skull) {
                 let above = from + (1.55 - from) * t;
                 let d = direction([around, above]);
                 let ripple = 0.0009 * noise(around * 24.0, t * 5.0, 31);
-                let height = 0.72 * thickness(&d) - 0.0012 * smooth(0.06, 0.0, t) + ripple * smooth(0.0, 0.2, t);
+                // It comes out of the skin behind the roots of the first locks.
+                let height = 0.72 * thickness(&d) - 0.0022 * smooth(0.09, 0.0, above - from)
+                    + ripple * smooth(0.05, 0.2, t);
                 dress.vertex(MIDDLE + d * (skull.radius(&d) + height), dark)
             })
             .collect();
@@ -191,7 +201,10 @@ fn cap(dress: &mut Layer, skull: &Skull) {
     for pair in rows.windows(2) {
         for k in 0..AROUND {
             let next = (k + 1) % AROUND;
-            dress.face(&[pair[0][k], pair[0][next], pair[1][next], pair[1][k]], look::HAIR);
+            dress.face(
+                &[pair[0][k], pair[0][next], pair[1][next], pair[1][k]],
+                look::HAIR,
+            );
         }
     }
     dress.face(rows.last().map_or(&[], Vec::as_slice), look::HAIR);
@@ -202,22 +215,23 @@ fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
     let roll = |of: u32| dice(k * 16 + of + 1000);
     let top = smooth(0.30, 0.75, d.y);
     let front = top * smooth(0.25, 0.75, d.z);
-    let long = (0.022 + 0.034 * top + 0.008 * front) * (0.8 + 0.45 * roll(0));
+    let long = (0.015 + 0.041 * top + 0.008 * front) * (0.8 + 0.45 * roll(0));
     let wide = (0.0062 + 0.0040 * top) * (0.75 + 0.5 * roll(1));
     let stray = 0.5 * (roll(2) - 0.5);
     let lift = (0.0012 + 0.0028 * top + 0.004 * front) * roll(3);
     let bright = 0.82 + 0.42 * roll(4) as f32;
     let step = long / (RINGS - 1) as f64;
     let mut rings: Vec<Vec<u32>> = Vec::new();
-    let mut last = MIDDLE + d * skull.radius(&d);
     for ring in 0..RINGS {
         let t = ring as f64 / (RINGS - 1) as f64;
         let flow = combed(&d);
-        let flow = (flow - d * flow.dot(&d)).try_normalize(1e-9).unwrap_or_else(Vec3::x);
+        let flow = (flow - d * flow.dot(&d))
+            .try_normalize(1e-9)
+            .unwrap_or_else(Vec3::x);
         let flow = Rotation3::from_axis_angle(&Unit::new_normalize(d), stray) * flow;
         let profile = smooth(0.0, 0.30, t + 0.08) * (1.0 - smooth(0.45, 1.04, t));
         let arch = (std::f64::consts::PI * t.powf(0.8)).sin();
-        let base = thickness(&d).max(0.35 * thickness(&direction(angles(&d))));
+        let base = thickness(&d);
         let height = base * (0.62 + 0.30 * profile) + lift * arch + 0.0009 * profile;
         let p = MIDDLE + d * (skull.radius(&d) + height);
         let side = flow.cross(&d);
@@ -232,13 +246,14 @@ fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
             p + side * (half * a.sin()) + d * (0.55 * half * (a.cos() - 0.35))
         });
         rings.push(corners.map(|p| dress.vertex(p, colour)).collect());
-        last = p;
         d = (p + flow * step - MIDDLE).normalize();
     }
-    let _ = last;
     for pair in rings.windows(2) {
         for c in 0..CORNERS - 1 {
-            dress.face(&[pair[0][c], pair[1][c], pair[1][c + 1], pair[0][c + 1]], look::HAIR);
+            dress.face(
+                &[pair[0][c], pair[1][c], pair[1][c + 1], pair[0][c + 1]],
+                look::HAIR,
+            );
         }
     }
 }

@@ -1,9 +1,10 @@
 //! Makes `config/hero.head` from ICT-FaceKit: what of its neutral mesh is seen, how much light reaches each vertex, and the
 //! lines along which lashes grow.
 //!
-//! The file is one of [`HeadAsset`]. Its vertex colours are shares of light (white: open sky), not colours; its last
-//! [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid then lower, [`COLUMNS`] of them with
-//! [`ROWS`] points from root to tip. Cost: about a second.
+//! The file is one of [`HeadAsset`], used in its own way. Red of a vertex is the share of light (255: open sky); its other
+//! bytes say where it lies within the file's step of 10 µm, in sixteenths ([`place`]): small triangles at the lids need it.
+//! The last [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid then lower, [`COLUMNS`] of them
+//! with [`ROWS`] points from root to tip. The lips, which the source has a little apart, are closed. Cost: about a second.
 
 use std::ops::Range;
 use std::path::Path;
@@ -35,6 +36,27 @@ const SIDE: usize = 512;
 const EXTENT_M: f32 = 0.42;
 /// A vertex this far behind what is nearest to the light still is in the light, metres.
 const BIAS_M: f32 = 0.0012;
+
+/// A step of places in the file, and the parts of it that are written beside, metres.
+const STEP_M: f32 = 1e-5;
+const PARTS: f32 = 16.0;
+/// How far each lip goes to meet the other, metres.
+const CLOSE_M: f32 = 0.00042;
+
+/// Place of vertex `v`, to a sixteenth of the file's step; head frame.
+#[must_use]
+pub fn place(asset: &HeadAsset, v: usize) -> Point {
+    let [_, y, z] = asset.colour[v];
+    let x = asset.photo_share[v] * 255.0;
+    let fine = Vector3::new(x, y, z).map(|b| (b.round() / PARTS - 0.5) * STEP_M);
+    asset.neutral[v] + fine
+}
+
+/// Where a coordinate lies within its step, 0…16.
+fn within(c: f32) -> f32 {
+    let steps = c / STEP_M;
+    ((steps - steps.round() + 0.5) * PARTS).round()
+}
 
 /// Writes the file; returns its size in bytes.
 ///
@@ -70,19 +92,24 @@ fn of(ict: &IctHead) -> HeadAsset {
         }
     }
     let mut neutral: Vec<Point> = kept.iter().map(|&v| ict.neutral[v]).collect();
+    close(ict, &kept, &mut neutral);
     let light = light(&neutral, &triangles);
-    let colour = light.iter().map(|share| [share * 255.0; 3]);
-    let colour: Vec<[f32; 3]> = colour.chain([[255.0; 3]; GUIDES]).collect();
     for card in CARDS {
         neutral.extend(lashes(ict, card));
     }
+    let shares = light.iter().copied().chain([1.0; GUIDES]);
+    let colour: Vec<[f32; 3]> = shares
+        .zip(&neutral)
+        .map(|(share, p)| [share * 255.0, within(p.y), within(p.z)])
+        .collect();
+    let photo_share: Vec<f32> = neutral.iter().map(|p| within(p.x) / 255.0).collect();
     let n = neutral.len();
     HeadAsset {
         neutral,
         triangles: triangles.into(),
         parts: parts.into(),
         photo: vec![[0.0; 2]; n].into(),
-        photo_share: vec![0.0; n].into(),
+        photo_share: photo_share.into(),
         colour: colour.into(),
         texture: Vec::new().into(),
         expressions: Vec::new().into(),
@@ -94,16 +121,33 @@ fn of(ict: &IctHead) -> HeadAsset {
     }
 }
 
+/// Brings the lips together: skin above the line between them goes down, skin below it up, less and less with distance.
+fn close(ict: &IctHead, kept: &[usize], neutral: &mut [Point]) {
+    const FADE_M: f32 = 0.010;
+    let at = |k: usize| ict.neutral[ict.landmarks[k]];
+    let (corner, middle) = (at(64), nalgebra::center(&at(62), &at(66)));
+    for (p, &v) in neutral.iter_mut().zip(kept) {
+        let lip = part::NARROW_FACE.contains(&v) || part::MOUTH_SOCKET.contains(&v);
+        let aside = (p.x / corner.x).abs();
+        if !lip || aside > 1.0 || p.z > middle.z + 0.02 {
+            continue;
+        }
+        // Both lips bend down towards the corners.
+        let line = middle.y + (corner.y - middle.y) * aside.powi(4);
+        let far = (p.y - line).abs() / FADE_M;
+        let share = (1.0 - far * far).max(0.0).powi(2) * (1.0 - aside.powi(4));
+        // y points down.
+        p.y += CLOSE_M * share * if p.y < line { 1.0 } else { -1.0 };
+    }
+}
+
 /// Points of a card of lashes, column by column, from the lid outwards; the card's own texture coordinates are its grid.
 fn lashes(ict: &IctHead, card: usize) -> Vec<Point> {
     let size = COLUMNS * ROWS;
     let mut uv = vec![[0.0f32; 2]; size];
     for (t, corners) in ict.triangles.iter().zip(&ict.triangle_uv) {
         for (&v, &at) in t.iter().zip(corners) {
-            if let Some(slot) = (v as usize)
-                .checked_sub(card)
-                .and_then(|k| uv.get_mut(k))
-            {
+            if let Some(slot) = (v as usize).checked_sub(card).and_then(|k| uv.get_mut(k)) {
                 *slot = at;
             }
         }
@@ -268,6 +312,9 @@ mod tests {
         let flipped: Vec<_> = triangles.iter().map(|t| [t[0], t[2], t[1]]).collect();
         let ground = light(&places, &flipped);
         let [open, hidden] = [4, 0].map(|v| sky[v].max(ground[v]));
-        assert!(open > 0.95 && sky[0].min(ground[0]) < 0.35, "{open} {hidden}");
+        assert!(
+            open > 0.95 && sky[0].min(ground[0]) < 0.35,
+            "{open} {hidden}"
+        );
     }
 }

@@ -124,7 +124,9 @@ impl Hero {
         let upright = |p: &crate::base::geometry::Point| {
             Vec3::new(f64::from(p.x), f64::from(-p.y), f64::from(-p.z))
         };
-        let all: Vec<Vec3> = asset.neutral.iter().map(upright).collect();
+        let all: Vec<Vec3> = (0..asset.neutral.len())
+            .map(|v| upright(&make::place(asset, v)))
+            .collect();
         let (places, guides) = all.split_at(all.len() - make::GUIDES);
         let landmarks: Vec<u64> = asset
             .landmarks
@@ -139,6 +141,9 @@ impl Hero {
         };
         for (face, &part) in faces.iter().zip(&parts) {
             let look = match part {
+                Part::Skin if face.iter().all(|&v| shirt::covers(&places[v as usize])) => {
+                    look::SHIRT
+                }
                 Part::Skin if face.iter().all(|&v| skin::reaches(&places[v as usize])) => {
                     look::SKIN
                 }
@@ -161,11 +166,10 @@ impl Hero {
         }
         let kind = kinds(asset, places.len());
         let normals = mesh.vertex_normals(places);
-        let lips = marks[62].z;
         let tints = (0..places.len())
             .map(|v| {
-                let light = linear(asset.colour[v][0] / 255.0);
-                tint(kind[v], light, &places[v], &normals[v], lips)
+                let light = asset.colour[v][0] / 255.0;
+                tint(kind[v], light, &places[v], &normals[v], &marks)
             })
             .collect();
         let uv = (0..places.len())
@@ -210,36 +214,37 @@ fn looks(marks: &[Vec3]) -> Vec<Look> {
     };
     let thin = |look| Look { thin: true, ..look };
     vec![
-        pictured("skin", 0.62, skin::paint(marks)),
-        look("skin_behind", 0.62, palette::SKIN),
+        pictured("skin", 0.76, skin::paint(marks)),
+        look("skin_behind", 0.76, palette::SKIN),
         look("mouth", 0.5, [0.60, 0.29, 0.28]),
         look("gums", 0.4, [0.78, 0.42, 0.41]),
         look("teeth", 0.25, [0.95, 0.93, 0.88]),
         pictured("eyes", 0.12, eyes::paint()),
         look("sockets", 0.7, [0.72, 0.45, 0.40]),
         thin(look("lashes", 0.8, [0.10, 0.065, 0.05])),
-        thin(look("hair", 0.5, [1.0; 3])),
+        thin(look("hair", 0.72, [1.0; 3])),
         thin(look("shirt", 0.9, [0.17, 0.25, 0.32])),
     ]
 }
 
 /// What the colour of a vertex is multiplied with: how much light comes there, and where skin is redder.
-fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, lips: f64) -> [f32; 3] {
+fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, marks: &[Vec3]) -> [f32; 3] {
     // Little light reaches the back of a mouth, opened as it may be.
-    let behind = (1.15 - (lips - p.z) as f32 / 0.034).clamp(0.10, 1.0);
+    let behind = (1.15 - (marks[62].z - p.z) as f32 / 0.034).clamp(0.10, 1.0);
     match part {
         Part::Skin => {
-            let shade = 0.45 + 0.55 * light.powf(0.8);
+            // Hollows are dark, the rest is left to the lamps of whoever shows it.
+            let light = f64::from(light);
+            let shade = (0.12 + 0.88 * smooth(0.0, 0.5, light)) * (0.84 + 0.16 * light);
+            let shade = shade as f32 * (1.0 - 0.62 * lid(p, marks));
             // Light that has been through skin is red.
-            let [r, g, b] = [0.40, 1.0, 1.15].map(|k: f32| shade.powf(k));
+            let [r, g, b] = [0.60, 1.0, 1.08].map(|k: f32| shade.powf(k));
             let ear = smooth(0.070, 0.082, p.x.abs()) as f32;
             let ear = ear * smooth(-0.075, -0.055, p.y) as f32;
             // The inner side of the lips is as red as they are.
             let near = smooth(0.012, 0.006, (p.y + 0.0665).abs()) * smooth(0.030, 0.024, p.x.abs());
             let inner = (near * smooth(0.15, -0.25, normal.z)) as f32;
-            let red = |k: usize| {
-                1.0 - ear * [0.0, 0.16, 0.18][k] - inner * [0.30, 0.55, 0.52][k]
-            };
+            let red = |k: usize| 1.0 - ear * [0.0, 0.16, 0.18][k] - inner * [0.30, 0.55, 0.52][k];
             [r * red(0), g * red(1), b * red(2)]
         }
         Part::Eye => {
@@ -249,6 +254,28 @@ fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, lips: f64) -> [f32; 3] 
         Part::EyeSocket => [0.6; 3],
         _ => [behind; 3],
     }
+}
+
+/// How near to the lashes' roots a place is, 0…1: there lids are darker, more so above.
+fn lid(p: &Vec3, marks: &[Vec3]) -> f32 {
+    const WIDE_M: f64 = 0.0017;
+    let mut best: f64 = 0.0;
+    for (line, strength) in [
+        ([36, 37, 38, 39], 1.0),
+        ([42, 43, 44, 45], 1.0),
+        ([36, 41, 40, 39], 0.55),
+        ([42, 47, 46, 45], 0.55),
+    ] {
+        let points = line.map(|k| marks[k]);
+        if (p - nalgebra::center(&points[0].into(), &points[3].into()).coords).norm() > 0.025 {
+            continue;
+        }
+        for k in 0..=24 {
+            let d = (palette::curve(&points, f64::from(k) / 8.0) - p).norm();
+            best = best.max(strength * smooth(WIDE_M, 0.0003, d));
+        }
+    }
+    best as f32
 }
 
 /// Part of every vertex.

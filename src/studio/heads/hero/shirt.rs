@@ -12,7 +12,12 @@ const SHADE: [f32; 3] = [1.0; 3];
 /// How far below the collar a place is.
 fn below(p: &Vec3) -> f64 {
     // Lower in front than behind.
-    (-0.158 - 0.30 * smooth(-0.150, -0.040, p.z) * 0.10) - p.y
+    -0.134 - 0.020 * smooth(-0.160, -0.050, p.z) - p.y
+}
+
+/// Whether a place is well under the shirt: skin there has its colour, for the edge below.
+pub(super) fn covers(p: &Vec3) -> bool {
+    below(p) > 0.012
 }
 
 pub(super) fn sew(dress: &mut Layer, face: &Mesh, normals: &[Vec3], kind: &[Part]) {

@@ -76,24 +76,29 @@ struct Stroke(Vec3, Vec3, f64);
 
 /// Hairs of a brow whose five landmarks go from the nose outwards.
 fn brow(marks: &[Vec3], seed: u32) -> Vec<Stroke> {
-    const HAIRS: u32 = 420;
+    const HAIRS: u32 = 640;
     let side = (marks[4].x - marks[0].x).signum();
     (0..HAIRS)
         .map(|k| {
             let roll = |of: u32| dice(seed ^ (k * 8 + of));
             let t = 4.0 * (roll(0) * 0.96 + 0.02);
             let share = t / 4.0;
-            let (p, ahead) = (curve(marks, t), curve(marks, t + 0.05) - curve(marks, t - 0.05));
+            let (p, ahead) = (
+                curve(marks, t),
+                curve(marks, t + 0.05) - curve(marks, t - 0.05),
+            );
             let ahead = ahead.try_normalize(1e-12).unwrap_or_else(Vec3::x);
             let up = Vec3::new(-ahead.y * side, ahead.x * side, 0.0);
             // Full near the nose, a point at the temple.
-            let thick = 0.0040 * smooth(-0.10, 0.16, share) * (1.0 - 0.80 * smooth(0.45, 1.0, share));
+            let thick =
+                0.0040 * smooth(-0.10, 0.16, share) * (1.0 - 0.80 * smooth(0.45, 1.0, share));
             let root = p + up * (thick * (2.0 * roll(1) - 1.0) - 0.0004);
             // Upright near the nose, along the brow further out; upper hairs lean down, lower ones up.
-            let lean = 1.15 * smooth(0.32, 0.0, share) + 0.25 * (p - root).dot(&up) / thick.max(1e-4);
+            let lean =
+                1.15 * smooth(0.32, 0.0, share) + 0.25 * (p - root).dot(&up) / thick.max(1e-4);
             let long = 0.0048 * (0.7 + 0.5 * roll(2)) * (1.0 - 0.3 * share);
             let along = ahead * lean.cos() + up * lean.sin();
-            Stroke(root, root + along * long, 0.00017 + 0.00008 * roll(3))
+            Stroke(root, root + along * long, 0.00010 + 0.00006 * roll(3))
         })
         .collect()
 }
@@ -109,7 +114,7 @@ fn covered(strokes: &[Stroke], x: f64, y: f64) -> f32 {
         let along = b - a;
         let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
         let d = (a + along * t - p).norm();
-        bare *= 1.0 - 0.62 * smooth(half * (1.0 - 0.6 * t) + 0.00028, 0.0, d);
+        bare *= 1.0 - 0.46 * smooth(half * (1.0 - 0.6 * t) + 0.00030, 0.0, d);
     }
     (1.0 - bare) as f32
 }
@@ -123,8 +128,8 @@ const SPOTS: [Spot; 9] = [
     ([0.86, 0.54, 0.48], [0.0, -0.034], [0.013, 0.013], 0.28),
     ([0.84, 0.56, 0.50], [0.0, -0.098], [0.018, 0.012], 0.16),
     // Lids, and the hollow beneath.
-    ([0.72, 0.47, 0.40], [0.033, 0.0095], [0.019, 0.0065], 0.34),
-    ([0.74, 0.52, 0.47], [0.032, -0.0075], [0.017, 0.006], 0.22),
+    ([0.76, 0.52, 0.45], [0.033, 0.0095], [0.017, 0.0055], 0.16),
+    ([0.74, 0.52, 0.47], [0.032, -0.0075], [0.017, 0.006], 0.14),
     // Between nose and lips, under the lower lip.
     ([0.78, 0.55, 0.48], [0.0, -0.050], [0.012, 0.006], 0.12),
     ([0.70, 0.46, 0.40], [0.0, -0.081], [0.014, 0.004], 0.22),
@@ -144,7 +149,8 @@ fn bare(x: f64, y: f64) -> [f32; 3] {
             colour = mix(colour, spot, strength * (-d).exp() as f32);
         }
     }
-    let uneven = 0.010 * noise(x * 90.0, y * 90.0, 1) + 0.010 * noise(x * 420.0, y * 420.0, 2)
+    let uneven = 0.010 * noise(x * 90.0, y * 90.0, 1)
+        + 0.010 * noise(x * 420.0, y * 420.0, 2)
         + 0.012 * noise(x * 1300.0, y * 1300.0, 3);
     colour.map(|c| c * (1.0 + uneven as f32))
 }
@@ -174,15 +180,24 @@ pub(super) fn paint(marks: &[Vec3]) -> Picture {
         }
         if (0.010..0.045).contains(&y) {
             let strokes = &brows[usize::from(x > 0.0)];
+            // Between the hairs lies their shade.
+            let shade = strokes.iter().map(|Stroke(a, b, _)| {
+                let m = (a + b) * 0.5;
+                (-((m.x - x).powi(2) + (m.y - y).powi(2)) / (0.0013 * 0.0013)).exp()
+            });
+            let shade = (shade.sum::<f64>() * 0.035).min(0.42) as f32;
+            colour = mix(colour, BROW, shade);
             colour = mix(colour, BROW, 0.95 * covered(strokes, x, y));
         }
         // Roots of the hair show through the skin.
         let angle = x / RADIUS_M;
         let p = Vec3::new(0.094 * angle.sin(), y, AXIS_Z_M + 0.094 * angle.cos());
-        let grown = smooth(-0.07, 0.05, hair::above_line(&p)) as f32;
+        let ragged = 0.030 * noise(x * 900.0, y * 60.0, 8) + 0.02 * noise(x * 300.0, y * 40.0, 9);
+        let grown = smooth(-0.07, 0.05, hair::above_line(&p) + ragged) as f32;
         let colour = mix(colour, HAIR, 0.8 * grown);
         // Plain at the edges.
-        let edge = smooth(0.85, 0.97, x.abs() / (REACH * RADIUS_M)).max(smooth(bottom + 0.015, bottom, y));
+        let edge =
+            smooth(0.85, 0.97, x.abs() / (REACH * RADIUS_M)).max(smooth(bottom + 0.015, bottom, y));
         mix(colour, SKIN, edge as f32)
     })
 }
