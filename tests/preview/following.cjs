@@ -39,6 +39,8 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
     await page.waitForFunction(() => window.mien.heads[0].parts.filter((part) => part.texture).length >= 2, null, { timeout: 60000 });
     const start = await page.evaluate(({ FROM, SECONDS, WIDE, TALL, LINES }) => {
       const { stream, view } = window.mien;
+      // The page's own drawing rests from here on.
+      window.requestAnimationFrame = () => 0;
       const at = (time) => {
         stream.seek(time);
         return stream.at(0);
@@ -77,7 +79,7 @@ const LINES = [[0, 17], [17, 22], [22, 27], [27, 31], [31, 36], [36, 42, true], 
           if (closed) ink.closePath();
           ink.stroke();
         }
-        [view.yaw, view.pitch, view.distance] = [0, 0, 0.86];
+        [view.yaw, view.pitch, view.distance] = [0, 0, 0.94];
         view.draw([{ head: view.heads[0], weights: new Map(stream.units.map((unit, k) => [unit, s.w[k] ?? 0])), pose: s.p }]);
         ink.drawImage(canvas, 0, 0, canvas.width, canvas.height, WIDE, 0, WIDE, TALL);
         const { data } = ink.getImageData(0, 0, 2 * WIDE, TALL);

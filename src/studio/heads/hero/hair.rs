@@ -168,7 +168,10 @@ pub(super) fn grow(dress: &mut Layer, skin: &[Vec3]) {
             y.asin(),
         ]);
         let [around, above] = angles(&d);
-        if above - line(around) > -0.015 {
+        // Before the ear a lock would hang in the air.
+        let beside = (0.95..1.75).contains(&around.abs());
+        let least = if beside { 0.13 } else { -0.015 };
+        if above - line(around) > least {
             lock(dress, &skull, d, k);
         }
     }
