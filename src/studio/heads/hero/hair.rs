@@ -5,8 +5,8 @@
 
 use nalgebra::{Rotation3, Unit};
 
+use super::layer::{Layer, look};
 use super::palette::{HAIR, curve, dice, linear, mix, noise, smooth};
-use super::{Layer, look};
 use crate::studio::bake::mesh::Vec3;
 
 /// Middle of the skull.

@@ -2,9 +2,9 @@
 //!
 //! Each is a part of its own beside the lid, so that the baker lets it follow the skin next to it.
 
+use super::layer::{Layer, look};
 use super::make::{COLUMNS, ROWS};
 use super::palette::{curve, dice};
-use super::{Layer, look};
 use crate::studio::bake::mesh::Vec3;
 
 /// For the upper lid, then the lower: how many, how much of the line each has, width at the root.

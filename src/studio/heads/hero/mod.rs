@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! make      ICT-FaceKit's neutral mesh ─► config/hero.head
+//! layer     a mesh with colours, and what looks there are
 //! skin      colours of skin, brows and lips as one picture, wrapped around the head
 //! eyes      white, iris and pupil as one picture
 //! lashes    blades along the lines of the file
@@ -16,13 +17,15 @@
 mod eyes;
 mod hair;
 mod lashes;
+mod layer;
 pub mod make;
 mod palette;
 mod shirt;
 mod skin;
 
 use crate::simulator::virtual_head::{HeadAsset, Part};
-use crate::studio::bake::mesh::{Corner, Mesh, Vec3};
+use crate::studio::bake::mesh::Vec3;
+pub use layer::{Layer, look};
 pub use palette::Picture;
 use palette::{linear, smooth};
 
@@ -38,53 +41,6 @@ pub struct Look {
     pub picture: Option<Picture>,
     /// Whether it is seen from both sides.
     pub thin: bool,
-}
-
-/// Places of the looks in [`Hero::looks`].
-pub mod look {
-    pub(super) const SKIN: usize = 0;
-    /// Skin where the picture does not reach: back of head and neck.
-    pub(super) const BEHIND: usize = 1;
-    pub(super) const MOUTH: usize = 2;
-    pub(super) const GUMS: usize = 3;
-    pub(super) const TEETH: usize = 4;
-    pub(super) const EYES: usize = 5;
-    pub(super) const SOCKETS: usize = 6;
-    pub(super) const LASHES: usize = 7;
-    pub(super) const HAIR: usize = 8;
-    pub(super) const SHIRT: usize = 9;
-}
-
-/// A mesh with a colour and a place in its picture for every vertex.
-#[derive(Default)]
-pub struct Layer {
-    /// Faces; their materials are numbers of looks.
-    pub mesh: Mesh,
-    /// What the look's colour is multiplied with, linear.
-    pub tints: Vec<[f32; 3]>,
-    /// Place in the picture, origin at the top left.
-    pub uv: Vec<[f32; 2]>,
-}
-
-impl Layer {
-    pub(self) fn vertex(&mut self, place: Vec3, tint: [f32; 3]) -> u32 {
-        self.mesh.positions.push(place);
-        self.tints.push(tint);
-        self.uv.push([0.0; 2]);
-        self.mesh.positions.len() as u32 - 1
-    }
-
-    pub(self) fn face(&mut self, corners: &[u32], look: usize) {
-        let corners: Vec<Corner> = corners
-            .iter()
-            .map(|&vertex| Corner {
-                vertex,
-                uv: None,
-                normal: None,
-            })
-            .collect();
-        self.mesh.push_face(&corners, look as u32);
-    }
 }
 
 /// The head.
@@ -135,50 +91,25 @@ impl Hero {
             .collect();
         let marks: Vec<Vec3> = landmarks.iter().map(|&v| places[v as usize]).collect();
         let (faces, parts) = quads(asset);
-        let mut mesh = Mesh {
-            positions: places.to_vec(),
-            ..Mesh::default()
-        };
-        for (face, &part) in faces.iter().zip(&parts) {
-            let look = match part {
-                Part::Skin if face.iter().all(|&v| shirt::covers(&places[v as usize])) => {
-                    look::SHIRT
-                }
-                Part::Skin if face.iter().all(|&v| skin::reaches(&places[v as usize])) => {
-                    look::SKIN
-                }
-                Part::Skin => look::BEHIND,
-                Part::MouthSocket => look::MOUTH,
-                Part::Gums => look::GUMS,
-                Part::Teeth => look::TEETH,
-                Part::Eye => look::EYES,
-                Part::EyeSocket => look::SOCKETS,
-            };
-            let corners: Vec<Corner> = face
-                .iter()
-                .map(|&vertex| Corner {
-                    vertex,
-                    uv: None,
-                    normal: None,
-                })
-                .collect();
-            mesh.push_face(&corners, look as u32);
+        let mut face = Layer::default();
+        face.mesh.positions = places.to_vec();
+        for (corners, &part) in faces.iter().zip(&parts) {
+            face.face(corners, look_of(corners, part, places));
         }
         let kind = kinds(asset, places.len());
-        let normals = mesh.vertex_normals(places);
-        let tints = (0..places.len())
+        let normals = face.mesh.vertex_normals(places);
+        face.tints = (0..places.len())
             .map(|v| {
                 let light = asset.colour[v][0] / 255.0;
                 tint(kind[v], light, &places[v], &normals[v], &marks)
             })
             .collect();
-        let uv = (0..places.len())
+        face.uv = (0..places.len())
             .map(|v| match kind[v] {
                 Part::Eye => eyes::place(&places[v]),
                 _ => skin::place(&places[v]),
             })
             .collect();
-        let mut face = Layer { mesh, tints, uv };
         let mut dress = Layer::default();
         let skull: Vec<Vec3> = (0..places.len())
             .filter(|&v| kind[v] == Part::Skin)
@@ -197,6 +128,21 @@ impl Hero {
             landmarks,
             looks,
         }
+    }
+}
+
+/// Look of a face of the file.
+fn look_of(corners: &[u32], part: Part, places: &[Vec3]) -> usize {
+    let all = |holds: fn(&Vec3) -> bool| corners.iter().all(|&v| holds(&places[v as usize]));
+    match part {
+        Part::Skin if all(shirt::covers) => look::SHIRT,
+        Part::Skin if all(skin::reaches) => look::SKIN,
+        Part::Skin => look::BEHIND,
+        Part::MouthSocket => look::MOUTH,
+        Part::Gums => look::GUMS,
+        Part::Teeth => look::TEETH,
+        Part::Eye => look::EYES,
+        Part::EyeSocket => look::SOCKETS,
     }
 }
 
