@@ -5,7 +5,8 @@
 
 use nalgebra::{Rotation3, Unit};
 
-use super::layer::{Layer, look};
+use super::layer::Layer;
+use super::look;
 use super::palette::{HAIR, curve, dice, linear, mix, noise, smooth};
 use crate::studio::bake::mesh::Vec3;
 

@@ -2,7 +2,8 @@
 //!
 //! Each is a part of its own beside the lid, so that the baker lets it follow the skin next to it.
 
-use super::layer::{Layer, look};
+use super::layer::Layer;
+use super::look;
 use super::make::{COLUMNS, ROWS};
 use super::palette::{curve, dice};
 use crate::studio::bake::mesh::Vec3;

@@ -1,21 +1,6 @@
-//! Meshes with a colour for every vertex, and the numbers of the looks that their faces have.
+//! Meshes with a colour for every vertex.
 
 use crate::studio::bake::mesh::{Corner, Mesh, Vec3};
-
-/// Places of the looks in the list of a head's looks.
-pub mod look {
-    pub(in crate::studio::heads::hero) const SKIN: usize = 0;
-    /// Skin where the picture does not reach: back of head and neck.
-    pub(in crate::studio::heads::hero) const BEHIND: usize = 1;
-    pub(in crate::studio::heads::hero) const MOUTH: usize = 2;
-    pub(in crate::studio::heads::hero) const GUMS: usize = 3;
-    pub(in crate::studio::heads::hero) const TEETH: usize = 4;
-    pub(in crate::studio::heads::hero) const EYES: usize = 5;
-    pub(in crate::studio::heads::hero) const SOCKETS: usize = 6;
-    pub(in crate::studio::heads::hero) const LASHES: usize = 7;
-    pub(in crate::studio::heads::hero) const HAIR: usize = 8;
-    pub(in crate::studio::heads::hero) const SHIRT: usize = 9;
-}
 
 /// A mesh with a colour and a place in its picture for every vertex.
 #[derive(Default)]

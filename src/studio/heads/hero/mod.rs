@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! make      ICT-FaceKit's neutral mesh ─► config/hero.head
-//! layer     a mesh with colours, and what looks there are
+//! layer     a mesh with colours; look: numbers of what its faces look like
 //! skin      colours of skin, brows and lips as one picture, wrapped around the head
 //! eyes      white, iris and pupil as one picture
 //! lashes    blades along the lines of the file
@@ -18,6 +18,7 @@ mod eyes;
 mod hair;
 mod lashes;
 mod layer;
+mod look;
 pub mod make;
 mod palette;
 mod shirt;
@@ -25,7 +26,7 @@ mod skin;
 
 use crate::simulator::virtual_head::{HeadAsset, Part};
 use crate::studio::bake::mesh::Vec3;
-pub use layer::{Layer, look};
+pub use layer::Layer;
 pub use palette::Picture;
 use palette::{linear, smooth};
 

@@ -1,6 +1,7 @@
 //! A shirt with a round collar: the skin of shoulders and lower neck again, a little further out, with a rim.
 
-use super::layer::{Layer, look};
+use super::layer::Layer;
+use super::look;
 use super::palette::smooth;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::mesh::{Mesh, Vec3};
