@@ -2,7 +2,8 @@
 //!
 //! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
 //! in files from elsewhere, by the unit the shipped recipe gives to its name. Rows without weights (nobody there, lost)
-//! are neutral. Times count from the first row of the chosen user.
+//! are neutral. The head turns as the pose says ([`super::head_turn`]) and stays as it was while there is none. Times count
+//! from the first row of the chosen user.
 
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,7 @@ use super::bake::error::BakeError;
 use super::bake::files::write;
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
+use super::head_turn::Turned;
 use crate::base::bounded_read;
 use crate::studio::csv;
 use crate::studio::text_files::{self, decoded};
@@ -21,6 +23,7 @@ pub const OPTIONS: &str =
     "  --mesh  a head with named morph targets, as `mien-studio bake` writes it
   --csv   what `mien run --csv` wrote
   --user  slot to follow; default: the first that appears
+  --out   the head with the run as an animation, .glb
 ";
 
 /// Why there is no animation.
@@ -54,11 +57,25 @@ pub enum AnimateError {
         /// What is there.
         found: String,
     },
+    /// Nobody to follow.
+    #[error(
+        "{path}: expected rows of {wanted}, found {found}; --user takes a slot that the column user has"
+    )]
+    Nobody {
+        /// The file.
+        path: PathBuf,
+        /// Whom.
+        wanted: String,
+        /// Who is there.
+        found: String,
+    },
     /// Nothing in common.
     #[error(
-        "none of the {targets} morph targets belongs to a column of the table; bake the mesh with mien-studio bake, or name its targets as ARKit does"
+        "{path}: no column belongs to any of the {targets} morph targets of the mesh; bake the mesh with mien-studio bake, or name its targets as ARKit does"
     )]
     Nothing {
+        /// The table.
+        path: PathBuf,
         /// How many targets the mesh has.
         targets: usize,
     },
@@ -67,10 +84,44 @@ pub enum AnimateError {
     Write(#[from] BakeError),
 }
 
-/// Times in seconds and weights, one row per frame.
+/// Times in seconds, weights and rotations of the head (x, y, z, w), one row per frame.
+#[derive(Default)]
 struct Track {
     times: Vec<f32>,
     weights: Vec<Vec<f32>>,
+    /// As the sensor gives them, each on the side of the one before; empty if the table has none.
+    poses: Vec<[f32; 4]>,
+}
+
+/// The pose in a row's cells, if there is one.
+fn pose(cells: &[&str], columns: &[usize; 4]) -> Result<Option<[f32; 4]>, String> {
+    let words = columns.map(|at| cells[at]);
+    if words.iter().all(|word| word.is_empty()) {
+        return Ok(None);
+    }
+    let mut out = [0.0; 4];
+    for (slot, word) in out.iter_mut().zip(words) {
+        let number = word.parse().ok().filter(|v: &f32| v.is_finite());
+        *slot = number.ok_or_else(|| word.to_owned())?;
+    }
+    Ok(Some(out))
+}
+
+/// The slots that a table has, for people to read.
+fn slots(table: &csv::Table, slot: usize) -> String {
+    let mut all: Vec<&str> = table
+        .rows()
+        .filter_map(|row| row.cells.get(slot).copied())
+        .filter(|cell| !cell.is_empty())
+        .collect();
+    all.sort_unstable();
+    all.dedup();
+    all.truncate(16);
+    match all[..] {
+        [] => "nobody".into(),
+        [one] => format!("user {one} only"),
+        _ => format!("users {}", all.join(", ")),
+    }
 }
 
 /// Reads the rows of one user; `columns` are the CSV names wanted per target.
@@ -101,11 +152,14 @@ fn track(
         .collect();
     let driven = source.iter().flatten().count();
     let mut chosen = user.map(str::to_owned);
-    let mut out = Track {
-        times: Vec::new(),
-        weights: Vec::new(),
-    };
+    let turned = ["qx", "qy", "qz", "qw"].map(find);
+    let turned = turned
+        .iter()
+        .all(Option::is_some)
+        .then(|| turned.map(|at| at.unwrap_or(0)));
+    let mut out = Track::default();
     let mut first = None;
+    let mut met = false;
     for csv::Row { line, text, cells } in table.rows() {
         if cells.len() != table.columns().len() {
             return Err(refuse(line, "as many cells as the header has", text));
@@ -116,6 +170,7 @@ fn track(
         if chosen.is_none() || (!cells[slot].is_empty() && Some(cells[slot]) != chosen.as_deref()) {
             continue;
         }
+        met |= !cells[slot].is_empty();
         let now: u64 = cells[time]
             .parse()
             .map_err(|_| refuse(line, "a time in microseconds", text))?;
@@ -137,11 +192,24 @@ fn track(
             };
             weights.push(weight);
         }
+        if let Some(columns) = &turned {
+            let before = out.poses.last().copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+            let now = pose(&cells, columns)
+                .map_err(|found| refuse(line, "a finite number of the pose", &found))?
+                .unwrap_or(before);
+            // The same rotation has two quaternions; between neighbours the shorter way is meant.
+            let same = before.iter().zip(now).map(|(a, b)| a * b).sum::<f32>() >= 0.0;
+            out.poses.push(if same { now } else { now.map(|v| -v) });
+        }
         out.times.push(seconds as f32);
         out.weights.push(weights);
     }
-    if out.times.is_empty() {
-        return Err(refuse(0, "at least one row of a user", "none"));
+    if !met {
+        return Err(AnimateError::Nobody {
+            path: path.into(),
+            wanted: user.map_or_else(|| "somebody".into(), |user| format!("user {user}")),
+            found: slots(&table, slot),
+        });
     }
     Ok((out, driven))
 }
@@ -166,6 +234,8 @@ fn animated(
     let recipe = Recipe::read(SHIPPED).map(|r| r.units()).unwrap_or_default();
     let (mut channels, mut samplers) = (Vec::new(), Vec::new());
     let (mut frames, mut most, mut total) = (0, 0, 0);
+    let mut turning: Option<(usize, Vec<[f32; 4]>)> = None;
+    let mut driven_meshes = Vec::new();
     for (m, mesh) in meshes.iter().enumerate() {
         let Some(names) = named(mesh) else { continue };
         total += names.len();
@@ -190,6 +260,7 @@ fn animated(
             continue;
         }
         (frames, most) = (track.times.len(), most + driven);
+        driven_meshes.push(m);
         let floats = |values: &mut dyn Iterator<Item = f32>| {
             values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>()
         };
@@ -198,6 +269,7 @@ fn animated(
         let input = glb.push_accessor(json!({
             "bufferView": view, "componentType": 5126, "count": frames, "type": "SCALAR", "min": [0.0], "max": [last],
         }));
+        turning.get_or_insert_with(|| (input, track.poses.clone()));
         let view = glb.push_view(&floats(&mut track.weights.iter().flatten().copied()), 0);
         let output = glb.push_accessor(json!({
             "bufferView": view, "componentType": 5126, "count": frames * names.len(), "type": "SCALAR",
@@ -211,7 +283,20 @@ fn animated(
         }
     }
     if channels.is_empty() {
-        return Err(AnimateError::Nothing { targets: total });
+        return Err(AnimateError::Nothing {
+            path: path.into(),
+            targets: total,
+        });
+    }
+    if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {
+        turn(
+            glb,
+            &driven_meshes,
+            input,
+            &poses,
+            &mut samplers,
+            &mut channels,
+        );
     }
     let animation = json!({"name": "run", "samplers": samplers, "channels": channels});
     match glb.json["animations"].as_array_mut() {
@@ -219,6 +304,45 @@ fn animated(
         None => glb.json["animations"] = json!([animation]),
     }
     Ok((frames, most))
+}
+
+/// Adds the turns of the head to the channels of an animation whose times are the accessor `input`.
+fn turn(
+    glb: &mut Glb,
+    meshes: &[usize],
+    input: usize,
+    poses: &[[f32; 4]],
+    samplers: &mut Vec<Value>,
+    channels: &mut Vec<Value>,
+) {
+    for turned in Turned::find(glb, meshes) {
+        let rows: Vec<_> = poses.iter().map(|&pose| turned.at(pose)).collect();
+        let rotations: Vec<u8> = rows
+            .iter()
+            .flat_map(|row| row.0)
+            .flat_map(f32::to_le_bytes)
+            .collect();
+        let places: Vec<u8> = rows
+            .iter()
+            .flat_map(|row| row.1)
+            .flatten()
+            .flat_map(f32::to_le_bytes)
+            .collect();
+        for (path, kind, data) in [
+            ("rotation", "VEC4", rotations),
+            ("translation", "VEC3", places),
+        ] {
+            if data.is_empty() {
+                continue;
+            }
+            let view = glb.push_view(&data, 0);
+            let output = glb.push_accessor(json!({
+                "bufferView": view, "componentType": 5126, "count": rows.len(), "type": kind,
+            }));
+            samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
+            channels.push(json!({"sampler": samplers.len() - 1, "target": {"node": turned.node, "path": path}}));
+        }
+    }
 }
 
 /// Writes `out`: the head `mesh` with the weights of the table `csv` as an animation; prints one line.
@@ -288,6 +412,41 @@ mod tests {
     }
 
     #[test]
+    fn the_head_turns_the_shorter_way_and_stays_while_the_face_is_lost() {
+        let csv =
+            "time_us,user,w_AU26,qx,qy,qz,qw\n0,0,0,0,0,0,1\n10,0,0,0,0.1,0,-0.995\n20,0,0,,,,\n";
+        let mut glb = head();
+        animated(&mut glb, csv, Path::new("run.csv"), None).unwrap();
+        let channels = glb.json["animations"][0]["channels"].as_array().unwrap();
+        let paths: Vec<_> = channels.iter().map(|c| &c["target"]["path"]).collect();
+        assert_eq!(paths, ["weights", "rotation", "translation"]);
+        let turns = glb.floats(2, 4).unwrap();
+        let (first, second, third) = (&turns[..4], &turns[4..8], &turns[8..]);
+        assert_eq!(first, [0.0, 0.0, 0.0, 1.0]);
+        // About the sensor's y, which points down: the other way about glTF's.
+        assert!(
+            (second[1] - 0.1).abs() < 1e-3 && second[3] > 0.99,
+            "{second:?}"
+        );
+        assert_eq!(second, third);
+    }
+
+    #[test]
+    fn somebody_who_is_not_there_is_refused_with_those_who_are() {
+        let refused = |csv: &str, user| {
+            let done = animated(&mut head(), csv, Path::new("run.csv"), user);
+            done.unwrap_err().to_string()
+        };
+        let nobody = refused(CSV, Some("3"));
+        assert!(
+            nobody.starts_with("run.csv: expected rows of user 3, found users 0, 1"),
+            "{nobody}"
+        );
+        let empty = refused("time_us,user,w_AU26\n0,,\n", None);
+        assert!(empty.contains("found nobody"), "{empty}");
+    }
+
+    #[test]
     fn a_bad_table_is_refused_with_its_line() {
         let wrong = |csv: &str| {
             animated(&mut head(), csv, Path::new("run.csv"), None)
@@ -299,6 +458,10 @@ mod tests {
             wrong("time_us,user,w_AU26\n0,0,nan\n").contains("line 2: expected a finite weight")
         );
         assert!(wrong("time_us,user,w_AU26\n0,0\n").contains("line 2"));
-        assert!(wrong("time_us,user,w_AU1\n0,0,1\n").contains("none of the 3"));
+        assert!(wrong("time_us,user,w_AU1\n0,0,1\n").contains("any of the 3"));
+        assert!(
+            wrong("time_us,user,w_AU26,qx,qy,qz,qw\n0,0,0,0,x,0,1\n")
+                .contains("run.csv: line 2: expected a finite number of the pose")
+        );
     }
 }

@@ -23,7 +23,7 @@ use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
 use crate::studio::evaluate::landmark_accuracy;
 use crate::studio::evaluate::sessions::{self, Sessions};
-use crate::studio::heads::default_head;
+use crate::studio::heads::{default_head, hero};
 use crate::studio::people_split::Split;
 use crate::studio::units::readings;
 
@@ -163,10 +163,10 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "head",
-        usage: "--out FILE.glb|FILE.obj",
-        about: "writes the simulated sensor's head to experiment with: baked and coloured (.glb), or neutral with its landmarks (.obj, .txt)",
+        usage: "--out FILE.glb|FILE.obj | --make FILE [--data DIR]",
+        about: "writes a head to experiment with, coloured, its landmarks in a .txt beside: baked with 67 shapes and a neck that stays (.glb), or neutral with its materials (.obj); with --make rebuilds what the program makes it from",
         example: "mien-studio head --out head.obj",
-        options: &["out"],
+        options: &["out", "make", "data"],
         flags: &[],
         words: 0,
         run: run_head,
@@ -612,6 +612,19 @@ fn run_nrsfm(words: &Words) -> Result<(), Fault> {
     })
 }
 
+/// A file of ours by its name: binary glTF, or the VRM that a head came in.
+fn glb_out(words: &Words, instead: &str) -> Result<PathBuf, Fault> {
+    let out = words.required("out")?;
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if ending == "glb" || ending == "vrm" {
+        return Ok(out);
+    }
+    Err(Fault::Usage(format!(
+        "--out {}: expected a name that ends in .glb or .vrm (binary glTF is what is written{instead})",
+        out.display()
+    )))
+}
+
 fn run_bake(words: &Words) -> Result<(), Fault> {
     let method = words.value::<String>("method")?;
     let unit = words.value::<String>("unit")?;
@@ -622,7 +635,7 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
     let request = bake::request::Request {
         mesh: words.required("mesh")?,
         landmarks: words.required("landmarks")?,
-        out: words.required("out")?,
+        out: glb_out(words, "; --obj FOLDER writes every shape as OBJ too")?,
         recipe: words.path("recipe"),
         controls: words.path("controls"),
         obj: words.path("obj"),
@@ -642,6 +655,11 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
 }
 
 fn run_head(words: &Words) -> Result<(), Fault> {
+    if let Some(out) = words.path("make") {
+        let bytes = hero::make::make(&data(words), &out)?;
+        say(&format!("wrote {}: {bytes} bytes", out.display()));
+        return Ok(());
+    }
     say(&default_head::write_to(&words.required("out")?)?);
     Ok(())
 }
@@ -695,7 +713,7 @@ fn run_animate(words: &Words) -> Result<(), Fault> {
     animate::animate(
         &words.required("mesh")?,
         &words.required("csv")?,
-        &words.required("out")?,
+        &glb_out(words, "")?,
         user.as_deref(),
     )?;
     Ok(())

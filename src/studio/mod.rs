@@ -9,7 +9,7 @@
 //! train          the face model; units: what is known of units before anybody is seen
 //! fit            landmarks of still pictures
 //! evaluate       figures against truth
-//! bake           a head and 68 points become blendshapes; animate: a run moves them
+//! bake           a head and 68 points become blendshapes; animate: a run moves them, head_turn: their bone
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
@@ -27,6 +27,7 @@ pub mod csv;
 pub mod evaluate;
 pub mod fit;
 pub mod frame_time;
+pub mod head_turn;
 pub mod heads;
 pub mod inspect;
 pub mod nrsfm;

@@ -29,6 +29,7 @@ mod replays_the_corpus;
 mod sees_nobody;
 mod shipped_config;
 mod shipped_words;
+mod shows_a_head;
 mod survives_real_life;
 mod talks_to_rigs;
 mod tracks_a_head;

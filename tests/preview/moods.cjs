@@ -31,7 +31,7 @@ const [WIDE, SENSOR, HEAD] = [190, 170, 215];
     await page.goto(url);
     await page.waitForFunction((count) => window.mien.heads.length === count && window.mien.stream.last > 24.9, heads.length, { timeout: 240000 });
     await page.click("#play");
-    await page.evaluate(() => { window.mien.view.distance = 0.66; });
+    await page.evaluate(() => { window.mien.view.distance = 0.78; });
     const picture = await page.evaluate(async ({ times, count, WIDE, SENSOR, HEAD }) => {
       const { stream } = window.mien;
       const all = new OffscreenCanvas(WIDE * times.length, SENSOR + HEAD * count);

@@ -1,26 +1,25 @@
-//! A head to look at without having one: that of the simulated sensor, baked by our own baker when it is asked for, so that
-//! nothing more is shipped.
+//! A head to look at without having one: the [`Hero`], baked by our own baker when it is asked for, so that only its neutral mesh
+//! is shipped.
 //!
-//! The mesh of `config/simulated.head` (see `NOTICE` for what it is made of) becomes binary glTF with colours: where the
-//! mean photograph counts for all corners of a triangle that faces it, the photograph is its texture and the vertex colour
-//! carries what differs from it; elsewhere the vertex colour is all. At the border both give the same, so there is no seam.
+//! As binary glTF it has colours, 67 morph targets and two joints, neck and head; the neck stays when the head turns. As OBJ
+//! it is neutral, with its materials and pictures beside. Both have their 68 landmarks beside, for `mien-studio bake`.
 //!
-//! Frames: the head frame (x left, y down, z in) becomes glTF's (x left, y up, z out), metres. Cost: about a second of
-//! processor time for 67 shapes on 6657 vertices. Limits: no hair, closed neck line open below.
+//! Frame: glTF's (x left, y up, z out), metres. Cost: two to three seconds of processor time for 67 shapes on 24 000
+//! vertices.
 
+use std::fmt::Write as _;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Value, json};
 
-use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
+use super::hero::{Hero, JOINT, Layer, NECK, Picture, turns};
 use crate::studio::bake::error::BakeError;
 use crate::studio::bake::files::write;
 use crate::studio::bake::glb::{Glb, push};
 use crate::studio::bake::head::Head;
-use crate::studio::bake::mesh::{Corner, Mesh, Vec3};
-use crate::studio::bake::obj;
+use crate::studio::bake::mesh::Vec3;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
@@ -28,15 +27,15 @@ use crate::studio::bake::solve::Settings;
 
 const FLOAT: u32 = 5126;
 const U32: u32 = 5125;
-/// The photograph must count at least this much at a corner for it to be textured.
-const PHOTO_SHARE: f32 = 0.02;
-/// A triangle whose normal leans further from the photograph than this is coloured by its vertices, cosine.
-const FACING: f64 = 0.15;
-/// A place of the photograph with less than this, red, green and blue together, is one where it shows nothing.
-const EMPTY: f32 = 24.0;
-/// So near to such a place it does not count, pixels.
-const MARGIN_PX: f32 = 4.0;
-const JPEG_QUALITY: u8 = 90;
+const U8: u32 = 5121;
+const VERTICES: u32 = 34962;
+const INDICES: u32 = 34963;
+const JPEG_QUALITY: u8 = 92;
+/// Numbers of the nodes: two meshes, two joints.
+const FACE: usize = 0;
+const DRESS: usize = 1;
+const NECK_JOINT: usize = 2;
+const HEAD_JOINT: usize = 3;
 
 /// Why the head cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -46,7 +45,7 @@ pub enum DefaultHeadError {
     Bake(#[from] BakeError),
     /// Neither kind of file.
     #[error(
-        "{path}: expected a name that ends in .glb (baked, coloured) or .obj (neutral, with its 68 landmarks in a .txt beside it)"
+        "{path}: expected a name that ends in .glb (baked, coloured) or .obj (neutral, coloured); both get their 68 landmarks in a .txt beside"
     )]
     Ending {
         /// What was given.
@@ -54,213 +53,165 @@ pub enum DefaultHeadError {
     },
 }
 
-/// From the head frame to glTF's.
-fn upright([x, y, z]: [f32; 3]) -> Vec3 {
-    Vec3::new(f64::from(x), f64::from(-y), f64::from(-z))
+fn single(v: &Vec3) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// The neutral mesh, metres, and the vertices of the 68 landmarks.
-fn neutral(asset: &HeadAsset) -> (Mesh, Vec<u64>) {
-    let mut mesh = Mesh {
-        positions: asset
-            .neutral
-            .iter()
-            .map(|p| upright([p.x, p.y, p.z]))
-            .collect(),
-        materials: ["skin", "mouth", "gums", "teeth", "eyes", "sockets"]
-            .map(str::to_owned)
-            .to_vec(),
-        ..Mesh::default()
-    };
-    for (t, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
-        // Clockwise in the picture is anticlockwise to the camera of glTF, whose y points up.
-        let corners = [t[0], t[2], t[1]].map(|vertex| Corner {
-            vertex,
-            uv: None,
-            normal: None,
-        });
-        mesh.push_face(&corners, part as u32);
-    }
-    let landmarks = asset
-        .landmarks
-        .iter()
-        .map(|site| {
-            let strongest = (0..3).max_by(|&a, &b| site.shares[a].total_cmp(&site.shares[b]));
-            u64::from(site.vertices[strongest.unwrap_or(0)])
-        })
-        .collect();
-    (mesh, landmarks)
-}
-
-/// An sRGB byte as linear light, 0…1 (IEC 61966-2-1).
-fn linear(byte: f32) -> f32 {
-    let v = (byte / 255.0).clamp(0.0, 1.0);
-    if v <= 0.04045 {
-        v / 12.92
-    } else {
-        ((v + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-/// How far the photograph counts at each vertex: not where it ends or is empty within a few pixels.
-fn shares(asset: &HeadAsset, photograph: &Texture) -> Vec<f32> {
-    let drawn = |x: f32, y: f32| {
-        let inside = x >= 0.0
-            && y >= 0.0
-            && x <= photograph.width as f32 - 1.0
-            && y <= photograph.height as f32 - 1.0;
-        inside && photograph.at(x, y).iter().sum::<f32>() > EMPTY
-    };
-    let around = [[0.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]];
-    (0..asset.neutral.len())
-        .map(|v| {
-            let [x, y] = asset.photo[v];
-            let whole = around
-                .iter()
-                .all(|d| drawn(x + d[0] * MARGIN_PX, y + d[1] * MARGIN_PX));
-            if whole {
-                asset.photo_share[v].clamp(0.0, 1.0)
-            } else {
-                0.0
-            }
-        })
+fn bytes<const N: usize>(rows: &[[f32; N]]) -> Vec<u8> {
+    rows.iter()
+        .flatten()
+        .flat_map(|v| v.to_le_bytes())
         .collect()
 }
 
-/// Colours of the vertices, linear: by themselves, and as what the photograph is to be multiplied with.
-fn colours(asset: &HeadAsset, photograph: &Texture, shares: &[f32]) -> [Vec<[f32; 3]>; 2] {
-    let mut out = [Vec::new(), Vec::new()];
-    for v in 0..asset.neutral.len() {
-        let [x, y] = asset.photo[v];
-        let (photo, own, share) = (photograph.at(x, y), asset.colour[v], shares[v]);
-        let whole = [0, 1, 2].map(|k| linear(photo[k] * share + own[k] * (1.0 - share)));
-        out[0].push(whole);
-        out[1].push([0, 1, 2].map(|k| (whole[k] / linear(photo[k]).max(1e-3)).min(1.0)));
+/// Rows of floats as an accessor; with bounds if they are places.
+fn rows<const N: usize>(glb: &mut Glb, rows: &[[f32; N]], bounds: bool) -> usize {
+    let view = glb.push_view(&bytes(rows), VERTICES);
+    let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
+    let mut accessor =
+        json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": kind});
+    if bounds {
+        let extreme = |of: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
+            (0..N)
+                .map(|k| rows.iter().map(|r| r[k]).fold(from, of))
+                .collect()
+        };
+        accessor["min"] = json!(extreme(f32::min, f32::INFINITY));
+        accessor["max"] = json!(extreme(f32::max, f32::NEG_INFINITY));
     }
-    out
+    glb.push_accessor(accessor)
 }
 
-/// The neutral head as binary glTF.
-fn coloured(asset: &HeadAsset, mesh: &Mesh) -> Glb {
-    let empty = Texture::default();
-    let photograph = asset.texture.first().unwrap_or(&empty);
+/// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
+fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec3) -> f64) {
+    let mesh = &layer.mesh;
+    let places: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
+    let normals = mesh.vertex_normals(&mesh.positions);
+    let normals: Vec<[f32; 3]> = normals
+        .iter()
+        // Vertices of no face have none; the standard wants one.
+        .map(|n| n.try_normalize(1e-9).unwrap_or_else(Vec3::y))
+        .map(|n| single(&n))
+        .collect();
+    let shares: Vec<[f32; 4]> = mesh
+        .positions
+        .iter()
+        .map(|p| turn(p) as f32)
+        .map(|head| [1.0 - head, head, 0.0, 0.0])
+        .collect();
+    let joints = [0_u8, 1, 0, 0].repeat(places.len());
+    let joints = glb.push_view(&joints, VERTICES);
+    let joints = glb.push_accessor(
+        json!({"bufferView": joints, "componentType": U8, "count": places.len(), "type": "VEC4"}),
+    );
+    let attributes = json!({
+        "POSITION": rows(glb, &places, true),
+        "NORMAL": rows(glb, &normals, false),
+        "COLOR_0": rows(glb, &layer.tints, false),
+        "TEXCOORD_0": rows(glb, &layer.uv, false),
+        "JOINTS_0": joints,
+        "WEIGHTS_0": rows(glb, &shares, false),
+    });
+    let mut primitives = Vec::new();
+    for (number, look) in hero.looks.iter().enumerate() {
+        let faces = (0..mesh.faces()).filter(|&f| mesh.face_material[f] as usize == number);
+        let corners: Vec<u32> = faces
+            .flat_map(|f| {
+                let list: Vec<u32> = mesh.face(f).iter().map(|c| c.vertex).collect();
+                (1..list.len() - 1)
+                    .flat_map(|k| [list[0], list[k], list[k + 1]])
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        if corners.is_empty() {
+            continue;
+        }
+        let data: Vec<u8> = corners.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let view = glb.push_view(&data, INDICES);
+        let indices = glb.push_accessor(
+            json!({"bufferView": view, "componentType": U32, "count": corners.len(), "type": "SCALAR"}),
+        );
+        let [r, g, b] = look.colour;
+        let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": look.rough, "baseColorFactor": [r, g, b, 1.0]});
+        if let Some(picture) = &look.picture {
+            surface["baseColorTexture"] = json!({"index": textured(glb, picture, look.name)});
+        }
+        let mut material = json!({"name": look.name, "pbrMetallicRoughness": surface});
+        if look.thin {
+            material["doubleSided"] = true.into();
+        }
+        let material = push(&mut glb.json["materials"], material);
+        primitives
+            .push(json!({"attributes": attributes, "indices": indices, "material": material}));
+    }
+    push(
+        &mut glb.json["meshes"],
+        json!({"name": name, "primitives": Value::Array(primitives)}),
+    );
+}
+
+/// Adds a picture; returns the number of its texture.
+fn textured(glb: &mut Glb, picture: &Picture, name: &str) -> usize {
+    let view = glb.push_view(&jpeg(picture), 0);
+    let image = push(
+        &mut glb.json["images"],
+        json!({"bufferView": view, "mimeType": "image/jpeg", "name": name}),
+    );
+    // Clamped: what lies beyond has the colour of the edge.
+    glb.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33071}]);
+    push(
+        &mut glb.json["textures"],
+        json!({"source": image, "sampler": 0}),
+    )
+}
+
+fn jpeg(picture: &Picture) -> Vec<u8> {
+    let mut out = Cursor::new(Vec::new());
+    let side = picture.side as u32;
+    JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY)
+        .encode(&picture.rgb, side, side, image::ExtendedColorType::Rgb8)
+        .expect("a square of bytes, written to memory");
+    out.into_inner()
+}
+
+/// The neutral face as binary glTF, with nodes for the rest.
+fn face(hero: &Hero) -> Glb {
+    let from_neck = JOINT - NECK;
     let mut glb = Glb {
         json: json!({
             "asset": {"version": "2.0", "generator": concat!("mien-studio ", env!("CARGO_PKG_VERSION")),
-                "copyright": "made from ICT-FaceKit (MIT) and the Face Research Lab London Set and Young Adult White Faces (CC BY 4.0)"},
-            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "name": "head"}],
+                "copyright": "made from ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies (MIT)"},
+            "scene": 0, "scenes": [{"nodes": [FACE, DRESS, NECK_JOINT]}],
+            "nodes": [
+                {"mesh": 0, "skin": 0, "name": "face"},
+                {"mesh": 1, "skin": 0, "name": "hair_and_shirt"},
+                {"name": "neck", "translation": single(&NECK), "children": [HEAD_JOINT]},
+                {"name": "head", "translation": single(&from_neck)},
+            ],
         }),
         bin: Vec::new(),
     };
-    let rows = |glb: &mut Glb, rows: &[[f32; 3]], bounds: bool| {
-        let data: Vec<u8> = rows
-            .iter()
-            .flatten()
-            .flat_map(|v| v.to_le_bytes())
-            .collect();
-        let view = glb.push_view(&data, 34962);
-        let mut accessor = json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": "VEC3"});
-        if bounds {
-            let extreme = |of: fn(f32, f32) -> f32, from: f32| {
-                [0, 1, 2].map(|k| rows.iter().map(|r| r[k]).fold(from, of))
-            };
-            accessor["min"] = json!(extreme(f32::min, f32::INFINITY));
-            accessor["max"] = json!(extreme(f32::max, f32::NEG_INFINITY));
-        }
-        glb.push_accessor(accessor)
-    };
-    let floats = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
-    let places: Vec<[f32; 3]> = mesh.positions.iter().map(floats).collect();
-    let normals: Vec<[f32; 3]> = mesh
-        .vertex_normals(&mesh.positions)
-        .iter()
-        .map(floats)
-        .collect();
-    let position = rows(&mut glb, &places, true);
-    let normal = rows(&mut glb, &normals, false);
-    let shares = shares(asset, photograph);
-    let [whole, ratio] = colours(asset, photograph, &shares);
-    let plain =
-        json!({"POSITION": position, "NORMAL": normal, "COLOR_0": rows(&mut glb, &whole, false)});
-    let mut pictured =
-        json!({"POSITION": position, "NORMAL": normal, "COLOR_0": rows(&mut glb, &ratio, false)});
-    let size = [
-        photograph.width.max(1) as f32,
-        photograph.height.max(1) as f32,
-    ];
-    let uv: Vec<u8> = asset
-        .photo
-        .iter()
-        .flat_map(|p| [0, 1].map(|k| (p[k] + 0.5) / size[k]))
-        .flat_map(f32::to_le_bytes)
-        .collect();
-    let view = glb.push_view(&uv, 34962);
-    pictured["TEXCOORD_0"] = glb
-        .push_accessor(json!({"bufferView": view, "componentType": FLOAT, "count": places.len(), "type": "VEC2"}))
-        .into();
-    if let Some(jpeg) = jpeg(photograph) {
-        let view = glb.push_view(&jpeg, 0);
-        glb.json["images"] =
-            json!([{"bufferView": view, "mimeType": "image/jpeg", "name": "photograph"}]);
-        // Clamped: places beyond the photograph have a colour of their own.
-        glb.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33071}]);
-        glb.json["textures"] = json!([{"source": 0, "sampler": 0}]);
-    }
-    // For each material what is textured and what is not.
-    let mut lists = vec![[Vec::new(), Vec::new()]; mesh.materials.len()];
-    for f in 0..mesh.faces() {
-        let t: Vec<u32> = mesh.face(f).iter().map(|corner| corner.vertex).collect();
-        let at = |k: usize| mesh.positions[t[k] as usize];
-        let facing = (at(1) - at(0)).cross(&(at(2) - at(0))).normalize().z;
-        let shows = |&v: &u32| shares[v as usize] > PHOTO_SHARE;
-        let textured = facing > FACING && t.iter().all(shows);
-        lists[mesh.face_material[f] as usize][usize::from(textured)].extend(t);
-    }
-    let mut primitives = Vec::new();
-    for (m, lists) in lists.iter().enumerate() {
-        for (textured, list) in [false, true].into_iter().zip(lists) {
-            if list.is_empty() {
-                continue;
-            }
-            let data: Vec<u8> = list.iter().flat_map(|v| v.to_le_bytes()).collect();
-            let view = glb.push_view(&data, 34963);
-            let indices = glb.push_accessor(
-                json!({"bufferView": view, "componentType": U32, "count": list.len(), "type": "SCALAR"}),
-            );
-            let wet = m == Part::Eye as usize || m == Part::Teeth as usize;
-            let mut look =
-                json!({"metallicFactor": 0.0, "roughnessFactor": if wet { 0.35 } else { 0.8 }});
-            if textured {
-                look["baseColorTexture"] = json!({"index": 0});
-            }
-            let material = push(
-                &mut glb.json["materials"],
-                json!({"name": mesh.materials[m], "pbrMetallicRoughness": look}),
-            );
-            let attributes = if textured { &pictured } else { &plain };
-            primitives
-                .push(json!({"attributes": attributes, "indices": indices, "material": material}));
-        }
-    }
-    glb.json["meshes"] = json!([{"name": "head", "primitives": Value::Array(primitives)}]);
+    add(&mut glb, hero, &hero.face, "face", turns);
     glb
 }
 
-fn jpeg(photograph: &Texture) -> Option<Vec<u8>> {
-    let mut out = Cursor::new(Vec::new());
-    let (width, height) = (
-        u32::try_from(photograph.width).ok()?,
-        u32::try_from(photograph.height).ok()?,
+/// Adds what does not move with the face, and the joints.
+fn dressed(mut glb: Glb, hero: &Hero) -> Glb {
+    add(&mut glb, hero, &hero.dress, "hair_and_shirt", turns);
+    let back = |to: &Vec3| {
+        let [x, y, z] = single(&-to);
+        let mut m = [0.0_f32; 16];
+        [m[0], m[5], m[10], m[15]] = [1.0; 4];
+        [m[12], m[13], m[14]] = [x, y, z];
+        m
+    };
+    let data = bytes(&[back(&NECK), back(&JOINT)]);
+    let view = glb.push_view(&data, 0);
+    let inverse = glb.push_accessor(
+        json!({"bufferView": view, "componentType": FLOAT, "count": 2, "type": "MAT4"}),
     );
-    JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY)
-        .encode(
-            &photograph.rgb,
-            width,
-            height,
-            image::ExtendedColorType::Rgb8,
-        )
-        .ok()?;
-    Some(out.into_inner())
+    glb.json["skins"] = json!([{"joints": [NECK_JOINT, HEAD_JOINT], "inverseBindMatrices": inverse, "skeleton": NECK_JOINT}]);
+    glb
 }
 
 /// The head with its 67 shapes and colours, as the bytes of a GLB file.
@@ -268,15 +219,17 @@ fn jpeg(photograph: &Texture) -> Option<Vec<u8>> {
 /// # Errors
 /// If the shapes cannot be solved for.
 pub fn glb() -> Result<Vec<u8>, BakeError> {
-    let asset = HeadAsset::shipped();
-    let (mesh, landmarks) = neutral(&asset);
+    baked(&Hero::shipped())
+}
+
+fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
     // Through the door that heads of others take, so that the numbers of the vertices are settled there.
     let refuse = |source| BakeError::Glb {
         path: "built-in head".into(),
         source,
     };
-    let (mesh, foreign) = Foreign::read(coloured(&asset, &mesh)).map_err(refuse)?;
-    let head = Head::new(mesh, &foreign.landmarks(&landmarks))?;
+    let (mesh, foreign) = Foreign::read(face(hero)).map_err(refuse)?;
+    let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
     let recipe = |source| BakeError::Recipe {
         path: "built-in recipe".into(),
         source,
@@ -285,40 +238,117 @@ pub fn glb() -> Result<Vec<u8>, BakeError> {
         .and_then(|shipped| shipped.targets(&head))
         .map_err(recipe)?;
     let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
-    Ok(foreign.patched(&shapes, false).emit())
+    Ok(dressed(foreign.patched(&shapes, false), hero).emit())
 }
 
-/// Writes the head: baked to a `.glb`, or neutral to an `.obj` with the numbers of its landmarks beside it.
+/// The neutral head as OBJ text that names `materials`.
+fn obj(hero: &Hero, materials: &str) -> String {
+    let mut out = format!("mtllib {materials}\n");
+    let mut first = 1;
+    for layer in [&hero.face, &hero.dress] {
+        let mesh = &layer.mesh;
+        for (p, tint) in mesh.positions.iter().zip(&layer.tints) {
+            let [x, y, z] = single(p);
+            let [r, g, b] = tint;
+            let _ = writeln!(out, "v {x} {y} {z} {r:.4} {g:.4} {b:.4}");
+        }
+        for [u, v] in &layer.uv {
+            let _ = writeln!(out, "vt {u:.5} {:.5}", 1.0 - v);
+        }
+        let mut material = u32::MAX;
+        for f in 0..mesh.faces() {
+            if mesh.face_material[f] != material {
+                material = mesh.face_material[f];
+                let _ = writeln!(out, "usemtl {}", mesh.materials[material as usize]);
+            }
+            out.push('f');
+            for corner in mesh.face(f) {
+                let number = corner.vertex + first;
+                let _ = write!(out, " {number}/{number}");
+            }
+            out.push('\n');
+        }
+        first += mesh.positions.len() as u32;
+    }
+    out
+}
+
+/// The materials of an OBJ, and the pictures that they name, whose names begin with `stem`.
+fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
+    let (mut text, mut pictures) = (String::new(), Vec::new());
+    for look in &hero.looks {
+        // OBJ's colours are sRGB.
+        let [r, g, b] = look.colour.map(|c| c.powf(1.0 / 2.2));
+        let shine = (1.0 - look.rough) * 0.5;
+        let _ = writeln!(
+            text,
+            "newmtl {}\nKd {r:.3} {g:.3} {b:.3}\nKs {shine:.3} {shine:.3} {shine:.3}\nNs {:.0}",
+            look.name,
+            4.0 + 160.0 * (1.0 - look.rough).powi(2)
+        );
+        if let Some(picture) = &look.picture {
+            let name = format!("{stem}_{}.jpg", look.name);
+            let _ = writeln!(text, "map_Kd {name}");
+            pictures.push((name, jpeg(picture)));
+        }
+    }
+    (text, pictures)
+}
+
+/// Writes the head: baked to a `.glb`, or neutral to an `.obj`, with the numbers of its landmarks beside it.
 ///
 /// # Errors
 /// If the name ends otherwise, or it cannot be written.
 pub fn write_to(out: &Path) -> Result<String, DefaultHeadError> {
-    match out.extension().and_then(|ending| ending.to_str()) {
-        Some("glb") => {
-            let bytes = glb()?;
-            write(out, &bytes)?;
-            Ok(format!(
-                "{}: {} bytes, 67 shapes",
-                out.display(),
-                bytes.len()
-            ))
-        }
-        Some("obj") => {
-            let (mesh, landmarks) = neutral(&HeadAsset::shipped());
-            let lines: String = landmarks.iter().map(|v| format!("{v}\n")).collect();
-            let beside = out.with_extension("txt");
-            write(out, obj::emit(&mesh).as_bytes())?;
-            write(&beside, lines.as_bytes())?;
-            Ok(format!(
-                "{} and its landmarks {}",
-                out.display(),
-                beside.display()
-            ))
-        }
-        _ => Err(DefaultHeadError::Ending {
+    let ending = out.extension().and_then(|ending| ending.to_str());
+    let ending = ending.unwrap_or_default().to_ascii_lowercase();
+    if ending != "glb" && ending != "obj" {
+        return Err(DefaultHeadError::Ending {
             path: out.display().to_string(),
-        }),
+        });
     }
+    let hero = Hero::shipped();
+    let mut files: Vec<PathBuf> = Vec::new();
+    let mut put = |path: PathBuf, bytes: &[u8]| {
+        write(&path, bytes)?;
+        files.push(path);
+        Ok::<_, BakeError>(())
+    };
+    if ending == "glb" {
+        put(out.to_path_buf(), &baked(&hero)?)?;
+    } else {
+        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+        let beside = out.with_extension("mtl");
+        // The name stands in the OBJ as one word.
+        let stem = stem.replace(char::is_whitespace, "_");
+        let beside = beside.with_file_name(format!("{stem}.mtl"));
+        let (text, pictures) = materials(&hero, &stem);
+        put(
+            out.to_path_buf(),
+            obj(&hero, &format!("{stem}.mtl")).as_bytes(),
+        )?;
+        put(beside, text.as_bytes())?;
+        for (name, bytes) in pictures {
+            put(out.with_file_name(name), &bytes)?;
+        }
+    }
+    let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();
+    put(out.with_extension("txt"), lines.as_bytes())?;
+    let names: Vec<String> = files
+        .iter()
+        .skip(1)
+        .map(|path| path.display().to_string())
+        .collect();
+    let what = if ending == "glb" {
+        "67 shapes, coloured"
+    } else {
+        "neutral, coloured"
+    };
+    Ok(format!(
+        "{} ({what}); beside it {}",
+        out.display(),
+        names.join(", ")
+    ))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! fit                  the mesh fitted to the points of one
 //! wardrobe             the photograph put on the mesh, bent by a thin_plate_spline; eyes: drawn ones instead
 //! average, reduce      nobody's head, small enough for the appliance
-//! default_head         that head baked, to look at
+//! hero                 a head to show: hair, lashes, eyes, colours; default_head: the same baked, as a file
 //! ```
 //!
 //! Head frames: metres, origin between the inner eye corners, turned so that the stable points of the neutral face lie best
@@ -17,6 +17,7 @@ pub mod default_head;
 pub mod expressions;
 pub(crate) mod eyes;
 pub mod fit;
+pub mod hero;
 pub mod ict;
 pub mod portraits;
 pub mod reduce;

@@ -92,6 +92,36 @@ function places(json) {
   return world;
 }
 
+// The node of the head in a skeleton, if there is one: what it and its children carry turns with the head.
+function headOf(json) {
+  const bones = json.extensions?.VRMC_vrm?.humanoid?.humanBones?.head?.node
+    ?? json.extensions?.VRM?.humanoid?.humanBones?.find?.(({ bone }) => bone === "head")?.node;
+  const joints = new Set((json.skins ?? []).flatMap((skin) => skin.joints));
+  return bones ?? [...joints].find((k) => /head$/i.test(json.nodes[k]?.name ?? ""));
+}
+
+// Shares of the head's turns, by vertex: what its joints weigh; all of it for what no skeleton carries.
+function turning(reader, node, primitive, count, head) {
+  const { json } = reader;
+  const { JOINTS_0: joints, WEIGHTS_0: weights } = primitive.attributes;
+  const out = new Float32Array(count).fill(1);
+  if (head === undefined || node.skin === undefined || joints === undefined || weights === undefined) return out;
+  const below = new Set();
+  const add = (k) => {
+    if (below.has(k)) return;
+    below.add(k);
+    for (const child of json.nodes[k]?.children ?? []) add(child);
+  };
+  add(head);
+  const carried = json.skins[node.skin].joints.map((k) => below.has(k));
+  const [numbers, shares] = [reader.accessor(joints).values, reader.accessor(weights).values];
+  for (let v = 0; v < count; v++) {
+    out[v] = 0;
+    for (let k = 0; k < 4; k++) if (carried[numbers[4 * v + k]]) out[v] += shares[4 * v + k];
+  }
+  return out;
+}
+
 function turned(m, values, asPlace) {
   const out = new Float32Array(values.length);
   for (let k = 0; k < values.length; k += 3) {
@@ -186,7 +216,8 @@ export function readGlb(buffer, units) {
   const reader = new Reader(chunks(buffer));
   const { json } = reader;
   const world = places(json);
-  const geometry = { positions: [], normals: [], colours: [], uv: [], triangles: [], parts: [] };
+  const geometry = { positions: [], normals: [], colours: [], uv: [], turns: [], triangles: [], parts: [] };
+  const head = headOf(json);
   const targets = [];
   const byName = new Map();
   let hasNormals = true;
@@ -214,6 +245,7 @@ export function readGlb(buffer, units) {
         append(geometry.normals, normal === undefined ? new Float32Array(position.values.length) : turned(place, reader.accessor(normal).values, false));
         const colour = primitive.attributes.COLOR_0 === undefined ? null : reader.accessor(primitive.attributes.COLOR_0);
         const uv = primitive.attributes.TEXCOORD_0 === undefined ? null : reader.accessor(primitive.attributes.TEXCOORD_0);
+        append(geometry.turns, turning(reader, node, primitive, position.count, head));
         for (let v = 0; v < position.count; v++) {
           for (let k = 0; k < 3; k++) geometry.colours.push(colour ? colour.values[v * colour.width + k] : 1);
           for (let k = 0; k < 2; k++) geometry.uv.push(uv ? uv.values[2 * v + k] : 0);
@@ -253,6 +285,8 @@ export function readGlb(buffer, units) {
     }
   }
   if (!geometry.triangles.length) throw new Error("no triangles in the file");
+  geometry.pivot = head === undefined ? null : Array.from(world.get(head)?.slice(12, 15) ?? []);
+  if (geometry.pivot?.length !== 3) geometry.pivot = null;
   const smooth = bend(geometry, targets);
   if (!hasNormals) geometry.normals = smooth;
   return { geometry, targets, materials: materials(reader), copyright: json.asset?.copyright ?? "" };

@@ -2,7 +2,7 @@
 // displacement, change of normal), two texels an entry, and reads the weights from a texture of one row. So a frame costs
 // the processor one upload of as many floats as there are targets, whatever the size of the mesh.
 
-import { chain, multiply, orbit, perspective, rotation, scaling, translation } from "./matrix.js";
+import { chain, identity, multiply, orbit, perspective, rotation, scaling, translation } from "./matrix.js";
 
 const ROW = 2048; // texels in a row of the texture of entries; even, so that an entry is in one row
 const VIEW_ANGLE = 0.5;
@@ -16,8 +16,10 @@ layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 colour;
 layout(location = 3) in vec2 uv;
 layout(location = 4) in uvec2 list;
+layout(location = 5) in float turns;
 uniform highp sampler2D entries;
 uniform highp sampler2D weights;
+uniform mat4 pose;
 uniform mat4 view;
 uniform mat4 clip;
 out vec3 v_normal;
@@ -36,6 +38,8 @@ void main() {
       n += w * texelFetch(entries, ivec2(at % ${ROW} + 1, at / ${ROW}), 0).xyz;
     }
   }
+  p = mix(p, (pose * vec4(p, 1.0)).xyz, turns);
+  n = mix(n, mat3(pose) * n, turns);
   vec4 seen = view * vec4(p, 1.0);
   v_place = seen.xyz;
   v_normal = mat3(view) * n;
@@ -138,9 +142,11 @@ class Head {
     attribute(2, new Float32Array(geometry.colours), 3);
     attribute(3, new Float32Array(geometry.uv), 2);
     attribute(4, lists, 2);
+    attribute(5, new Float32Array(geometry.turns), 1);
     this.parts = geometry.parts.map((part) => this.part(part, materials[part.material]));
     this.edges = this.wire(geometry.triangles);
     this.frame(geometry.positions, targets);
+    this.pivot = geometry.pivot ?? this.centre;
     gl.bindVertexArray(null);
   }
 
@@ -202,7 +208,7 @@ class Head {
     });
   }
 
-  draw(program, view, clip, wireframe) {
+  draw(program, pose, view, clip, wireframe) {
     const { gl } = this;
     const at = (name) => gl.getUniformLocation(program, name);
     gl.activeTexture(gl.TEXTURE1);
@@ -214,6 +220,7 @@ class Head {
     gl.uniform1i(at("entries"), 0);
     gl.uniform1i(at("weights"), 1);
     gl.uniform1i(at("picture"), 2);
+    gl.uniformMatrix4fv(at("pose"), false, pose);
     gl.uniformMatrix4fv(at("view"), false, view);
     gl.uniformMatrix4fv(at("clip"), false, clip);
     gl.bindVertexArray(this.array);
@@ -306,16 +313,17 @@ export class View {
       const aspect = (right - left) / Math.max(1, height);
       // As far as the head needs, whichever side of the picture is the shorter.
       const far = ((head.size * 1.25) / Math.min(1, aspect) / (2 * Math.tan(VIEW_ANGLE / 2))) * this.distance;
-      let view = orbit(this.yaw, this.pitch, far, head.centre);
+      const view = orbit(this.yaw, this.pitch, far, head.centre);
+      let turn = identity();
       if (pose) {
         // The sensor's y points down and z away; here y is up and z towards the viewer.
         const [, , , x, y, z, w] = pose;
-        view = chain(view, translation(head.centre), rotation([x, -y, -z, w]), translation(head.centre.map((c) => -c)));
+        turn = chain(translation(head.pivot), rotation([x, -y, -z, w]), translation(head.pivot.map((c) => -c)));
       }
       let clip = perspective(VIEW_ANGLE, aspect, far * 0.02, far * 20);
       if (this.mirror) clip = multiply(scaling([-1, 1, 1]), clip);
       gl.frontFace(this.mirror ? gl.CW : gl.CCW);
-      head.draw(this.program, view, clip, this.wireframe);
+      head.draw(this.program, turn, view, clip, this.wireframe);
     });
   }
 }

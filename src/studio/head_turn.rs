@@ -1,0 +1,224 @@
+//! Which node of a glTF file turns with the head, and its rotations for a recorded run.
+//!
+//! A head bone (of a VRM, or a joint whose name ends in "head") is turned where it is, so that a neck stays. A file without
+//! one has the nodes of the animated meshes turned about the middle of their mesh. Nodes with a matrix cannot be animated
+//! and stay.
+//!
+//! Frames: the sensor's head frame (y down, z in) becomes glTF's (y up, z out); VRM 0 looks the other way.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde_json::{Value, json};
+
+use super::bake::glb::Glb;
+
+/// How deep nodes may be nested.
+const DEEPEST: usize = 200;
+
+/// A node and how it turns.
+#[derive(Debug)]
+pub struct Turned {
+    /// Number of the node.
+    pub node: usize,
+    /// Rotation of its parent in the scene.
+    parent: UnitQuaternion<f32>,
+    /// Its own, at rest.
+    rest: UnitQuaternion<f32>,
+    /// For a node that turns about a point other than its origin: that point in the parent, and from there to the origin.
+    about: Option<[Vector3<f32>; 2]>,
+    /// Whether the file looks along −z.
+    backwards: bool,
+}
+
+fn numbers<const N: usize>(value: &Value, otherwise: [f32; N]) -> [f32; N] {
+    let mut out = otherwise;
+    for (slot, number) in out.iter_mut().zip(value.as_array().into_iter().flatten()) {
+        *slot = number.as_f64().map_or(*slot, |v| v as f32);
+    }
+    out
+}
+
+fn rotation(node: &Value) -> UnitQuaternion<f32> {
+    let [x, y, z, w] = numbers(&node["rotation"], [0.0, 0.0, 0.0, 1.0]);
+    let q = Quaternion::new(w, x, y, z);
+    UnitQuaternion::try_new(q, 1e-6).unwrap_or_default()
+}
+
+/// Rotation of a node's parents, one after the other.
+fn above(json: &Value, node: usize) -> UnitQuaternion<f32> {
+    let nodes: &[Value] = json["nodes"].as_array().map_or(&[], Vec::as_slice);
+    let parent = |of: usize| {
+        nodes.iter().position(|n| {
+            n["children"]
+                .as_array()
+                .is_some_and(|c| c.contains(&json!(of)))
+        })
+    };
+    let (mut out, mut at) = (UnitQuaternion::identity(), node);
+    for _ in 0..DEEPEST {
+        let Some(up) = parent(at) else { break };
+        out = rotation(&nodes[up]) * out;
+        at = up;
+    }
+    out
+}
+
+/// The head's bone.
+fn bone(json: &Value) -> Option<usize> {
+    let extensions = &json["extensions"];
+    let first = extensions["VRMC_vrm"]["humanoid"]["humanBones"]["head"]["node"].as_u64();
+    let listed = extensions["VRM"]["humanoid"]["humanBones"].as_array();
+    let listed = listed.into_iter().flatten();
+    let listed = listed
+        .filter(|bone| bone["bone"] == "head")
+        .find_map(|bone| bone["node"].as_u64());
+    let joints = json["skins"].as_array().into_iter().flatten();
+    let named = |&joint: &u64| {
+        let name = json["nodes"][joint as usize]["name"].as_str();
+        name.is_some_and(|name| name.to_lowercase().ends_with("head"))
+    };
+    let joints = joints.flat_map(|skin| skin["joints"].as_array().into_iter().flatten());
+    let joint = joints.filter_map(Value::as_u64).find(named);
+    first.or(listed).or(joint).map(|node| node as usize)
+}
+
+impl Turned {
+    /// What of a file turns with the head; `meshes` are those that are animated.
+    #[must_use]
+    pub fn find(glb: &Glb, meshes: &[usize]) -> Vec<Self> {
+        let json = &glb.json;
+        let nodes: &[Value] = json["nodes"].as_array().map_or(&[], Vec::as_slice);
+        let movable = |node: usize| nodes.get(node).is_some_and(|n| n["matrix"].is_null());
+        let turned = |node: usize, about| Self {
+            node,
+            parent: above(json, node),
+            rest: rotation(&nodes[node]),
+            about,
+            backwards: !json["extensions"]["VRM"].is_null(),
+        };
+        if let Some(node) = bone(json) {
+            return movable(node)
+                .then(|| turned(node, None))
+                .into_iter()
+                .collect();
+        }
+        let carried = |k: usize| {
+            let node = &nodes[k];
+            let mesh = node["mesh"].as_u64().map(|m| m as usize);
+            // A skeleton, not its node, says where a skinned mesh stands.
+            mesh.filter(|m| meshes.contains(m) && node["skin"].is_null() && movable(k))
+        };
+        let own = (0..nodes.len()).filter_map(|k| Some((k, carried(k)?)));
+        own.map(|(k, mesh)| {
+            let node = &nodes[k];
+            let scale = Vector3::from(numbers(&node["scale"], [1.0; 3]));
+            let origin = Vector3::from(numbers(&node["translation"], [0.0; 3]));
+            let arm = rotation(node) * middle(json, mesh).component_mul(&scale);
+            turned(k, Some([origin + arm, -arm]))
+        })
+        .collect()
+    }
+
+    /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
+    #[must_use]
+    pub fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
+        let [x, y, z, w] = pose;
+        let q = if self.backwards {
+            Quaternion::new(w, -x, -y, z)
+        } else {
+            Quaternion::new(w, x, -y, -z)
+        };
+        let turn = UnitQuaternion::try_new(q, 1e-6).unwrap_or_default();
+        // In the parent's axes.
+        let turn = self.parent.inverse() * turn * self.parent;
+        let now = turn * self.rest;
+        let moved = self.about.map(|[point, back]| (point + turn * back).into());
+        ([now.i, now.j, now.k, now.w], moved)
+    }
+}
+
+/// Middle of a mesh, from the bounds that its file gives.
+fn middle(json: &Value, mesh: usize) -> Vector3<f32> {
+    let mut low = Vector3::repeat(f32::INFINITY);
+    let mut high = -low;
+    let primitives = json["meshes"][mesh]["primitives"].as_array();
+    for primitive in primitives.into_iter().flatten() {
+        let Some(at) = primitive["attributes"]["POSITION"].as_u64() else {
+            continue;
+        };
+        let accessor = &json["accessors"][at as usize];
+        if accessor["min"].is_array() && accessor["max"].is_array() {
+            low = low.inf(&Vector3::from(numbers(&accessor["min"], [0.0; 3])));
+            high = high.sup(&Vector3::from(numbers(&accessor["max"], [0.0; 3])));
+        }
+    }
+    let middle = (low + high) / 2.0;
+    if middle.iter().all(|c| c.is_finite()) {
+        middle
+    } else {
+        Vector3::zeros()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A turn of 90° about the head frame's y, which points down.
+    const TO_ONE_SIDE: [f32; 4] = [
+        0.0,
+        std::f32::consts::FRAC_1_SQRT_2,
+        0.0,
+        std::f32::consts::FRAC_1_SQRT_2,
+    ];
+
+    fn close(a: &[f32], b: &[f32]) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5)
+    }
+
+    #[test]
+    fn a_bone_turns_in_its_parents_axes_and_the_neck_is_left() {
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let json = json!({
+            "nodes": [
+                {"mesh": 0, "skin": 0},
+                // The neck lies on its side.
+                {"name": "neck", "rotation": [0.0, 0.0, half, half], "children": [2]},
+                {"name": "J_Bip_C_Head"},
+            ],
+            "skins": [{"joints": [1, 2]}],
+        });
+        let glb = Glb {
+            json,
+            bin: Vec::new(),
+        };
+        let found = Turned::find(&glb, &[0]);
+        assert_eq!(found.iter().map(|t| t.node).collect::<Vec<_>>(), [2]);
+        let (rotation, moved) = found[0].at(TO_ONE_SIDE);
+        assert!(moved.is_none());
+        // In the scene: parent · own = turn about −y · parent.
+        let [x, y, z, w] = rotation;
+        let own = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+        let parent = UnitQuaternion::new_unchecked(Quaternion::new(half, 0.0, 0.0, half));
+        let nose = parent * own * parent.inverse() * Vector3::z();
+        assert!(close(nose.as_slice(), &[-1.0, 0.0, 0.0]), "{nose}");
+    }
+
+    #[test]
+    fn a_mesh_without_bones_turns_about_its_middle() {
+        let json = json!({
+            "nodes": [{"mesh": 0, "translation": [5.0, 0.0, 0.0], "scale": [2.0, 2.0, 2.0]}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [{"min": [0.0, 1.0, 0.0], "max": [2.0, 1.0, 4.0]}],
+        });
+        let glb = Glb {
+            json,
+            bin: Vec::new(),
+        };
+        let found = Turned::find(&glb, &[0]);
+        let (rotation, moved) = found[0].at(TO_ONE_SIDE);
+        let [x, y, z, w] = rotation;
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z));
+        let at = turn * (Vector3::new(1.0, 1.0, 2.0) * 2.0) + Vector3::from(moved.unwrap());
+        assert!(close(at.as_slice(), &[7.0, 2.0, 4.0]), "{at}");
+    }
+}

@@ -1,0 +1,67 @@
+//! Lashes: thin blades along the lines that the head's file has for the left eye, mirrored for the right.
+//!
+//! Each is a part of its own beside the lid, so that the baker lets it follow the skin next to it.
+
+use super::layer::Layer;
+use super::look;
+use super::make::{COLUMNS, ROWS};
+use super::palette::{curve, dice};
+use crate::studio::bake::mesh::Vec3;
+
+/// For the upper lid, then the lower: how many, how much of the line each has, width at the root.
+const LIDS: [(usize, f64, f64); 2] = [(44, 0.62, 0.00042), (26, 0.40, 0.00026)];
+/// Points of a blade from root to tip.
+const STEPS: usize = 5;
+
+pub(super) fn grow(face: &mut Layer, guides: &[Vec3]) {
+    for ((count, length, width), card) in LIDS.into_iter().zip(guides.chunks(COLUMNS * ROWS)) {
+        for side in [1.0, -1.0] {
+            for k in 0..count {
+                let across = (k as f64 + 0.5 + 0.5 * (dice(k as u32) - 0.5)) / count as f64;
+                let long = length * (0.85 + 0.3 * dice(k as u32 + 77));
+                blade(face, card, [across, long, width], side);
+            }
+        }
+    }
+}
+
+/// One blade `across` the lid (0…1), `long` (share of the line), `wide` at its root (metres).
+fn blade(face: &mut Layer, card: &[Vec3], [across, long, wide]: [f64; 3], side: f64) {
+    let line = |t: f64, shift: f64| {
+        let column = (across * (COLUMNS - 1) as f64 + shift).clamp(0.0, (COLUMNS - 1) as f64);
+        let row = |r: usize| {
+            let points: Vec<Vec3> = (0..COLUMNS).map(|c| card[c * ROWS + r]).collect();
+            curve(&points, column)
+        };
+        let points: Vec<Vec3> = (0..ROWS).map(row).collect();
+        curve(&points, t * long * (ROWS - 1) as f64)
+    };
+    let aside = (line(0.0, 0.3) - line(0.0, -0.3))
+        .try_normalize(1e-12)
+        .unwrap_or_else(Vec3::x);
+    let mut rows: Vec<Vec<u32>> = Vec::new();
+    for step in 0..STEPS {
+        let t = step as f64 / (STEPS - 1) as f64;
+        let (p, half) = (line(t, 0.0), aside * (0.5 * wide * (1.0 - t)));
+        let places = if step + 1 == STEPS {
+            vec![p]
+        } else {
+            vec![p - half, p + half]
+        };
+        let mirrored = |p: Vec3| Vec3::new(side * p.x, p.y, p.z);
+        rows.push(
+            places
+                .into_iter()
+                .map(|p| face.vertex(mirrored(p), [1.0; 3]))
+                .collect(),
+        );
+    }
+    for pair in rows.windows(2) {
+        let mut corners = vec![pair[0][0], pair[0][1]];
+        corners.extend(pair[1].iter().rev());
+        if side < 0.0 {
+            corners.reverse();
+        }
+        face.face(&corners, look::LASHES);
+    }
+}

@@ -1,0 +1,320 @@
+//! Makes `config/hero.head` from ICT-FaceKit: what of its neutral mesh is seen, how much light reaches each vertex, and the
+//! lines along which lashes grow.
+//!
+//! The file is one of [`HeadAsset`], used in its own way. Red of a vertex is the share of light (255: open sky); its other
+//! bytes say where it lies within the file's step of 10 µm, in sixteenths ([`place`]): small triangles at the lids need it.
+//! The last [`GUIDES`] vertices belong to no triangle: lashes of the left eye, upper lid then lower, [`COLUMNS`] of them
+//! with [`ROWS`] points from root to tip. The lips, which the source has a little apart, are closed. Cost: about a second.
+
+use std::ops::Range;
+use std::path::Path;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::base::geometry::Point;
+use crate::simulator::virtual_head::{HeadAsset, Site};
+use crate::studio::atomic_write;
+use crate::studio::heads::HeadsError;
+use crate::studio::heads::ict::{IctHead, part, part_of};
+
+/// Lashes across a lid.
+pub const COLUMNS: usize = 19;
+/// Points of a lash.
+pub const ROWS: usize = 6;
+/// Vertices that are lines of lashes.
+pub const GUIDES: usize = 2 * COLUMNS * ROWS;
+
+/// White of the eyes with the cornea, left and right; the lens behind is not kept.
+const EYES: [Range<usize>; 2] = [21451..22221, 23021..23791];
+/// One card of lashes of the left upper lid and one of the lower.
+const CARDS: [usize; 2] = [25351, 25693];
+/// Directions from which light comes.
+const DIRECTIONS: usize = 160;
+/// Pixels of a depth picture's side, and what it shows, metres.
+const SIDE: usize = 512;
+const EXTENT_M: f32 = 0.42;
+/// A vertex this far behind what is nearest to the light still is in the light, metres.
+const BIAS_M: f32 = 0.0012;
+
+/// A step of places in the file, and the parts of it that are written beside, metres.
+const STEP_M: f32 = 1e-5;
+const PARTS: f32 = 16.0;
+/// How far each lip goes to meet the other, metres.
+const CLOSE_M: f32 = 0.00042;
+
+/// Place of vertex `v`, to a sixteenth of the file's step; head frame.
+#[must_use]
+pub fn place(asset: &HeadAsset, v: usize) -> Point {
+    let [_, y, z] = asset.colour[v];
+    let x = asset.photo_share[v] * 255.0;
+    let fine = Vector3::new(x, y, z).map(|b| (b.round() / PARTS - 0.5) * STEP_M);
+    asset.neutral[v] + fine
+}
+
+/// Where a coordinate lies within its step, 0…16.
+fn within(c: f32) -> f32 {
+    let steps = c / STEP_M;
+    ((steps - steps.round() + 0.5) * PARTS).round()
+}
+
+/// Writes the file; returns its size in bytes.
+///
+/// # Errors
+/// If the mesh under `data` cannot be read or `out` cannot be written.
+pub fn make(data: &Path, out: &Path) -> Result<usize, HeadsError> {
+    let ict = IctHead::read(&data.join("ict_facekit"))?;
+    let bytes = of(&ict).emit();
+    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
+        path: out.into(),
+        source,
+    })?;
+    Ok(bytes.len())
+}
+
+fn of(ict: &IctHead) -> HeadAsset {
+    let kept: Vec<usize> = (0..part::TEETH.end)
+        .chain(EYES.into_iter().flatten())
+        .collect();
+    let mut number = vec![u32::MAX; ict.neutral.len()];
+    for (k, &v) in kept.iter().enumerate() {
+        number[v] = k as u32;
+    }
+    let (mut triangles, mut parts) = (Vec::new(), Vec::new());
+    for t in &ict.triangles {
+        let [a, b, c] = t.map(|v| number[v as usize]);
+        if let Some(part) = part_of(t[0] as usize)
+            && a.max(b).max(c) != u32::MAX
+        {
+            // The source is counter-clockwise seen from outside.
+            triangles.push([a, c, b]);
+            parts.push(part);
+        }
+    }
+    let mut neutral: Vec<Point> = kept.iter().map(|&v| ict.neutral[v]).collect();
+    close(ict, &kept, &mut neutral);
+    let light = light(&neutral, &triangles);
+    for card in CARDS {
+        neutral.extend(lashes(ict, card));
+    }
+    let shares = light.iter().copied().chain([1.0; GUIDES]);
+    let colour: Vec<[f32; 3]> = shares
+        .zip(&neutral)
+        .map(|(share, p)| [share * 255.0, within(p.y), within(p.z)])
+        .collect();
+    let photo_share: Vec<f32> = neutral.iter().map(|p| within(p.x) / 255.0).collect();
+    let n = neutral.len();
+    HeadAsset {
+        neutral,
+        triangles: triangles.into(),
+        parts: parts.into(),
+        photo: vec![[0.0; 2]; n].into(),
+        photo_share: photo_share.into(),
+        colour: colour.into(),
+        texture: Vec::new().into(),
+        expressions: Vec::new().into(),
+        landmarks: ict
+            .landmarks
+            .map(|v| Site::vertex(number[v]))
+            .to_vec()
+            .into(),
+    }
+}
+
+/// Brings the lips together: skin above the line between them goes down, skin below it up, less and less with distance.
+fn close(ict: &IctHead, kept: &[usize], neutral: &mut [Point]) {
+    const FADE_M: f32 = 0.010;
+    let at = |k: usize| ict.neutral[ict.landmarks[k]];
+    let (corner, middle) = (at(64), nalgebra::center(&at(62), &at(66)));
+    for (p, &v) in neutral.iter_mut().zip(kept) {
+        let lip = part::NARROW_FACE.contains(&v) || part::MOUTH_SOCKET.contains(&v);
+        let aside = (p.x / corner.x).abs();
+        if !lip || aside > 1.0 || p.z > middle.z + 0.02 {
+            continue;
+        }
+        // Both lips bend down towards the corners.
+        let line = middle.y + (corner.y - middle.y) * aside.powi(4);
+        let far = (p.y - line).abs() / FADE_M;
+        let share = (1.0 - far * far).max(0.0).powi(2) * (1.0 - aside.powi(4));
+        // y points down.
+        p.y += CLOSE_M * share * if p.y < line { 1.0 } else { -1.0 };
+    }
+}
+
+/// Points of a card of lashes, column by column, from the lid outwards; the card's own texture coordinates are its grid.
+fn lashes(ict: &IctHead, card: usize) -> Vec<Point> {
+    let size = COLUMNS * ROWS;
+    let mut uv = vec![[0.0f32; 2]; size];
+    for (t, corners) in ict.triangles.iter().zip(&ict.triangle_uv) {
+        for (&v, &at) in t.iter().zip(corners) {
+            if let Some(slot) = (v as usize).checked_sub(card).and_then(|k| uv.get_mut(k)) {
+                *slot = at;
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by(|&a, &b| uv[a][0].total_cmp(&uv[b][0]));
+    let ball = ict.neutral[EYES[0].clone()]
+        .iter()
+        .fold(Vector3::zeros(), |sum, p| sum + p.coords)
+        / EYES[0].len() as f32;
+    let mut out = Vec::new();
+    for column in order.chunks_mut(ROWS) {
+        column.sort_by(|&a, &b| uv[a][1].total_cmp(&uv[b][1]));
+        let far = |k: usize| (ict.neutral[card + column[k]].coords - ball).norm();
+        if far(0) > far(ROWS - 1) {
+            column.reverse();
+        }
+        out.extend(column.iter().map(|&k| ict.neutral[card + k]));
+    }
+    out
+}
+
+/// Share of the light of an even sky that reaches each vertex, 0…1, weighted as a dull surface is lit.
+fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
+    let mut normals = vec![Vector3::<f32>::zeros(); places.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| places[v as usize]);
+        // Clockwise seen from outside, in a frame whose y points down.
+        let n = (b - a).cross(&(c - a));
+        t.iter().for_each(|&v| normals[v as usize] -= n);
+    }
+    let outward = outwards(places, &normals);
+    normals
+        .iter_mut()
+        .for_each(|n| *n = n.try_normalize(1e-12).unwrap_or_default() * outward);
+    let middle = places
+        .iter()
+        .fold(Vector3::zeros(), |sum, p| sum + p.coords)
+        / places.len().max(1) as f32;
+    let sums = (0..DIRECTIONS)
+        .into_par_iter()
+        .map(|k| {
+            // A spiral over the sphere.
+            let z = 1.0 - 2.0 * (k as f32 + 0.5) / DIRECTIONS as f32;
+            let (sin, cos) = (2.399_963 * k as f32).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let towards = Vector3::new(r * cos, r * sin, z);
+            let seen = seen(places, triangles, &middle, &towards);
+            normals
+                .iter()
+                .zip(seen)
+                .map(|(n, seen)| {
+                    let facing = n.dot(&towards).max(0.0);
+                    [facing, if seen { facing } else { 0.0 }]
+                })
+                .collect::<Vec<_>>()
+        })
+        .reduce(
+            || vec![[0.0; 2]; places.len()],
+            |mut all, one| {
+                for (a, b) in all.iter_mut().zip(one) {
+                    *a = [a[0] + b[0], a[1] + b[1]];
+                }
+                all
+            },
+        );
+    sums.iter()
+        .map(|[all, seen]| seen / all.max(1e-6))
+        .collect()
+}
+
+/// 1 if the normals point out of the head, else -1.
+fn outwards(places: &[Point], normals: &[Vector3<f32>]) -> f32 {
+    let volume: f32 = places
+        .iter()
+        .zip(normals)
+        .map(|(p, n)| p.coords.dot(n))
+        .sum();
+    volume.signum()
+}
+
+/// Which vertices nothing hides from a far light.
+fn seen(
+    places: &[Point],
+    triangles: &[[u32; 3]],
+    middle: &Vector3<f32>,
+    towards: &Vector3<f32>,
+) -> Vec<bool> {
+    let aside = if towards.x.abs() < 0.7 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let u = towards.cross(&aside).normalize();
+    let v = towards.cross(&u);
+    let scale = SIDE as f32 / EXTENT_M;
+    let half = SIDE as f32 / 2.0;
+    let screen: Vec<[f32; 3]> = places
+        .iter()
+        .map(|p| {
+            let d = p.coords - middle;
+            [
+                d.dot(&u) * scale + half,
+                d.dot(&v) * scale + half,
+                d.dot(towards),
+            ]
+        })
+        .collect();
+    let mut depth = vec![f32::NEG_INFINITY; SIDE * SIDE];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| screen[v as usize]);
+        let twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        if twice.abs() < 1e-6 {
+            continue;
+        }
+        let span = |k: usize| {
+            let low = a[k].min(b[k]).min(c[k]).ceil().max(0.0) as usize;
+            let high = a[k].max(b[k]).max(c[k]).floor();
+            low..(high.min(SIDE as f32 - 1.0) + 1.0).max(0.0) as usize
+        };
+        for y in span(1) {
+            for x in span(0) {
+                let (px, py) = (x as f32, y as f32);
+                let share = |p: [f32; 3], q: [f32; 3]| {
+                    ((p[0] - px) * (q[1] - py) - (p[1] - py) * (q[0] - px)) / twice
+                };
+                let w = [share(b, c), share(c, a), share(a, b)];
+                if w.iter().all(|&w| w >= 0.0) {
+                    let z = w[0] * a[2] + w[1] * b[2] + w[2] * c[2];
+                    let slot = &mut depth[y * SIDE + x];
+                    *slot = slot.max(z);
+                }
+            }
+        }
+    }
+    screen
+        .iter()
+        .map(|&[x, y, z]| {
+            let (x, y) = (x.round(), y.round());
+            let inside = (0.0..SIDE as f32).contains(&x) && (0.0..SIDE as f32).contains(&y);
+            !inside || z > depth[y as usize * SIDE + x as usize] - BIAS_M
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plate_under_a_lid_is_dark_and_one_in_the_open_is_not() {
+        let plate = |y: f32, side: f32| {
+            [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+                .map(|(x, z)| Point::new(x * side, y, z * side))
+        };
+        // y points down: the lid at -5 mm is above; the plate that faces up lies at the bottom.
+        let mut places = plate(0.0, 0.01).to_vec();
+        places.extend(plate(-0.005, 0.04));
+        let faces = |first: u32| [[first, first + 2, first + 1], [first, first + 3, first + 2]];
+        let triangles = [faces(0), faces(4)].concat();
+        let sky = light(&places, &triangles);
+        let flipped: Vec<_> = triangles.iter().map(|t| [t[0], t[2], t[1]]).collect();
+        let ground = light(&places, &flipped);
+        let [open, hidden] = [4, 0].map(|v| sky[v].max(ground[v]));
+        assert!(
+            open > 0.95 && sky[0].min(ground[0]) < 0.35,
+            "{open} {hidden}"
+        );
+    }
+}
