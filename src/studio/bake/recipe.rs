@@ -330,7 +330,7 @@ impl Entry {
                 .filter_map(|(k, d)| Some((head.points[k], d?)))
                 .collect(),
             exact: false,
-            derive: std::env::var_os("H23").is_some(),
+            derive: std::env::var_os("H23OFF").is_none(),
             close,
             gaze,
             jaw,

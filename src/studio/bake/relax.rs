@@ -18,7 +18,8 @@ use super::surroundings::Surroundings;
 const ROUNDS: usize = 72;
 /// Rounds after which the smoothed patch grows by a ring.
 const GROW_EVERY: usize = 3;
-/// Sweeps in a round: with one, a large patch would take as many rounds as it has rings.
+/// Sweeps in a round, at most: with one, a large patch would take as many rounds as it has rings. The first rounds have fewer,
+/// so that what only just is inverted is only just mended: another rounding of the mesh must not make another shape.
 const SWEEPS: usize = 16;
 
 /// Vertices with marks.
@@ -62,8 +63,10 @@ pub(super) fn relax(
     }
     let closes = target.close.iter().flatten().any(|c| c.0 > 0.99);
     let mut held = vec![false; n];
-    for (seam, close) in head.lids.iter().zip(target.close) {
-        if close.is_some_and(|(amount, _)| amount > 0.99) {
+    // Lids that meet stay so, and lids that follow a gaze follow it: what gives way is the skin behind them.
+    for (side, seam) in head.lids.iter().enumerate() {
+        let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
+        if shut || target.gaze[side].is_some() {
             for v in seam.both() {
                 let t = seam.across(&head.mesh, &positions[v as usize]);
                 held[v as usize] = (0.07..0.93).contains(&t);
@@ -120,7 +123,7 @@ pub(super) fn relax(
             }
         } else {
             let inside: Vec<u32> = patch.list.iter().copied().filter(|&v| free(v)).collect();
-            for _ in 0..SWEEPS {
+            for _ in 0..SWEEPS.min(round + 1) {
                 smoothed.clear();
                 smoothed.extend(inside.iter().map(|&v| {
                     let ring = head.rings.of(v as usize);

@@ -172,18 +172,17 @@ pub fn bake_with(
                         place(target, Some(&beyond))?
                     }
                 };
-                if target.derive && !target.exact {
-                    // Where what was learned turns triangles over that the solve alone does not, it does not fit here.
-                    let worse = around.inverted_by(head, &solved.d);
-                    if worse > 0 {
-                        let without = place(target, None)?;
-                        if around.inverted_by(head, &without.d) < worse {
-                            solved = without;
-                        }
-                    }
-                }
                 if !target.exact {
                     relax(head, &around, &contacts, target, base, &mut solved);
+                    // What was learned does not fit here if it leaves triangles inverted that the solve alone does not.
+                    if target.derive && around.inverted_by(head, &solved.d) > 0 {
+                        let mut alone = place(target, None)?;
+                        relax(head, &around, &contacts, target, base, &mut alone);
+                        if around.inverted_by(head, &alone.d) < around.inverted_by(head, &solved.d)
+                        {
+                            solved = alone;
+                        }
+                    }
                 }
                 solved
             }
