@@ -9,7 +9,8 @@
 //!
 //! Frame: [`Frame`] of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
 //! Stored is the left half; the right half mirrors it, with the shape of the other side. Memory: 2 MB unpacked. Cost: 2 ms
-//! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`].
+//! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`]. One file: the comparison, and the file
+//! that keeps what it compares with.
 
 use std::sync::LazyLock;
 
