@@ -184,6 +184,16 @@ const COMMANDS: &[Command] = &[
         run: run_preview,
     },
     Command {
+        name: "skin",
+        usage: "--out FILE [--data DIR]",
+        about: "learns from sculpted shapes how skin moves for bake; says how close shapes left out come",
+        example: "mien-studio skin --out config/skin.prior",
+        options: &["out", "data"],
+        flags: &[],
+        words: 0,
+        run: run_skin,
+    },
+    Command {
         name: "animate",
         usage: "--mesh FILE.glb --csv FILE --out FILE.glb [--user N]",
         about: "exports the weights of a run as a glTF animation",
@@ -652,6 +662,10 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
     };
     bake::command::run(&request)?;
     Ok(())
+}
+
+fn run_skin(words: &Words) -> Result<(), Fault> {
+    Ok(bake::command::skin(&data(words), &words.required("out")?)?)
 }
 
 fn run_head(words: &Words) -> Result<(), Fault> {

@@ -9,13 +9,16 @@ use mien::face_model::FaceModel;
 use mien::studio::bake::benchmark::{Truth, compare};
 use mien::studio::bake::glb;
 use mien::studio::bake::head::Head;
+use mien::studio::bake::learn::{Lesson, means};
 use mien::studio::bake::locate::locate;
 use mien::studio::bake::measure::Judge;
 use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
 use mien::studio::bake::morphs;
 use mien::studio::bake::obj;
 use mien::studio::bake::patch::Foreign;
+use mien::studio::bake::prior::Prior;
 use mien::studio::bake::recipe::{Recipe, SHIPPED, Target};
+use mien::studio::bake::render::{View, draw};
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::Settings;
@@ -127,27 +130,47 @@ fn solved(truth: &Truth, mesh: Mesh, targets: &[Target]) -> Vec<Shape> {
 }
 
 #[test]
-fn points_of_its_own_on_cheeks_and_forehead_bring_it_closer() {
+fn what_other_shapes_teach_brings_an_unseen_one_closer() {
     let Some(folder) = data("ict_facekit") else {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
-    let mean = |derive| {
-        let shapes = solved(
-            &truth,
-            truth.mesh.clone(),
-            &tables(&truth, derive, |_| true),
-        );
-        let errors = shapes.iter().enumerate();
-        errors
-            .map(|(s, shape)| truth.error(s, &shape.displacement))
-            .sum::<f64>()
-            / shapes.len() as f64
+    let lesson = Lesson::new(&truth).unwrap();
+    let scores = lesson.left_out().unwrap();
+    let [face, cheek] = means(&scores);
+    println!("face {face:?}, cheek {cheek:?}, {} shapes", scores.len());
+    for score in &scores {
+        let [alone, taught] = score.face;
+        assert!(taught < 1.12 * alone, "{}", score.name);
+    }
+    assert_eq!(scores.len(), truth.shapes.len());
+    assert!(face[1] < 0.262 && face[1] < 0.86 * face[0]);
+    assert!(cheek[1] < 0.255 && cheek[1] < 0.82 * cheek[0]);
+    // What is shipped is what these shapes teach.
+    let (fresh, shipped) = (lesson.prior().emit(), Prior::shipped().emit());
+    assert_eq!(fresh.len(), shipped.len());
+    let targets = tables(&truth, true, |name| name == "mouthSmile_L");
+    let baked = |prior: &Prior| {
+        let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
+        let head = Head::new(truth.mesh.clone(), &landmarks).unwrap();
+        let settings = Settings::default();
+        rig::bake_with(
+            &head,
+            &targets,
+            &settings,
+            Method::Aoi,
+            Some(prior),
+            &|_| (),
+        )
+        .unwrap()
     };
-    let (without, with) = (mean(false), mean(true));
-    println!("error {without:.4} without derived points, {with:.4} with them");
-    // Over all of the head's sculpted shapes, a good many of which they were not fitted to, the gain is a hundredth.
-    assert!(with < without - 0.003);
+    let (a, b) = (baked(Prior::shipped()), baked(&lesson.prior()));
+    let (mut apart, mut size) = (0.0, 0.0);
+    for (a, b) in a[0].displacement.iter().zip(&b[0].displacement) {
+        apart += (a - b).norm_squared();
+        size += a.norm_squared();
+    }
+    assert!(apart < 1e-6 * size, "{}", (apart / size).sqrt());
 }
 
 /// Every triangle whose middle passes is cut in four through the middles of its edges, its neighbours so that nothing gapes.
@@ -206,9 +229,10 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
-    let targets = tables(&truth, false, |name| {
-        ["jawOpen", "mouthSmile_L", "noseSneer_L"].contains(&name)
-    });
+    let some = |name: &str| ["jawOpen", "mouthSmile_L", "noseSneer_L"].contains(&name);
+    // By the solve alone, then with what sculpted shapes teach.
+    let mut targets = tables(&truth, false, some);
+    targets.extend(tables(&truth, true, some));
     let coarse = solved(&truth, truth.mesh.clone(), &targets);
     let everywhere = refined(&truth.mesh, |_| true);
     assert!(everywhere.faces() == 4 * truth.mesh.triangles().len());
@@ -227,7 +251,7 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
                 100.0 * rms,
                 100.0 * most
             );
-            assert!(rms < 0.005 && most < 0.036, "{kind} {name}");
+            assert!(rms < 0.005 && most < 0.045, "{kind} {name}");
         }
     }
 }
@@ -385,4 +409,102 @@ fn the_recipe_fits_a_coarse_mask_of_triangles() {
     };
     assert_eq!(shapes.len(), 67);
     assert_eq!(judged(&head, &shapes), 0);
+}
+
+/// Baked and sculpted shapes of one head, each from three sides, as a picture in the folder for temporary files: to look at.
+#[test]
+#[ignore = "writes a picture to look at"]
+fn draws_baked_shapes_beside_sculpted_ones() {
+    const PIXELS: u32 = 150;
+    const SHAPES: [(&str, &[&str], &[&str]); 11] = [
+        (
+            "smile",
+            &["mouthSmileLeft", "mouthSmileRight"],
+            &["mouthSmile_L", "mouthSmile_R"],
+        ),
+        ("funnel", &["mouthFunnel"], &["mouthFunnel"]),
+        ("pucker", &["mouthPucker"], &["mouthPucker"]),
+        ("puff", &["cheekPuff"], &["cheekPuff_L", "cheekPuff_R"]),
+        (
+            "blink",
+            &["eyeBlinkLeft", "eyeBlinkRight"],
+            &["eyeBlink_L", "eyeBlink_R"],
+        ),
+        (
+            "down",
+            &["eyeLookDownLeft", "eyeLookDownRight"],
+            &["eyeLookDown_L", "eyeLookDown_R"],
+        ),
+        (
+            "up",
+            &["eyeLookUpLeft", "eyeLookUpRight"],
+            &["eyeLookUp_L", "eyeLookUp_R"],
+        ),
+        (
+            "brow in",
+            &["browDownLeft", "browDownRight"],
+            &["browDown_L", "browDown_R"],
+        ),
+        (
+            "brow up",
+            &["browInnerUp"],
+            &["browInnerUp_L", "browInnerUp_R"],
+        ),
+        (
+            "sneer",
+            &["noseSneerLeft", "noseSneerRight"],
+            &["noseSneer_L", "noseSneer_R"],
+        ),
+        (
+            "squint",
+            &["cheekSquintLeft", "cheekSquintRight"],
+            &["cheekSquint_L", "cheekSquint_R"],
+        ),
+    ];
+    let Some((head, shapes)) = baked("ict_facekit", "generic_neutral_mesh.obj") else {
+        return;
+    };
+    let truth = Truth::read(&data("ict_facekit").unwrap()).unwrap();
+    let sum = |some: Vec<&Vec<Vec3>>| {
+        let mut sum = vec![Vec3::zeros(); head.mesh.positions.len()];
+        for d in some {
+            for (sum, d) in sum.iter_mut().zip(d) {
+                *sum += d;
+            }
+        }
+        sum
+    };
+    let mut sheet = image::RgbImage::new(6 * PIXELS, SHAPES.len() as u32 * PIXELS);
+    for (row, (name, ours, theirs)) in SHAPES.iter().enumerate() {
+        let ours = ours
+            .iter()
+            .map(|n| &shapes.iter().find(|s| s.name == *n).unwrap().displacement);
+        let theirs = theirs
+            .iter()
+            .map(|n| &truth.shapes.iter().find(|s| s.0 == *n).unwrap().1);
+        let (ours, theirs) = (sum(ours.collect()), sum(theirs.collect()));
+        let (mut miss, mut size) = (0.0, 0.0);
+        for v in Truth::FACE {
+            miss += (ours[v] - theirs[v]).norm_squared();
+            size += theirs[v].norm_squared();
+        }
+        println!("{name}: {:.3} from the sculpted one", (miss / size).sqrt());
+        for (k, d) in [theirs, ours].iter().enumerate() {
+            for (turn, yaw) in [0.0, 0.7, 1.4].into_iter().enumerate() {
+                let mut view = View::face(&head);
+                view.yaw = yaw;
+                let picture = draw(&head, d, &view, PIXELS);
+                let x = (3 * k + turn) as u32 * PIXELS;
+                image::imageops::replace(
+                    &mut sheet,
+                    &picture,
+                    i64::from(x),
+                    row as i64 * i64::from(PIXELS),
+                );
+            }
+        }
+    }
+    let path = std::env::temp_dir().join("mien-beside-sculpted.png");
+    sheet.save(&path).unwrap();
+    println!("{}", path.display());
 }

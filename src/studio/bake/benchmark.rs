@@ -117,9 +117,20 @@ impl Truth {
     /// Error of a baked shape against shape `s`.
     #[must_use]
     pub fn error(&self, s: usize, baked: &[Vec3]) -> f64 {
+        self.error_over(s, baked, Self::FACE)
+    }
+
+    /// The same over some vertices.
+    #[must_use]
+    pub fn error_over(
+        &self,
+        s: usize,
+        baked: &[Vec3],
+        some: impl IntoIterator<Item = usize>,
+    ) -> f64 {
         let truth = &self.shapes[s].1;
         let (mut miss, mut size) = (0.0, 0.0);
-        for v in Self::FACE {
+        for v in some {
             miss += (baked[v] - truth[v]).norm_squared();
             size += truth[v].norm_squared();
         }

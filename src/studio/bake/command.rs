@@ -5,10 +5,12 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use super::benchmark::Truth;
 use super::error::BakeError;
 use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
+use super::learn::{Lesson, means};
 use super::locate::locate;
 use super::mesh::{Mesh, Vec3};
 use super::obj;
@@ -231,6 +233,38 @@ fn write_report(
         "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
          lids at most {depth:.5} eye distances deeper in the eye",
         path.display()
+    );
+    Ok(())
+}
+
+/// Learns the prior of the skin from the sculpted shapes under `data` into `out`; prints how close each shape comes by what is
+/// learned without it and its other side.
+///
+/// # Errors
+/// If the shapes cannot be read, solved or the file not be written.
+pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
+    let truth = Truth::read(&data.join("ict_facekit"))?;
+    let lesson = Lesson::new(&truth)?;
+    let bytes = lesson.prior().emit();
+    write(out, &bytes)?;
+    println!("wrote {}: {} bytes", out.display(), bytes.len());
+    let scores = lesson.left_out()?;
+    println!("RMS error over RMS motion: the solve alone -> with what the other shapes teach");
+    for score in &scores {
+        let [alone, taught] = score.face;
+        let cheek = score.cheek.map_or_else(String::new, |[alone, taught]| {
+            format!("; cheek {alone:.3} -> {taught:.3}")
+        });
+        println!("{:20} {alone:.3} -> {taught:.3}{cheek}", score.name);
+    }
+    let [face, cheek] = means(&scores);
+    println!(
+        "mean of {} shapes {:.4} -> {:.4}; of the cheek {:.4} -> {:.4}",
+        scores.len(),
+        face[0],
+        face[1],
+        cheek[0],
+        cheek[1]
     );
     Ok(())
 }

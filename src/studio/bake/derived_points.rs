@@ -1,5 +1,4 @@
-//! Where the ten points of the tool's own are on cheeks and forehead, beside the 68 landmarks; how they move is said in
-//! [`super::derive`].
+//! Where the ten points of the tool's own are on cheeks and forehead, beside the 68 landmarks.
 
 use nalgebra::Matrix3;
 

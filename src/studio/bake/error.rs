@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use super::benchmark::BenchmarkError;
 use super::glb::GlbError;
 use super::head::HeadError;
+use super::learn::LearnError;
 use super::locate::LocateError;
 use super::obj::ObjError;
 use super::recipe::RecipeError;
@@ -20,6 +22,12 @@ pub enum BakeError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The sculpted shapes cannot be read.
+    #[error(transparent)]
+    Sculpted(#[from] BenchmarkError),
+    /// Nothing can be learned from them.
+    #[error(transparent)]
+    Learn(#[from] LearnError),
     /// A file cannot be written.
     #[error("cannot write {path}: {source}")]
     Write {

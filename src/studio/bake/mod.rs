@@ -11,7 +11,9 @@
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them
-//! derived_points        ten more on cheeks and forehead; derive: how they move
+//! derived_points        ten more on cheeks and forehead, for recipes
+//! prior, canonical      how skin moves beyond the solve; laid onto a head
+//! learn                 learned from sculpted shapes
 //! head                  axes, lids and lips (seam), eyeball, mouth, parts, nearest
 //! recipe, table         targets: which point goes where
 //! influence             how far a point acts
@@ -28,9 +30,9 @@
 //! head; everything inside is in the mesh's own unit and axes, and becomes metres in the GLB.
 
 pub mod benchmark;
+mod canonical;
 pub mod command;
 mod contact;
-pub mod derive;
 mod derived_points;
 pub mod error;
 pub mod eyeball;
@@ -40,6 +42,7 @@ mod goals;
 pub mod head;
 pub mod influence;
 pub mod laplacian;
+pub mod learn;
 pub mod locate;
 pub mod measure;
 pub mod mesh;
@@ -50,6 +53,7 @@ mod nearest;
 pub mod obj;
 mod parts;
 pub mod patch;
+pub mod prior;
 pub mod recipe;
 mod relax;
 pub mod render;

@@ -110,7 +110,7 @@ pub struct Target {
     pub controls: Vec<(u32, Vec3)>,
     /// The controls must be met exactly, even at the price of an inverted triangle.
     pub exact: bool,
-    /// The tool's own points on cheeks and forehead are added, see [`super::derive`].
+    /// The skin between the controls moves as learned from sculpted shapes, see [`super::prior`].
     pub derive: bool,
     /// Lid closing per eye (left, right): amount and line.
     pub close: [Option<(f64, f64)>; 2],
@@ -330,7 +330,8 @@ impl Entry {
                 .filter_map(|(k, d)| Some((head.points[k], d?)))
                 .collect(),
             exact: false,
-            derive: false,
+            // What is taken back was placed already.
+            derive: undo.is_none(),
             close,
             gaze,
             jaw,

@@ -1,8 +1,8 @@
 //! Inverted triangles smoothed away.
 //!
-//! The displacement is smoothed in a patch that takes in what is inverted and grows while that lasts. Equal displacements
-//! cannot invert anything, so a large enough patch ends it; what the recipe asked for gives way by what that takes, except
-//! lid lines that meet.
+//! First a small patch is filled anew. Where that does not end it, the displacement is smoothed in a patch that takes in what
+//! is inverted and grows while that lasts: equal displacements cannot invert anything, so a large enough patch ends it. What
+//! the recipe asked for gives way by what that takes, except lid lines that meet or follow a gaze.
 //!
 //! Units: the mesh's. Cost: a few sweeps over the patch per round; nothing outside the patch is looked at twice.
 //! Degenerate case: what is inverted after the last round stays so and is counted in the report.
@@ -18,8 +18,13 @@ use super::surroundings::Surroundings;
 const ROUNDS: usize = 72;
 /// Rounds after which the smoothed patch grows by a ring.
 const GROW_EVERY: usize = 3;
-/// Sweeps in a round: with one, a large patch would take as many rounds as it has rings.
+/// Sweeps in a round, at most: with one, a large patch would take as many rounds as it has rings. The first rounds have fewer,
+/// so that what only just is inverted is only just mended: another rounding of the mesh must not make another shape.
 const SWEEPS: usize = 16;
+
+/// Rings around inverted triangles that are filled anew before smoothing begins to spread, and sweeps to fill them.
+const MENDED_RINGS: usize = 6;
+const MENDING_SWEEPS: usize = 60;
 
 /// Vertices with marks.
 struct Patch {
@@ -33,6 +38,80 @@ impl Patch {
             self.inside[v as usize] = true;
             self.list.push(v);
         }
+    }
+}
+
+/// What mending a small place needs to know.
+struct Nearby<'a> {
+    head: &'a Head,
+    around: &'a Surroundings,
+    contacts: &'a Contacts<'a>,
+    base: Option<&'a [Vec3]>,
+    area: &'a [bool],
+    held: &'a [bool],
+}
+
+impl Nearby<'_> {
+    /// Fills a patch around what is inverted with the smoothest displacement that its edge allows, and begins anew with a larger
+    /// one while that does not mend it. Says whether it did; if not, nothing has changed. So a few triangles cost a few rings
+    /// of skin, whichever of them another rounding of the mesh turns over.
+    fn mend(&self, inverted: &[[u32; 3]], all: &mut [Vec3], d: &mut [Vec3]) -> bool {
+        let (head, before) = (self.head, (all.to_vec(), d.to_vec()));
+        let below = |v: u32| self.base.map_or(Vec3::zeros(), |b| b[v as usize]);
+        let mut scratch = self.around.scratch();
+        let mut seeds: Vec<u32> = inverted.iter().flatten().copied().collect();
+        for rings in 1..=MENDED_RINGS {
+            all.copy_from_slice(&before.0);
+            d.copy_from_slice(&before.1);
+            let mut patch = Patch {
+                inside: vec![false; all.len()],
+                list: Vec::new(),
+            };
+            for &v in &seeds {
+                patch.add(v);
+            }
+            for _ in 0..rings {
+                for k in 0..patch.list.len() {
+                    for &o in head.rings.of(patch.list[k] as usize) {
+                        patch.add(o);
+                    }
+                }
+            }
+            let free = |v: &u32| self.area[*v as usize] && !self.held[*v as usize];
+            let inside: Vec<u32> = patch.list.iter().copied().filter(free).collect();
+            for _ in 0..MENDING_SWEEPS {
+                for &v in &inside {
+                    let ring = head.rings.of(v as usize);
+                    let sum: Vec3 = ring.iter().map(|&o| all[o as usize]).sum();
+                    all[v as usize] = sum / ring.len() as f64;
+                }
+            }
+            for &v in &inside {
+                d[v as usize] = all[v as usize] - below(v);
+            }
+            let mut touched = self.contacts.sunk(d);
+            touched.retain(|(v, _)| !self.held[*v as usize]);
+            touched.extend(self.contacts.crossed(d, self.base));
+            for (v, moved) in touched {
+                if self.area[v as usize] {
+                    d[v as usize] = moved;
+                    all[v as usize] = moved + below(v);
+                    patch.add(v);
+                }
+            }
+            let some = self.around.seeing(head, &patch.list, &mut scratch);
+            let moved = |v: usize| head.mesh.positions[v] + all[v];
+            let (now, _) = self.around.inverted(head, &moved, &some, &mut scratch);
+            if now.is_empty() {
+                return true;
+            }
+            seeds.extend(now.iter().flatten());
+            seeds.sort_unstable();
+            seeds.dedup();
+        }
+        all.copy_from_slice(&before.0);
+        d.copy_from_slice(&before.1);
+        false
     }
 }
 
@@ -62,13 +141,26 @@ pub(super) fn relax(
     }
     let closes = target.close.iter().flatten().any(|c| c.0 > 0.99);
     let mut held = vec![false; n];
-    for (seam, close) in head.lids.iter().zip(target.close) {
-        if close.is_some_and(|(amount, _)| amount > 0.99) {
+    // Lids that meet stay so, and lids that follow a gaze follow it: what gives way is the skin behind them.
+    for (side, seam) in head.lids.iter().enumerate() {
+        let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
+        if shut || target.gaze[side].is_some() {
             for v in seam.both() {
                 let t = seam.across(&head.mesh, &positions[v as usize]);
                 held[v as usize] = (0.07..0.93).contains(&t);
             }
         }
+    }
+    let nearby = Nearby {
+        head,
+        around,
+        contacts,
+        base,
+        area,
+        held: &held,
+    };
+    if nearby.mend(&inverted, &mut all, d) {
+        return;
     }
     let mut patch = Patch {
         inside: vec![false; n],
@@ -120,7 +212,7 @@ pub(super) fn relax(
             }
         } else {
             let inside: Vec<u32> = patch.list.iter().copied().filter(|&v| free(v)).collect();
-            for _ in 0..SWEEPS {
+            for _ in 0..SWEEPS.min(round + 1) {
                 smoothed.clear();
                 smoothed.extend(inside.iter().map(|&v| {
                     let ring = head.rings.of(v as usize);

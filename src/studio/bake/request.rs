@@ -14,8 +14,8 @@ pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coor
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
   --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
-  --derive-controls  with --controls: ten more points on cheeks and forehead, moved as skin slides between the 68. A
-               recipe names how they move and has them always
+  --derive-controls  with --controls: skin between the vertices given moves as sculpted shapes teach. With a recipe it
+               always does
   --unit       unit of the mesh; default: told from the distance of the eyes
   --dense      morph targets in full, for programs that cannot read sparse ones
   --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder

@@ -11,14 +11,15 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::canonical::Canonical;
 use super::contact::Contacts;
-use super::derive;
 use super::goals::goals;
 use super::head::{Follow, Head};
 use super::influence::{self, Field};
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::names::LANDMARKS;
+use super::prior::Prior;
 use super::recipe::Target;
 use super::relax::relax;
 use super::shape::Shape;
@@ -73,6 +74,28 @@ pub fn bake(
     method: Method,
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Shape>, Singular> {
+    bake_with(
+        head,
+        targets,
+        settings,
+        method,
+        Some(Prior::shipped()),
+        done,
+    )
+}
+
+/// The same with another prior of the skin, or none.
+///
+/// # Errors
+/// If a system is singular.
+pub fn bake_with(
+    head: &Head,
+    targets: &[Target],
+    settings: &Settings,
+    method: Method,
+    prior: Option<&Prior>,
+    done: &(dyn Fn(&str) + Sync),
+) -> Result<Vec<Shape>, Singular> {
     faer::set_global_parallelism(faer::Par::Seq);
     let w = head.eye_distance;
     // One field per set of control vertices; a recipe has one set, a table of controls may have several.
@@ -107,6 +130,9 @@ pub fn bake(
     }
     let around = Surroundings::new(head);
     let contacts = Contacts::new(head);
+    let learned = prior
+        .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
+        .and_then(|prior| Canonical::new(head, prior));
     let whole = match method {
         Method::Aoi => None,
         Method::Paper => Some(printed(head, targets)?),
@@ -122,20 +148,41 @@ pub fn bake(
                 unknowns: 0,
             },
             None => {
-                let place = |target| skin(head, &contacts, target, &influence[k], settings, base);
-                let mut solved = place(target)?;
-                if target.derive {
-                    let mut more = target.clone();
-                    for (v, d) in derive::derived(head, &solved.d) {
-                        // What the table itself says of a point stands.
-                        if !more.controls.iter().any(|c| c.0 == v) {
-                            more.controls.push((v, d));
-                        }
+                let place = |target: &Target, beyond: Option<&[Vec3]>| {
+                    skin(
+                        head,
+                        &contacts,
+                        target,
+                        &influence[k],
+                        settings,
+                        base,
+                        beyond,
+                    )
+                };
+                let mut solved = match learned.as_ref().filter(|_| target.derive) {
+                    None => place(target, None)?,
+                    Some(learned) => {
+                        let alone = landmarks_alone(head, target);
+                        let first = place(&alone, None)?;
+                        let moved: Vec<Vec3> = head.points[..LANDMARKS]
+                            .iter()
+                            .map(|&v| first.d[v as usize])
+                            .collect();
+                        let beyond = learned.beyond(head, &moved, &first.d);
+                        place(target, Some(&beyond))?
                     }
-                    solved = place(&more)?;
-                }
+                };
                 if !target.exact {
                     relax(head, &around, &contacts, target, base, &mut solved);
+                    // What was learned does not fit here if it leaves triangles inverted that the solve alone does not.
+                    if target.derive && around.inverted_by(head, &solved.d) > 0 {
+                        let mut alone = place(target, None)?;
+                        relax(head, &around, &contacts, target, base, &mut alone);
+                        if around.inverted_by(head, &alone.d) < around.inverted_by(head, &solved.d)
+                        {
+                            solved = alone;
+                        }
+                    }
                 }
                 solved
             }
@@ -179,6 +226,16 @@ pub fn bake(
         shapes[k] = Some(one(k, base.as_deref())?);
     }
     Ok(shapes.into_iter().flatten().collect())
+}
+
+/// The shape as its landmarks alone would have it, without contacts: what the prior of the skin compares.
+fn landmarks_alone(head: &Head, target: &Target) -> Target {
+    let mut alone = target.clone();
+    alone
+        .controls
+        .retain(|c| !head.points[LANDMARKS..].contains(&c.0));
+    alone.exact = true;
+    alone
 }
 
 /// Influence per shape: the screened field of the landmarks.

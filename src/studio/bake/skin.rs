@@ -27,6 +27,10 @@ const CONTACT_REACH: f64 = 0.4;
 /// Inside of the mouth nearer than this to the lip line stays free, in eye distances, so that lips can roll.
 const LIP_FREE: f64 = 0.2;
 
+/// What skin is expected to do beyond the solve counts fully where the influence is this much above the edge's, in eye
+/// distances: 0.1 mm.
+const FADES: f64 = 0.003;
+
 /// What lies further than `reach` from the box around some points.
 struct Apart {
     low: Vec3,
@@ -56,7 +60,8 @@ pub(super) struct Solved {
     pub(super) unknowns: usize,
 }
 
-/// Places the skin of one shape; `u` is its influence, `base` the displacement of the shape it takes back.
+/// Places the skin of one shape; `u` is its influence, `base` the displacement of the shape it takes back, `beyond` what the
+/// skin is expected to do beyond the solve: the energy then is that of the difference, inside the area.
 ///
 /// # Errors
 /// If a system is singular.
@@ -67,6 +72,7 @@ pub(super) fn skin(
     u: &[f64],
     settings: &Settings,
     base: Option<&[Vec3]>,
+    beyond: Option<&[Vec3]>,
 ) -> Result<Solved, Singular> {
     let w = head.eye_distance;
     let positions = &head.mesh.positions;
@@ -139,6 +145,14 @@ pub(super) fn skin(
             }
         }
     }
+    // Towards the area's edge what is expected fades, so that outside nothing moves at all.
+    let fade = |v: usize| ((u[v] - settings.edge * w) / (FADES * w)).clamp(0.0, 1.0);
+    let beyond: Option<Vec<Vec3>> = beyond.map(|beyond| {
+        let faded = beyond.iter().enumerate();
+        faded
+            .map(|(v, d)| if area[v] { d * fade(v) } else { Vec3::zeros() })
+            .collect()
+    });
     let full = settings.full * w;
     let delta = |v: usize| (u[v] / full).min(1.0);
     let solve = |area: &[bool], goal: &BTreeMap<u32, Vec3>, d: &mut [Vec3]| {
@@ -146,7 +160,16 @@ pub(super) fn skin(
         for (&v, &moved) in goal {
             d[v as usize] = moved;
         }
+        for (d, beyond) in d.iter_mut().zip(beyond.iter().flatten()) {
+            *d -= beyond;
+        }
         system.deform(&head.operator, positions, d, delta, settings.rounds);
+        for (d, beyond) in d.iter_mut().zip(beyond.iter().flatten()) {
+            *d += beyond;
+        }
+        for (&v, &moved) in goal {
+            d[v as usize] = moved;
+        }
         Ok(system.unknowns())
     };
     let mut d = vec![Vec3::zeros(); positions.len()];

@@ -186,6 +186,18 @@ impl Surroundings {
             .collect()
     }
 
+    /// How many triangles a displacement turns over.
+    #[must_use]
+    pub fn inverted_by(&self, head: &Head, d: &[Vec3]) -> usize {
+        let changed: Vec<u32> = (0..d.len() as u32)
+            .filter(|&v| d[v as usize] != Vec3::zeros())
+            .collect();
+        let mut scratch = self.scratch();
+        let some = self.seeing(head, &changed, &mut scratch);
+        let moved = |v: usize| head.mesh.positions[v] + d[v];
+        self.inverted(head, &moved, &some, &mut scratch).0.len()
+    }
+
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
     #[must_use]
     pub fn inverted(

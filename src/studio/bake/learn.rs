@@ -1,0 +1,319 @@
+//! Learns how skin moves ([`super::prior`]) from sculpted shapes, and says how well that does on a shape it has not seen.
+//!
+//! Units: eye distances in the face's frame inside, the mesh's outside. Deterministic. Cost: half a minute of one core, most of
+//! it the shapes left out in turn.
+
+use nalgebra::{DMatrix, Dyn};
+use rayon::prelude::*;
+
+use super::benchmark::Truth;
+use super::canonical::{in_frame, places};
+use super::head::{Head, HeadError};
+use super::mesh::Vec3;
+use super::names::LANDMARKS;
+use super::prior::{Comparison, Place, Prior, flipped};
+use super::recipe::Target;
+use super::rig::{self, Method};
+use super::solve::Settings;
+use super::sparse::Singular;
+
+/// Places of the left half, those on the middle included.
+const PLACES: usize = 360;
+/// Places stand closer where landmarks are: this far beside them against 1 far away.
+const DENSE: f64 = 0.2;
+/// What lies nearer to the middle, in eye distances, is on it.
+const MIDDLE: f64 = 0.012;
+/// Ridge, against a mean comparison of a shape with itself of 1.
+const RIDGE: f64 = 0.5;
+
+/// Why nothing was learned.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// The sculpted head is no face.
+    #[error(transparent)]
+    Head(#[from] HeadError),
+    /// A system could not be solved.
+    #[error(transparent)]
+    Singular(#[from] Singular),
+    /// A side without its other side.
+    #[error("expected every one-sided shape with its other side, found {found} alone")]
+    Alone {
+        /// The shape.
+        found: String,
+    },
+}
+
+/// How close one shape comes to its sculpted truth: RMS error over RMS motion.
+#[derive(Clone, Debug)]
+pub struct Score {
+    /// The shape.
+    pub name: String,
+    /// Of the whole face: by the solve alone, and with what was learned from the other shapes.
+    pub face: [f64; 2],
+    /// The same between lower lid, nose, mouth corner and jaw line; `None` where next to nothing of the shape moves.
+    pub cheek: Option<[f64; 2]>,
+}
+
+/// Mean errors of the face and of the cheek: by the solve alone, and with what was learned.
+#[must_use]
+pub fn means(scores: &[Score]) -> [[f64; 2]; 2] {
+    let mean = |some: Vec<[f64; 2]>| {
+        [0, 1].map(|k| some.iter().map(|e| e[k]).sum::<f64>() / some.len().max(1) as f64)
+    };
+    [
+        mean(scores.iter().map(|s| s.face).collect()),
+        mean(scores.iter().filter_map(|s| s.cheek).collect()),
+    ]
+}
+
+/// Sculpted shapes and what the solve makes of their landmarks.
+pub struct Lesson<'a> {
+    truth: &'a Truth,
+    head: Head,
+    /// Displacements of the solve per shape, mesh units.
+    solved: Vec<Vec<Vec3>>,
+    /// Shape of the other side.
+    mirror: Vec<usize>,
+    /// Vertex and place, the left half first.
+    places: Vec<(u32, Place)>,
+}
+
+/// The name of a shape's other side.
+fn other_side(name: &str) -> String {
+    for (here, there) in [
+        ("_L", "_R"),
+        ("_R", "_L"),
+        ("Left", "Right"),
+        ("Right", "Left"),
+    ] {
+        if let Some(stem) = name.strip_suffix(here) {
+            return format!("{stem}{there}");
+        }
+    }
+    name.to_owned()
+}
+
+/// Places spread evenly over the left half by farthest-point choice, then their mirror images.
+fn spread(head: &Head) -> Vec<(u32, Place)> {
+    let face = places(head, |v| Truth::FACE.contains(&v));
+    let soft: Vec<Vec3> = (17..LANDMARKS)
+        .map(|k| in_frame(head, &head.point(k)))
+        .collect();
+    let left: Vec<&(u32, Place)> = face.iter().filter(|p| p.1.at.x > -MIDDLE).collect();
+    let eager: Vec<f64> = left
+        .iter()
+        .map(|(_, p)| {
+            let far = soft.iter().map(|l| (l - p.at).norm());
+            1.0 / (DENSE + far.fold(1.0, f64::min))
+        })
+        .collect();
+    let mut far = vec![f64::INFINITY; left.len()];
+    let mut chosen = vec![(head.points[30], place_of(&face, head.points[30]))];
+    while chosen.len() < PLACES.min(left.len()) {
+        let last = chosen[chosen.len() - 1].1;
+        for (far, (_, p)) in far.iter_mut().zip(&left) {
+            *far = far.min(p.far(&last));
+        }
+        let next =
+            (0..left.len()).max_by(|&a, &b| (far[a] * eager[a]).total_cmp(&(far[b] * eager[b])));
+        chosen.extend(next.map(|k| *left[k]));
+    }
+    for (_, p) in &mut chosen {
+        if p.at.x.abs() < MIDDLE {
+            p.at.x = 0.0;
+        }
+    }
+    let right: Vec<(u32, Place)> = chosen
+        .iter()
+        .filter(|(_, p)| p.at.x != 0.0)
+        .filter_map(|(_, p)| {
+            let p = Place {
+                at: flipped(&p.at),
+                normal: flipped(&p.normal),
+            };
+            let nearest = face
+                .iter()
+                .min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
+            Some((nearest.0, p))
+        })
+        .collect();
+    chosen.extend(right);
+    chosen
+}
+
+fn place_of(face: &[(u32, Place)], vertex: u32) -> Place {
+    face.iter()
+        .find(|p| p.0 == vertex)
+        .map_or(face[0].1, |p| p.1)
+}
+
+impl<'a> Lesson<'a> {
+    /// Solves every sculpted shape from its landmarks alone.
+    ///
+    /// # Errors
+    /// If the head is none or a system cannot be solved.
+    pub fn new(truth: &'a Truth) -> Result<Self, LearnError> {
+        let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
+        let head = Head::new(truth.mesh.clone(), &landmarks)?;
+        let targets: Vec<Target> = (0..truth.shapes.len()).map(|s| truth.target(s)).collect();
+        let shapes = rig::bake_with(
+            &head,
+            &targets,
+            &Settings::default(),
+            Method::Aoi,
+            None,
+            &|_| (),
+        )?;
+        let names: Vec<&str> = truth.shapes.iter().map(|s| s.0.as_str()).collect();
+        let mirror = names
+            .iter()
+            .map(|name| {
+                let other = other_side(name);
+                let found = names.iter().position(|n| *n == other);
+                found.ok_or_else(|| LearnError::Alone {
+                    found: (*name).to_owned(),
+                })
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            places: spread(&head),
+            solved: shapes.into_iter().map(|s| s.displacement).collect(),
+            truth,
+            head,
+            mirror,
+        })
+    }
+
+    /// What is learned from some of the shapes.
+    ///
+    /// # Errors
+    /// Never for a positive ridge.
+    fn from(&self, kept: &[usize]) -> Prior {
+        let (head, w) = (&self.head, self.head.eye_distance);
+        let inward = |d: &Vec3| head.axes.tr_mul(d) / w;
+        let landmarks = (0..LANDMARKS)
+            .map(|k| in_frame(head, &head.point(k)))
+            .collect();
+        let comparison = Comparison::new(landmarks, self.places.iter().map(|p| p.1).collect());
+        // All shapes say the same, however far they move.
+        let size: Vec<f64> = kept
+            .iter()
+            .map(|&s| {
+                let d = &self.truth.shapes[s].1;
+                let sum: f64 = Truth::FACE.map(|v| d[v].norm_squared()).sum();
+                (sum / Truth::FACE.len() as f64).sqrt() / w
+            })
+            .collect();
+        let learned = kept.iter().zip(&size).map(|(&s, size)| {
+            let truth = &self.truth.shapes[s].1;
+            let of = |v: u32, d: &[Vec3]| inward(&d[v as usize]) / *size;
+            let controls = self.truth.landmarks.iter().map(|&v| of(v, truth)).collect();
+            let skin = self.places.iter();
+            comparison.motion(controls, skin.map(|p| of(p.0, &self.solved[s])).collect())
+        });
+        let learned: Vec<_> = learned.collect();
+        let mirror = kept
+            .iter()
+            .map(|&s| {
+                let other = kept.iter().position(|&o| o == self.mirror[s]);
+                other.unwrap_or(0) as u8
+            })
+            .collect();
+        let mut prior = Prior::new(comparison, learned, mirror, Vec::new());
+        let n = kept.len();
+        let alike: Vec<Vec<f32>> = prior
+            .learned
+            .iter()
+            .map(|one| prior.compared(one))
+            .collect();
+        let adds: Vec<Vec<Vec3>> = (0..self.places.len())
+            .into_par_iter()
+            .map(|q| {
+                let mut k = DMatrix::from_fn(n, n, |r, c| f64::from(alike[r][q * n + c]));
+                k = (&k + k.transpose()) * 0.5;
+                for s in 0..n {
+                    k[(s, s)] += RIDGE;
+                }
+                let v = self.places[q].0 as usize;
+                let left = DMatrix::from_fn(n, 3, |r, c| {
+                    let s = kept[r];
+                    (inward(&(self.truth.shapes[s].1[v] - self.solved[s][v])) / size[r])[c]
+                });
+                let factor: Option<nalgebra::Cholesky<f64, Dyn>> = k.cholesky();
+                let x = factor.map_or_else(|| DMatrix::zeros(n, 3), |f| f.solve(&left));
+                (0..n)
+                    .map(|s| Vec3::new(x[(s, 0)], x[(s, 1)], x[(s, 2)]))
+                    .collect()
+            })
+            .collect();
+        prior.adds = adds.concat();
+        prior
+    }
+
+    /// What is learned from all of them.
+    #[must_use]
+    pub fn prior(&self) -> Prior {
+        self.from(&(0..self.truth.shapes.len()).collect::<Vec<_>>())
+    }
+
+    /// Every shape by what is learned without it and its other side.
+    ///
+    /// # Errors
+    /// If a system cannot be solved.
+    pub fn left_out(&self) -> Result<Vec<Score>, LearnError> {
+        let count = self.truth.shapes.len();
+        let cheek: Vec<usize> = Truth::FACE.filter(|&v| self.on_cheek(v)).collect();
+        let mut scores: Vec<Option<Score>> = vec![None; count];
+        for s in (0..count).filter(|&s| s <= self.mirror[s]) {
+            let kept: Vec<usize> = (0..count)
+                .filter(|&o| o != s && o != self.mirror[s])
+                .collect();
+            let prior = self.from(&kept);
+            let mut pair = vec![s, self.mirror[s]];
+            pair.dedup();
+            let targets: Vec<Target> = pair
+                .iter()
+                .map(|&s| Target {
+                    derive: true,
+                    ..self.truth.target(s)
+                })
+                .collect();
+            let settings = Settings::default();
+            let baked = rig::bake_with(
+                &self.head,
+                &targets,
+                &settings,
+                Method::Aoi,
+                Some(&prior),
+                &|_| (),
+            )?;
+            for (&s, shape) in pair.iter().zip(&baked) {
+                let both = [&self.solved[s], &shape.displacement];
+                let moved = |some: &mut dyn Iterator<Item = usize>| {
+                    some.map(|v| self.truth.shapes[s].1[v].norm_squared())
+                        .sum::<f64>()
+                };
+                let share = moved(&mut cheek.iter().copied()) / moved(&mut Truth::FACE.clone());
+                scores[s] = Some(Score {
+                    name: shape.name.clone(),
+                    face: both.map(|d| self.truth.error(s, d)),
+                    cheek: (share > 0.05)
+                        .then(|| both.map(|d| self.truth.error_over(s, d, cheek.iter().copied()))),
+                });
+            }
+        }
+        Ok(scores.into_iter().flatten().collect())
+    }
+
+    /// Between lower lid and mouth corner, nostril and jaw line.
+    fn on_cheek(&self, v: usize) -> bool {
+        let at = |k: usize| in_frame(&self.head, &self.head.point(k));
+        let p = in_frame(&self.head, &self.head.mesh.positions[v]);
+        let (lid, corner, nostril, jaw) = (at(46), at(54), at(35), at(14));
+        p.y < lid.y - 0.1
+            && p.y > corner.y
+            && p.x.abs() > nostril.x
+            && p.x.abs() < 0.95 * jaw.x
+            && p.z > jaw.z
+    }
+}
