@@ -5,8 +5,12 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use lexopt::prelude::*;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
@@ -173,11 +177,12 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "preview",
-        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--mesh FILE.glb...] [--port N]",
+        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--box ADDRESS:PORT] [--mesh FILE.glb...] [--port N]",
         about: "serves a web page: the animated head, the units, their ranges, curves, pose and state",
         example: "mien-studio preview --csv run.csv --mesh head.glb",
         options: &[
-            "osc", "serial", "baud", "full", "csv", "source", "model", "config", "mesh", "port",
+            "osc", "serial", "baud", "full", "csv", "source", "model", "config", "box", "mesh",
+            "port",
         ],
         flags: &[],
         words: 0,
@@ -381,6 +386,17 @@ fn data(words: &Words) -> PathBuf {
         .unwrap_or_else(|| Path::new("../shared/data").to_path_buf())
 }
 
+/// What the first Ctrl-C sets; the second ends the program at once.
+fn stop_on_signals() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // Without them a signal ends the program at once, as it does elsewhere.
+        let _ = flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop));
+        let _ = flag::register(signal, Arc::clone(&stop));
+    }
+    stop
+}
+
 #[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_record(words: &Words) -> Result<(), Fault> {
     let out = words.required("out")?;
@@ -393,8 +409,21 @@ fn run_record(words: &Words) -> Result<(), Fault> {
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
-    let frames = record::record(&mut source, &out, seconds, now)?;
-    println!("{frames} frames in {}", out.display());
+    let stop = stop_on_signals();
+    let done = record::record(&mut source, &out, seconds, now, &stop)?;
+    println!("{} frames in {}", done.frames, out.display());
+    eprintln!(
+        "{}{:.1} s at {:.1} Hz, {:.1} MB{}",
+        if done.stopped { "stopped: " } else { "" },
+        done.seconds,
+        done.rate_hz(),
+        done.bytes as f64 / 1e6,
+        if done.stopped {
+            "; what was recorded is kept and plays"
+        } else {
+            ""
+        },
+    );
     Ok(())
 }
 
@@ -717,6 +746,10 @@ fn run_preview(words: &Words) -> Result<(), Fault> {
         feed,
         meshes: words.paths("mesh").unwrap_or_default(),
         page: address("port", preview::PAGE_AT)?,
+        commands: match words.flag("box") {
+            true => Some(address("box", "")?),
+            false => None,
+        },
     };
     preview::run(&request, &mut say)?;
     Ok(())

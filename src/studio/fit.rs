@@ -20,6 +20,7 @@ use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
 use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
 use crate::studio::atomic_write;
+use crate::studio::progress::Progress;
 use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
 use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
@@ -451,6 +452,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
             entries.len()
         ));
     }
+    let progress = Progress::new("fit", wanted.len());
     let faces: Vec<FittedFace> = wanted
         .par_iter()
         .map_init(
@@ -471,10 +473,13 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
                     given.or_else(from_points).ok_or_else(|| FitError::NoBox {
                         file: entry.file.clone(),
                     })?;
-                Ok(fitter.fit_file(&entry.path, &face_box, roll)?)
+                let face = fitter.fit_file(&entry.path, &face_box, roll)?;
+                progress.step();
+                Ok(face)
             },
         )
         .collect::<Result<_, FitError>>()?;
+    drop(progress);
 
     let mut csv = String::from("file,confidence");
     for i in 0..LANDMARKS {

@@ -33,6 +33,7 @@ pub mod inspect;
 pub mod nrsfm;
 pub mod people_split;
 pub mod preview;
+pub mod progress;
 pub mod record;
 pub mod text_files;
 pub mod train;

@@ -1,10 +1,15 @@
 //! `mien-studio record`: a recording from the sensor or the simulator.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::progress::Progress;
 use crate::appliance::source::{Source, SourceError};
 use crate::sensor::Frame;
 use crate::sensor::recording::{Recorder, RecordingError};
+
+/// Frames between two looks at the disk.
+const LOOKED_EVERY: u64 = 15;
 
 /// Why nothing was recorded.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +22,32 @@ pub enum RecordError {
     Source(#[from] SourceError),
 }
 
-/// Records `seconds` of a source into a directory; the number of frames. `started_unix_s` goes into the file names.
+/// What a recording came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Recorded {
+    /// Frames.
+    pub frames: u64,
+    /// Time from the first frame to the last, seconds of the sensor.
+    pub seconds: f64,
+    /// Bytes of its files.
+    pub bytes: u64,
+    /// Whether it was stopped before its time.
+    pub stopped: bool,
+}
+
+impl Recorded {
+    /// Frames per second.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        if self.seconds > 0.0 {
+            self.frames.saturating_sub(1) as f64 / self.seconds
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Records `seconds` of a source into a directory, or until `stop`. `started_unix_s` goes into the file names.
 ///
 /// # Errors
 /// If the directory cannot be written or the source fails.
@@ -26,11 +56,81 @@ pub fn record(
     out: &Path,
     seconds: f64,
     started_unix_s: f64,
-) -> Result<u64, RecordError> {
+    stop: &AtomicBool,
+) -> Result<Recorded, RecordError> {
     let mut recorder = Recorder::create(out, source.registration(), started_unix_s)?;
     let mut frame = Frame::default();
-    while source.next_frame(&mut frame)? && (frame.at.as_us() as f64) < seconds * 1e6 {
+    let progress = Progress::new("record", (seconds.max(0.0) * 30.0).ceil() as usize);
+    let (mut done, mut first) = (Recorded::default(), None);
+    while !stop.load(Ordering::Relaxed)
+        && source.next_frame(&mut frame)?
+        && (frame.at.as_us() as f64) < seconds * 1e6
+    {
         recorder.write(&frame)?;
+        let at = frame.at.as_us() as f64 * 1e-6;
+        done.frames = recorder.frames();
+        done.seconds = at - *first.get_or_insert(at);
+        if done.frames % LOOKED_EVERY == 0 {
+            done.bytes = size(out);
+        }
+        progress.step_with(|| {
+            let free = free(out).map_or(String::new(), |free| {
+                format!(", {:.1} GB free", free as f64 / 1e9)
+            });
+            let (mb, hz) = (done.bytes as f64 / 1e6, done.rate_hz());
+            format!("{mb:.0} MB, {hz:.0} Hz{free}")
+        });
     }
-    Ok(recorder.frames())
+    done.stopped = stop.load(Ordering::Relaxed);
+    // What is still buffered is written now, and counts.
+    drop(recorder);
+    done.bytes = size(out);
+    Ok(done)
+}
+
+/// Bytes of the files of a folder.
+fn size(folder: &Path) -> u64 {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    files
+        .filter_map(|file| Some(file.metadata().ok()?.len()))
+        .sum()
+}
+
+/// Bytes that are free where a folder is.
+fn free(folder: &Path) -> Option<u64> {
+    let disk = nix::sys::statvfs::statvfs(folder).ok()?;
+    Some(disk.blocks_available() as u64 * disk.fragment_size() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_stopped_is_kept_and_told_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("session");
+        let mut source = Source::simulated(None).unwrap();
+        let whole = record(&mut source, &out, 0.2, 1.7e9, &AtomicBool::new(false)).unwrap();
+        assert!(whole.frames >= 5 && !whole.stopped, "{whole:?}");
+        assert_eq!(whole.bytes, size(&out));
+        assert!(whole.bytes > whole.frames * 300_000, "{whole:?}");
+        assert!((whole.rate_hz() - 30.0).abs() < 1.0, "{whole:?}");
+        assert!(free(&out).is_some_and(|free| free > 0));
+        let stopped = record(
+            &mut source,
+            &folder.path().join("b"),
+            9.0,
+            1.7e9,
+            &AtomicBool::new(true),
+        );
+        assert_eq!(
+            stopped.unwrap(),
+            Recorded {
+                stopped: true,
+                bytes: size(&folder.path().join("b")),
+                ..Recorded::default()
+            }
+        );
+    }
 }

@@ -165,7 +165,7 @@ async function live(browser) {
   check("a bar for every unit, at the sensor's rate", bar.bars === bar.units && bar.units > 20 && bar.samples > 200, JSON.stringify(bar));
   const moved = new Set();
   for (let k = 0; k < 300 && moved.size <= 1.5 * bar.units; k++) {
-    for (const text of await page.$$eval("#bars .bar", (all) => all.map((one) => `${one.parentElement.dataset.unit} ${Math.round(10 * one.dataset.weight)}`))) moved.add(text);
+    for (const text of await page.$$eval("#bars .bar", (all) => all.map((one) => `${one.dataset.unit} ${Math.round(10 * one.dataset.weight)}`))) moved.add(text);
     await page.waitForTimeout(100);
   }
   check("bars move", moved.size > 1.5 * bar.units, `${moved.size} lengths seen`);
@@ -205,7 +205,7 @@ async function live(browser) {
   check("10,000 datagrams and 200 connections of garbage change only the counter", after.units === before.units && after.users.length === 1 && after.arrived > ended && after.refused - before.refused >= 10000, `${after.refused - before.refused} refused`);
 
   // Who may see what.
-  const sizes = await Promise.all(["", "style.css", "main.js", "stream.js", "head.js", "glb.js", "matrix.js", "panels.js", "picture.js"].map((name) => get(url + name)));
+  const sizes = await Promise.all(["", "style.css", "main.js", "stream.js", "head.js", "glb.js", "matrix.js", "panels.js", "picture.js", "control.js"].map((name) => get(url + name)));
   const size = sizes.reduce((sum, { body }) => sum + body.length, 0);
   check("the page is below 1 MB without the mesh", size < 1 << 20 && sizes.every(({ status }) => status === 200), `${size} bytes`);
   check("a name of another's is turned away", (await get(url, { Host: "evil.example" })).status === 421);

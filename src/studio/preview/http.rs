@@ -1,10 +1,12 @@
-//! As much of HTTP/1.1 as one page needs: GET, one answer per connection, and one answer that does not end (server-sent
-//! events, WHATWG HTML section 9.2).
+//! As much of HTTP/1.1 as one page needs: GET, POST without a body, one answer per connection, and one answer that does not
+//! end (server-sent events, WHATWG HTML section 9.2).
 //!
 //! A thread per connection, at most [`CONNECTIONS`], of which [`STREAMS`] may be events; a request as a whole has
-//! [`PATIENCE`] to arrive and [`LONGEST`] bytes, an answer [`TAKING`] to be taken. Whatever is not a GET of something that is
-//! here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
-//! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. Pages from elsewhere may
+//! [`PATIENCE`] to arrive and [`LONGEST`] bytes, an answer [`TAKING`] to be taken. Whatever is not for something that
+//! is here is refused in one line and counted. A request must name this server, once, by address or as `localhost`: a page
+//! from elsewhere that points a name of its own at this machine (DNS rebinding) is turned away. What changes
+//! something is a POST, which must carry the header `X-Mien`: a form or a link of another site cannot add one, and a script
+//! of another site would have to ask first, which is not answered. Pages from elsewhere may
 //! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
 //! One file: a request from its bytes to its answer.
 
@@ -36,6 +38,8 @@ pub struct Request {
     pub peer: SocketAddr,
     /// Whether a page from elsewhere asks, as far as its browser says so.
     pub elsewhere: bool,
+    /// Whether something is to be changed: a POST of this page's own.
+    pub post: bool,
 }
 
 /// What is answered.
@@ -246,7 +250,8 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     if words.next().is_some() || !version.is_some_and(|version| version.starts_with("HTTP/1.")) {
         return Err(bad);
     }
-    if method != Some("GET") {
+    let post = method == Some("POST");
+    if !post && method != Some("GET") {
         return Err("405 Method Not Allowed");
     }
     let target = target.filter(|target| target.starts_with('/')).ok_or(bad)?;
@@ -271,12 +276,23 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
         || header("origin")
             .0
             .is_some_and(|origin| origin.strip_prefix("http://") != Some(host));
+    let has_body = header("transfer-encoding").0.is_some()
+        || header("content-length")
+            .0
+            .is_some_and(|length| length != "0");
+    if post && has_body {
+        return Err("413 Content Too Large");
+    }
+    if post && (elsewhere || header("x-mien").0.is_none()) {
+        return Err("403 Forbidden");
+    }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     Ok(Request {
         path: path.to_owned(),
         query: query.to_owned(),
         peer,
         elsewhere,
+        post,
     })
 }
 
@@ -326,6 +342,37 @@ mod tests {
         assert!(ask("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
         assert!(ask("GET http://x/ HTTP/1.1\r\nHost: localhost\r\n\r\n").is_err());
         assert!(ask("GET / HTTP/1.1\r\n\r\n").is_err());
+    }
+
+    #[test]
+    fn only_this_page_changes_something() {
+        let post = |headers: &str| {
+            ask(&format!(
+                "POST /command?what=forget HTTP/1.1\r\nHost: localhost:9180\r\n{headers}\r\n"
+            ))
+        };
+        let own = "X-Mien: 1\r\nContent-Length: 0\r\n";
+        assert!(post(own).unwrap().post);
+        assert!(post(&format!("{own}Origin: http://localhost:9180\r\n")).is_ok());
+        for headers in [
+            "",
+            "X-Mien: 1\r\nOrigin: http://evil.example\r\n",
+            "X-Mien: 1\r\nOrigin: http://localhost:1\r\n",
+            "X-Mien: 1\r\nSec-Fetch-Site: cross-site\r\n",
+        ] {
+            assert_eq!(post(headers), Err("403 Forbidden"), "{headers}");
+        }
+        for headers in ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n"] {
+            let found = post(&format!("X-Mien: 1\r\n{headers}"));
+            assert_eq!(found, Err("413 Content Too Large"), "{headers}");
+        }
+        let preflight = "OPTIONS /command HTTP/1.1\r\nHost: localhost\r\n\r\n";
+        assert_eq!(ask(preflight), Err("405 Method Not Allowed"));
+        assert!(
+            !ask("GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                .unwrap()
+                .post
+        );
     }
 
     struct Page;

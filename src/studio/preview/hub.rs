@@ -5,7 +5,9 @@
 //! source, ranges) are told to every page that comes.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -30,6 +32,14 @@ pub enum Seen {
 /// A picture of the sensor and the number of its frame.
 pub type Picture = (u64, Seen);
 
+/// What is passed on to other receivers as it comes.
+pub enum Heard {
+    /// Names of the units in the order of the weights.
+    Units(Vec<String>),
+    /// A frame of a user.
+    Sample(Sample),
+}
+
 #[derive(Default)]
 struct State {
     lines: VecDeque<Arc<str>>,
@@ -38,6 +48,10 @@ struct State {
     facts: BTreeMap<String, Arc<str>>,
     picture: Option<Picture>,
     note: String,
+    /// Who hears a live source beside the pages.
+    ear: Option<SyncSender<Heard>>,
+    /// Which host sends what is received over a network.
+    sender: Option<IpAddr>,
 }
 
 /// The exchange.
@@ -88,7 +102,12 @@ impl Hub {
     /// A frame of a user.
     pub fn tell(&self, sample: &Sample) {
         let line = format!("data: {}\n\n", sample.json());
-        self.push(&mut self.lock(), line.into());
+        let mut state = self.lock();
+        if let Some(ear) = &state.ear {
+            // Whoever hears too slowly misses frames; nobody waits for them.
+            let _ = ear.try_send(Heard::Sample(sample.clone()));
+        }
+        self.push(&mut state, line.into());
     }
 
     /// Something that holds until it is told anew under the same key.
@@ -101,9 +120,32 @@ impl Hub {
         }
     }
 
+    /// Passes on what comes from now on; of a live source only, as a session is read faster than it happened.
+    pub fn heard_by(&self, ear: SyncSender<Heard>) {
+        if self.keep != SESSION_LINES {
+            self.lock().ear = Some(ear);
+        }
+    }
+
+    /// Which host sends.
+    pub fn set_sender(&self, host: IpAddr) {
+        self.lock().sender = Some(host);
+    }
+
+    /// Which host sends, once something was understood.
+    #[must_use]
+    pub fn sender(&self) -> Option<IpAddr> {
+        self.lock().sender
+    }
+
     /// Names of the units in the order of the weights.
     pub fn schema<'a>(&self, units: impl Iterator<Item = &'a str>) {
         let units: Vec<&str> = units.collect();
+        if let Some(ear) = &self.lock().ear {
+            let _ = ear.try_send(Heard::Units(
+                units.iter().map(|&unit| unit.to_owned()).collect(),
+            ));
+        }
         self.fact("schema", "schema", &serde_json::json!(units).to_string());
     }
 

@@ -8,6 +8,7 @@
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         what a page asks and gets
+//! commands, forward            what a page lets be done: by the box or the pipeline here, at other receivers
 //! ```
 //! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and is served on the
 //! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,
@@ -15,6 +16,8 @@
 //! start, in about a second of processor time.
 //! One file: the order of the command, and every address it answers.
 
+pub mod commands;
+pub mod forward;
 pub mod http;
 pub mod hub;
 pub mod osc;
@@ -27,16 +30,21 @@ pub mod table;
 use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
 use crate::appliance::service::{self, NoKinect};
 use crate::appliance::source::SourceName;
+use crate::expression::unit_words;
+use crate::output::Command;
 use crate::pipeline::Pipeline;
 use crate::studio::heads::default_head;
 use crate::studio::text_files;
+use commands::Obeys;
+use forward::{Forwarder, Wish};
 use http::{Answer, Request as Asked, Site};
 use hub::Hub;
 use table::TableError;
@@ -47,6 +55,7 @@ pub const OPTIONS: &str =
   --serial  a port or tcp:host:port, any style; --baud N (115200), --full N (100) as serial.full of the sender
   --csv     what mien run --csv wrote, to play, pause and scrub; - for standard input
   --source  a recording, kinect or simulated: followed here, with pictures; --model, --config as for mien
+  --box     ADDRESS:PORT where the box hears commands (osc.listen there); default: the host that sends, port 9131
   --mesh    a head with named morph targets (.glb), also several; default: a head of our own
   --port    where the page is served, PORT or ADDRESS:PORT; default 127.0.0.1:9180; 0 takes a free one
 ";
@@ -55,11 +64,13 @@ pub const OPTIONS: &str =
 pub const PAGE_AT: &str = "127.0.0.1:9180";
 /// Where OSC is received: where `mien` sends it.
 pub const OSC_AT: &str = "127.0.0.1:9130";
+/// Commands that wait for the pipeline at most.
+const COMMANDS: usize = 16;
 /// How often counts are told, which also finds out who is gone.
 const COUNTS_EVERY: Duration = Duration::from_millis(500);
 
 /// The files of the page: path, media type, text.
-pub const PAGE: [(&str, &str, &str); 9] = [
+pub const PAGE: [(&str, &str, &str); 10] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -77,6 +88,7 @@ pub const PAGE: [(&str, &str, &str); 9] = [
     ("/matrix.js", JAVASCRIPT, include_str!("page/matrix.js")),
     ("/panels.js", JAVASCRIPT, include_str!("page/panels.js")),
     ("/picture.js", JAVASCRIPT, include_str!("page/picture.js")),
+    ("/control.js", JAVASCRIPT, include_str!("page/control.js")),
 ];
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
@@ -109,6 +121,8 @@ pub struct Request {
     pub meshes: Vec<PathBuf>,
     /// Where the page is served.
     pub page: SocketAddr,
+    /// Where the box hears commands, if it was said.
+    pub commands: Option<SocketAddr>,
 }
 
 /// Why there is no page.
@@ -160,8 +174,8 @@ pub fn address(text: &str) -> Option<SocketAddr> {
 fn warning(page: SocketAddr) -> Option<String> {
     let warning = || {
         format!(
-            "warning: {page} is open to everybody whose packets reach this machine, without a password: faces' weights \
-             and heads, no pictures; --port {} is for this machine only",
+            "warning: {page} is open to everybody whose packets reach this machine, without a password: they see \
+             weights and heads, no pictures, and may let people be forgotten, frozen or taken for neutral; --port {} is for this machine only",
             page.port()
         )
     };
@@ -176,7 +190,11 @@ struct Heads {
 
 /// All that pages are answered from.
 struct Preview {
-    hub: Hub,
+    hub: Arc<Hub>,
+    obeys: Obeys,
+    forwarder: Forwarder,
+    /// What units are called, and the receivers that can be connected by name.
+    words: Arc<[u8]>,
     heads: Heads,
     /// Recording whose pictures are shown.
     recording: Option<PathBuf>,
@@ -212,6 +230,45 @@ impl Preview {
         }
     }
 
+    /// Something a page lets be done.
+    fn change(&self, asked: &Asked) -> Answer {
+        let word = |name: &str| -> &str {
+            let mut pairs = asked
+                .query
+                .split('&')
+                .filter_map(|pair| pair.split_once('='));
+            pairs.find(|pair| pair.0 == name).map_or("", |pair| pair.1)
+        };
+        let said = match &*asked.path {
+            "/command" => commands::read(word("what"), word("user"), word("on"))
+                .ok_or_else(|| "that command is not known".to_owned())
+                .and_then(|command| self.obeys.obey(command, self.hub.sender())),
+            // Packets to an address of a stranger's choice are this machine's own business.
+            "/receiver" if !asked.peer.ip().to_canonical().is_loopback() => Err(
+                "receivers are connected on the machine that shows the page; put the lines below into the box's configuration instead".into(),
+            ),
+            "/receiver" => {
+                let wish = match word("do") {
+                    "connect" => Some(Wish::Connect),
+                    "test" => Some(Wish::Test),
+                    "stop" => Some(Wish::Stop),
+                    _ => None,
+                };
+                let wish = wish.ok_or_else(|| "expected connect, test or stop".to_owned());
+                // Colons of IPv6 come as they are or escaped.
+                let host = word("host").replace("%3A", ":");
+                wish.and_then(|wish| self.forwarder.ask(word("id"), &host, word("port"), wish))
+            }
+            _ => {
+                self.refused();
+                return Answer::Missing("nothing to change here\n");
+            }
+        };
+        let (done, said) = said.map_or_else(|why| (false, why), |said| (true, said));
+        let json = serde_json::json!({"ok": done, "said": said}).to_string();
+        Answer::File("application/json", json.into_bytes().into())
+    }
+
     fn mesh(&self, number: &str) -> Answer {
         let file = |bytes: &Arc<[u8]>| Answer::File("model/gltf-binary", Arc::clone(bytes));
         match (self.heads.given.is_empty(), number.parse::<usize>()) {
@@ -231,6 +288,9 @@ impl Preview {
 
 impl Site for Preview {
     fn answer(&self, asked: &Asked) -> Answer {
+        if asked.post {
+            return self.change(asked);
+        }
         if let Some((_, kind, text)) = PAGE.iter().find(|(path, ..)| *path == asked.path) {
             return Answer::File(kind, text.as_bytes().into());
         }
@@ -238,6 +298,7 @@ impl Site for Preview {
             "/events" if asked.elsewhere => Answer::Forbidden("for this page only\n"),
             "/events" => Answer::Events,
             "/units.json" => Answer::File("application/json", Arc::clone(&self.units)),
+            "/words.json" => Answer::File("application/json", Arc::clone(&self.words)),
             "/picture" => self.picture(asked),
             "/favicon.ico" => Answer::File("image/x-icon", Arc::new([])),
             path => match path.strip_prefix("/mesh/") {
@@ -284,6 +345,16 @@ fn read_mesh(path: &Path) -> Result<Arc<[u8]>, PreviewError> {
     Ok(bytes.into())
 }
 
+/// What units are called, and the receivers that can be connected by name.
+fn words() -> serde_json::Value {
+    let units = unit_words::ALL.iter().map(|unit| {
+        let words = serde_json::json!({"plain": unit.plain, "facs": unit.facs, "does": unit.does});
+        (unit.code.to_owned(), words)
+    });
+    let units: serde_json::Map<String, serde_json::Value> = units.collect();
+    serde_json::json!({"units": units, "receivers": forward::table()})
+}
+
 /// Serves the page until the process ends; `say` gets a line once it can be opened.
 ///
 /// # Errors
@@ -324,8 +395,19 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
         .into_iter()
         .map(|(name, unit)| (name, unit.into()))
         .collect();
+    let hub = Arc::new(Hub::new(session));
+    let (orders, obeyed) = sync_channel(COMMANDS);
+    let obeys = match &request.feed {
+        Feed::Osc(_) => Obeys::Box(request.commands),
+        Feed::Sensor { .. } if recording.is_none() => Obeys::Here(Mutex::new(orders)),
+        _ => Obeys::Nobody,
+    };
+    let commanded = !matches!(obeys, Obeys::Nobody);
     let preview = Arc::new(Preview {
-        hub: Hub::new(session),
+        forwarder: Forwarder::start(Arc::clone(&hub)),
+        hub,
+        obeys,
+        words: words().to_string().into_bytes().into(),
         heads: Heads {
             own: OnceLock::new(),
             given,
@@ -341,9 +423,10 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
         source,
     })?;
     let page = listener.local_addr().unwrap_or(request.page);
-    let feeding = feed(&request.feed, Arc::clone(&preview))?;
+    let feeding = feed(&request.feed, Arc::clone(&preview), obeyed)?;
     let source = serde_json::json!({
         "kind": kind, "name": name, "session": session, "pictures": pictures, "meshes": meshes,
+        "commands": commanded,
         "version": env!("CARGO_PKG_VERSION"),
     });
     preview.hub.fact("source", "source", &source.to_string());
@@ -359,7 +442,11 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
 }
 
 /// What feeds the hub, to be run on a thread of its own; all that can fail at the start has been done.
-fn feed(feed: &Feed, preview: Arc<Preview>) -> Result<Box<dyn FnOnce() + Send>, PreviewError> {
+fn feed(
+    feed: &Feed,
+    preview: Arc<Preview>,
+    commands: Receiver<Command>,
+) -> Result<Box<dyn FnOnce() + Send>, PreviewError> {
     match feed {
         Feed::Osc(address) => {
             let address = *address;
@@ -387,7 +474,7 @@ fn feed(feed: &Feed, preview: Arc<Preview>) -> Result<Box<dyn FnOnce() + Send>, 
             let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)
                 .map_err(service::Failure::from)?;
             Ok(Box::new(move || {
-                sensor::follow(&mut source, &mut pipeline, &preview.hub);
+                sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
             }))
         }
     }

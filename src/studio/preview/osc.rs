@@ -13,8 +13,14 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
     let mut receiver = Receiver::default();
     let mut bytes = vec![0; LARGEST];
     loop {
-        match socket.recv(&mut bytes) {
-            Ok(length) => receiver.take(&bytes[..length], hub),
+        match socket.recv_from(&mut bytes) {
+            Ok((length, from)) => {
+                let before = hub.counts().received;
+                receiver.take(&bytes[..length], hub);
+                if hub.counts().received > before {
+                    hub.set_sender(from.ip());
+                }
+            }
             // Such as an ICMP refusal that is not ours; never at full speed.
             Err(error) => {
                 hub.note(&format!("the socket says: {error}"));

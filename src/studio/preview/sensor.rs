@@ -8,6 +8,7 @@
 
 use std::io::Cursor;
 use std::path::Path;
+use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
 use image::codecs::jpeg::JpegEncoder;
@@ -16,7 +17,7 @@ use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::appliance::source::{Pacer, Source, SourceError};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
-use crate::output::Report;
+use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::camera::Camera;
 use crate::sensor::recording::Recording;
@@ -51,7 +52,12 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
 }
 
 /// Follows a source to its end, or for good.
-pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
+pub fn follow(
+    source: &mut Source,
+    pipeline: &mut Pipeline,
+    hub: &Hub,
+    commands: &Receiver<Command>,
+) {
     let live = !matches!(source, Source::Recording(_));
     let mut frame = Frame::default();
     let mut pacer = Pacer::default();
@@ -77,6 +83,9 @@ pub fn follow(source: &mut Source, pipeline: &mut Pipeline, hub: &Hub) {
         let arrived = source.arrived().unwrap_or_else(Instant::now);
         if source.registration() != pipeline.camera().registration() {
             pipeline.set_camera(source.registration());
+        }
+        while let Ok(command) = commands.try_recv() {
+            pipeline.obey(command);
         }
         pipeline.follow(&frame);
         if live {

@@ -6,7 +6,6 @@ import { chain, identity, multiply, orbit, perspective, rotation, scaling, trans
 
 const ROW = 2048; // texels in a row of the texture of entries; even, so that an entry is in one row
 const VIEW_ANGLE = 0.5;
-const GROUND = [0.078, 0.09, 0.106];
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -201,14 +200,14 @@ class Head {
     this.size = Math.max(high[0] - low[0], high[1] - low[1]) || 1;
   }
 
-  // Weights by unit: a target follows its unit, or else a unit of its own name.
-  drive(byUnit) {
+  // Weights by unit: a target follows its unit, or else a unit of its own name; what is held by name goes before.
+  drive(byUnit, held) {
     this.targets.forEach((target, k) => {
-      this.weights[k] = byUnit.get(target.unit) ?? byUnit.get(target.name) ?? 0;
+      this.weights[k] = held?.get(target.name) ?? byUnit.get(target.unit) ?? byUnit.get(target.name) ?? 0;
     });
   }
 
-  draw(program, pose, view, clip, wireframe) {
+  draw(program, pose, view, clip, wireframe, ground) {
     const { gl } = this;
     const at = (name) => gl.getUniformLocation(program, name);
     gl.activeTexture(gl.TEXTURE1);
@@ -227,7 +226,7 @@ class Head {
     if (wireframe) {
       gl.uniform1i(at("line"), 1);
       // What is behind is hidden by the surface itself, drawn in the colour of the ground.
-      gl.uniform3fv(at("base"), GROUND);
+      gl.uniform3fv(at("base"), ground);
       gl.enable(gl.POLYGON_OFFSET_FILL);
       gl.polygonOffset(1, 1);
       for (const part of this.parts) {
@@ -262,6 +261,9 @@ export class View {
     this.heads = [];
     this.wireframe = false;
     this.mirror = false;
+    this.ground = [0, 0, 0];
+    // Shapes held by hand, by name.
+    this.held = null;
     this.front();
     this.listen();
   }
@@ -301,12 +303,12 @@ export class View {
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     gl.viewport(0, 0, width, height);
     gl.disable(gl.SCISSOR_TEST);
-    gl.clearColor(...GROUND, 1);
+    gl.clearColor(...this.ground, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.program);
     columns.forEach(({ head, weights, pose }, k) => {
-      head.drive(weights);
+      head.drive(weights, this.held);
       const left = Math.round((width * k) / columns.length);
       const right = Math.round((width * (k + 1)) / columns.length);
       gl.viewport(left, 0, right - left, height);
@@ -323,7 +325,7 @@ export class View {
       let clip = perspective(VIEW_ANGLE, aspect, far * 0.02, far * 20);
       if (this.mirror) clip = multiply(scaling([-1, 1, 1]), clip);
       gl.frontFace(this.mirror ? gl.CW : gl.CCW);
-      head.draw(this.program, turn, view, clip, this.wireframe);
+      head.draw(this.program, turn, view, clip, this.wireframe, this.ground);
     });
   }
 }

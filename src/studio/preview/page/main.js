@@ -1,14 +1,19 @@
-// The page: what arrives (stream) is shown as heads (head), bars, curves and figures (panels) and the sensor's picture.
+// The page: what arrives (stream) is shown as heads (head), bars, curves and figures (panels) and the sensor's picture; what
+// can be done is in control.
 
+import { Commands, Gains, Receivers, Recorder, Shapes, tabs } from "./control.js";
 import { readGlb } from "./glb.js";
 import { View } from "./head.js";
 import { Bars, Curves, figures } from "./panels.js";
 import { Picture } from "./picture.js";
-import { Stream } from "./stream.js";
+import { STATES, Stream } from "./stream.js";
 
 const byId = (id) => document.getElementById(id);
 const stream = new Stream();
-const bars = new Bars(byId("bars"));
+const gains = new Gains();
+const shapes = new Shapes();
+const recorder = new Recorder(stream);
+const bars = new Bars(byId("bars"), (unit, row) => gains.row(unit, row));
 const curves = new Curves(byId("curves"));
 const picture = new Picture(byId("picture"));
 const say = (text) => { byId("message").textContent = text; };
@@ -25,16 +30,24 @@ const units = fetch("/units.json")
   .then((answer) => answer.json())
   .then((names) => Object.fromEntries(Object.entries(names).map(([name, unit]) => [name.toLowerCase(), unit])));
 
+let receivers = null;
+fetch("/words.json").then((answer) => answer.json()).then((words) => {
+  bars.words = words.units;
+  bars.name(stream.units);
+  receivers = new Receivers(words, stream);
+});
+
 async function show(files) {
   if (!view) return;
   try {
     const heads = [];
     for (const { name, bytes } of files) heads.push(view.load(name, readGlb(await bytes, await units)));
     view.heads = heads;
+    shapes.name(heads);
     const driven = heads.map((head) => head.targets.filter((target) => target.unit).length);
-    say(heads.map((head, k) => `${head.name}: ${head.vertices} vertices, ${driven[k]} of ${head.targets.length} targets driven`).join("; "));
+    say(heads.map((head, k) => `${head.name}: ${driven[k]} of ${head.targets.length} shapes follow the face`).join("; "));
   } catch (error) {
-    say(`cannot show it: ${error.message}`);
+    say(`cannot show this head: ${error.message}`);
   }
 }
 
@@ -43,31 +56,30 @@ stream.onSource = (source) => {
   document.title = `mien preview – ${source.name}`;
   byId("now").hidden = source.session;
   if (view?.heads.length) return;
-  say("baking a head…");
+  say("preparing the head…");
   show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
 };
 stream.onSchema = (names) => bars.name(names);
+stream.onSample = (sample) => recorder.take(sample, STATES);
 stream.open("/events");
 
-// Whom is shown: a slot, "all", or whoever is there.
+// Who is shown: a slot, or everybody who is there, side by side.
 let chosen = null;
-let tabs = "";
+let tabsOf = "";
 function whom() {
   const present = stream.present();
   const key = present.join() + chosen;
-  if (key !== tabs) {
-    tabs = key;
+  if (key !== tabsOf) {
+    tabsOf = key;
     byId("users").replaceChildren(...(present.length > 1 || chosen !== null ? [...present, "all"] : []).map((who) => {
       const tab = document.createElement("button");
-      tab.textContent = who === "all" ? "all" : `user ${who}`;
-      tab.ariaPressed = String(who === chosen);
-      tab.addEventListener("click", () => { chosen = who === chosen ? null : who; });
+      tab.textContent = who === "all" ? "all" : `person ${who + 1}`;
+      tab.ariaPressed = String(who === (chosen ?? "all"));
+      tab.addEventListener("click", () => { chosen = who === chosen || who === "all" ? null : who; });
       return tab;
     }));
   }
-  if (chosen === "all") return present;
-  if (chosen !== null && present.includes(chosen)) return [chosen];
-  return present.slice(0, 1);
+  return chosen !== null && present.includes(chosen) ? [chosen] : present;
 }
 
 const toggle = (id, take) => byId(id).addEventListener("click", (event) => {
@@ -79,10 +91,26 @@ let posed = true;
 toggle("wire", (on) => { if (view) view.wireframe = on; });
 toggle("pose", (on) => { posed = on; });
 toggle("mirror", (on) => { if (view) view.mirror = on; });
+tabs();
+byId("pick").addEventListener("click", () => byId("file").click());
+byId("file").addEventListener("change", ({ target }) => {
+  const files = [...target.files];
+  if (files.length) show(files.map((file) => ({ name: file.name, bytes: file.arrayBuffer() })));
+  target.value = "";
+});
+// The ground behind the head: chosen, or the page's own, which follows the system's light or dark.
+const ground = () => {
+  if (!view) return;
+  const colour = byId("ground").value || getComputedStyle(document.documentElement).getPropertyValue("--stage").trim();
+  view.ground = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16) / 255);
+};
+ground();
+byId("ground").addEventListener("change", ground);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ground);
 byId("reset").addEventListener("click", () => view?.front());
 const pause = (paused) => {
   stream.pause(paused);
-  byId("play").textContent = paused ? "play" : "pause";
+  byId("play").textContent = paused ? "Play" : "Pause";
 };
 byId("play").addEventListener("click", () => pause(!stream.paused));
 byId("now").addEventListener("click", () => pause(false));
@@ -91,7 +119,7 @@ byId("scrub").addEventListener("input", (event) => {
   stream.seek(stream.first + Number(event.target.value) * (stream.last - stream.first));
 });
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT|BUTTON)$/.test(event.target.tagName)) return;
   const button = { " ": "play", w: "wire", p: "pose", m: "mirror", r: "reset" }[event.key];
   if (!button) return;
   event.preventDefault();
@@ -111,26 +139,29 @@ addEventListener("drop", (event) => {
 });
 
 const neutral = new Map();
-const byUnit = (sample) => (sample ? new Map(stream.units.map((unit, k) => [unit, sample.w[k] ?? 0])) : neutral);
+const byUnit = (sample) => (sample ? new Map(stream.units.map((unit, k) => [unit, (sample.w[k] ?? 0) * (gains.of.get(unit) ?? 1)])) : neutral);
 
 let last = performance.now();
 let frames = 0;
 let chosenAt = 0;
+let slot = 0;
+const commands = new Commands(() => slot);
 function frame(now) {
   stream.pass(Math.min(0.25, (now - last) / 1000));
   last = now;
   frames += 1;
   const users = whom();
-  const slot = users[0] ?? (chosen === "all" ? 0 : chosen ?? 0);
+  slot = users[0] ?? chosen ?? 0;
   const samples = users.map((user) => stream.at(user));
   const sample = samples[0] ?? null;
   if (view) {
+    view.held = shapes.now(say);
     const shown = samples.length ? samples : [null];
     const columns = shown.flatMap((one) => view.heads.map((head) => ({ head, weights: byUnit(one), pose: posed ? one?.p : null })));
     view.draw(columns);
     label(columns.map(({ head }, k) => {
       const user = users[Math.floor(k / view.heads.length)];
-      return columns.length > 1 ? [users.length > 1 ? `user ${user}` : "", view.heads.length > 1 ? head.name : ""].filter(Boolean).join(" · ") : "";
+      return columns.length > 1 ? [users.length > 1 ? `person ${user + 1}` : "", view.heads.length > 1 ? head.name : ""].filter(Boolean).join(" · ") : "";
     }));
   }
   const window = stream.window(slot);
@@ -142,6 +173,10 @@ function frame(now) {
   curves.draw(stream.units, window, stream.empty ? 0 : stream.now());
   picture.draw(stream.source?.pictures, samples, stream.unpeopled(), (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
   figures(byId, stream, slot, sample);
+  commands.draw(stream.source, sample);
+  recorder.draw();
+  receivers?.draw();
+  if (view) shapes.draw(view.heads);
   if (!stream.empty) {
     const length = stream.last - stream.first;
     if (document.activeElement !== byId("scrub") || !stream.paused) byId("scrub").value = length > 0 ? (stream.now() - stream.first) / length : 1;

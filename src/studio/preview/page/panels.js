@@ -3,21 +3,33 @@
 import { angles } from "./matrix.js";
 import { STATES, WINDOW_S } from "./stream.js";
 
-const FACS = {
-  1: "inner brow raiser", 2: "outer brow raiser", 4: "brow lowerer", 5: "upper lid raiser", 6: "cheek raiser", 7: "lid tightener",
-  9: "nose wrinkler", 10: "upper lip raiser", 11: "nasolabial deepener", 12: "lip corner puller", 14: "dimpler",
-  15: "lip corner depressor", 16: "lower lip depressor", 17: "chin raiser", 18: "lip pucker", 20: "lip stretcher", 22: "lip funneler",
-  23: "lip tightener", 24: "lip pressor", 25: "lips part", 26: "jaw drop", 27: "mouth stretch", 28: "lip suck", 29: "jaw thrust",
-  30: "jaw sideways", 34: "cheek puff", 43: "eye closure", 61: "eyes left", 62: "eyes right", 63: "eyes up", 64: "eyes down",
-};
-const SIDES = { L: ", subject's left", R: ", subject's right", "": "" };
+// Units by region, in the order of the rows.
+const REGIONS = [
+  ["Brows", [1, 2, 4]],
+  ["Eyes", [5, 43, 61, 62, 63, 64]],
+  ["Nose and cheeks", [9, 34]],
+  ["Mouth", [12, 15, 14, 20, 18, 22, 25, 28, 10, 17]],
+  ["Jaw", [26, 29, 30]],
+];
+const SIDES = { L: "left", R: "right" };
 const COLOURS = ["#4cb0ff", "#ff8a5c", "#57c785", "#d77cff", "#ffd24c", "#5ce0d8", "#ff6f91", "#a8b8c8"];
 // Curves shown unless units are chosen.
 const STRONGEST = 6;
 
-function meaning(unit) {
-  const match = /^AU(\d+)([LR]?)$/.exec(unit);
-  return match && FACS[match[1]] ? FACS[match[1]] + SIDES[match[2]] : unit;
+// Code, side and words of a unit; a unit that was renamed is its own name.
+function meaning(unit, words) {
+  const [, code, side] = /^(AU\d+)([LR]?)$/.exec(unit) ?? [];
+  const known = words?.[code];
+  if (!known) return { plain: unit, about: unit, region: "Other", order: 0 };
+  const number = Number(code.slice(2));
+  const [region, all] = REGIONS.find(([, numbers]) => numbers.includes(number)) ?? ["Other", []];
+  const text = side ? `${known.plain} ${SIDES[side]}` : known.plain;
+  return {
+    plain: text[0].toUpperCase() + text.slice(1),
+    about: `${unit}, ${known.facs}: ${known.does}${side ? ` (the subject's ${SIDES[side]})` : ""}`,
+    region,
+    order: all.indexOf(number),
+  };
 }
 
 function element(kind, parent, className = "") {
@@ -27,58 +39,68 @@ function element(kind, parent, className = "") {
   return made;
 }
 
-// One row per unit: weight; where the measure behind it lies between its learnt low and high; those numbers; readiness.
+// One row per unit, by region: weight, and below it how far the range is this person's. The learnt numbers are in the title.
 export class Bars {
-  constructor(parent) {
+  constructor(parent, gain) {
     this.parent = parent;
+    this.gain = gain;
     this.rows = [];
+    this.units = [];
     this.chosen = new Set();
+    this.words = null;
   }
 
   name(units) {
+    this.units = units;
     this.parent.replaceChildren();
-    const head = element("div", this.parent, "unit head");
-    for (const text of ["unit", "weight", "rest", "low · rest · high", "ready"]) element("span", head).textContent = text;
     this.chosen = new Set([...this.chosen].filter((unit) => units.includes(unit)));
-    this.rows = units.map((unit) => {
-      const row = element("div", this.parent, "unit");
-      row.title = `${unit}: ${meaning(unit)} – click to keep its curve`;
-      row.dataset.unit = unit;
-      const name = element("span", row, "name");
-      name.textContent = unit;
-      const bar = element("div", row, "bar");
-      const fill = element("i", bar);
-      const span = element("div", row, "span");
-      const rest = element("i", span);
-      const numbers = element("span", row, "numbers");
-      const ready = element("i", element("div", row, "ready"));
-      row.addEventListener("click", () => {
-        if (!this.chosen.delete(unit)) this.chosen.add(unit);
-      });
-      return { unit, name, bar, fill, span, rest, numbers, ready, told: undefined };
+    const said = units.map((unit, k) => ({ unit, k, ...meaning(unit, this.words) }));
+    const regions = [...REGIONS.map(([region]) => region), "Other"];
+    this.rows = regions.flatMap((region) => {
+      const rows = said.filter((one) => one.region === region).sort((a, b) => a.order - b.order || a.k - b.k);
+      if (rows.length && this.words) element("div", this.parent, "region").textContent = region;
+      return rows.map((one) => this.row(one));
     });
+  }
+
+  row({ unit, k, plain, about }) {
+    const row = element("div", this.parent, "unit");
+    row.dataset.unit = unit;
+    const name = element("span", row, "name");
+    name.textContent = plain;
+    if (plain !== unit) element("small", name).textContent = unit;
+    const scale = element("div", row, "scale");
+    const bar = element("div", scale, "bar");
+    const fill = element("i", bar);
+    const ready = element("i", element("div", scale, "ready"));
+    const value = element("span", row, "value");
+    this.gain(unit, row);
+    row.addEventListener("click", () => {
+      if (!this.chosen.delete(unit)) this.chosen.add(unit);
+    });
+    bar.dataset.unit = unit;
+    return { unit, k, row, name, bar, fill, ready, value, about, told: undefined };
   }
 
   // Weights and ranges in the order of the units; `colours` by unit where there is a curve.
   draw(weights, ranges, colours) {
-    this.rows.forEach((row, k) => {
-      const weight = weights[k] ?? 0;
+    for (const row of this.rows) {
+      const weight = weights[row.k] ?? 0;
       row.fill.style.transform = `scaleX(${Math.min(1, weight)})`;
       row.bar.classList.toggle("over", weight > 1);
       row.bar.dataset.weight = weight;
+      const text = weight < 0.005 ? "0" : weight.toFixed(2).replace(/^0/, "");
+      if (row.value.textContent !== text) row.value.textContent = text;
       row.name.style.borderColor = colours.get(row.unit) ?? "transparent";
-      const range = ranges?.[k] ?? null;
-      if (range === row.told) return;
+      const range = ranges?.[row.k] ?? null;
+      if (range === row.told) continue;
       row.told = range;
-      const known = range && range[2] > range[0];
-      row.span.style.visibility = known ? "visible" : "hidden";
-      row.numbers.textContent = range ? range.slice(0, 3).map((v) => v.toFixed(2)).join(" · ") : "";
-      if (known) row.rest.style.left = `calc(${(100 * (range[1] - range[0])) / (range[2] - range[0])}% - 1px)`;
       const ready = range?.[3] ?? null;
       row.ready.parentElement.style.visibility = ready === null ? "hidden" : "visible";
       row.ready.style.transform = `scaleX(${ready ?? 0})`;
-      row.ready.parentElement.title = ready === null ? "" : `how far the range is this person's: ${Math.round(100 * ready)} %`;
-    });
+      const learnt = range ? `\nlearnt: low ${range[0].toFixed(2)}, rest ${range[1].toFixed(2)}, high ${range[2].toFixed(2)}` : "\nno range is sent: ranges = true under [osc] of mien sends them";
+      row.row.title = `${row.about}${learnt}${ready === null ? "" : `\nthe range is this person's by ${Math.round(100 * ready)} %`}\nclick to keep its curve`;
+    }
   }
 }
 
@@ -115,6 +137,8 @@ export class Curves {
   draw(units, samples, now) {
     const { canvas } = this;
     const scale = window.devicePixelRatio || 1;
+    const style = getComputedStyle(canvas);
+    const [faint, dim] = ["--line", "--dim"].map((name) => style.getPropertyValue(name));
     const [width, height] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     const ink = canvas.getContext("2d");
@@ -125,15 +149,15 @@ export class Curves {
     const y = (w) => bottom - (Math.min(w, 1.2) / 1.2) * (bottom - top);
     ink.lineWidth = scale;
     for (const w of [0, 0.5, 1]) {
-      ink.strokeStyle = "#2d333b";
+      ink.strokeStyle = faint;
       ink.beginPath();
       ink.moveTo(left, y(w));
       ink.lineTo(right, y(w));
       ink.stroke();
-      ink.fillStyle = "#8b95a1";
+      ink.fillStyle = dim;
       ink.fillText(w.toString(), 4 * scale, y(w) + 4 * scale);
     }
-    for (let s = 0; s <= WINDOW_S; s += 5) {
+    for (let s = 0; s <= WINDOW_S; s += width / scale < 500 ? 10 : 5) {
       ink.fillText(s ? `-${s} s` : "now", x(now - s) - 12 * scale, height - 4 * scale);
     }
     ink.save();
@@ -167,7 +191,22 @@ export class Curves {
   }
 }
 
-// The figures in the head line.
+// Why nothing moves, in one sentence; or how it is.
+function why(stream, sample, silent) {
+  const { source, counts } = stream;
+  if (!stream.connected) return "This page has lost mien-studio and tries again; start it again if it has ended.";
+  if (counts.note) return counts.note;
+  if (stream.empty && source?.kind === "osc") {
+    return counts.refused > counts.received
+      ? `Something arrives at ${source.name.replace("OSC at ", "")}, but it is not mien's OSC.`
+      : `Nothing has arrived at ${source.name.replace("OSC at ", "")} yet: start mien run, with this address as target under [osc].`;
+  }
+  if (stream.empty) return `Waiting for ${source?.name ?? "the source"}.`;
+  if (silent) return "Nothing arrives any more: mien has stopped, or the network is down.";
+  return sample ? "" : "Connected; nobody is in front of the sensor.";
+}
+
+// State, its sentence, and the figures of the session.
 export function figures(byId, stream, slot, sample) {
   const text = (id, value) => { if (byId(id).textContent !== value) byId(id).textContent = value; };
   const state = sample ? sample.s : 0;
@@ -180,13 +219,13 @@ export function figures(byId, stream, slot, sample) {
         : null;
   text("state", silent ?? STATES[state] + (sample?.f ? ", frozen" : ""));
   byId("state").dataset.state = silent ? 0 : state;
+  text("why", why(stream, sample, silent));
   byId("confidence").value = sample?.c ?? 0;
   byId("confidence").title = sample?.c === undefined || sample?.c === null ? "" : `${Math.round(100 * sample.c)} %`;
   text("latency", sample?.l === undefined ? "–" : `${sample.l.toFixed(1)} ms`);
   text("rate", sample ? `${stream.rate(slot).toFixed(0)} Hz` : "–");
   const pose = sample?.p;
-  text("place", pose ? pose.slice(0, 3).map((m) => (100 * m).toFixed(0)).join("  ") + " cm" : "–");
-  text("turn", pose ? angles(pose.slice(3)).map((a) => a.toFixed(0)).join("  ") + "°" : "–");
-  text("counts", `${stream.counts.received} / ${stream.counts.refused}`);
-  text("note", stream.counts.note ?? "");
+  text("place", pose ? pose.slice(0, 3).map((m) => (100 * m).toFixed(0)).join(", ") + " cm" : "–");
+  text("turn", pose ? angles(pose.slice(3)).map((a) => `${a.toFixed(0)}°`).join(", ") : "–");
+  text("counts", `${stream.counts.received} understood, ${stream.counts.refused} refused`);
 }

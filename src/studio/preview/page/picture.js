@@ -60,7 +60,7 @@ export class Picture {
         const [x0, y0, x1, y1] = b;
         ink.strokeStyle = ink.fillStyle = COLOURS[s];
         ink.strokeRect(x0, y0, x1 - x0, y1 - y0);
-        ink.fillText(`user ${sample.u} ${STATES[s]}`, x0, y0 < 24 ? y1 + 22 : y0 - 6);
+        ink.fillText(`person ${sample.u + 1} ${STATES[s]}`, x0, y0 < 24 ? y1 + 22 : y0 - 6);
       }
       if (!m || (this.bitmap && this.depth)) continue;
       ink.strokeStyle = "#00beff";

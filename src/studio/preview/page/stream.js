@@ -23,6 +23,8 @@ export class Stream {
     this.arrived = 0;
     this.onSource = () => {};
     this.onSchema = () => {};
+    this.onSample = () => {};
+    this.receivers = {};
   }
 
   open(path) {
@@ -37,8 +39,9 @@ export class Stream {
     on("source", (source) => { this.source = source; this.onSource(source); });
     on("schema", (units) => { this.units = units; this.onSchema(units); });
     on("ranges", ({ u, r }) => { if (this.users[u]) this.users[u].ranges = r; });
+    on("receivers", (receivers) => { this.receivers = receivers; });
     on("count", (counts) => { this.counts = counts; });
-    on("message", (sample) => this.take(sample));
+    on("message", (sample) => { this.take(sample); this.onSample(sample); });
   }
 
   forget() {

@@ -1,0 +1,167 @@
+//! Forget, neutral and freeze, asked for on the page: done here where this process tracks, else sent to the box whose stream is
+//! shown, as [`crate::output::osc::commands`] has them.
+
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::mpsc::SyncSender;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use crate::base::capacity::USERS;
+use crate::output::Command;
+use crate::output::osc::packet::{Argument, Packet};
+
+/// Where a box listens for commands, as shipped.
+pub const PORT: u16 = 9131;
+/// How long a refusal of the box's system is waited for.
+const REFUSAL: Duration = Duration::from_millis(150);
+
+/// Who obeys.
+pub enum Obeys {
+    /// The pipeline of this process.
+    Here(Mutex<SyncSender<Command>>),
+    /// A box: where it was said to be, else the host that sends, at [`PORT`].
+    Box(Option<SocketAddr>),
+    /// Nobody: what is shown was recorded, or comes over a line that hears nothing.
+    Nobody,
+}
+
+/// The command that a page names: `what` is `forget`, `neutral` or `freeze`, `on` is for the last.
+#[must_use]
+pub fn read(what: &str, user: &str, on: &str) -> Option<Command> {
+    let slot = user.parse().ok().filter(|&slot: &usize| slot < USERS)?;
+    match (what, on) {
+        ("forget", _) => Some(Command::Forget(slot)),
+        ("neutral", _) => Some(Command::Neutral(slot)),
+        ("freeze", "0" | "1") => Some(Command::Freeze(slot, on == "1")),
+        _ => None,
+    }
+}
+
+impl Obeys {
+    /// Does it; the sentence says what was done, or why it was not. `sender` is where the stream comes from.
+    ///
+    /// # Errors
+    /// If nobody obeys.
+    pub fn obey(
+        &self,
+        command: Command,
+        sender: Option<std::net::IpAddr>,
+    ) -> Result<String, String> {
+        match self {
+            Self::Nobody => Err(
+                "what is shown was recorded or comes over a one-way line: there is nobody to ask"
+                    .into(),
+            ),
+            Self::Here(pipeline) => {
+                let pipeline = pipeline.lock().unwrap_or_else(PoisonError::into_inner);
+                let given = pipeline.try_send(command);
+                given.map_err(|_| "the tracker has ended or is too busy; try again".to_owned())?;
+                Ok(done(command).to_owned())
+            }
+            Self::Box(named) => {
+                let found = named.or_else(|| Some(SocketAddr::new(sender?, PORT)));
+                let address = found.ok_or("nothing has come from the box yet, so its address is not known; name it with --box ADDRESS:PORT")?;
+                send(command, address)?;
+                Ok(format!("asked {address}: {}", done(command)))
+            }
+        }
+    }
+}
+
+fn done(command: Command) -> &'static str {
+    match command {
+        Command::Forget(_) => "what was learned is forgotten",
+        Command::Neutral(_) => "the present face is the neutral one",
+        Command::Freeze(_, true) => "learning is frozen",
+        Command::Freeze(_, false) => "learning goes on",
+    }
+}
+
+fn send(command: Command, to: SocketAddr) -> Result<(), String> {
+    let (name, slot, on) = match command {
+        Command::Forget(slot) => ("forget", slot, None),
+        Command::Neutral(slot) => ("neutral", slot, None),
+        Command::Freeze(slot, on) => ("freeze", slot, Some(on)),
+    };
+    let arguments = [Some(slot as i32), on.map(i32::from)].into_iter().flatten();
+    let mut packet = Packet::new();
+    // A few bytes always fit.
+    let _ = packet.push(
+        "/face",
+        format_args!("/cmd/{name}"),
+        arguments.map(Argument::Int),
+    );
+    let cannot = |error: std::io::Error| format!("cannot ask {to}: {error}");
+    let here = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = UdpSocket::bind(here).map_err(cannot)?;
+    socket.connect(to).map_err(cannot)?;
+    socket.set_read_timeout(Some(REFUSAL)).map_err(cannot)?;
+    socket.send(packet.bytes()).map_err(cannot)?;
+    // Commands are not answered; where nobody listens, the system says so.
+    match socket.recv(&mut [0]) {
+        Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(
+            "nobody hears commands at {to}: put commands = true and listen = \"0.0.0.0:{}\" under [osc] in the box's configuration",
+            to.port()
+        )),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::output::osc::commands::{Request, requests};
+
+    #[test]
+    fn a_box_understands_what_it_is_asked() {
+        let listener = UdpSocket::bind("127.0.0.1:0").unwrap();
+        listener
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        let boxed = Obeys::Box(listener.local_addr().ok());
+        for (words, wanted) in [
+            (["forget", "2", ""], Command::Forget(2)),
+            (["neutral", "0", ""], Command::Neutral(0)),
+            (["freeze", "1", "1"], Command::Freeze(1, true)),
+            (["freeze", "1", "0"], Command::Freeze(1, false)),
+        ] {
+            let command = read(words[0], words[1], words[2]).unwrap();
+            assert!(boxed.obey(command, None).is_ok());
+            let mut bytes = [0; 1024];
+            let length = listener.recv(&mut bytes).unwrap();
+            let mut found = None;
+            let refused = requests(&bytes[..length], "/face", &mut |request| {
+                found = Some(request);
+                true
+            });
+            assert_eq!((found, refused), (Some(Request::Command(wanted)), 0));
+        }
+        for words in [
+            ["forget", "4", ""],
+            ["freeze", "0", "2"],
+            ["fly", "0", ""],
+            ["neutral", "-1", ""],
+        ] {
+            assert_eq!(read(words[0], words[1], words[2]), None, "{words:?}");
+        }
+    }
+
+    #[test]
+    fn who_is_not_there_is_said_to_be_so() {
+        let gone = UdpSocket::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap();
+        let said = Obeys::Box(Some(gone))
+            .obey(Command::Forget(0), None)
+            .unwrap_err();
+        assert!(said.contains("commands = true"), "{said}");
+        assert!(
+            Obeys::Box(None)
+                .obey(Command::Forget(0), None)
+                .unwrap_err()
+                .contains("--box")
+        );
+        assert!(Obeys::Nobody.obey(Command::Forget(0), None).is_err());
+    }
+}

@@ -1,0 +1,500 @@
+//! Sends what a live page shows on to other receivers, with the outputs of `mien run`, and a test face to see whether one hears.
+//!
+//! One thread has all receivers. Landmarks are not known of a stream, so receivers that want them are not in the table. The
+//! page names a host and a port; what it says becomes a configuration as one would write it, and is checked as that.
+//! Times in seconds; at most one receiver of each name in [`RECEIVERS`].
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+use super::hub::{Heard, Hub};
+use super::sample::Sample;
+use crate::appliance::settings::Settings;
+use crate::appliance::wires;
+use crate::base::geometry::Rigid;
+use crate::base::time::Timestamp;
+use crate::expression::units::Units;
+use crate::output::{Output, Report, TrackingState};
+
+/// A receiver that can be connected by name.
+pub struct Known {
+    /// Word in addresses.
+    pub id: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// Section of the configuration.
+    pub section: &'static str,
+    /// Lines of the section, beside `enabled` and `target`.
+    pub more: &'static str,
+    /// Where it usually listens.
+    pub port: u16,
+    /// What to do there, in one sentence.
+    pub hint: &'static str,
+}
+
+/// Every receiver the page offers.
+pub const RECEIVERS: [Known; 7] = [
+    Known {
+        id: "vseeface",
+        name: "VSeeFace",
+        section: "vmc",
+        more: "names = \"arkit\"\n",
+        port: 39539,
+        hint: "In VSeeFace: Settings, VMC protocol receiver, enable, port 39539; the avatar needs ARKit (perfect sync) shapes.",
+    },
+    Known {
+        id: "warudo",
+        name: "Warudo",
+        section: "vmc",
+        more: "names = \"arkit\"\n",
+        port: 39539,
+        hint: "In Warudo: add a VMC receiver and take its port; the avatar needs ARKit shapes.",
+    },
+    Known {
+        id: "vrchat",
+        name: "VRChat",
+        section: "vrchat",
+        more: "",
+        port: 9000,
+        hint: "In VRChat: Action menu, Options, OSC, Enabled; the avatar needs Unified Expressions parameters under FT/.",
+    },
+    Known {
+        id: "unreal",
+        name: "Unreal Live Link Face",
+        section: "live_link",
+        more: "",
+        port: 11111,
+        hint: "In Unreal: enable the plug-in Apple ARKit Face Support; the face then appears under Live Link.",
+    },
+    Known {
+        id: "max",
+        name: "Max",
+        section: "osc",
+        more: "",
+        port: 9140,
+        hint: "In Max: [udpreceive 9140] into [route /face/0/au].",
+    },
+    Known {
+        id: "pd",
+        name: "Pure Data",
+        section: "osc",
+        more: "",
+        port: 9140,
+        hint: "In Pd: [netreceive -u -b 9140] into [oscparse].",
+    },
+    Known {
+        id: "touchdesigner",
+        name: "TouchDesigner",
+        section: "osc",
+        more: "",
+        port: 9140,
+        hint: "In TouchDesigner: an OSC In CHOP at network port 9140.",
+    },
+];
+
+/// Receivers as the page gets them.
+#[must_use]
+pub fn table() -> serde_json::Value {
+    let row = |known: &Known| {
+        serde_json::json!({"id": known.id, "name": known.name, "section": known.section, "more": known.more,
+            "port": known.port, "hint": known.hint})
+    };
+    RECEIVERS.iter().map(row).collect()
+}
+
+/// What the page asks of a receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// Send what is shown.
+    Connect,
+    /// Send a jaw that opens, a smile and a blink.
+    Test,
+    /// Send nothing any more.
+    Stop,
+}
+
+struct Order {
+    known: &'static Known,
+    target: String,
+    wish: Wish,
+    settings: Settings,
+}
+
+/// Frames heard that wait for the thread.
+const WAITING: usize = 64;
+/// Between two looks for orders, and two frames of a test.
+const FRAME: Duration = Duration::from_millis(33);
+/// Units of a test, a second each.
+const TESTED: [&[&str]; 3] = [&["AU26"], &["AU12L", "AU12R"], &["AU43L", "AU43R"]];
+/// After which time without the person shown another is shown to receivers with room for one.
+const GONE: Duration = Duration::from_secs(1);
+
+/// The thread's other end.
+pub struct Forwarder {
+    orders: SyncSender<Order>,
+}
+
+impl Forwarder {
+    /// Starts the thread.
+    #[must_use]
+    pub fn start(hub: Arc<Hub>) -> Self {
+        let (ear, heard) = sync_channel(WAITING);
+        let (orders, waiting) = sync_channel(WAITING);
+        hub.heard_by(ear);
+        // Without a thread orders are refused.
+        let _ = std::thread::Builder::new()
+            .name("forward".into())
+            .spawn(move || Thread::new(hub).run(&heard, &waiting));
+        Self { orders }
+    }
+
+    /// Passes an order on; the sentence says what happens now, or why nothing does.
+    ///
+    /// # Errors
+    /// If no such receiver is known or the address is none.
+    pub fn ask(&self, id: &str, host: &str, port: &str, wish: Wish) -> Result<String, String> {
+        let known = RECEIVERS.iter().find(|known| known.id == id);
+        let known = known.ok_or("that receiver is not known")?;
+        let target = target(host, port)?;
+        let settings = settings(known, &target)?;
+        let order = Order {
+            known,
+            target: target.clone(),
+            wish,
+            settings,
+        };
+        self.orders
+            .try_send(order)
+            .map_err(|_| "too much was asked at once; try again".to_owned())?;
+        let name = known.name;
+        Ok(match wish {
+            Wish::Connect => format!("sending to {name} at {target}"),
+            Wish::Test => format!("testing {name} at {target}: jaw, smile, blink"),
+            Wish::Stop => format!("nothing is sent to {name} any more"),
+        })
+    }
+}
+
+/// `host:port`, if they are such.
+fn target(host: &str, port: &str) -> Result<String, String> {
+    let letters = |byte: u8| byte.is_ascii_alphanumeric() || b".-_:".contains(&byte);
+    if host.is_empty() || host.len() > 253 || !host.bytes().all(letters) {
+        return Err(format!(
+            "expected a host name or an address, found {host:?}"
+        ));
+    }
+    let number = port.parse::<u16>().ok().filter(|&port| port != 0);
+    let number =
+        number.ok_or_else(|| format!("expected a port from 1 to 65535, found {port:?}"))?;
+    Ok(if host.contains(':') {
+        format!("[{host}]:{number}")
+    } else {
+        format!("{host}:{number}")
+    })
+}
+
+/// The configuration with which only this receiver is sent to.
+fn settings(known: &Known, target: &str) -> Result<Settings, String> {
+    let only = if known.section == "osc" {
+        ""
+    } else {
+        "[osc]\nenabled = false\n"
+    };
+    let text = format!(
+        "{only}[{}]\nenabled = true\ntarget = \"{target}\"\n{}",
+        known.section, known.more
+    );
+    Settings::parse(&text, Path::new("receiver")).map_err(|error| error.to_string())
+}
+
+struct Line {
+    target: String,
+    settings: Settings,
+    wires: Vec<Box<dyn Output>>,
+    /// Start of a test.
+    tested: Option<Instant>,
+    /// Whether what is shown is sent.
+    connected: bool,
+}
+
+struct Thread {
+    hub: Arc<Hub>,
+    units: Vec<String>,
+    lines: BTreeMap<&'static str, Line>,
+    /// Who is shown where there is room for one, and when they were last seen.
+    main: Option<(usize, Instant)>,
+    start: Instant,
+    tests: u64,
+}
+
+impl Thread {
+    fn new(hub: Arc<Hub>) -> Self {
+        Self {
+            hub,
+            units: Units::shipped().columns(false),
+            lines: BTreeMap::new(),
+            main: None,
+            start: Instant::now(),
+            tests: 0,
+        }
+    }
+
+    fn run(mut self, heard: &Receiver<Heard>, orders: &Receiver<Order>) {
+        let mut told = Instant::now();
+        loop {
+            while let Ok(order) = orders.try_recv() {
+                self.obey(order);
+                self.tell();
+            }
+            match heard.recv_timeout(FRAME) {
+                Ok(Heard::Sample(sample)) => self.pass_on(&sample),
+                Ok(Heard::Units(units)) => {
+                    if units != self.units {
+                        self.units = units;
+                        self.open_again();
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                // A session is not passed on, but receivers can be tested.
+                Err(RecvTimeoutError::Disconnected) => std::thread::sleep(FRAME),
+            }
+            self.test();
+            if told.elapsed() > Duration::from_secs(1) {
+                told = Instant::now();
+                self.tell();
+            }
+        }
+    }
+
+    fn open(units: &[String], settings: &Settings) -> Vec<Box<dyn Output>> {
+        let units: Vec<&str> = units.iter().map(String::as_str).collect();
+        // The settings were checked; without a socket nothing is sent, and the page shows that.
+        wires::open(settings, &units).unwrap_or_default()
+    }
+
+    fn open_again(&mut self) {
+        for line in self.lines.values_mut() {
+            line.wires = Self::open(&self.units, &line.settings);
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        if order.wish == Wish::Stop {
+            self.lines.remove(order.known.id);
+            return;
+        }
+        let units = &self.units;
+        let fresh = || Line {
+            target: order.target.clone(),
+            wires: Self::open(units, &order.settings),
+            settings: order.settings.clone(),
+            tested: None,
+            connected: false,
+        };
+        let line = self.lines.entry(order.known.id).or_insert_with(fresh);
+        if line.target != order.target {
+            *line = fresh();
+        }
+        match order.wish {
+            Wish::Test => line.tested = Some(Instant::now()),
+            _ => line.connected = true,
+        }
+    }
+
+    /// Whether this is the person for receivers with room for one.
+    fn is_main(&mut self, slot: usize) -> bool {
+        let free = self
+            .main
+            .is_none_or(|(main, seen)| main == slot || seen.elapsed() > GONE);
+        if free {
+            self.main = Some((slot, Instant::now()));
+        }
+        free
+    }
+
+    fn pass_on(&mut self, sample: &Sample) {
+        let aside = sample.user.is_some_and(|slot| !self.is_main(slot));
+        let pose = sample.pose.map(rigid);
+        let state = TrackingState::ALL
+            .into_iter()
+            .find(|state| state.code() == sample.state)
+            .unwrap_or(TrackingState::Absent);
+        let seen = matches!(sample.state, 1..=3) && sample.weights.len() == self.units.len();
+        let report = Report {
+            frame: sample.number,
+            at: Timestamp::from_us((sample.seconds.max(0.0) * 1e6) as u64),
+            user: sample.user,
+            state,
+            alone: sample.user.is_none(),
+            aside,
+            confidence: sample.confidence,
+            frozen: sample.frozen,
+            sensor_from_head: pose.as_ref(),
+            weights: if seen { &sample.weights } else { &[] },
+            ..Report::default()
+        };
+        for line in self.lines.values_mut() {
+            if line.connected && line.tested.is_none() {
+                send(line, &report);
+            }
+        }
+    }
+
+    fn test(&mut self) {
+        let at = Timestamp::from_us(self.start.elapsed().as_micros() as u64);
+        let pose = Rigid::translation(0.0, 0.0, 0.8);
+        for line in self.lines.values_mut() {
+            let Some(begun) = line.tested else { continue };
+            let seconds = begun.elapsed().as_secs_f32();
+            let Some(moved) = TESTED.get(seconds as usize) else {
+                line.tested = None;
+                continue;
+            };
+            let weight = 1.0 - (2.0 * seconds.fract() - 1.0).abs();
+            let of = |unit: &String| f32::from(u8::from(moved.contains(&unit.as_str()))) * weight;
+            let weights: Vec<f32> = self.units.iter().map(of).collect();
+            self.tests += 1;
+            let report = Report {
+                frame: self.tests,
+                at,
+                user: Some(0),
+                state: TrackingState::Tracking,
+                confidence: 1.0,
+                sensor_from_head: Some(&pose),
+                weights: &weights,
+                ..Report::default()
+            };
+            send(line, &report);
+        }
+    }
+
+    /// Tells pages how the receivers are.
+    fn tell(&self) {
+        let line = |(id, line): (&&'static str, &Line)| {
+            let sum = |count: fn(&dyn Output) -> u64| -> u64 {
+                line.wires.iter().map(|wire| count(&**wire)).sum()
+            };
+            let (sent, dropped) = (
+                sum(|wire| wire.tally().sent),
+                sum(|wire| wire.tally().dropped),
+            );
+            let why = if line.wires.is_empty() {
+                "cannot open a socket, or this build cannot send it"
+            } else if sent == 0 && dropped > 0 {
+                "the host name is not found yet, or there is no way to it"
+            } else {
+                ""
+            };
+            let json = serde_json::json!({"target": line.target, "sent": sent, "connected": line.connected,
+                "testing": line.tested.is_some(), "why": why});
+            ((*id).to_owned(), json)
+        };
+        let all: serde_json::Map<String, serde_json::Value> = self.lines.iter().map(line).collect();
+        let json = serde_json::Value::Object(all).to_string();
+        self.hub.fact("receivers", "receivers", &json);
+    }
+}
+
+fn send(line: &mut Line, report: &Report) {
+    // An output that can never work again sends nothing more.
+    line.wires.retain_mut(|wire| {
+        let sent = wire.send(report).is_ok();
+        // What a receiver asks for is for whoever tracks.
+        while wire.next_command().is_some() {}
+        sent
+    });
+}
+
+fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
+    let turn = nalgebra::Quaternion::new(qw, qx, qy, qz);
+    Rigid::from_parts(
+        nalgebra::Translation3::new(x, y, z),
+        nalgebra::UnitQuaternion::from_quaternion(turn),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::UdpSocket;
+
+    #[test]
+    fn every_known_receiver_is_a_configuration() {
+        for known in &RECEIVERS {
+            let found = settings(known, "10.0.0.7:4000");
+            assert!(found.is_ok(), "{}: {:?}", known.id, found.err());
+        }
+    }
+
+    #[test]
+    fn only_a_host_and_a_port_become_a_target() {
+        assert_eq!(
+            target("stage-pc.local", "9000").unwrap(),
+            "stage-pc.local:9000"
+        );
+        assert_eq!(target("fe80::1", "9000").unwrap(), "[fe80::1]:9000");
+        for (host, port) in [
+            ("", "1"),
+            ("a b", "1"),
+            ("a\"\nx", "1"),
+            ("a", "0"),
+            ("a", "65536"),
+            ("a", ""),
+        ] {
+            assert!(target(host, port).is_err(), "{host:?} {port:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_shown_reaches_a_receiver_and_so_does_a_test() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        let port = socket.local_addr().unwrap().port().to_string();
+        let hub = Arc::new(Hub::new(false));
+        let forwarder = Forwarder::start(Arc::clone(&hub));
+        hub.schema(["AU25", "AU26"].into_iter());
+        let has = |wanted: &[u8]| {
+            let mut bytes = [0; 4096];
+            (0..200).any(|_| {
+                let length = socket.recv(&mut bytes).unwrap();
+                bytes[..length]
+                    .windows(wanted.len())
+                    .any(|part| part == wanted)
+            })
+        };
+        assert!(forwarder.ask("max", "127.0.0.1", &port, Wish::Test).is_ok());
+        assert!(has(b"/face/0/au/AU26"));
+        assert!(forwarder.ask("max", "127.0.0.1", &port, Wish::Stop).is_ok());
+        assert!(
+            forwarder
+                .ask("max", "127.0.0.1", &port, Wish::Connect)
+                .is_ok()
+        );
+        let shown = Sample {
+            user: Some(2),
+            state: 2,
+            weights: vec![0.0, 0.625],
+            ..Sample::default()
+        };
+        std::thread::scope(|scope| {
+            let teller = scope.spawn(|| {
+                for _ in 0..100 {
+                    hub.tell(&shown);
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            });
+            assert!(has(&0.625_f32.to_be_bytes()));
+            teller.join().unwrap();
+        });
+        assert!(
+            forwarder
+                .ask("nobody", "127.0.0.1", &port, Wish::Test)
+                .is_err()
+        );
+    }
+}
