@@ -19,7 +19,7 @@
 
 pub mod commands;
 pub mod faceosc;
-mod packet;
+pub(crate) mod packet;
 pub(super) mod parameters;
 #[cfg(feature = "studio")]
 mod receive;

@@ -10,7 +10,7 @@ const HEADER: [u8; 16] = *b"#bundle\0\0\0\0\0\0\0\0\x01";
 
 /// An argument of a message.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Argument<'a> {
+pub(crate) enum Argument<'a> {
     Int(i32),
     Float(f32),
     Bool(bool),
@@ -18,13 +18,13 @@ pub(super) enum Argument<'a> {
 }
 
 /// A bundle being filled.
-pub(super) struct Packet {
+pub(crate) struct Packet {
     bytes: [u8; LARGEST],
     length: usize,
 }
 
 impl Packet {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let mut packet = Self {
             bytes: [0; LARGEST],
             length: 0,
@@ -33,21 +33,21 @@ impl Packet {
         packet
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.bytes[..HEADER.len()].copy_from_slice(&HEADER);
         self.length = HEADER.len();
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.length == HEADER.len()
     }
 
-    pub(super) fn bytes(&self) -> &[u8] {
+    pub(crate) fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
 
     /// Appends a message to `prefix` + `address`; `false`, and nothing appended, if there is no room.
-    pub(super) fn push<'a>(
+    pub(crate) fn push<'a>(
         &mut self,
         prefix: &str,
         address: core::fmt::Arguments,
