@@ -125,6 +125,7 @@ fn slots(table: &csv::Table, slot: usize) -> String {
 }
 
 /// Reads the rows of one user; `columns` are the CSV names wanted per target.
+/// Long because it is one loop over the table that fills weights and pose together.
 fn track(
     text: &str,
     path: &Path,
@@ -215,6 +216,7 @@ fn track(
 }
 
 /// Adds an animation of the morph weights to a head; returns the number of frames and of driven targets.
+/// Long because nodes, samplers and channels of the animation refer to each other by number.
 fn animated(
     glb: &mut Glb,
     csv: &str,

@@ -410,6 +410,7 @@ impl<'a> StillFitter<'a> {
 }
 
 /// Fits all pictures of a folder and writes the CSV; `say` gets the figures.
+/// Long because it is the command from its files to its report.
 ///
 /// # Errors
 /// If something cannot be read, a picture has no box, or the CSV cannot be written.

@@ -155,6 +155,7 @@ impl Row {
 }
 
 /// Runs all methods.
+/// Long because it is the table: every method with how it is called.
 ///
 /// # Errors
 /// If a system cannot be solved.

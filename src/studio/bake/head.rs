@@ -123,6 +123,7 @@ pub(super) fn smooth(a: f64, b: f64, x: f64) -> f64 {
 
 impl Head {
     /// Analyses a neutral mesh with its 68 landmark vertices.
+    /// Long because each finding about the head rests on those before it.
     ///
     /// # Errors
     /// If the landmarks do not fit the mesh or do not describe a face.

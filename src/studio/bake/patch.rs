@@ -36,6 +36,7 @@ pub struct Foreign {
 
 impl Foreign {
     /// Reads the meshes of a file as one.
+    /// Long because rows, parts and triangles are numbered together as the file's meshes are met.
     ///
     /// # Errors
     /// If it has no triangles, or data that are compressed, external or damaged.
@@ -175,6 +176,7 @@ impl Foreign {
     }
 
     /// The file with the shapes added to every mesh that they move.
+    /// Long because views, accessors and targets of the new file refer to each other by number.
     #[must_use]
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
         let moves = |accessor: u64, sources: &[(usize, Vec<u32>)]| {

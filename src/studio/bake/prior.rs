@@ -290,6 +290,7 @@ impl Prior {
     }
 
     /// Reads [`Prior::emit`]; `None` if it is damaged.
+    /// Long because it reads the file's fields in their order.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let mut rest = bytes.strip_prefix(MAGIC)?;

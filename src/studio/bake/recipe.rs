@@ -236,6 +236,7 @@ impl Entry {
         }
     }
 
+    /// Long because every field of a shape's entry has its place in the target.
     fn target(&self, head: &Head, above: &[Target], mirror: bool) -> Result<Target, RecipeError> {
         let w = head.eye_distance;
         let flip = if mirror { -1.0 } else { 1.0 };

@@ -116,6 +116,7 @@ impl Nearby<'_> {
 }
 
 /// Smooths until no triangle of the skin is inverted; `base` is the displacement of the shape this one is added to.
+/// Long because it is one loop whose rounds hand on patch, displacement and what is still inverted.
 pub(super) fn relax(
     head: &Head,
     around: &Surroundings,

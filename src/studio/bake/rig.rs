@@ -85,6 +85,7 @@ pub fn bake(
 }
 
 /// The same with another prior of the skin, or none.
+/// Long because the closure that makes one shape shares all that is made once for all of them.
 ///
 /// # Errors
 /// If a system is singular.
@@ -173,14 +174,28 @@ pub fn bake_with(
                     }
                 };
                 if !target.exact {
-                    relax(head, &around, &contacts, target, base, &mut solved);
-                    // What was learned does not fit here if it leaves triangles inverted that the solve alone does not.
-                    if target.derive && around.inverted_by(head, &solved.d) > 0 {
-                        let mut alone = place(target, None)?;
-                        relax(head, &around, &contacts, target, base, &mut alone);
-                        if around.inverted_by(head, &alone.d) < around.inverted_by(head, &solved.d)
-                        {
-                            solved = alone;
+                    // What was learned does not fit here if it inverts triangles that the solve alone does not: where smoothing
+                    // must mend it, another rounding of the mesh may make another shape.
+                    let inverted = |solved: &Solved| around.inverted_by(head, &solved.d);
+                    let mend = |solved: &mut Solved| {
+                        relax(head, &around, &contacts, target, base, solved);
+                    };
+                    let learned = learned.is_some() && target.derive;
+                    let mut other = (learned && inverted(&solved) > 0)
+                        .then(|| place(target, None))
+                        .transpose()?;
+                    if let Some(alone) = &mut other
+                        && inverted(alone) < inverted(&solved)
+                    {
+                        std::mem::swap(alone, &mut solved);
+                    }
+                    mend(&mut solved);
+                    if let Some(other) = &mut other
+                        && inverted(&solved) > 0
+                    {
+                        mend(other);
+                        if inverted(other) < inverted(&solved) {
+                            std::mem::swap(other, &mut solved);
                         }
                     }
                 }

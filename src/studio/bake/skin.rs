@@ -62,6 +62,7 @@ pub(super) struct Solved {
 
 /// Places the skin of one shape; `u` is its influence, `base` the displacement of the shape it takes back, `beyond` what the
 /// skin is expected to do beyond the solve: the energy then is that of the difference, inside the area.
+/// Long because it is one system of equations: unknowns, rows and right-hand sides are numbered as they are met.
 ///
 /// # Errors
 /// If a system is singular.

@@ -165,6 +165,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 }
 
 /// Reads the CSV and draws it.
+/// Long because it is the page of a run from top to bottom.
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
     let table = Table::read(path, text)?;
     let mut album = Album {

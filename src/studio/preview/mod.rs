@@ -356,6 +356,7 @@ fn words() -> serde_json::Value {
 }
 
 /// Serves the page until the process ends; `say` gets a line once it can be opened.
+/// Long because it starts every part of the page in the order in which they need each other.
 ///
 /// # Errors
 /// If an address is taken, or the source, the model or a mesh cannot be read.
