@@ -239,7 +239,8 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
     let patchy = refined(&truth.mesh, |c| (c.x * 2.1).sin() * (c.y * 2.3).sin() > 0.2);
     for (kind, mesh) in [("4x", everywhere), ("uneven", patchy)] {
         let vertices = mesh.positions.len();
-        for (here, there) in coarse.iter().zip(solved(&truth, mesh, &targets)) {
+        for (k, (here, there)) in coarse.iter().zip(solved(&truth, mesh, &targets)).enumerate() {
+            let limit = if targets[k].derive { 0.045 } else { 0.036 };
             let motion = here.displacement.iter().map(Vec3::norm).fold(0.0, f64::max);
             let miss =
                 Truth::FACE.map(|v| (here.displacement[v] - there.displacement[v]).norm() / motion);
@@ -251,7 +252,7 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
                 100.0 * rms,
                 100.0 * most
             );
-            assert!(rms < 0.005 && most < 0.045, "{kind} {name}");
+            assert!(rms < 0.005 && most < limit, "{kind} {name}");
         }
     }
 }
