@@ -234,7 +234,11 @@ impl Thread {
     fn new(hub: Arc<Hub>) -> Self {
         Self {
             hub,
-            units: Units::shipped().columns(false),
+            units: Units::shipped()
+                .columns(false)
+                .iter()
+                .map(ToString::to_string)
+                .collect(),
             lines: BTreeMap::new(),
             main: None,
             start: Instant::now(),
