@@ -7,6 +7,7 @@ const net = require("node:net");
 const fs = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
+const layout = require("./layout.cjs");
 
 const [programs, shots] = process.argv.slice(2);
 const running = [];
@@ -111,9 +112,10 @@ async function mouth(page) {
 
 async function live(browser) {
   const port = await freePort();
-  const { child, url } = await preview(["--osc", String(port)]);
+  const box = await freePort();
+  const { child, url } = await preview(["--osc", String(port), "--box", `127.0.0.1:${box}`]);
   const config = path.join(work, "mien.toml");
-  fs.writeFileSync(config, `[osc]\ntarget = ["127.0.0.1:${port}"]\nranges = true\n[status]\npath = ""\n`);
+  fs.writeFileSync(config, `[osc]\ntarget = ["127.0.0.1:${port}"]\nranges = true\ncommands = true\nlisten = "127.0.0.1:${box}"\n[status]\npath = ""\n`);
   const csv = path.join(work, "run.csv");
   start("mien", ["run", "--source", "simulated", "--config", config, "--csv", csv]);
   const page = await open(browser, url);
@@ -177,6 +179,9 @@ async function live(browser) {
   console.log(`     ${frames} frames a second here, drawn by the processor`);
   await page.screenshot({ path: path.join(shots, "live.png") });
 
+  await widths(page);
+  await controls(page, url);
+
   // Garbage to both ports.
   const before = await page.evaluate(() => ({ ...window.mien.stream.counts, units: window.mien.stream.units.join() }));
   const socket = dgram.createSocket("udp4");
@@ -232,6 +237,72 @@ async function live(browser) {
   running[running.indexOf(child) + 1].kill("SIGTERM");
   child.kill();
   return csv;
+}
+
+// Every tab at three widths, light and dark.
+async function widths(page) {
+  for (const [width, height, colorScheme] of [[360, 780, "dark"], [768, 1024, "light"], [1600, 1000, "dark"]]) {
+    await page.setViewportSize({ width, height });
+    await page.emulateMedia({ colorScheme });
+    const wrong = [];
+    for (const tab of ["shapes", "send", "session", "face"]) {
+      await page.click(`#tab-${tab}`);
+      await page.waitForTimeout(500);
+      wrong.push(...(await page.evaluate(layout)).map((what) => `${tab}: ${what}`));
+      await page.screenshot({ path: path.join(shots, `${width}-${tab}.png`), fullPage: width < 760 });
+    }
+    await page.click("#gains");
+    wrong.push(...(await page.evaluate(layout)).map((what) => `gains: ${what}`));
+    await page.click("#gains");
+    check(`nothing overlaps or is cut at ${width} px`, wrong.length === 0, wrong.slice(0, 5).join(" | "));
+  }
+  // The check sees what it is for.
+  const seen = await page.evaluate(`(() => { document.getElementById("neutral").style.marginRight = "-60px"; const found = (${layout})(); document.getElementById("neutral").style.marginRight = ""; return found.length; })()`);
+  check("a button over another one would be seen", seen > 0);
+  await page.setViewportSize({ width: 1280, height: 800 });
+}
+
+// What is pressed does what it says.
+async function controls(page, url) {
+  const said = (pattern) => until(page, (text) => new RegExp(text).test(document.getElementById("said").textContent), pattern).then(() => page.textContent("#said"));
+  await until(page, () => window.mien.stream.present().length > 0);
+  await page.click("#neutral");
+  check("the box is asked for a neutral face", /^asked .*neutral/.test(await said("asked")), await page.textContent("#said"));
+  await page.click("#freeze");
+  check("freezing is shown", /frozen/.test(await said("frozen")) && (await page.getAttribute("#freeze", "aria-pressed")) === "true");
+  await page.click("#freeze");
+  await said("goes on");
+  await page.click("#record");
+  await page.waitForTimeout(1500);
+  const running = await page.textContent("#record");
+  const coming = page.waitForEvent("download");
+  await page.click("#record");
+  const recorded = path.join(work, "recorded.csv");
+  await (await coming).saveAs(recorded);
+  const rows = fs.readFileSync(recorded, "utf8").trim().split("\n");
+  const cells = rows[0].split(",").length;
+  check("a recording is a table with its time and size shown", rows.length > 10 && rows.every((row) => row.split(",").length === cells) && /0:0\d · \d/.test(running), `${rows.length} rows, ${running}`);
+  // A receiver that is connected by name.
+  const socket = dgram.createSocket("udp4");
+  const heard = new Promise((done) => socket.once("message", done));
+  await new Promise((done) => socket.bind(0, "127.0.0.1", done));
+  await page.click("#tab-send");
+  await page.selectOption("#receiver-id", "vseeface");
+  await page.fill("#receiver-port", String(socket.address().port));
+  check("the box's lines name it", (await page.textContent("#lines")).includes(`target = "127.0.0.1:${socket.address().port}"`));
+  await page.click("#receiver-connect");
+  check("a receiver connected by name hears VMC", (await heard).includes("/VMC/Ext/"));
+  await page.getByRole("button", { name: "Stop" }).click();
+  socket.close();
+  // A slider holds its shape.
+  await page.click("#tab-shapes");
+  await page.locator(".slider input").first().evaluate((slider) => { slider.value = 0.75; slider.dispatchEvent(new Event("input")); });
+  await page.waitForTimeout(500);
+  check("a slider holds its shape", await page.evaluate(() => Math.abs(window.mien.heads[0].weights[0] - 0.75) < 1e-6));
+  await page.click("#hands-off");
+  await page.click("#tab-face");
+  const post = await new Promise((done, fail) => http.request(`${url}command?what=forget&user=0`, { method: "POST" }, (answer) => { answer.resume(); done(answer.statusCode); }).on("error", fail).end());
+  check("who is not the page changes nothing", post === 403, post);
 }
 
 async function table(browser, csv) {

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use crate::base::capacity::USERS;
 use crate::output::Command;
-use crate::output::osc::packet::{Argument, Packet};
 
 /// Where a box listens for commands, as shipped.
 pub const PORT: u16 = 9131;
@@ -77,26 +76,34 @@ fn done(command: Command) -> &'static str {
     }
 }
 
+/// `/face/cmd/<name>` with a slot and perhaps a switch.
+fn message(name: &str, slot: usize, on: Option<bool>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let tags = if on.is_some() { ",ii" } else { ",i" };
+    for text in [&*format!("/face/cmd/{name}"), tags] {
+        bytes.extend(text.bytes());
+        // A zero ends a string, and more fill it to a multiple of four.
+        bytes.resize((bytes.len() / 4 + 1) * 4, 0);
+    }
+    for number in [Some(slot as i32), on.map(i32::from)].into_iter().flatten() {
+        bytes.extend(number.to_be_bytes());
+    }
+    bytes
+}
+
 fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     let (name, slot, on) = match command {
         Command::Forget(slot) => ("forget", slot, None),
         Command::Neutral(slot) => ("neutral", slot, None),
         Command::Freeze(slot, on) => ("freeze", slot, Some(on)),
     };
-    let arguments = [Some(slot as i32), on.map(i32::from)].into_iter().flatten();
-    let mut packet = Packet::new();
-    // A few bytes always fit.
-    let _ = packet.push(
-        "/face",
-        format_args!("/cmd/{name}"),
-        arguments.map(Argument::Int),
-    );
+    let datagram = message(name, slot, on);
     let cannot = |error: std::io::Error| format!("cannot ask {to}: {error}");
     let here = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
     let socket = UdpSocket::bind(here).map_err(cannot)?;
     socket.connect(to).map_err(cannot)?;
     socket.set_read_timeout(Some(REFUSAL)).map_err(cannot)?;
-    socket.send(packet.bytes()).map_err(cannot)?;
+    socket.send(&datagram).map_err(cannot)?;
     // Commands are not answered; where nobody listens, the system says so.
     match socket.recv(&mut [0]) {
         Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(

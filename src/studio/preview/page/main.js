@@ -54,7 +54,6 @@ async function show(files) {
 stream.onSource = (source) => {
   byId("source").textContent = source.name;
   document.title = `mien preview – ${source.name}`;
-  byId("now").hidden = source.session;
   if (view?.heads.length) return;
   say("preparing the head…");
   show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
@@ -170,13 +169,14 @@ function frame(now) {
     curves.choose(stream.units, window, bars.chosen);
   }
   bars.draw(sample?.w ?? [], stream.users[slot].ranges, curves.colours);
-  curves.draw(stream.units, window, stream.empty ? 0 : stream.now());
+  curves.draw(stream.units, window, stream.empty ? 0 : stream.now(), bars.names);
   picture.draw(stream.source?.pictures, samples, stream.unpeopled(), (user, number) => stream.users[user].samples.findLast((one) => one.n === number));
   figures(byId, stream, slot, sample);
   commands.draw(stream.source, sample);
   recorder.draw();
   receivers?.draw();
   if (view) shapes.draw(view.heads);
+  byId("now").hidden = !stream.paused || Boolean(stream.source?.session);
   if (!stream.empty) {
     const length = stream.last - stream.first;
     if (document.activeElement !== byId("scrub") || !stream.paused) byId("scrub").value = length > 0 ? (stream.now() - stream.first) / length : 1;

@@ -48,6 +48,7 @@ export class Bars {
     this.units = [];
     this.chosen = new Set();
     this.words = null;
+    this.names = new Map();
   }
 
   name(units) {
@@ -55,6 +56,7 @@ export class Bars {
     this.parent.replaceChildren();
     this.chosen = new Set([...this.chosen].filter((unit) => units.includes(unit)));
     const said = units.map((unit, k) => ({ unit, k, ...meaning(unit, this.words) }));
+    this.names = new Map(said.map(({ unit, plain }) => [unit, plain]));
     const regions = [...REGIONS.map(([region]) => region), "Other"];
     this.rows = regions.flatMap((region) => {
       const rows = said.filter((one) => one.region === region).sort((a, b) => a.order - b.order || a.k - b.k);
@@ -134,7 +136,8 @@ export class Curves {
     this.colours = kept;
   }
 
-  draw(units, samples, now) {
+  // `names` are what the units are called, by unit.
+  draw(units, samples, now, names) {
     const { canvas } = this;
     const scale = window.devicePixelRatio || 1;
     const style = getComputedStyle(canvas);
@@ -144,7 +147,9 @@ export class Curves {
     const ink = canvas.getContext("2d");
     ink.clearRect(0, 0, width, height);
     ink.font = `${11 * scale}px system-ui, sans-serif`;
-    const [left, right, top, bottom] = [30 * scale, width - 74 * scale, 8 * scale, height - 18 * scale];
+    const labels = [...this.colours.keys()].map((unit) => names.get(unit) ?? unit);
+    const room = Math.max(60 * scale, ...labels.map((label) => ink.measureText(label).width));
+    const [left, right, top, bottom] = [30 * scale, width - room - 12 * scale, 8 * scale, height - 18 * scale];
     const x = (t) => right - ((now - t) / WINDOW_S) * (right - left);
     const y = (w) => bottom - (Math.min(w, 1.2) / 1.2) * (bottom - top);
     ink.lineWidth = scale;
@@ -186,7 +191,7 @@ export class Curves {
     let line = 0;
     for (const [unit, colour] of this.colours) {
       ink.fillStyle = colour;
-      ink.fillText(unit, right + 8 * scale, top + (8 + 14 * line++) * scale);
+      ink.fillText(names.get(unit) ?? unit, right + 8 * scale, top + (8 + 14 * line++) * scale);
     }
   }
 }
