@@ -239,7 +239,11 @@ fn a_finer_or_unevenly_cut_mesh_gives_the_same_shape() {
     let patchy = refined(&truth.mesh, |c| (c.x * 2.1).sin() * (c.y * 2.3).sin() > 0.2);
     for (kind, mesh) in [("4x", everywhere), ("uneven", patchy)] {
         let vertices = mesh.positions.len();
-        for (k, (here, there)) in coarse.iter().zip(solved(&truth, mesh, &targets)).enumerate() {
+        for (k, (here, there)) in coarse
+            .iter()
+            .zip(solved(&truth, mesh, &targets))
+            .enumerate()
+        {
             let limit = if targets[k].derive { 0.045 } else { 0.036 };
             let motion = here.displacement.iter().map(Vec3::norm).fold(0.0, f64::max);
             let miss =
