@@ -249,7 +249,7 @@ async function widths(page) {
       await page.click(`#tab-${tab}`);
       await page.waitForTimeout(500);
       wrong.push(...(await page.evaluate(layout)).map((what) => `${tab}: ${what}`));
-      await page.screenshot({ path: path.join(shots, `${width}-${tab}.png`), fullPage: width < 760 });
+      await page.screenshot({ path: path.join(shots, `${width}-${tab}.png`), fullPage: width < 760, timeout: 180000 });
     }
     await page.click("#gains");
     wrong.push(...(await page.evaluate(layout)).map((what) => `gains: ${what}`));
