@@ -61,6 +61,8 @@ function freePort() {
 // A page that notes every complaint.
 async function open(browser, url) {
   const page = await browser.newPage({ viewport: { width: 1280, height: 800 } });
+  // Everything is drawn by the processor here, beside other work.
+  page.setDefaultTimeout(180000);
   page.complaints = [];
   page.on("console", (message) => { if (["error", "warning"].includes(message.type())) page.complaints.push(message.text()); });
   page.on("pageerror", (error) => page.complaints.push(error.message));

@@ -295,9 +295,14 @@ export class View {
     return new Head(this.gl, name, glb);
   }
 
-  // Draws `columns`, each a head, the weights of its user and, if wanted, their pose.
+  // Draws `columns`, each a head, the weights of its user and, if wanted, their pose. One picture at a time: where a graphics
+  // card is slow, buttons would wait behind a queue of them. Says whether one was drawn.
   draw(columns) {
     const { gl, canvas } = this;
+    if (this.drawn && !gl.isContextLost()) {
+      if (gl.getSyncParameter(this.drawn, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
+      gl.deleteSync(this.drawn);
+    }
     const scale = window.devicePixelRatio || 1;
     const [width, height] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
@@ -327,5 +332,8 @@ export class View {
       gl.frontFace(this.mirror ? gl.CW : gl.CCW);
       head.draw(this.program, turn, view, clip, this.wireframe, this.ground);
     });
+    this.drawn = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    return true;
   }
 }

@@ -148,7 +148,6 @@ const commands = new Commands(() => slot);
 function frame(now) {
   stream.pass(Math.min(0.25, (now - last) / 1000));
   last = now;
-  frames += 1;
   const users = whom();
   slot = users[0] ?? chosen ?? 0;
   const samples = users.map((user) => stream.at(user));
@@ -157,7 +156,7 @@ function frame(now) {
     view.held = shapes.now(say);
     const shown = samples.length ? samples : [null];
     const columns = shown.flatMap((one) => view.heads.map((head) => ({ head, weights: byUnit(one), pose: posed ? one?.p : null })));
-    view.draw(columns);
+    if (view.draw(columns)) frames += 1;
     label(columns.map(({ head }, k) => {
       const user = users[Math.floor(k / view.heads.length)];
       return columns.length > 1 ? [users.length > 1 ? `person ${user + 1}` : "", view.heads.length > 1 ? head.name : ""].filter(Boolean).join(" · ") : "";
