@@ -275,7 +275,7 @@ async function controls(page, url) {
   await page.click("#freeze");
   await said("goes on");
   await page.click("#record");
-  await page.waitForTimeout(1500);
+  await until(page, () => /0:\d[1-9]/.test(document.getElementById("record").textContent));
   const running = await page.textContent("#record");
   const coming = page.waitForEvent("download");
   await page.click("#record");
@@ -283,7 +283,7 @@ async function controls(page, url) {
   await (await coming).saveAs(recorded);
   const rows = fs.readFileSync(recorded, "utf8").trim().split("\n");
   const cells = rows[0].split(",").length;
-  check("a recording is a table with its time and size shown", rows.length > 10 && rows.every((row) => row.split(",").length === cells) && /0:0\d · \d/.test(running), `${rows.length} rows, ${running}`);
+  check("a recording is a table with its time and size shown", rows.length > 10 && rows.every((row) => row.split(",").length === cells) && /0:\d\d · \d/.test(running), `${rows.length} rows, ${running}`);
   // A receiver that is connected by name.
   const socket = dgram.createSocket("udp4");
   const heard = new Promise((done) => socket.once("message", done));

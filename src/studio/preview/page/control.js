@@ -289,16 +289,27 @@ export class Receivers {
     byId("receiver-connect").title = this.stream.source?.session ? "what was recorded is sent by mien run --source" : "";
     if (told === this.told) return;
     this.told = told;
-    byId("connected").replaceChildren(...Object.entries(told).map(([id, { target, sent, connected, testing, why }]) => {
-      const line = document.createElement("div");
-      line.className = "line";
+    // Lines stay while their receivers do: a button that is being pressed must not be made anew with every count.
+    const lines = new Map([...byId("connected").children].map((line) => [line.dataset.of, line]));
+    const shown = Object.entries(told).map(([id, { target, sent, connected, testing, why }]) => {
+      const of = `${id} ${target}`;
+      const line = lines.get(of) ?? this.line(of, id, target);
       const name = this.known.get(id)?.name ?? id;
       const doing = why || (testing ? "testing" : connected ? "sending" : "tested");
-      element("span", line, { textContent: `${name} · ${target}: ${doing}, ${sent} packets` });
-      const at = target.lastIndexOf(":");
-      const stop = element("button", line, { textContent: "Stop" });
-      stop.addEventListener("click", () => this.ask(id, "stop", [target.slice(0, at).replace(/[[\]]/g, ""), target.slice(at + 1)]));
+      line.firstChild.textContent = `${name} · ${target}: ${doing}, ${sent} packets`;
       return line;
-    }));
+    });
+    if (shown.length !== lines.size || shown.some((line) => !line.isConnected)) byId("connected").replaceChildren(...shown);
+  }
+
+  line(of, id, target) {
+    const line = document.createElement("div");
+    line.className = "line";
+    line.dataset.of = of;
+    element("span", line);
+    const at = target.lastIndexOf(":");
+    const stop = element("button", line, { textContent: "Stop" });
+    stop.addEventListener("click", () => this.ask(id, "stop", [target.slice(0, at).replace(/[[\]]/g, ""), target.slice(at + 1)]));
+    return line;
   }
 }
