@@ -299,8 +299,9 @@ async function controls(page, url) {
   // A slider holds its shape.
   await page.click("#tab-shapes");
   await page.locator(".slider input").first().evaluate((slider) => { slider.value = 0.75; slider.dispatchEvent(new Event("input")); });
-  await page.waitForTimeout(500);
-  check("a slider holds its shape", await page.evaluate(() => Math.abs(window.mien.heads[0].weights[0] - 0.75) < 1e-6));
+  const held = () => Math.abs(window.mien.heads[0].weights[0] - 0.75) < 1e-6;
+  await until(page, held);
+  check("a slider holds its shape", await page.evaluate(held));
   await page.click("#hands-off");
   await page.click("#tab-face");
   const post = await new Promise((done, fail) => http.request(`${url}command?what=forget&user=0`, { method: "POST" }, (answer) => { answer.resume(); done(answer.statusCode); }).on("error", fail).end());
