@@ -168,7 +168,7 @@ async function live(browser) {
   });
   check("a bar for every unit, at the sensor's rate", bar.bars === bar.units && bar.units > 20 && bar.samples > 200, JSON.stringify(bar));
   const moved = new Set();
-  for (let k = 0; k < 300 && moved.size <= 1.5 * bar.units; k++) {
+  for (let k = 0; k < 1200 && moved.size <= 1.5 * bar.units; k++) {
     for (const text of await page.$$eval("#bars .bar", (all) => all.map((one) => `${one.dataset.unit} ${Math.round(10 * one.dataset.weight)}`))) moved.add(text);
     await page.waitForTimeout(100);
   }
