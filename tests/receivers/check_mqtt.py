@@ -26,7 +26,8 @@ class Broker:
         self.folder = tempfile.mkdtemp(prefix="mien-mqtt-")
         lines = [f"listener {port} 127.0.0.1", "persistence false"]
         if certificate:
-            lines += [f"certfile {certificate}.pem", f"keyfile {certificate}.key"]
+            # As itself it may not read what lies in this run's folder.
+            lines += [f"certfile {certificate}.pem", f"keyfile {certificate}.key", "user root"]
         if password:
             path = os.path.join(self.folder, "passwords")
             open(path, "w").close()
@@ -160,8 +161,6 @@ def certificates(folder):
         file.write("subjectAltName=DNS:localhost\nbasicConstraints=CA:FALSE\n")
     openssl("x509", "-req", "-in", "broker.csr", "-CA", "authority.pem", "-CAkey", "authority.key", "-CAcreateserial", "-days", "2",
             "-extfile", "names", "-out", "broker.pem")
-    os.chmod(os.path.join(folder, "broker.key"), 0o644)
-    os.chmod(folder, 0o755)
 
 
 def sealed(mien):
