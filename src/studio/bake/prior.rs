@@ -7,7 +7,7 @@
 //! (where it folds). The comparison k is sharpened by the cosine, `k |cos|^(p−1)`: a shape that only shares a part says
 //! little, and its opposite says the opposite. It is homogeneous: twice the motion gives twice the answer.
 //!
-//! Frame: [`Frame`] of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
+//! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
 //! Stored is the left half; the right half mirrors it, with the shape of the other side. Memory: 2 MB unpacked. Cost: 2 ms
 //! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`]. One file: the comparison, and the file
 //! that keeps what it compares with.
