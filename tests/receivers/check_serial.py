@@ -19,7 +19,7 @@ import tty
 
 import session
 
-FULL = 1000
+FULL = 100
 # How long a program may take to start, or to find a port again, on a machine that is busy.
 PATIENCE_S = 300
 

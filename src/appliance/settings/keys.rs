@@ -710,7 +710,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "serial",
         "full",
-        "Value of a weight of 1 in text lines; 100 gives whole percentages.",
+        "Value of a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 numbers are whole.",
         |s| Kind::Integer {
             value: &mut s.serial.full,
             min: 10,

@@ -2,7 +2,7 @@
 
 use core::fmt::Write;
 
-use super::frame::Frame;
+use super::frame::{Frame, Scale};
 use super::line::{self, Line};
 use super::settings::{Settings, Style};
 use super::{budget, cobs};
@@ -16,7 +16,7 @@ use crate::output::{
 pub struct Encoder {
     line: Line,
     count: u16,
-    full: u32,
+    scale: Scale,
     style: Style,
     /// Names of the units that are sent, as shown.
     units: Box<[String]>,
@@ -41,7 +41,7 @@ impl Encoder {
         units: &[&str],
     ) -> Result<(Self, budget::Plan), OutputError> {
         let view = &settings.view;
-        let plan = plan(settings, units)?;
+        let (plan, scale) = plan(settings, units)?;
         let names: Box<[String]> = plan
             .units
             .iter()
@@ -53,7 +53,7 @@ impl Encoder {
         let encoder = Self {
             line: Line::new(),
             count: 0,
-            full: settings.full,
+            scale,
             style: settings.style,
             units: names,
             pose: settings.pose,
@@ -101,7 +101,7 @@ impl Encoder {
             .filter(|_| self.pose && state.is_present());
         let frame = Frame {
             count: self.count,
-            full: self.full,
+            scale: self.scale,
             ms: self.last_ms,
             state,
             confidence,
@@ -142,8 +142,8 @@ fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
     Ok(header)
 }
 
-/// Chooses the units that are sent.
-fn plan(settings: &Settings, units: &[&str]) -> Result<budget::Plan, OutputError> {
+/// Chooses the units that are sent, and how finely: in tenths if the line carries all of them at the full rate even so.
+fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
         found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
@@ -161,10 +161,10 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<budget::Plan, OutputError
     };
     // Names too long for a line are told before any plan is made.
     header(settings.style, &names(&wanted))?;
-    let bytes = |of: &[usize]| {
+    let bytes = |of: &[usize], scale: Scale| {
         let (names, mut line) = (names(of), Line::new());
-        let full = core::iter::repeat_n(1.0, of.len());
-        Frame::longest(settings.pose, settings.full).write(settings.style, &names, full, &mut line);
+        let most = core::iter::repeat_n(scale.longest(), of.len());
+        Frame::longest(settings.pose, scale).write(settings.style, &names, most, &mut line);
         let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
         (line.bytes().len(), header)
     };
@@ -177,12 +177,75 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<budget::Plan, OutputError
         Style::Cobs => budget::AVR_RING,
         _ => line::LARGEST,
     };
-    Ok(budget::plan(
-        settings.baud,
-        settings.min_rate_hz,
-        longest,
-        wanted,
-        rank,
-        bytes,
-    ))
+    let planned = |scale: Scale| {
+        let bytes = |of: &[usize]| bytes(of, scale);
+        let (baud, least) = (settings.baud, settings.min_rate_hz);
+        (
+            budget::plan(baud, least, longest, wanted.clone(), rank, bytes),
+            scale,
+        )
+    };
+    let full = settings.full;
+    if settings.style != Style::Cobs && full < Scale::FINE {
+        let fine = planned(Scale { full, tenths: true });
+        if fine.0.units.len() == wanted.len() && fine.0.rate_hz >= budget::FRAMES_HZ {
+            return Ok(fine);
+        }
+    }
+    Ok(planned(Scale {
+        full,
+        tenths: false,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Error of the line of a report, largest of its units.
+    fn error(settings: &Settings, weights: &[f32], names: &[&str]) -> f32 {
+        let mut encoder = Encoder::new(settings, names).unwrap();
+        let report = Report {
+            user: Some(0),
+            state: TrackingState::Tracking,
+            weights,
+            ..Report::default()
+        };
+        let line = encoder.encode(&report).unwrap().bytes().to_vec();
+        let text = String::from_utf8(line).unwrap();
+        let (body, _) = text.split_once('*').unwrap();
+        let sent = body.split(',').skip(5);
+        let sent = sent.map(|word| word.parse::<f32>().unwrap() / settings.full as f32);
+        let sent: Vec<f32> = sent.collect();
+        assert_eq!(sent.len(), encoder.units().len());
+        let chosen = encoder.units().iter().map(|unit| {
+            let at = names.iter().position(|name| name == unit).unwrap();
+            weights[at]
+        });
+        chosen
+            .zip(sent)
+            .map(|(weight, sent)| (weight - sent).abs())
+            .fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn a_line_is_as_fine_as_it_is_fast() {
+        let names: Vec<String> = (0..38).map(|i| format!("AU{i}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let weights: Vec<f32> = (0..38).map(|i| (i as f32 * 0.618_034).fract()).collect();
+        let settings = Settings::default();
+        let fast = error(&settings, &weights, &names);
+        assert!(fast <= 0.5e-3 + 1e-6, "{fast}");
+        let slow = Settings {
+            baud: 19_200,
+            ..settings.clone()
+        };
+        let slow = error(&slow, &weights, &names);
+        assert!(slow > 1.0 / 255.0 && slow <= 0.5e-2 + 1e-6, "{slow}");
+        let whole = Settings {
+            full: 128,
+            ..settings
+        };
+        assert!(error(&whole, &weights, &names) <= 1.0 / 255.0);
+    }
 }

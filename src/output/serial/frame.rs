@@ -10,11 +10,46 @@ use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pit
 use crate::base::prelude::*;
 use crate::output::TrackingState;
 
+/// How a weight is written in the styles `text` and `plot`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Scale {
+    /// The number of a weight of 1.
+    pub(super) full: u32,
+    /// Whether there are tenths; a number that needs none has none.
+    pub(super) tenths: bool,
+}
+
+impl Scale {
+    /// `full` from which whole numbers are within 1/255 of the weight.
+    pub(super) const FINE: u32 = 128;
+
+    fn write(self, weight: f32, line: &mut Line) -> core::fmt::Result {
+        if !self.tenths {
+            return write!(line, "{}", (weight * self.full as f32).round());
+        }
+        // A cast of what is not a number gives 0.
+        let tenths = (weight * (10 * self.full) as f32).round() as u32;
+        match tenths % 10 {
+            0 => write!(line, "{}", tenths / 10),
+            tenth => write!(line, "{}.{tenth}", tenths / 10),
+        }
+    }
+
+    /// The weight with the longest number.
+    pub(super) fn longest(self) -> f32 {
+        if self.tenths {
+            1.0 - 0.1 / self.full as f32
+        } else {
+            1.0
+        }
+    }
+}
+
 /// What a frame says besides its weights.
 pub(super) struct Frame {
     pub(super) count: u16,
-    /// What a weight of 1 is in the styles of whole numbers.
-    pub(super) full: u32,
+    /// How a weight is written in the styles `text` and `plot`.
+    pub(super) scale: Scale,
     pub(super) ms: u32,
     pub(super) state: TrackingState,
     pub(super) confidence: f32,
@@ -32,7 +67,6 @@ impl Frame {
         line: &mut Line,
     ) {
         let (count, ms) = (self.count, self.ms);
-        let full = self.full as f32;
         match style {
             Style::Text => {
                 line.sentence(|line| {
@@ -42,7 +76,10 @@ impl Frame {
                         self.state.code(),
                         (self.confidence * 99.0).round()
                     )?;
-                    weights.try_for_each(|weight| write!(line, ",{}", (weight * full).round()))
+                    weights.try_for_each(|weight| {
+                        line.write_char(',')?;
+                        self.scale.write(weight, line)
+                    })
                 });
                 if let Some(pose) = &self.pose {
                     line.sentence(|line| write_pose(count, pose, line));
@@ -52,7 +89,8 @@ impl Frame {
                 line.all_or_nothing(|line| {
                     for (i, (name, weight)) in names.iter().zip(weights).enumerate() {
                         let comma = if i > 0 { "," } else { "" };
-                        write!(line, "{comma}{name}:{}", (weight * full).round())?;
+                        write!(line, "{comma}{name}:")?;
+                        self.scale.write(weight, line)?;
                     }
                     line.put(b"\r\n")
                 });
@@ -67,7 +105,7 @@ impl Frame {
     }
 
     /// The longest there is.
-    pub(super) fn longest(pose: bool, full: u32) -> Self {
+    pub(super) fn longest(pose: bool, scale: Scale) -> Self {
         // Four digits and a sign, as many as the sensor sees, and angles have as many.
         let far = || {
             let turn = rotation_from_yaw_pitch_roll(-3.1, -1.5, -3.1);
@@ -75,7 +113,7 @@ impl Frame {
         };
         Self {
             count: u16::MAX,
-            full,
+            scale,
             ms: u32::MAX,
             state: TrackingState::Lost,
             confidence: 1.0,
@@ -107,9 +145,11 @@ mod tests {
             let units = random.usize(1..60);
             let weights: Vec<f32> = (0..units).map(|_| random.f32()).collect();
             let full = random.u32(10..=10_000);
+            let tenths = random.bool();
+            let scale = Scale { full, tenths };
             let frame = Frame {
                 count: random.u16(..),
-                full,
+                scale,
                 ms: random.u32(..),
                 state: TrackingState::Held,
                 confidence: random.f32(),
@@ -120,23 +160,24 @@ mod tests {
             frame.write(Style::Text, &[], weights.iter().copied(), &mut line);
             let text = core::str::from_utf8(line.bytes()).unwrap();
             let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
-            let numbers: Vec<u32> = sentence
+            let numbers: Vec<f32> = sentence
                 .split(',')
                 .map(|word| word.parse().unwrap())
                 .collect();
-            assert_eq!(numbers[..3], [frame.count.into(), frame.ms, 3]);
-            assert!((numbers[3] as f32 / 99.0 - frame.confidence).abs() <= 0.5 / 99.0 + 1e-6);
+            assert_eq!(numbers[..3], [frame.count.into(), frame.ms as f32, 3.0]);
+            assert!((numbers[3] / 99.0 - frame.confidence).abs() <= 0.5 / 99.0 + 1e-6);
             assert_eq!(numbers.len(), 4 + units);
             for (number, weight) in numbers[4..].iter().zip(&weights) {
-                let back = *number as f32 / full as f32;
+                let back = number / full as f32;
+                let step = if tenths { 0.1 } else { 1.0 } / full as f32;
                 assert!(
-                    (back - weight).abs() <= 0.5 / full as f32 + 1e-6,
+                    (back - weight).abs() <= 0.5 * step + 1e-6,
                     "{back} {weight}"
                 );
             }
             let mut longest = Line::new();
-            let ones = core::iter::repeat_n(1.0, units);
-            Frame::longest(false, full).write(Style::Text, &[], ones, &mut longest);
+            let most = core::iter::repeat_n(scale.longest(), units);
+            Frame::longest(false, scale).write(Style::Text, &[], most, &mut longest);
             assert!(line.bytes().len() <= longest.bytes().len());
         }
     }

@@ -1,7 +1,7 @@
 //! Receives what [`super`] sends in any of its three styles, told apart by what arrives.
 //!
 //! A text line is believed with its checksum, a binary frame with its CRC; a plot line has none and must be all of
-//! `name:number`. Whatever else comes is counted. Weights of a text or plot line are whole numbers of `full` (100 unless
+//! `name:number`. Whatever else comes is counted. Weights of a text or plot line are shares of `full` (100 unless
 //! `serial.full` of the sender says otherwise). Memory: 4 kB.
 
 use super::cobs;
@@ -132,7 +132,8 @@ impl Receiver {
         for pair in line.split(',') {
             let (name, number) = pair.split_once(':')?;
             names.push(name.to_owned());
-            weights.push(number.parse::<u32>().ok()? as f32 / self.full);
+            let number = number.parse::<f32>().ok()?;
+            weights.push((number.is_finite() && number >= 0.0).then_some(number / self.full)?);
         }
         self.name(names, to)?;
         self.sample.user = Some(0);
@@ -203,7 +204,7 @@ impl Receiver {
 }
 
 fn numbers(words: &[&str]) -> Option<Vec<f64>> {
-    let number = |word: &&str| word.parse::<i64>().ok().map(|number| number as f64);
+    let number = |word: &&str| word.parse::<f64>().ok().filter(|number| number.is_finite());
     words.iter().map(number).collect()
 }
 
@@ -242,12 +243,12 @@ mod tests {
             "rest of a li\r\n".to_owned(),
             sentence("AUH,1,1,AU25,AU26"),
             sentence("AUP,4,100,-50,700,0,0,0"),
-            sentence("AU,4,133,2,99,25,50"),
+            sentence("AU,4,133,2,99,25.5,50"),
             "$AU,5,166,2,99,99,99*00\r\n".to_owned(),
         ];
         receiver.take(lines.concat().as_bytes(), &hub);
         let frame = last(&hub);
-        assert_eq!(frame["w"], serde_json::json!([0.25, 0.5]));
+        assert_eq!(frame["w"], serde_json::json!([0.255, 0.5]));
         assert_eq!(frame["p"], serde_json::json!([0.1, -0.05, 0.7, 0, 0, 0, 1]));
         assert_eq!((&frame["t"], &frame["c"]), (&0.133.into(), &1.into()));
         // The rest of a line stays until it is plain that it is no frame; the false checksum is counted at once.
@@ -258,8 +259,8 @@ mod tests {
     #[test]
     fn plot_lines_name_themselves() {
         let (hub, mut receiver) = (Hub::new(true), Receiver::new(100.0));
-        receiver.take(b"AU25:10,AU26:90\r\nAU25:20,AU26:80\r\n", &hub);
-        assert_eq!(last(&hub)["w"], serde_json::json!([0.2, 0.8]));
+        receiver.take(b"AU25:10,AU26:90\r\nAU25:20.5,AU26:80\r\n", &hub);
+        assert_eq!(last(&hub)["w"], serde_json::json!([0.205, 0.8]));
     }
 
     #[test]

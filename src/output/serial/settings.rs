@@ -25,7 +25,8 @@ pub struct Settings {
     pub baud: u32,
     /// What is written.
     pub style: Style,
-    /// What a weight of 1 is in the styles `text` and `plot`: 100 are whole percents.
+    /// The number of a weight of 1 in the styles `text` and `plot`: 100 are percents. Below 128 tenths are added where the line
+    /// is fast enough.
     pub full: u32,
     /// Whether poses are sent too.
     pub pose: bool,

@@ -97,7 +97,7 @@ class TextReader : public Frame {
     if (byte == '$') {
       if (at_ != OUTSIDE) rejected++;
       at_ = NAME;
-      sum_ = field_ = name_ = 0;
+      sum_ = field_ = name_ = digits_ = 0;
       value_ = 0;
       next_ = Frame();
       return false;
@@ -115,9 +115,13 @@ class TextReader : public Frame {
           if (!take()) return refuse();
           if (byte == ',') sum_ ^= byte;
           else at_ = HIGH_DIGIT;
-        } else if (byte >= '0' && byte <= '9') {
+        } else if (byte >= '0' && byte <= '9' && digits_ < 2) {
           sum_ ^= byte;
           value_ = value_ * 10 + (byte - '0');
+          if (digits_) digits_ = 2;
+        } else if (byte == '.' && field_ > 3 && !digits_) { /* weights may have tenths */
+          sum_ ^= byte;
+          digits_ = 1;
         } else {
           return refuse();
         }
@@ -166,10 +170,12 @@ class TextReader : public Frame {
       case 2: next_.state = value_; break;
       case 3: next_.confidence = (value_ * 255 + 49) / 99; break;
       default:
-        if (next_.count == MOST_UNITS || value_ > full_) return false;
-        next_.weights[next_.count++] = (value_ * 255 + full_ / 2) / full_;
+        if (digits_ < 2) value_ *= 10;
+        if (next_.count == MOST_UNITS || digits_ == 1 || value_ > 10UL * full_) return false;
+        next_.weights[next_.count++] = (value_ * 255 + 5UL * full_) / (10UL * full_);
     }
     field_++;
+    digits_ = 0;
     value_ = 0;
     return true;
   }
@@ -178,6 +184,7 @@ class TextReader : public Frame {
   uint32_t value_;
   uint16_t full_;
   uint8_t sum_, field_, name_;
+  uint8_t digits_; /* 1 behind a point, 2 behind its digit */
   At at_;
 };
 
