@@ -152,12 +152,14 @@ impl<'r> Session<'r> {
             return;
         }
         self.manager.reloading();
-        match reload(self.run, &mut self.settings, &self.source, &self.model) {
+        match self.reload() {
             Ok(None) => tracing::info!("configuration reloaded, unchanged"),
-            Ok(Some((mut renewed, opened))) => {
+            Ok(Some((renewed, opened))) => {
                 tracing::info!("configuration reloaded");
-                renewed.adopt(&self.pipeline);
-                self.pipeline = renewed;
+                if let Some(mut renewed) = renewed {
+                    renewed.adopt(&self.pipeline);
+                    self.pipeline = renewed;
+                }
                 // Those before say goodbye, and leave their ports.
                 self.wires = opened;
                 let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
@@ -167,6 +169,39 @@ impl<'r> Session<'r> {
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
         }
         self.manager.ready();
+    }
+
+    /// Reads the configuration again; if it has changed, what it wants, all of which stands. Only then are the settings those
+    /// read.
+    fn reload(&mut self) -> Result<Option<Standing>, Failure> {
+        let config = self.run.config.as_deref();
+        let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
+        // What a pipe would give is not waited for.
+        if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+            return Err(Failure::Settings(SettingsError::Unreadable {
+                path: path.into(),
+                reason: "not a regular file".to_owned(),
+            }));
+        }
+        let (new, old) = (settings(config)?, &self.settings);
+        if new == *old {
+            return Ok(None);
+        }
+        // Whoever is followed is not looked for again because of another receiver.
+        let changed = new.stages() != old.stages();
+        let stages = || Pipeline::new(&new.stages(), self.source.registration(), &self.model);
+        let renewed = changed.then(stages).transpose()?;
+        let units = renewed.as_ref().unwrap_or(&self.pipeline).unit_names();
+        let wires = wires::open(&new, &units)?;
+        let later = [
+            ("sensor", new.sensor != old.sensor),
+            ("log", new.log != old.log),
+        ];
+        for (section, _) in later.iter().filter(|(_, changed)| *changed) {
+            tracing::warn!("the change in [{section}] needs a restart");
+        }
+        self.settings = new;
+        Ok(Some((renewed, wires)))
     }
 
     /// Takes the next frame, at its pace; `false` if there is none now, or none any more.
@@ -339,41 +374,8 @@ impl Heard {
     }
 }
 
-/// Stages and wires that a configuration wants.
-type Standing = (Pipeline, Vec<Box<dyn Output>>);
-
-/// Reads the configuration again; if it has changed, the stages and wires it wants, all of which stand. Only then are the
-/// settings those read.
-fn reload(
-    run: &Run,
-    settings: &mut Settings,
-    source: &Source,
-    model: &FaceModel,
-) -> Result<Option<Standing>, Failure> {
-    let path = run.config.as_deref().unwrap_or(Path::new(SYSTEM_CONFIG));
-    // What a pipe would give is not waited for.
-    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
-        return Err(Failure::Settings(SettingsError::Unreadable {
-            path: path.into(),
-            reason: "not a regular file".to_owned(),
-        }));
-    }
-    let new = self::settings(run.config.as_deref())?;
-    if new == *settings {
-        return Ok(None);
-    }
-    let pipeline = Pipeline::new(&new.stages(), source.registration(), model)?;
-    let wires = wires::open(&new, &pipeline.unit_names())?;
-    let later = [
-        ("sensor", new.sensor != settings.sensor),
-        ("log", new.log != settings.log),
-    ];
-    for (section, _) in later.iter().filter(|(_, changed)| *changed) {
-        tracing::warn!("the change in [{section}] needs a restart");
-    }
-    *settings = new;
-    Ok(Some((pipeline, wires)))
-}
+/// Stages and wires that a configuration wants; no stages where it wants the same.
+type Standing = (Option<Pipeline>, Vec<Box<dyn Output>>);
 
 /// The table that is asked for.
 fn table(
