@@ -21,7 +21,7 @@ mod file;
 mod noise;
 mod random;
 mod range;
-mod raster;
+pub(crate) mod raster;
 mod script;
 
 pub use appearance::{Beard, HairStyle, Headgear, Held, Look, Neck};

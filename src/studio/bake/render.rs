@@ -8,6 +8,7 @@ use nalgebra::Matrix3;
 
 use super::head::{Follow, Head};
 use super::mesh::{Mesh, Vec3};
+use crate::simulator::virtual_head::raster::{self, DepthBuffer};
 
 /// Where to look from and at what.
 #[derive(Clone, Copy, Debug)]
@@ -70,13 +71,17 @@ pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
 }
 
 /// A picture with the depth of what it shows.
-pub(super) struct Canvas {
-    pub(super) image: RgbImage,
-    depth: Vec<f64>,
+pub(in crate::studio) struct Canvas {
+    pub(in crate::studio) image: RgbImage,
+    depth: DepthBuffer,
     middle: Vec3,
     /// Pixels per unit of the mesh.
     scale: f64,
 }
+
+/// The rasteriser wants a number above 0 that is linear in the picture and grows towards the viewer, the inverse distance of a
+/// camera; without perspective the depth in pixels is one, from a plane so far behind that nothing is beyond it.
+const BEHIND: f64 = 1e4;
 
 impl Canvas {
     /// Pixel of a point given as (right, up, towards the viewer), and its depth in pixels.
@@ -93,13 +98,13 @@ impl Canvas {
         let (x, y) = (p.x.round(), p.y.round());
         let side = f64::from(self.image.width());
         let inside = x >= 0.0 && y >= 0.0 && x < side && y < side;
-        inside && p.z > self.depth[(y * side + x) as usize] - SLANT
+        inside && p.z + BEHIND > f64::from(self.depth.inverse[(y * side + x) as usize]) - SLANT
     }
 }
 
 /// Draws triangles of a mesh whose vertices are given as (right, up, towards the viewer); `tint` of a triangle is its
 /// colour, or nothing to leave it out.
-pub(super) fn paint(
+pub(in crate::studio) fn paint(
     mesh: &Mesh,
     seen: &[Vec3],
     middle: &Vec3,
@@ -109,59 +114,45 @@ pub(super) fn paint(
 ) -> Canvas {
     let normals = mesh.vertex_normals(seen);
     let lamp = Vec3::new(0.25, 0.45, 0.86);
+    let side = pixels as usize;
     let mut canvas = Canvas {
         image: RgbImage::from_pixel(pixels, pixels, Rgb([38, 40, 44])),
-        depth: vec![f64::NEG_INFINITY; (pixels * pixels) as usize],
+        depth: DepthBuffer::new(side, side),
         middle: *middle,
         scale: f64::from(pixels) / height,
     };
-    let screen: Vec<Vec3> = seen.iter().map(|p| canvas.screen(p)).collect();
-    for triangle in mesh.triangles() {
-        let Some(tint) = tint(triangle) else { continue };
-        let corner = triangle.map(|v| v as usize);
-        let p = corner.map(|v| screen[v]);
-        let twice = (p[1] - p[0]).xy().perp(&(p[2] - p[0]).xy());
-        if twice.abs() < 1e-12 {
-            continue;
-        }
-        let span = |pick: &dyn Fn(&Vec3) -> f64| {
-            let low = p
-                .iter()
-                .map(pick)
-                .fold(f64::INFINITY, f64::min)
-                .ceil()
-                .max(0.0);
-            let high = p.iter().map(pick).fold(f64::NEG_INFINITY, f64::max).floor();
-            (low as i64, (high.min(f64::from(pixels) - 1.0)) as i64)
-        };
-        let (left, right) = span(&|p| p.x);
-        let (top, bottom) = span(&|p| p.y);
-        for y in top..=bottom {
-            for x in left..=right {
-                let q = Vec3::new(x as f64, y as f64, 0.0);
-                let share = |i: usize, j: usize| (p[i] - q).xy().perp(&(p[j] - q).xy()) / twice;
-                let weights = [share(1, 2), share(2, 0), share(0, 1)];
-                if weights.iter().any(|&w| w < 0.0) {
-                    continue;
-                }
-                let z: f64 = (0..3).map(|k| weights[k] * p[k].z).sum();
-                let at = (y * i64::from(pixels) + x) as usize;
-                if z <= canvas.depth[at] {
-                    continue;
-                }
-                canvas.depth[at] = z;
-                let normal: Vec3 = (0..3).map(|k| normals[corner[k]] * weights[k]).sum();
-                let facing = normal.normalize();
-                let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
-                // Seen from behind: dark, so that holes and turned faces show.
-                let light = if facing.z < 0.0 { 0.10 } else { light };
-                canvas.image.put_pixel(
-                    x as u32,
-                    y as u32,
-                    Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8)),
-                );
+    let screen: Vec<raster::Corner> = seen
+        .iter()
+        .map(|p| {
+            let p = canvas.screen(p);
+            raster::Corner {
+                x: p.x as f32,
+                y: p.y as f32,
+                inverse: (p.z + BEHIND) as f32,
             }
+        })
+        .collect();
+    for mut triangle in mesh.triangles() {
+        let Some(tint) = tint(triangle) else { continue };
+        let at = |k: usize| screen[triangle[k] as usize];
+        let along = |k: usize| [at(k).x - at(0).x, at(k).y - at(0).y];
+        let ([bx, by], [cx, cy]) = (along(1), along(2));
+        // Drawn from both sides; the rasteriser wants one.
+        if bx * cy < by * cx {
+            triangle.swap(1, 2);
         }
+        let corners = triangle.map(|v| screen[v as usize]);
+        let normal = triangle.map(|v| normals[v as usize]);
+        let image = &mut canvas.image;
+        canvas.depth.triangle(corners, |pixel, b, c| {
+            let (b, c) = (f64::from(b), f64::from(c));
+            let facing = (normal[0] * (1.0 - b - c) + normal[1] * b + normal[2] * c).normalize();
+            let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
+            // Seen from behind: dark, so that holes and turned faces show.
+            let light = if facing.z < 0.0 { 0.10 } else { light };
+            let shade = Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8));
+            image.put_pixel((pixel % side) as u32, (pixel / side) as u32, shade);
+        });
     }
     canvas
 }

@@ -1,112 +1,40 @@
 //! A mesh as pictures: shaded from the front, at an angle and from the side; of a GLB also each morph target at weight 1.
 //!
-//! Orthographic, flat shading by the angle to the viewer, depth by a z-buffer. The mesh is scaled to the picture and taken
-//! as y up, z towards the viewer, as OBJ and glTF heads are. Of a GLB positions are taken as stored, before node transforms.
+//! The mesh is scaled to the picture and taken as y up, z towards the viewer, as OBJ and glTF heads are. Of a GLB positions are
+//! taken as stored, before node transforms.
 
 use std::path::Path;
 
 use image::RgbImage;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::Rotation3;
 
 use super::album::{Album, name_of};
 use super::error::InspectError;
 use crate::studio::bake::glb::{Glb, GlbError};
-use crate::studio::bake::obj::{self, ObjError};
+use crate::studio::bake::mesh::{Corner, Mesh, Vec3};
+use crate::studio::bake::obj;
+use crate::studio::bake::render::paint;
 
 const SIZE: u32 = 420;
+/// Grey of what faces the lamp.
+const GREY: [f64; 3] = [235.0, 235.0, 223.0];
 
-struct Mesh {
-    vertices: Vec<Vector3<f32>>,
-    triangles: Vec<[usize; 3]>,
-}
-
-impl Mesh {
-    fn of_obj(text: &str) -> Result<Self, ObjError> {
-        let mesh = obj::parse(text)?;
-        Ok(Self {
-            vertices: mesh.positions.iter().map(|p| p.map(|v| v as f32)).collect(),
-            triangles: mesh
-                .fans()
-                .map(|fan| fan.map(|corner| corner.vertex as usize))
-                .collect(),
-        })
-    }
-
-    /// The mesh turned, or in another form of it: `moved` has as many vertices. The neutral one sets the scale.
-    fn draw(&self, moved: &[Vector3<f32>], yaw: f32) -> RgbImage {
-        let low = self
-            .vertices
-            .iter()
-            .copied()
-            .reduce(|a, b| a.inf(&b))
-            .unwrap_or_default();
-        let high = self
-            .vertices
-            .iter()
-            .copied()
-            .reduce(|a, b| a.sup(&b))
-            .unwrap_or_default();
-        let (centre, scale) = (
-            (low + high) * 0.5,
-            0.94 * SIZE as f32 / (high - low).max().max(f32::MIN_POSITIVE),
-        );
-        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), yaw);
-        let placed: Vec<Vector3<f32>> = moved
-            .iter()
-            .map(|v| {
-                let v = turn * (v - centre) * scale;
-                Vector3::new(v.x + SIZE as f32 / 2.0, SIZE as f32 / 2.0 - v.y, v.z)
-            })
-            .collect();
-        let mut picture = RgbImage::from_pixel(SIZE, SIZE, image::Rgb([255; 3]));
-        let mut depth = vec![f32::NEG_INFINITY; (SIZE * SIZE) as usize];
-        for &[a, b, c] in &self.triangles {
-            let (a, b, c) = (placed[a], placed[b], placed[c]);
-            let normal = (b - a).cross(&(c - a));
-            let area = normal.z;
-            if area.abs() < 1e-9 {
-                continue;
-            }
-            let light = (normal.z.abs() / normal.norm()).powf(0.8);
-            let grey = (60.0 + 175.0 * light) as u8;
-            let bound = |low: f32, high: f32| {
-                (
-                    low.floor().max(0.0) as u32,
-                    (high.ceil().max(0.0) as u32).min(SIZE - 1),
-                )
-            };
-            let (x0, x1) = bound(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x));
-            let (y0, y1) = bound(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
-            for y in y0..=y1 {
-                for x in x0..=x1 {
-                    let (px, py) = (x as f32, y as f32);
-                    let edge = |p: Vector3<f32>, q: Vector3<f32>| {
-                        ((q.x - p.x) * (py - p.y) - (q.y - p.y) * (px - p.x)) / area
-                    };
-                    let (u, v, w) = (edge(b, c), edge(c, a), edge(a, b));
-                    if u < 0.0 || v < 0.0 || w < 0.0 {
-                        continue;
-                    }
-                    let z = u * a.z + v * b.z + w * c.z;
-                    let place = (y * SIZE + x) as usize;
-                    if z > depth[place] {
-                        depth[place] = z;
-                        picture.put_pixel(
-                            x,
-                            y,
-                            image::Rgb([grey, grey, (grey as f32 * 0.95) as u8]),
-                        );
-                    }
-                }
-            }
-        }
-        picture
-    }
+/// The mesh turned, or in another form of it: `moved` has as many vertices. The neutral one sets the scale.
+fn draw(mesh: &Mesh, moved: &[Vec3], yaw: f64) -> RgbImage {
+    let bound =
+        |of: fn(&Vec3, &Vec3) -> Vec3| mesh.positions.iter().copied().reduce(|a, b| of(&a, &b));
+    let low = bound(|a, b| a.inf(b)).unwrap_or_default();
+    let high = bound(|a, b| a.sup(b)).unwrap_or_default();
+    let turn = Rotation3::from_axis_angle(&Vec3::y_axis(), yaw);
+    let middle = turn * ((low + high) * 0.5);
+    let height = (high - low).max().max(f64::MIN_POSITIVE) / 0.94;
+    let seen: Vec<Vec3> = moved.iter().map(|v| turn * v).collect();
+    paint(mesh, &seen, &middle, height, SIZE, |_| Some(GREY)).image
 }
 
 /// Reads an OBJ and draws it.
 pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let mesh = Mesh::of_obj(text).map_err(|source| InspectError::Mesh {
+    let mesh = obj::parse(text).map_err(|source| InspectError::Mesh {
         path: path.into(),
         source,
     })?;
@@ -119,12 +47,15 @@ fn views(path: &Path, mesh: &Mesh) -> Album {
         title: format!("Mesh {}", name_of(path)),
         ..Album::default()
     };
-    album.fact("vertices", mesh.vertices.len().to_string());
-    album.fact("triangles", mesh.triangles.len().to_string());
-    for (name, yaw_deg) in [("front", 0.0f32), ("half", -40.0), ("side", -90.0)] {
-        album
-            .pictures
-            .push((name.into(), mesh.draw(&mesh.vertices, yaw_deg.to_radians())));
+    album.fact("vertices", mesh.positions.len().to_string());
+    album.fact("triangles", mesh.fans().count().to_string());
+    for (name, yaw_deg) in [
+        ("front", 0.0_f64),
+        ("three-quarter", -40.0),
+        ("side", -90.0),
+    ] {
+        let picture = draw(mesh, &mesh.positions, yaw_deg.to_radians());
+        album.pictures.push((name.into(), picture));
     }
     album
 }
@@ -133,7 +64,7 @@ fn views(path: &Path, mesh: &Mesh) -> Album {
 struct Target {
     name: String,
     unit: String,
-    moves: Vec<Vector3<f32>>,
+    moves: Vec<Vec3>,
 }
 
 /// Morph targets that are drawn.
@@ -166,8 +97,8 @@ fn order(glb: &Glb, primitive: &serde_json::Value, count: usize) -> Result<Vec<u
 /// Meshes and morph targets of a GLB as one.
 fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
     let mut mesh = Mesh {
-        vertices: Vec::new(),
-        triangles: Vec::new(),
+        materials: vec![String::new()],
+        ..Mesh::default()
     };
     let mut targets: Vec<Target> = Vec::new();
     // Many targets may say they are of the same data, or of none.
@@ -181,7 +112,7 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
         let values = glb.floats(accessor as usize, 3)?;
         let rows = values
             .chunks_exact(3)
-            .map(|v| Vector3::new(v[0], v[1], v[2]));
+            .map(|v| Vec3::new(v[0].into(), v[1].into(), v[2].into()));
         Ok::<_, GlbError>(rows.collect::<Vec<_>>())
     };
     for shape in glb.json["meshes"].as_array().into_iter().flatten() {
@@ -196,8 +127,8 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
             let first = match known_at {
                 Some((_, first)) => *first,
                 None => {
-                    let first = mesh.vertices.len();
-                    mesh.vertices.extend(rows(position)?);
+                    let first = mesh.positions.len();
+                    mesh.positions.extend(rows(position)?);
                     known.push((position, first));
                     let listed = primitive["targets"].as_array().into_iter().flatten();
                     for (k, target) in listed.enumerate() {
@@ -219,27 +150,32 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
                         };
                         if let Some(accessor) = target["POSITION"].as_u64() {
                             let moves = &mut targets[at].moves;
-                            moves.resize(first, Vector3::zeros());
+                            moves.resize(first, Vec3::zeros());
                             moves.extend(rows(accessor)?);
                         }
                     }
                     first
                 }
             };
-            let count = mesh.vertices.len() - first;
+            let count = mesh.positions.len() - first;
             let order = order(glb, primitive, count)?;
-            let corners = order.chunks_exact(3);
-            mesh.triangles
-                .extend(corners.map(|t| [t[0], t[1], t[2]].map(|k| first + k as usize)));
+            for t in order.chunks_exact(3) {
+                let corner = |k: u32| Corner {
+                    vertex: first as u32 + k,
+                    uv: None,
+                    normal: None,
+                };
+                mesh.push_face(&[t[0], t[1], t[2]].map(corner), 0);
+            }
         }
     }
     // Each gets a row for every vertex.
-    let bytes = targets.len().saturating_mul(12 * mesh.vertices.len());
+    let bytes = targets.len().saturating_mul(12 * mesh.positions.len());
     if bytes > LARGEST {
-        return Err(too_many(LARGEST / (12 * mesh.vertices.len()).max(1)));
+        return Err(too_many(LARGEST / (12 * mesh.positions.len()).max(1)));
     }
     for target in &mut targets {
-        target.moves.resize(mesh.vertices.len(), Vector3::zeros());
+        target.moves.resize(mesh.positions.len(), Vec3::zeros());
     }
     Ok((mesh, targets))
 }
@@ -252,7 +188,7 @@ pub(super) fn inspect_glb(path: &Path, bytes: &[u8]) -> Result<Album, InspectErr
     };
     let glb = Glb::parse(bytes).map_err(refuse)?;
     let (mesh, targets) = read_glb(&glb).map_err(refuse)?;
-    if mesh.triangles.is_empty() {
+    if mesh.faces() == 0 {
         return Err(refuse(GlbError::Content {
             expected: "triangles",
             found: "none".into(),
@@ -265,19 +201,19 @@ pub(super) fn inspect_glb(path: &Path, bytes: &[u8]) -> Result<Album, InspectErr
         album.table.push(header.map(str::to_owned).to_vec());
     }
     for Target { name, unit, moves } in targets {
-        let moved = moves.iter().filter(|d| **d != Vector3::zeros()).count();
-        let largest = moves.iter().map(Vector3::norm).fold(0.0, f32::max);
+        let moved = moves.iter().filter(|d| **d != Vec3::zeros()).count();
+        let largest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
         let figures = [moved.to_string(), format!("{:.2}", largest * 1e3)];
         album
             .table
             .push([name.clone(), unit].into_iter().chain(figures).collect());
-        let places: Vec<Vector3<f32>> = mesh
-            .vertices
+        let places: Vec<Vec3> = mesh
+            .positions
             .iter()
             .zip(&moves)
             .map(|(v, d)| v + d)
             .collect();
-        album.pictures.push((name, mesh.draw(&places, 0.0)));
+        album.pictures.push((name, draw(&mesh, &places, 0.0)));
     }
     Ok(album)
 }
@@ -303,8 +239,9 @@ mod tests {
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1 4/1\n";
         let album = inspect(Path::new("s.obj"), square).unwrap();
         let front = &album.pictures[0].1;
-        assert_eq!(front.get_pixel(SIZE / 2 + 3, SIZE / 2 - 5).0[0], 235);
-        assert_eq!(front.get_pixel(2, 2).0, [255; 3]);
+        // Facing the viewer, a little off the lamp; and nothing at the corner.
+        assert_eq!(front.get_pixel(SIZE / 2 + 3, SIZE / 2 - 5).0[0], 209);
+        assert_eq!(front.get_pixel(2, 2).0, [38, 40, 44]);
         for broken in [
             "v 0 0 nan\n",
             "v 0 0 0\nf 1 1 9\n",
