@@ -854,6 +854,26 @@ impl Voice<'_> {
     }
 }
 
+/// A datagram as it comes from the network, for `tests/fuzz`.
+#[cfg(fuzzing)]
+pub fn fuzz(bytes: &[u8]) {
+    let service = |kind, port, text| Service {
+        kind,
+        transport: "_udp",
+        port,
+        text,
+    };
+    let services = vec![service("_osc", 9131, ""), service("_http", 9133, "path=/")];
+    let (zone, here) = (Zone::new("hall", services), Ipv4Addr::LOCALHOST);
+    for legacy in [false, true] {
+        let mut said = [0; LARGEST];
+        let mut out = Writer::new(&mut said, 0, 0x8400);
+        zone.answer(bytes, here, legacy, &mut out);
+        assert!(out.length <= LARGEST);
+    }
+    zone.is_taken(bytes, &|address| address == here);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -53,6 +53,20 @@ impl Mqtt {
     }
 }
 
+/// What a broker sends, for `tests/fuzz`: packets of both versions.
+#[cfg(fuzzing)]
+pub fn fuzz(bytes: &[u8]) {
+    for version in [4, 5] {
+        let mut rest = bytes;
+        while let Ok(Some((told, used))) = packet::read(version, rest) {
+            if let packet::Told::Message { topic, payload, .. } = told {
+                assert!(topic.len() + payload.len() < used);
+            }
+            rest = &rest[used..];
+        }
+    }
+}
+
 impl Output for Mqtt {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         self.0.post(report);

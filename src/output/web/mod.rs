@@ -6,3 +6,6 @@ mod handshake;
 pub mod oscquery;
 mod server;
 pub mod websocket;
+
+#[cfg(fuzzing)]
+pub use server::fuzz;

@@ -514,6 +514,16 @@ fn hear<S: Service>(
     place.since = Instant::now();
 }
 
+/// What a browser or a program sends, for `tests/fuzz`: a request, and the frames of a WebSocket.
+#[cfg(fuzzing)]
+pub fn fuzz(bytes: &[u8]) {
+    request(bytes);
+    let mut rest = &bytes[..bytes.len().min(REQUEST)];
+    while let Some((_, used)) = frame(rest).filter(|_| !rest.is_empty()) {
+        rest = &rest[used..];
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
