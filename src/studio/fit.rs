@@ -509,7 +509,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
     if !as_given.faces.is_empty() {
         say(&format!("error as given: {}", as_given.line()));
         if offsets.is_some() {
-            say(&format!("error with offsets taken out: {}", cleaned.line()));
+            say(&format!("error with offsets removed: {}", cleaned.line()));
         }
     }
     Ok(())

@@ -406,7 +406,7 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
         for d in &all {
             clean.add(&super::evaluate::without(d, &offsets));
         }
-        log.figure(&format!("with mean offsets taken out: {}", clean.line()));
+        log.figure(&format!("with mean offsets removed: {}", clean.line()));
         log.figure(&calibration(model, &samples, &ends));
     }
 }

@@ -87,7 +87,7 @@ pub fn measure(
         .iter()
         .fold(0.0, |most: f64, frames| most.max(*frames));
     row(
-        "whole face hidden: frames called lost; clear again: frames until it is followed, mean, most",
+        "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
         format!(
             "{:.0} %; {:.1}, {most:.0}",
             seen.unseen.percent(),
