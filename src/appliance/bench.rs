@@ -165,7 +165,7 @@ impl Times {
             let rate = 1e3 / mean;
             writeln!(
                 out,
-                "a frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} a second"
+                "frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} per second"
             )?;
         }
         Ok(())
@@ -191,7 +191,7 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
     for name in sources {
         let (mut times, more) = time(name, frames, &settings, allocations)?;
         allocated += more;
-        writeln!(out, "{name}: {:.2} people a frame", times.people())
+        writeln!(out, "{name}: {:.2} people per frame", times.people())
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }
@@ -308,7 +308,7 @@ mod tests {
         let rows = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
         assert_eq!([rows("frame "), rows("allocations_after_start ")], [2, 1]);
         assert!(
-            text.starts_with("simulated: 1.00 people a frame\n"),
+            text.starts_with("simulated: 1.00 people per frame\n"),
             "{text}"
         );
         let four = text

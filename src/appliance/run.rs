@@ -330,7 +330,7 @@ impl Heard {
                     continue;
                 }
                 tracing::info!(
-                    "command from a receiver: {command:?}, {} not logged before it",
+                    "command from a receiver: {command:?} ({} earlier ones not logged)",
                     self.untold
                 );
                 (self.told, self.untold) = (Some(now), 0);

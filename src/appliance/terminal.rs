@@ -199,7 +199,7 @@ impl Tally {
             many => format!("{many} people"),
         };
         format!(
-            "{} frames in {seconds:.1} s ({:.1} per second), {people}, {:.1} ms from frame to wire, {:.1} ms at most",
+            "{} frames in {seconds:.1} s ({:.1} per second), {people}, latency {:.1} ms, at most {:.1} ms",
             self.frames,
             self.frames as f64 / seconds,
             self.latency_us as f64 * 1e-3 / self.frames.max(1) as f64,
@@ -231,7 +231,7 @@ impl Live {
         let version = env!("CARGO_PKG_VERSION");
         let to = if wires.is_empty() { "nowhere" } else { wires };
         let next = if wires.is_empty() {
-            "switch an output on in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
+            "enable an output in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
         } else {
             "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
         };
@@ -324,7 +324,7 @@ mod tests {
         tally.count(&[Report::default()]);
         assert_eq!(
             tally.summary(Duration::from_secs(2)),
-            "3 frames in 2.0 s (1.5 per second), 1 person, 2.7 ms from frame to wire, 6.0 ms at most"
+            "3 frames in 2.0 s (1.5 per second), 1 person, latency 2.7 ms, at most 6.0 ms"
         );
     }
 }

@@ -739,7 +739,7 @@ impl Talk<'_> {
             Some(true) if from.port() == PORT => {
                 self.number += 1;
                 zone.call(self.number);
-                tracing::info!("the name is taken, trying {:?}", zone.instance);
+                tracing::info!("the name is already in use, trying {:?}", zone.instance);
                 (self.step, self.due) = (Step::Probe(0), Instant::now());
             }
             Some(_) => {}

@@ -149,7 +149,7 @@ pub enum OutputError {
     },
     /// The names of the units do not fit one datagram or line.
     #[error(
-        "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the table of units"
+        "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the units table"
     )]
     Names {
         /// How many.
@@ -161,7 +161,7 @@ pub enum OutputError {
     },
     /// A unit is asked for that there is not.
     #[error(
-        "serial.units names {unit:?}, which is not measured with these settings; take it out of the list"
+        "serial.units names {unit:?}, which is not measured with these settings; remove it from the list"
     )]
     Unit {
         /// What was given.
@@ -177,9 +177,7 @@ pub enum OutputError {
     },
     /// A password that cannot be read.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot read mqtt.password_file {path:?}: {source}; does it belong to the user of mien?"
-    )]
+    #[error("cannot read mqtt.password_file {path:?}: {source}; is it readable by mien's user?")]
     Password {
         /// The file.
         path: String,
@@ -188,18 +186,16 @@ pub enum OutputError {
     },
     /// Certificates that cannot be read.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot read mqtt.ca_file {path:?}: {source}; it names who signs the broker's certificate, in PEM"
-    )]
+    #[error("cannot read mqtt.ca_file {path:?}: {source}; expected the CA certificates in PEM")]
     Certificates {
         /// The file.
         path: String,
         /// What the system said.
         source: std::io::Error,
     },
-    /// Something is switched on that this build has not.
+    /// An output is enabled that this build does not contain.
     #[error(
-        "[{section}] is switched on, but this mien is built without it; build with --features {feature}, or install the package"
+        "[{section}] is enabled, but this mien was built without it; build with --features {feature}, or install the package"
     )]
     NotBuilt {
         /// Of the configuration.
@@ -209,9 +205,7 @@ pub enum OutputError {
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot start a thread for an output: {source}; is memory or the number of tasks limited?"
-    )]
+    #[error("cannot start a thread for an output: {source}; is there a limit on memory or tasks?")]
     Thread {
         /// What the system said.
         source: std::io::Error,

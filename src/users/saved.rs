@@ -45,10 +45,10 @@ pub enum PeopleError {
     #[error("expected a first line \"mien-people 2\"")]
     Header,
     /// Not what was written.
-    #[error("the checksum in the last line is not that of the text")]
+    #[error("the checksum in the last line does not match the text")]
     Checksum,
     /// A person's line.
-    #[error("person {0}: expected \"person slot seconds\" and what they are known by")]
+    #[error("person {0}: expected \"person slot seconds\" and the likeness")]
     Person(usize),
     /// A person's ranges.
     #[error("person {0}: {1}")]

@@ -62,7 +62,7 @@ impl Settings {
     /// If the file cannot be read, is not TOML, has an unknown key, or a value of the wrong type or out of its range.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
         let text = bounded_read::read(path, MOST).and_then(|bytes| {
-            String::from_utf8(bytes).map_err(|_| std::io::Error::other("no text in UTF-8"))
+            String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
         });
         let text = text.map_err(|error| SettingsError::Unreadable {
             path: path.into(),

@@ -184,9 +184,9 @@ impl Desk {
                 return Err(refuse(
                     text,
                     if least == 0 {
-                        "a universe of Art-Net, 0 to 32767"
+                        "an Art-Net universe, 0 to 32767"
                     } else {
-                        "a universe of sACN, 1 to 63999"
+                        "an sACN universe, 1 to 63999"
                     },
                 ));
             }
@@ -206,7 +206,7 @@ impl Desk {
             };
             for slot in &mut taken[at][row.channel - 1..row.channel + usize::from(row.wide)] {
                 if std::mem::replace(slot, true) {
-                    return Err(refuse(text, "a channel that no row above has"));
+                    return Err(refuse(text, "a channel that no row above uses"));
                 }
             }
             channels.push(Channel { driver, row, at });
@@ -319,10 +319,10 @@ mod tests {
         for (rows, part) in [
             (
                 &["AU26 1 5 16", "AU12L 1 6"][..],
-                "\"AU12L 1 6\", expected a channel that no row above has",
+                "\"AU12L 1 6\", expected a channel that no row above uses",
             ),
             (&["AU99 1 5"], "expected a unit that is measured"),
-            (&["AU26 0 5"], "a universe of sACN, 1 to 63999"),
+            (&["AU26 0 5"], "an sACN universe, 1 to 63999"),
         ] {
             let told = desk(rows).err().unwrap().to_string();
             assert!(told.contains(part), "{told}");

@@ -227,7 +227,7 @@ fn discovery(base: &str, name: &str, commands: bool) -> Vec<(String, String)> {
         ),
     ];
     if commands {
-        for (id, shown) in [("forget", "Forget"), ("neutral", "Take as neutral")] {
+        for (id, shown) in [("forget", "Forget"), ("neutral", "Set neutral")] {
             all.push(one(
                 "button",
                 id,
@@ -364,10 +364,10 @@ impl std::fmt::Display for End {
             Self::Lost(error) => write!(f, "{error}"),
             Self::Refused(code) => write!(
                 f,
-                "it refuses with code {code}; are mqtt.user and mqtt.password_file right?"
+                "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
             ),
-            Self::Nonsense => f.write_str("what it says is not MQTT; is it a broker?"),
-            Self::Slow => f.write_str("it does not answer"),
+            Self::Nonsense => f.write_str("the reply is not MQTT; is it a broker?"),
+            Self::Slow => f.write_str("no reply"),
         }
     }
 }
@@ -409,7 +409,7 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
         }
         if !std::mem::replace(&mut told, true) {
             tracing::warn!(
-                "MQTT broker {}: {end}; trying again until it is there",
+                "MQTT broker {}: {end}; retrying until it is back",
                 talk.broker
             );
         }
@@ -588,7 +588,7 @@ impl<'a> Connection<'a> {
             Told::Connected(0) if !self.settled => {
                 self.settled = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
-                tracing::info!("MQTT broker {} is there", self.talk.broker);
+                tracing::info!("connected to MQTT broker {}", self.talk.broker);
                 if self.talk.commands {
                     let number = self.next_number();
                     packet::subscribe(self.talk.version, number, &self.talk.heard, out);
@@ -605,7 +605,7 @@ impl<'a> Connection<'a> {
             }
             Told::Subscribed(code) if code >= 0x80 => {
                 tracing::warn!(
-                    "MQTT broker {} does not let us hear commands",
+                    "MQTT broker {} refuses the subscription to commands",
                     self.talk.broker
                 );
                 count(&self.shared.refused);

@@ -65,17 +65,17 @@ const COMMANDS: [(&str, &str, &str); 4] = [
     (
         "forget",
         "i",
-        "forgets what was learned of the user in a slot",
+        "forgets what was learned about the user in a slot",
     ),
     (
         "freeze",
         "ii",
-        "stops learning of the user in a slot (1), or goes on with it (0)",
+        "stops (1) or resumes (0) learning for the user in a slot",
     ),
     (
         "neutral",
         "i",
-        "takes the present face of the user in a slot for rest",
+        "takes the current face of the user in a slot as neutral",
     ),
     ("schema", "", "sends the schema now"),
 ];
@@ -161,19 +161,21 @@ impl Tree {
 
     fn description(node: Node) -> &'static str {
         match node {
-            Node::Prefix(_) => "faces before the sensor",
+            Node::Prefix(_) => "faces in front of the sensor",
             Node::Alive => "every second: number, version, seconds since the start",
             Node::Schema => "version and names of the units, every 5 s",
-            Node::Commands => "what may be asked for",
+            Node::Commands => "commands",
             Node::Command(i) => COMMANDS[i].2,
             Node::User(_) => "the user in a slot",
             Node::Frame(_) => {
                 "number, time in ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency in ms"
             }
-            Node::Units(_) => "weights of all units in the order of the schema",
-            Node::Unit(..) => "weight of a FACS action unit: 0 rest, 1 the most this person does",
+            Node::Units(_) => "weights of all units in schema order",
+            Node::Unit(..) => {
+                "weight of a FACS action unit: 0 at rest, 1 at this person's full expression"
+            }
             Node::Pose(_) => {
-                "head in the sensor's frame: x right, y down, z forward in metres, rotation x y z w"
+                "head pose in the sensor frame: x right, y down, z forward in metres, rotation x y z w"
             }
             Node::Present(_) => "whether somebody is there",
         }

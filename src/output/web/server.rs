@@ -273,7 +273,7 @@ impl Door {
             Err(error) => {
                 if self.pause == PAUSES[1] {
                     tracing::warn!(
-                        "cannot listen at {} ({error}), trying again until it is free",
+                        "cannot listen at {} ({error}), retrying until it is free",
                         self.address
                     );
                 }
