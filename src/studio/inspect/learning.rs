@@ -64,7 +64,7 @@ impl Learning {
         album.pictures.push((caption.into(), self.stores()));
         for (measure, curves) in Measure::ALL.iter().zip(self.curves) {
             album.plots.push(Plot {
-                title: format!("{}, with its learnt range", measure.name()),
+                title: format!("{}, with its learned range", measure.name()),
                 x: self.t.clone(),
                 x_name: "s".into(),
                 curves: CURVES

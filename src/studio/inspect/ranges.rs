@@ -123,11 +123,11 @@ pub(super) fn people(path: &Path, text: &str) -> Result<Album, InspectError> {
         let who = format!("person {number}");
         let eyes_mm = learned.eye_distance_m * 1e3;
         let gone = format!(
-            "slot {}, gone for {:.0} s, inner eye corners {eyes_mm:.1} mm apart",
+            "slot {}, gone for {:.0} s, interocular distance {eyes_mm:.1} mm",
             person.slot, person.before_s
         );
         album.fact(&who, gone);
-        let caption = format!("{who}: grey the population's range, blue theirs; marks are rest");
+        let caption = format!("{who}: population range grey, this person's blue; marks show rest");
         album.pictures.push((caption, picture(&rows)));
         let skip = usize::from(!album.table.is_empty());
         let cells = table(&rows).into_iter().enumerate().skip(skip);
@@ -197,7 +197,7 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
             .collect();
         let rows = rows.ok_or_else(not)?;
         let caption = format!(
-            "User {slot}, measure behind each unit: grey the population's, blue theirs; marks are rest"
+            "User {slot}, the measure behind each unit: population grey, this person blue; marks show rest"
         );
         album.pictures.push((caption, picture(&rows)));
         let mut cells = table(&rows);

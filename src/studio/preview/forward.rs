@@ -51,7 +51,7 @@ pub const RECEIVERS: [Known; 7] = [
         section: "vmc",
         more: "names = \"arkit\"\n",
         port: 39539,
-        hint: "In Warudo: add a VMC receiver and take its port; the avatar needs ARKit shapes.",
+        hint: "In Warudo: add a VMC receiver and use its port; the avatar needs ARKit shapes.",
     },
     Known {
         id: "vrchat",
@@ -67,7 +67,7 @@ pub const RECEIVERS: [Known; 7] = [
         section: "live_link",
         more: "",
         port: 11111,
-        hint: "In Unreal: enable the plug-in Apple ARKit Face Support; the face then appears under Live Link.",
+        hint: "In Unreal: enable the plugin Apple ARKit Face Support; the face then appears under Live Link.",
     },
     Known {
         id: "max",
@@ -157,7 +157,7 @@ impl Forwarder {
     /// If no such receiver is known or the address is none.
     pub fn ask(&self, id: &str, host: &str, port: &str, wish: Wish) -> Result<String, String> {
         let known = RECEIVERS.iter().find(|known| known.id == id);
-        let known = known.ok_or("that receiver is not known")?;
+        let known = known.ok_or("unknown receiver")?;
         let target = target(host, port)?;
         let settings = settings(known, &target)?;
         let order = Order {
@@ -168,12 +168,12 @@ impl Forwarder {
         };
         self.orders
             .try_send(order)
-            .map_err(|_| "too much was asked at once; try again".to_owned())?;
+            .map_err(|_| "too many requests at once; try again".to_owned())?;
         let name = known.name;
         Ok(match wish {
             Wish::Connect => format!("sending to {name} at {target}"),
             Wish::Test => format!("testing {name} at {target}: jaw, smile, blink"),
-            Wish::Stop => format!("nothing is sent to {name} any more"),
+            Wish::Stop => format!("stopped sending to {name}"),
         })
     }
 }
@@ -386,9 +386,9 @@ impl Thread {
                 sum(|wire| wire.tally().dropped),
             );
             let why = if line.wires.is_empty() {
-                "cannot open a socket, or this build cannot send it"
+                "cannot open a socket, or this build does not support it"
             } else if sent == 0 && dropped > 0 {
-                "the host name is not found yet, or there is no way to it"
+                "the host name does not resolve yet, or the host is unreachable"
             } else {
                 ""
             };

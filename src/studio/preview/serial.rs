@@ -63,7 +63,7 @@ pub fn listen(port: &Port, hub: &Hub) {
                         Err(_) => break,
                     }
                 }
-                hub.note(&format!("{} is gone; waiting for it", port.name));
+                hub.note(&format!("{} was disconnected; waiting for it", port.name));
             }
             Err(error) => hub.note(&format!("waiting for {}: {error}", port.name)),
         }

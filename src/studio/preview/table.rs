@@ -79,7 +79,7 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
                 None => hub.count(0, 1),
             },
             Err(error) => {
-                hub.note(&format!("the table ends early: {error}"));
+                hub.note(&format!("the CSV ends early: {error}"));
                 break;
             }
         }

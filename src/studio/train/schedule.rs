@@ -304,10 +304,10 @@ fn learn_shape(
         }
         let line = floor.line();
         log.figure(&format!(
-            "{count} modes leave of drawn faces, seen from the front: {line}"
+            "residual of {count} modes on rendered faces, frontal view: {line}"
         ));
         log.told
-            .push((format!("{count} modes leave of drawn faces"), line));
+            .push((format!("residual of {count} modes on rendered faces"), line));
     }
     Ok(shape)
 }
@@ -332,7 +332,7 @@ fn read_portraits(
         floor.add(&differences(&solver.window, &picture.points));
     }
     log.figure(&format!(
-        "what the shape model leaves of the test portraits: {}",
+        "residual of the shape model on the test portraits: {}",
         floor.line()
     ));
     Ok(pictures)
@@ -369,7 +369,7 @@ fn learn_stages(
         let this = std::slice::from_ref(&stage);
         advance(&watched, &mut watched_progress, shape, this);
         let figure = format!(
-            "{:.2} % on the training starts, {:.2} % on strangers (points 17–67)",
+            "{:.2} % on the training starts, {:.2} % on held-out people (points 17–67)",
             inner_error_percent(&samples, &progress, shape),
             inner_error_percent(&watched, &watched_progress, shape)
         );
@@ -600,7 +600,7 @@ fn write_paper(
         .filter(|(before, after)| before == after)
         .count();
     say(&format!(
-        "wrote {}: {} bytes; {kept} other sections as they were, byte for byte",
+        "wrote {}: {} bytes; {kept} other sections unchanged, byte for byte",
         out.display(),
         grafted.len()
     ));
