@@ -346,7 +346,7 @@ fn learn_stages(
     log: &mut Log,
 ) -> Result<[Vec<CascadeStage>; 2], TrainError> {
     let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
-    log.done(&format!("{} drawn faces", drawn.len()));
+    log.done(&format!("{} rendered faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
     pictures.train.extend(drawn);
