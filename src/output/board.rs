@@ -1,5 +1,5 @@
-//! What wires with a thread of their own (web, MQTT) know of the users: the newest report of each, with the weights as that
-//! wire shows them. The pipeline puts reports here and wakes the thread; neither waits for the other longer than a copy takes.
+//! What outputs with their own thread (web, MQTT) know about the users: the newest report of each, with the weights as that
+//! output presents them. The pipeline stores reports here and wakes the thread; neither waits for longer than a copy takes.
 
 use std::io::{Read, Write};
 use std::os::fd::{AsRawFd, RawFd};

@@ -1,4 +1,4 @@
-//! The end of an output that has a thread: it may still send what leaves the receiver with nobody, and no longer.
+//! Closes an output that has a thread: it may still send the messages that report nobody to the receiver, but no more.
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};

@@ -1,18 +1,17 @@
-//! mDNS and DNS-SD (RFC 6762, RFC 6763): the box says which of its services there are, without a daemon, and beside one
-//! (avahi) on the same port of the same host.
+//! mDNS and DNS-SD (RFC 6762, RFC 6763): announces the box's services, without a daemon, or beside one (avahi) on the same
+//! port of the same host.
 //!
 //! | service | port | when |
 //! | --- | --- | --- |
-//! | `_osc._udp` | where commands are heard | `[osc]` takes commands |
-//! | `_oscjson._tcp` | OSCQuery | `[oscquery]` is on |
-//! | `_http._tcp` | WebSocket, `path=/` | `[websocket]` is on |
+//! | `_osc._udp` | the command port | `[osc]` accepts commands |
+//! | `_oscjson._tcp` | OSCQuery | `[oscquery]` is enabled |
+//! | `_http._tcp` | WebSocket, `path=/` | `[websocket]` is enabled |
 //!
-//! Instances are called `mien NAME`, the host `mien-NAME.local`, so that nothing is claimed that a daemon of the host claims.
-//! The name is asked for three times before it is used; if another has it, `-2`, `-3`, … is put behind. Then everything is
-//! announced twice, answered when asked for (not what the asker says it knows), and taken back at the end. The address told
-//! is the one by which the asker reaches us. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
-//! are there at the start or a minute later.
-//! One file: the format written and read, what is said in it, and when.
+//! Instances are named `mien NAME`, the host `mien-NAME.local`, so that nothing conflicts with a daemon's own names. The name is
+//! probed three times before it is used; if it is in use, `-2`, `-3`, … is appended. Everything is then announced twice,
+//! sent in reply to queries (except known answers), and withdrawn at the end. The address announced is the one on the
+//! querier's network. Memory: two datagrams. Limits: IPv4; only networks whose interfaces exist at start-up or a minute later.
+//! One file: the format, written and read, what is sent in it, and when.
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};

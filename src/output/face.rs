@@ -1,5 +1,5 @@
-//! The face a wire shows: weights limited and held or faded while nobody is seen, and which face is shown where only one
-//! can be.
+//! The face an output shows: weights clamped, and held or faded while nobody is seen; and which face a single-person output
+//! shows.
 
 use super::report::{Report, unit_range};
 use super::view::{Channel, View};

@@ -1,4 +1,4 @@
-//! What the box is called on networks, and a number that tells it from every other: the same after each start.
+//! The box's name on the network, and a unique number that stays the same across restarts.
 
 /// Longest name, bytes: what DNS lets a label have.
 const LONGEST: usize = 63;

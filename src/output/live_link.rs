@@ -1,17 +1,17 @@
-//! Unreal's Live Link, as the app Live Link Face sends it: one datagram per frame to port 11111 with ARKit's 52 shapes and
-//! nine angles. One face: the first seen, until lost and faded; then datagrams go on without values.
+//! Unreal's Live Link, in the format of the Live Link Face app: one datagram per frame to port 11111 with ARKit's 52 shapes
+//! and nine angles. One face: the first seen, until lost and faded out; datagrams then continue without values.
 //!
 //! | bytes | meaning, big endian |
 //! | --- | --- |
 //! | 1 | version, 6 |
-//! | 4 + 36 | the device's number, as text |
+//! | 4 + 36 | the device's UUID, as text |
 //! | 4 + n | the subject's name |
-//! | 4, 4, 4, 4 | frame, part of it (float), frames in so many seconds: 30, 1 |
-//! | 1 + 61 × 4 | 61 and as many floats; absent without a face |
+//! | 4, 4, 4, 4 | frame, subframe (float), frame rate as a fraction: 30, 1 |
+//! | 1 + 61 × 4 | the count 61 and as many floats; absent without a face |
 //!
 //! Angles are in radians, as Unreal turns the app's transforms: yaw to the subject's right, pitch down, roll towards the
-//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not checked against
-//! Unreal itself: the signs of the angles follow from its axes.
+//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not tested with
+//! Unreal itself: the signs of the angles are derived from its axes.
 //! One file: most of it is the list of names.
 
 use super::features::LiveLinkSettings;

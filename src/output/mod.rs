@@ -1,8 +1,8 @@
-//! Weights on a wire: CSV, OSC, serial. Each takes a [`Report`] per frame and user and knows nothing of the others.
+//! Outputs: CSV, OSC, serial and others. Each takes a [`Report`] per frame and user and is independent of the others.
 //!
-//! On wires (not in CSV) weights are 0…1 and never NaN, and a face that is lost, or whose head is only posed, does not freeze: its last weights are held
-//! for a moment, then fade to neutral ([`LossPolicy`]). Closing an output (dropping it) sends neutral and absent. Nothing
-//! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
+//! Except in CSV, weights are 0…1 and never NaN, and a face that is lost, or whose head is tracked by depth alone, does not
+//! freeze: its last weights are held briefly, then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and
+//! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
 
 #[cfg(any(feature = "web", feature = "mqtt"))]
 mod board;

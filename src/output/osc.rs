@@ -3,19 +3,19 @@
 //! | address | arguments | when |
 //! | --- | --- | --- |
 //! | `/face/<u>/frame` | number, time ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency ms | every report, first of its datagram |
-//! | `/face/<u>/au` | all weights in the order of the schema | every report (styles vector, both) |
+//! | `/face/<u>/au` | all weights in schema order | every report (styles vector, both) |
 //! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
-//! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
-//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if wanted |
+//! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
+//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if enabled |
 //!
-//! The latency is the time from the frame's arrival in this machine to its being sent. Units stand under their names in
-//! the configuration. Receivers may ask for something, if the configuration lets them ([`commands`]).
+//! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
+//! configuration, which may also allow receivers to send commands ([`commands`]).
 //!
 //! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
-//! programs that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
+//! programs with their own OSC schema: [`vmc`], [`vrchat`], [`faceosc`].
 
 pub mod commands;
 pub mod faceosc;

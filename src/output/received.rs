@@ -1,6 +1,6 @@
-//! What receivers of our wires understand, whichever wire it came over: one user at one frame, and who is told of it.
+//! What receivers of our formats produce, whichever output it came from: one user at one frame, and who is notified.
 //!
-//! Each receiver stands beside what writes its wire: [`super::osc::Receiver`], [`super::serial::Receiver`] and
+//! Each parser is next to the emitter of its format: [`super::osc::Receiver`], [`super::serial::Receiver`] and
 //! [`super::csv::read::Columns`]. Only the workstation receives, so none of this is in the appliance.
 
 /// One user at one frame.

@@ -1,4 +1,4 @@
-//! What an output is given: one user at one frame.
+//! The input of every output: one user at one frame.
 
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;

@@ -1,8 +1,8 @@
-//! How an output shows the units: under which names, how strong, and whether as in a mirror.
+//! How an output presents the units: names, gains, and whether left and right are mirrored.
 //!
-//! Gains and names belong to the receiving side: a gain of 1.5 on `AU26` opens every rig's jaw half as far again, a name
-//! replaces `AU26` in addresses, headers and plots. Mirrored, left and right change places and the head moves as its
-//! reflection: for a person who looks at their own avatar. The CSV shows the units as they are.
+//! A gain of 1.5 on `AU26` opens every rig's jaw half as far again; a name replaces `AU26` in addresses, headers and plots.
+//! Mirroring swaps left and right and reflects the head pose, for a person who looks at their own avatar. The CSV is not
+//! affected.
 
 use crate::base::geometry::{Rigid, Rotation};
 #[cfg(not(feature = "std"))]

@@ -1,12 +1,12 @@
-//! Art-Net 4: one `ArtDmx` per universe and frame. The universe is the 15-bit Port-Address (net, sub-net, universe), as it
-//! stands in the table; many nodes call their first one 0.
+//! Art-Net 4: one `ArtDmx` per universe and frame. The universe in the table is the 15-bit Port-Address (net, sub-net,
+//! universe); many nodes call their first one 0.
 //!
 //! | bytes | meaning |
 //! | --- | --- |
 //! | 0–7 | `Art-Net` and a zero |
 //! | 8, 9 | 0x5000, little endian |
 //! | 10, 11 | version 14, big endian |
-//! | 12 | number, 1 to 255 |
+//! | 12 | sequence number, 1 to 255 |
 //! | 13 | physical port, 0 |
 //! | 14, 15 | Port-Address, little endian |
 //! | 16, 17 | channels, big endian |

@@ -1,14 +1,14 @@
 //! Lights and servos: a table of which unit drives which channel of which universe, sent as Art-Net ([`artnet`]) and sACN
 //! ([`sacn`]). One face: the first seen, until lost.
 //!
-//! A row is `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`: channels count from 1, 16 bits take two, coarse first.
-//! The curve says what becomes of a weight of 0…1: `linear`, `square` (what an eye takes for even on a lamp), `root`, or
-//! `smooth` (slow at both ends, for servos). MIN and MAX are percents of the channel's full scale; MIN above MAX turns it
-//! round. `hold` keeps the last value of a face that is lost, and at the end; else it goes back to MIN as on other wires.
-//! Besides units a row may name `present` (0 or 1) and the head's `yaw`, `pitch` and `roll`, −45° to 45° over the scale.
+//! A row is `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`: channels count from 1, 16-bit ones take two, coarse first.
+//! The curve maps a weight of 0…1: `linear`, `square` (perceptually even on a lamp), `root`, or `smooth` (slow at both ends, for
+//! servos). MIN and MAX are percentages of full scale; MIN above MAX inverts the channel. `hold` keeps the last value when the
+//! face is lost, and on exit; otherwise it returns to MIN as on other outputs. Besides units a row may name `present` (0 or 1)
+//! and the head's `yaw`, `pitch` and `roll`, −45° to 45° over the scale.
 //!
-//! Every universe goes out with every frame, whether changed or not, as receivers expect of a source: 30 a second, of which
-//! DMX carries 44. Memory: a datagram per universe. Limits: no RDM, no ArtPoll, no universe discovery, no synchronisation.
+//! Every universe is sent with every frame, changed or not, as receivers expect: 30 a second, where DMX carries up to 44.
+//! Memory: a datagram per universe. Limits: no RDM, no ArtPoll, no universe discovery, no synchronisation.
 
 pub mod artnet;
 pub mod sacn;

@@ -1,10 +1,10 @@
 //! sACN, ANSI E1.31-2018: one data packet per universe and frame, to the universe's multicast group (239.255.x.y, port 5568)
-//! or to hosts by name. At the end three packets that say so, as the standard asks, so that receivers let go at once.
+//! or to named hosts. On exit three stream-terminated packets, as the standard requires, so that receivers release at once.
 //!
 //! | bytes | meaning, all big endian |
 //! | --- | --- |
-//! | 0–37 | root layer: preamble 0x0010 0x0000, `ASC-E1.17` and zeros, 0x726e, vector 4, the source's number (16 bytes) |
-//! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, number, options (0x40 the last), universe (2) |
+//! | 0–37 | root layer: preamble 0x0010 0x0000, `ASC-E1.17` and zeros, 0x726e, vector 4, the source's CID (16 bytes) |
+//! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, sequence number, options (0x40 in the last), universe (2) |
 //! | 115–637 | DMP layer: 0x720b, 2, 0xa1, 0, 1, 513, start code 0, 512 values |
 
 use super::{CHANNELS, Desk};

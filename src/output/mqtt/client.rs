@@ -1,5 +1,5 @@
-//! The thread that talks with the broker.
-//! One file: what is said, when, and what becomes of it over a lost connection hang together.
+//! The thread that talks to the broker.
+//! One file: what is sent, when, and what happens to it over a lost connection depend on each other.
 
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write as _};

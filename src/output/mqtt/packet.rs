@@ -1,6 +1,5 @@
-//! Packets of MQTT 3.1.1 (OASIS, 2014) and 5.0 (2019), those that a client that publishes and takes commands needs: written
-//! into a buffer that is taken at the start, read from another. The two versions differ by the properties of 5, of which we
-//! send none and pass over all.
+//! The packets of MQTT 3.1.1 (OASIS, 2014) and 5.0 (2019) needed by a client that publishes and accepts commands, written to
+//! and read from preallocated buffers. Version 5 adds properties; we send none and skip all we receive.
 
 /// Longest packet that is read, bytes; a broker has nothing longer to tell us.
 pub(super) const LONGEST: usize = 2048;

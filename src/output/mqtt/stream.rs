@@ -1,6 +1,6 @@
-//! What carries MQTT to the broker: TCP, or TLS over it (RFC 8446, RFC 5246; by `rustls`).
+//! The connection to the broker: TCP, or TLS over it (RFC 8446, RFC 5246; by `rustls`).
 //!
-//! Neither ever waits, except in [`Stream::finish`]. TLS asks for memory with every record, on the broker's thread alone.
+//! Neither ever blocks, except in [`Stream::finish`]. TLS allocates for every record, on the broker's thread only.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};

@@ -1,20 +1,19 @@
-//! Commands over OSC, for receivers that may ask for something. Off by default, and on this machine only unless the
-//! configuration names another address.
+//! Commands over OSC. Off by default, and accepted from this machine only unless the configuration names another address.
 //!
 //! | address | arguments | what it does |
 //! | --- | --- | --- |
-//! | `/face/cmd/forget` | slot | forgets what was learned of the user |
-//! | `/face/cmd/freeze` | slot, 0 or 1 | stops learning of the user, or goes on with it |
-//! | `/face/cmd/neutral` | slot | takes the user's present face for rest |
-//! | `/face/cmd/schema` | | sends the schema now: to the targets on the asker's host, without any back where it came from |
+//! | `/face/cmd/forget` | slot | forgets what was learned about the user |
+//! | `/face/cmd/freeze` | slot, 0 or 1 | resumes or stops learning for the user |
+//! | `/face/cmd/neutral` | slot | takes the user's current face as rest |
+//! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
-//! What comes in is not trusted: a datagram is read into a fixed buffer, bundles may be nested twice, and of each frame's
-//! time only so many datagrams are looked at; the rest waits in the socket, which the system bounds. Every sender has an
-//! allowance of [`AT_ONCE`] requests, and one more each [`EACH`]; what is beyond, what is malformed, unknown, has other
-//! arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its datagram if that
-//! cannot be told apart. An answer goes to who asked only. Nothing allocates. Limits: of more than [`SENDERS`] senders the
-//! one unheard for longest is taken for new when it comes again.
-//! One file: every command beside what it may do, and who may send it how often.
+//! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and only so many datagrams are
+//! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make [`AT_ONCE`] requests, and
+//! one more every [`EACH`]. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
+//! not exist are counted and otherwise ignored, with the rest of their datagram if that cannot be separated. Replies go to the
+//! requester only. Nothing allocates. Limits: with more than [`SENDERS`] senders, the one silent for longest counts as new when
+//! it returns.
+//! One file: every command, what it may do, and who may send it how often.
 
 #[cfg(feature = "std")]
 use std::net::{IpAddr, SocketAddr, UdpSocket};

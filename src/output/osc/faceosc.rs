@@ -1,10 +1,10 @@
 //! OSC preset `faceosc`: the raw distances of FaceOSC, which many sketches in Processing, Max and Pd expect.
 //!
 //! `/found` alone, then one bundle per frame: `/pose/position` in pixels, `/pose/scale`, `/pose/orientation` in radians
-//! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face, the head's turning taken out, in FaceOSC's
+//! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face with the head pose removed, in FaceOSC's
 //! unit of about 3.6 mm (a mouth is about 14 wide); the scale is pixels per unit. Left and right are the subject's own;
-//! mirrored, they change places, and the picture is reflected. One face: the first seen, until lost. A lost face is held for
-//! a while, then not found: distances have no neutral to fade to.
+//! mirroring swaps them and reflects the image. One face: the first seen, until lost. A lost face is held for a while, then
+//! reported as not found: distances have no neutral value to fade to.
 
 use super::packet::Argument;
 use super::wire::{Targets, Wire};

@@ -1,5 +1,5 @@
-//! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings end in 1 to 4 zeros, up to a
-//! multiple of four; numbers are 32 bits, big endian; each message stands behind its length. Nothing allocates.
+//! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings are padded with 1 to 4 zeros to a
+//! multiple of four; numbers are 32 bits, big endian; each message is preceded by its length. Nothing allocates.
 
 use core::fmt::Write;
 

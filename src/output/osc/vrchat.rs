@@ -1,12 +1,12 @@
 //! OSC preset `vrchat`: avatar parameters of VRChat, with the names of Unified Expressions v2.
 //!
-//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only what is
-//! measured is sent, and only what has changed; everything once a second, for avatars that were loaded meanwhile. The
-//! switches `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` tell whether there is a face. One face: the first
-//! seen, until lost.
+//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only
+//! measured parameters are sent, and only when they change; all of them once a second, for avatars loaded in the meantime. The
+//! switches `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` tell whether there is a face. One face: the
+//! first seen, until lost.
 //!
-//! An avatar has few bits for its parameters, so authors make them of switches: a value v of n bits is the whole number
-//! |v| × (2ⁿ − 1), cut, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
+//! An avatar has few bits for its parameters, so authors use binary switches: a value v of n bits is the integer
+//! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};

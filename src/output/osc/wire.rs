@@ -1,4 +1,4 @@
-//! The datagram that is being filled, and where it goes when it is full.
+//! The datagram being filled, and where it is sent when it is full.
 
 use core::net::IpAddr;
 

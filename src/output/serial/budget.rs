@@ -1,9 +1,9 @@
-//! What a line can carry: how many frames a second, of how many units.
+//! What a line can carry: how many frames per second, of how many units.
 //!
-//! A byte takes ten bits on the line, and a little of the line is kept free, because clocks of both ends differ. Of the
-//! bytes a second that leaves, the repeated names come off; the longest possible frame says how many frames a second fit.
-//! Are those fewer than are wanted at least, units are left out, the least telling first, until the rate is reached or one
-//! unit is left. A binary frame is kept to what an AVR's receive ring holds in the same way.
+//! A byte takes ten bits on the line, and some capacity is reserved because the clocks at both ends differ. From the
+//! remaining bytes per second the repeated names are subtracted; the longest possible frame then determines the frame rate.
+//! If that is below the minimum rate, units are left out, least important first, until the rate is reached or one unit is
+//! left. Binary frames are likewise limited to what an AVR's receive buffer holds.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

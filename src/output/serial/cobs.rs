@@ -8,8 +8,8 @@
 //! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
 //! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
-//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is longer than what
-//! an AVR keeps of what it has not read yet: weights of up to 52 units, and as many names as fit.
+//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is
+//! longer than an AVR's receive buffer: weights of up to 52 units, and as many names as fit.
 
 use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};

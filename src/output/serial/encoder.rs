@@ -1,4 +1,4 @@
-//! Reports to the bytes of a line, one face at a time, in what the line can carry.
+//! Encodes reports to the bytes of a line, one face at a time, within what the line can carry.
 
 use core::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! What waits to be sent, in a fixed buffer: sentences with checksums, or bytes.
+//! A fixed buffer of what waits to be sent: lines with checksums, or bytes.
 
 use core::fmt::Write;
 

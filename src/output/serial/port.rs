@@ -1,7 +1,7 @@
 //! The thread between the pipeline and a serial port.
 //!
-//! A USB adapter's `/dev/ttyUSB0` may be another adapter's tomorrow. So the first time a port is open, the name that the
-//! system keeps for that very device (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
+//! `/dev/ttyUSB0` may be another adapter tomorrow. So when a port is first opened, the system's stable name for that device
+//! (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};

@@ -1,7 +1,7 @@
 //! Receives what [`super`] sends in any of its three styles, told apart by what arrives.
 //!
-//! A text line is believed with its checksum, a binary frame with its CRC; a plot line has none and must be all of
-//! `name:number`. Whatever else comes is counted. Weights of a text or plot line are whole numbers of `full` (100 unless
+//! A text line needs a valid checksum, a binary frame a valid CRC; a plot line has neither and must consist of `name:number`
+//! only. Anything else is counted. Weights of a text or plot line are whole numbers of `full` (100 unless
 //! `serial.full` of the sender says otherwise). Memory: 4 kB.
 
 use super::cobs;

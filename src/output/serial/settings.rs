@@ -1,4 +1,4 @@
-//! Which port, how it is used, and what is written.
+//! Settings of the serial output: which port, how it is used, and what is written.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

@@ -1,16 +1,16 @@
-//! OSCQuery (the proposal's HTTP part): the tree of the addresses that `[osc]` sends and hears, as JSON, with types, access,
-//! ranges, descriptions and the newest values. `GET /` is the whole tree, `GET /face/0/pose` a part of it,
-//! `GET /face/0/pose?VALUE` one attribute of it, `GET /?HOST_INFO` what the box is. Limits: no LISTEN over WebSocket: values
-//! come over OSC itself, or over `[websocket]`.
+//! OSCQuery (the HTTP part of the proposal): the tree of addresses that `[osc]` sends and receives, as JSON, with types,
+//! access, ranges, descriptions and the newest values. `GET /` returns the whole tree, `GET /face/0/pose` a subtree,
+//! `GET /face/0/pose?VALUE` one attribute, `GET /?HOST_INFO` information about the box. Limits: no LISTEN over WebSocket;
+//! values come over OSC itself, or over `[websocket]`.
 //!
 //! One file: every node with its types, ranges and values.
 //!
 //! | status | when |
 //! | --- | --- |
-//! | 200 | the node or attribute is there |
+//! | 200 | the node or attribute exists |
 //! | 204 | the node has no such attribute |
-//! | 400 | no attribute of that name is known |
-//! | 404 | there is no such node |
+//! | 400 | unknown attribute |
+//! | 404 | no such node |
 
 use std::fmt::{Result as Written, Write as _};
 use std::net::SocketAddr;

@@ -1,10 +1,10 @@
-//! A small server: HTTP/1.1 requests without bodies, each answered once and closed, or turned into a WebSocket.
+//! A small server: HTTP/1.1 requests without bodies, each answered and closed, or upgraded to a WebSocket.
 //!
-//! Whoever connects gets one of [`SLOTS`] places. When all are taken, one who has not asked for anything in a quarter of a second
-//! makes room; else the newcomer is turned away. Whoever goes without is counted. A request must be whole after [`PATIENCE`] and at most [`REQUEST`] bytes long; who does
-//! not read what is written for [`STUCK`] is let go. A page that reads slower than frames come gets the newest that it can.
-//! Memory: what a place reads and what waits for it, taken at the start.
-//! One file: requests, frames and places are small, and of use to nobody else.
+//! There are [`SLOTS`] connections. When all are in use, one that has sent no request within a quarter of a second is dropped;
+//! otherwise the new one is rejected. Both are counted. A request must be complete within [`PATIENCE`] and at most [`REQUEST`]
+//! bytes long; a client that reads nothing for [`STUCK`] is disconnected. A page that reads slower than frames arrive skips to
+//! the newest. Memory: read and write buffers per connection, allocated at start-up.
+//! One file: requests, frames and connections are small, and used nowhere else.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
