@@ -3,10 +3,10 @@
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long that may take.
+/// Time limit.
 const CLOSING: Duration = Duration::from_millis(500);
 
-/// Waits for a thread that was told to stop; one that hangs is left to itself.
+/// Waits for a thread that was told to stop; a hanging one is abandoned.
 pub(super) fn wait_for(thread: JoinHandle<()>) {
     let start = Instant::now();
     while !thread.is_finished() && start.elapsed() < CLOSING {

@@ -8,9 +8,9 @@ use super::{LossPolicy, View};
 pub struct LightSettings {
     /// Rows `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`.
     pub channels: Vec<String>,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -62,9 +62,9 @@ pub struct LiveLinkSettings {
     pub targets: Vec<String>,
     /// Subject name in Unreal; empty = the name of the box.
     pub subject: String,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -87,9 +87,9 @@ pub struct ServerSettings {
     pub enabled: bool,
     /// `address:port`.
     pub listen: String,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -150,9 +150,9 @@ pub struct MqttSettings {
     pub commands: bool,
     /// Whether the box announces itself to Home Assistant.
     pub home_assistant: bool,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 

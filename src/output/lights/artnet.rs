@@ -33,7 +33,7 @@ pub fn emit(universe: u16, number: u8, values: &[u8; CHANNELS]) -> [u8; LENGTH] 
     bytes
 }
 
-/// Universe, number and values of a datagram; `None` if it is no `ArtDmx`.
+/// Universe, sequence number and values of a datagram; `None` if it is not an `ArtDmx`.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<(u16, u8, &[u8])> {
     let (header, values) = bytes.split_at_checked(HEADER)?;
@@ -58,7 +58,7 @@ impl ArtNet {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the table is unusable, or there is no socket to be had.
+    /// If the table is unusable or no socket can be opened.
     pub fn new(
         settings: &ArtNetSettings,
         lights: &LightSettings,

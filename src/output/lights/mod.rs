@@ -19,12 +19,12 @@ use crate::base::geometry::yaw_pitch_roll;
 
 /// Channels of a universe.
 pub const CHANNELS: usize = 512;
-/// Universes at most.
+/// Most universes.
 const UNIVERSES: usize = 16;
-/// Head angles that are the ends of a channel, radians.
+/// Head angles at the ends of a channel's range, radians.
 const TURN: f32 = std::f32::consts::FRAC_PI_4;
 
-/// What becomes of a weight.
+/// Curve applied to a weight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Curve {
     #[default]
@@ -52,7 +52,7 @@ impl Curve {
     }
 }
 
-/// A row of the table, but for its unit.
+/// A row of the table, without its unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     universe: u16,
@@ -66,7 +66,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Reads a row and what drives it: a unit, or `present`, `yaw`, `pitch`, `roll`; `None` if it is none.
+    /// Parses a row and its driver: a unit, or `present`, `yaw`, `pitch`, `roll`; `None` if malformed.
     ///
     /// ```
     /// use mien::output::lights::Row;
@@ -111,7 +111,7 @@ impl Row {
         fits.then_some((unit, row))
     }
 
-    /// What stands in the channel for 0…1: 8 bits, or 16.
+    /// The channel value for 0…1: 8 bits, or 16.
     fn value(&self, weight: f32) -> u16 {
         let [low, high] = self.ends;
         let share = low + (high - low) * self.curve.of(weight);
@@ -130,7 +130,7 @@ enum Driver {
     Turn(usize),
 }
 
-/// The table with its values: what a lighting desk does.
+/// The table with its current values.
 struct Desk {
     face: OneFace,
     view: View,
@@ -148,7 +148,7 @@ struct Channel {
 }
 
 impl Desk {
-    /// `most` is the highest universe of the wire, `least` the lowest.
+    /// `most` is the highest universe of the protocol, `least` the lowest.
     fn new(
         settings: &LightSettings,
         units: &[&str],
@@ -222,7 +222,7 @@ impl Desk {
         Ok(desk)
     }
 
-    /// Takes a report; whether its face is the one on this wire.
+    /// Takes a report; whether its face is the one shown.
     fn observe(&mut self, report: &Report) -> bool {
         let Some(state) = self.face.follow(report) else {
             return false;
@@ -242,7 +242,7 @@ impl Desk {
         self.set(false, false);
     }
 
-    /// Computes the channels. A head that is away looks straight on, unless it is to be held.
+    /// Computes the channels. Without a head, the angles are 0 unless held.
     fn set(&mut self, present: bool, known: bool) {
         for Channel { driver, row, at } in &self.channels {
             let weights = &self.face.weights;

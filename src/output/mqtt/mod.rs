@@ -29,10 +29,10 @@ use super::{Command, Output, OutputError, Report, Tally, identity};
 pub struct Mqtt(Front);
 
 impl Mqtt {
-    /// Starts looking for the broker. `units` are the names in the order of the weights, `name` is the box's.
+    /// Starts connecting to the broker. `units` are the names in the order of the weights, `name` is the box's.
     ///
     /// # Errors
-    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is away.
+    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
     pub fn new(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Self, OutputError> {
         let trust = stream::Trust::new(settings)?;
         let password = (!settings.password_file.is_empty()).then(|| {

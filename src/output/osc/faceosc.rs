@@ -24,11 +24,11 @@ const FOUND_S: f64 = 1.0;
 /// Where it goes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// Whether left and right change places.
+    /// Whether left and right are swapped.
     pub mirror: bool,
     /// How long a lost face is held, seconds.
     pub hold_s: f32,
@@ -84,14 +84,14 @@ impl FaceOsc {
     /// Opens the sockets.
     ///
     /// # Errors
-    /// If a target is unusable, or there is no socket to be had.
+    /// If a target is unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings) -> Result<Self, OutputError> {
         let targets = super::udp::open(&settings.targets)?;
         Ok(Self::over(targets, settings))
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings.
+    /// As [`Self::new`], but to these targets instead of the configured ones.
     #[must_use]
     pub fn over(targets: Targets, settings: Settings) -> Self {
         Self {

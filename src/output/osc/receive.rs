@@ -9,7 +9,7 @@ use crate::base::capacity::USERS;
 use crate::output::is_name;
 use crate::output::received::{Listener, Sample, UnitRange};
 
-/// Bundles in bundles in bundles are refused.
+/// Nesting depth at which bundles are refused.
 const DEPTH: usize = 3;
 /// Units a schema may name.
 const MOST_UNITS: usize = 256;

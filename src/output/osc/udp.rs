@@ -22,7 +22,7 @@ const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 /// Opens a socket for each of `targets` (`host:port`).
 ///
 /// # Errors
-/// If a target is unusable, or there is no socket to be had.
+/// If a target is unusable or no socket can be opened.
 pub(in crate::output) fn open(targets: &[String]) -> Result<Targets, OutputError> {
     let open = |target: &String| -> Result<Box<dyn Datagrams>, OutputError> {
         Ok(Box::new(Target::open(target)?))
@@ -125,7 +125,7 @@ impl Target {
 }
 
 impl Name {
-    /// Held for a copy only, by either side.
+    /// Locked by either side for no longer than a copy.
     fn address(&self) -> MutexGuard<'_, Option<SocketAddr>> {
         self.address.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -42,10 +42,10 @@ pub enum Values {
     Both,
 }
 
-/// Where and how it goes.
+/// Settings of the VMC output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
@@ -53,11 +53,11 @@ pub struct Settings {
     pub values: Values,
     /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
     pub bits: u32,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
     /// What the avatar's author put before the names; empty, or ending in a slash.
     pub prefix: String,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -100,13 +100,13 @@ impl VrChat {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the settings are unusable, or there is no socket to be had.
+    /// If the settings are unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         Self::over(super::udp::open(&settings.targets)?, settings, units)
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings.
+    /// As [`Self::new`], but to these targets instead of the configured ones.
     ///
     /// # Errors
     /// If the prefix is unusable.

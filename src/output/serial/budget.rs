@@ -14,13 +14,12 @@ const USED: f32 = 0.95;
 const BITS_PER_BYTE: f32 = 10.0;
 /// Frames a second that come from the sensor.
 pub(super) const FRAMES_HZ: f32 = 30.0;
-/// How often the names of the units are repeated, seconds.
+/// Interval at which the names of the units are repeated, seconds.
 pub(super) const HEADER_PERIOD_S: f32 = 5.0;
-/// Bytes an AVR keeps of what its sketch has not read yet.
+/// Size of an AVR's receive buffer, bytes.
 pub(super) const AVR_RING: usize = 63;
 
-/// Units in the order in which they are kept when a line is slow: what carries speech and mood first. Others follow in the
-/// order of the table.
+/// Units in the order of importance on a slow line: speech and mood first. Others follow in the order of the table.
 const PRIORITY: [&str; 21] = [
     "AU26", "AU25", "AU43L", "AU43R", "AU12L", "AU12R", "AU2L", "AU2R", "AU20", "AU18", "AU4L",
     "AU4R", "AU30L", "AU30R", "AU9L", "AU9R", "AU22", "AU28", "AU29", "AU5L", "AU5R",
@@ -36,7 +35,7 @@ pub(super) fn bytes_per_second(baud: u32) -> f32 {
 pub(super) struct Plan {
     /// Indices of the units that are sent, in the order on the wire.
     pub(super) units: Vec<usize>,
-    /// Frames a second the line takes, at most those of the sensor.
+    /// Frames per second that the line carries, at most the sensor's.
     pub(super) rate_hz: f32,
     /// The longest frame.
     pub(super) frame_bytes: usize,

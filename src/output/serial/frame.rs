@@ -10,10 +10,10 @@ use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pit
 use crate::base::prelude::*;
 use crate::output::TrackingState;
 
-/// What a frame says besides its weights.
+/// Everything in a frame except its weights.
 pub(super) struct Frame {
     pub(super) count: u16,
-    /// What a weight of 1 is in the styles of whole numbers.
+    /// Value of a weight of 1 in the text styles.
     pub(super) full: u32,
     pub(super) ms: u32,
     pub(super) state: TrackingState,

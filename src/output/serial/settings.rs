@@ -25,19 +25,19 @@ pub struct Settings {
     pub baud: u32,
     /// What is written.
     pub style: Style,
-    /// What a weight of 1 is in the styles `text` and `plot`: 100 are whole percents.
+    /// Value of a weight of 1 in the styles `text` and `plot`: 100 gives whole percentages.
     pub full: u32,
     /// Whether poses are sent too.
     pub pose: bool,
     /// FACS names of the units to send, the most important first; empty = all.
     pub units: Vec<String>,
-    /// Frames a second below which units are left out, Hz.
+    /// Frame rate below which units are left out, Hz.
     pub min_rate_hz: f32,
-    /// Whether the line DTR is raised on opening; else it stays as the system has it.
+    /// Whether DTR is raised on opening; otherwise it is left unchanged.
     pub dtr: bool,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 

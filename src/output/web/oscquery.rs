@@ -24,11 +24,11 @@ use crate::output::features::ServerSettings;
 use crate::output::osc::{self, Style};
 use crate::output::{Output, OutputError, Report, SCHEMA_VERSION, Tally, identity};
 
-/// Bytes of the whole tree, with four users and the longest names.
+/// Size of the whole tree with four users and the longest names, bytes.
 const TREE: usize = 96 * 1024;
 /// Bytes of the longest address.
 const PATH: usize = 160;
-/// Steps of the longest address.
+/// Parts of the longest address.
 const DEPTH: usize = 24;
 
 /// Attributes a node may be asked for.
@@ -45,7 +45,7 @@ const ATTRIBUTES: [&str; 7] = [
 /// A node of the tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Node {
-    /// So many parts of the prefix have been gone down; the last of them holds everything.
+    /// This many parts of the prefix down; the last of them contains everything.
     Prefix(usize),
     Alive,
     Schema,
@@ -60,7 +60,7 @@ enum Node {
     Present(usize),
 }
 
-/// Name, types, what it does.
+/// Name, types, description.
 const COMMANDS: [(&str, &str, &str); 4] = [
     (
         "forget",
@@ -88,7 +88,7 @@ struct Tree {
     /// The vector's types.
     floats: String,
     style: Style,
-    /// Where commands are heard, if they are.
+    /// The command port, if open.
     listens: Option<SocketAddr>,
 }
 
@@ -401,10 +401,11 @@ impl Service for Tree {
 pub struct OscQuery(Front);
 
 impl OscQuery {
-    /// Starts serving what `osc` sends and hears. `units` are the names in the order of the weights, `name` is the box's.
+    /// Starts serving the tree of what `osc` sends and receives. `units` are the names in the order of the weights, `name` is the
+    /// box's.
     ///
     /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is taken.
+    /// If the address is unusable or no thread can be started; not if it is in use.
     pub fn new(
         settings: &ServerSettings,
         osc: &osc::Settings,

@@ -20,7 +20,7 @@ use crate::output::{Output, OutputError, Report, Tally};
 const MESSAGE: usize = 4096;
 
 struct Pages {
-    /// As JSON has them, with a colon.
+    /// Names as JSON keys, with a colon.
     units: Box<[String]>,
 }
 
@@ -90,7 +90,7 @@ impl WebSocket {
     /// Starts serving. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is taken.
+    /// If the address is unusable or no thread can be started; not if it is in use.
     pub fn new(settings: &ServerSettings, units: &[&str]) -> Result<Self, OutputError> {
         let address = address(settings)?;
         let names = units.iter().map(|unit| settings.view.name(unit));
