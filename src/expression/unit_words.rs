@@ -1,7 +1,7 @@
-//! What the action units are called: FACS's names, plain ones, ARKit's, and what the face does.
+//! Names of the action units: FACS, plain, ARKit, and a description of what the face does.
 //!
-//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes are without sides; `L` and
-//! `R` are the subject's own left and right.
+//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes omit the side; `L` and `R` are
+//! the subject's own left and right.
 
 /// What one unit is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
