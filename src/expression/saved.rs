@@ -32,12 +32,12 @@ pub struct Learned {
 pub enum SavedError {
     /// Not this format.
     #[error(
-        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start anew"
+        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start over"
     )]
     Header,
     /// A malformed line.
     #[error(
-        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start anew"
+        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]
     Line {
         /// Counted from 1.
