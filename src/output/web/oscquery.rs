@@ -171,11 +171,9 @@ impl Tree {
                 "number, time in ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency in ms"
             }
             Node::Units(_) => "weights of all units in schema order",
-            Node::Unit(..) => {
-                "weight of a FACS action unit: 0 at rest, 1 at this person's full expression"
-            }
+            Node::Unit(..) => "weight of a FACS action unit: 0 at rest, 1 fully expressed",
             Node::Pose(_) => {
-                "head pose in the sensor frame: x right, y down, z forward in metres, rotation x y z w"
+                "head pose, sensor frame: x right, y down, z forward in metres, rotation x y z w"
             }
             Node::Present(_) => "whether somebody is there",
         }
