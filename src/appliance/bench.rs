@@ -1,11 +1,11 @@
-//! `mien bench`: what each step of a frame costs, without the source's own cost: with one person and with four before the
-//! simulated sensor, or from a source that is named.
+//! `mien bench`: time per step of a frame, excluding the source's own cost: with one person and with four in front of the
+//! simulated sensor, or from a named source.
 //!
-//! Each frame of the source is cut into the packets a Kinect would have sent (not timed) and then goes the whole way: packets
-//! to pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets come
-//! interleaved, every frame's from memory written since the last one, so that no step finds its input in the nearest cache
-//! only because it is a benchmark. Times are of the wall clock: on a busy machine the median tells more than the mean.
-//! Memory counts the whole process, so also the simulated sensor if that is the source (about 15 MB).
+//! Each frame is split into the packets a Kinect would have sent (not timed) and then runs through everything: packets to
+//! pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved
+//! and read from freshly written memory, so that inputs are not unrealistically warm in the cache. Times are wall-clock:
+//! on a busy machine the median is more meaningful than the mean. Memory is that of the whole process, including the
+//! simulated sensor if that is the source (about 15 MB).
 
 use std::io::{self, Write};
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! What is plugged in: sensors with their state and the remedy, serial ports by the name to use.
+//! `mien devices`: connected sensors with their state and the remedy, and serial ports by the name to use.
 
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,10 @@
 //! Log lines on standard error, one per event, with the journal's priority in front: `<4>message key=value`.
 //!
-//! A subscriber of our own because the usual one brings formatting, time zones and regular expressions that the box has
-//! no use for: journald adds the time, and the unit's file holds the level. On a terminal the priority is left out.
+//! It has its own subscriber because the usual one brings formatting, time zones and regular expressions that the box does not
+//! need: journald adds the time, and the configuration holds the level. On a terminal the priority is omitted.
 //!
-//! Nobody waits for whoever reads it: a line for which there is no room is left out, and how many were is said with the
-//! next. What comes from outside (names of devices, of files) cannot end a line or move a terminal's cursor.
+//! Logging never blocks: a line for which there is no room is dropped, and the next one says how many were. External text
+//! (names of devices and files) cannot end a line or move a terminal's cursor.
 
 use std::fmt::{Display, Write as _};
 use std::io::{IsTerminal, stderr};

@@ -1,8 +1,8 @@
-//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can say how often memory
-//! was asked for and how much is in use; and memory kept in RAM where the system permits it.
+//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can report allocations and
+//! memory in use; and locking memory in RAM where the system permits it.
 //!
-//! Cost: two relaxed additions per request. One of five files with unsafe code, because neither an allocator nor
-//! `mlockall` can be had without: the others are those of the USB transfers and of [`crate::base::vectors`].
+//! Cost: two relaxed additions per request. One of five files with unsafe code, because an allocator and `mlockall` require
+//! it.
 #![expect(
     unsafe_code,
     reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall a foreign function"

@@ -1,9 +1,9 @@
-//! Writing to where perhaps nobody reads: standard output and error, a table's file.
+//! Non-blocking writes to outputs that may have no reader: standard output and error, the CSV file.
 //!
-//! A pipe, a terminal or a socket whose other end is not read takes nothing more, and a plain write would wait for good. So
-//! pipes and terminals are opened again in a mode of their own that never waits (what was inherited stays as others who
-//! share it have it), and before every write it is asked whether there is room; a socket has that question only. A pipe
-//! takes a line of up to [`WHOLE`] bytes whole or not at all. Nothing allocates after opening.
+//! A pipe, terminal or socket whose other end is not read fills up, and a plain write would block for ever. So pipes and
+//! terminals are reopened in non-blocking mode (the inherited descriptor, which others may share, stays unchanged) and polled
+//! for room before every write; sockets are only polled. A pipe takes a line of up to [`WHOLE`] bytes completely or not at
+//! all. Nothing allocates after opening.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};

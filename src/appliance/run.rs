@@ -1,5 +1,5 @@
-//! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
-//! One file: the order of a run from its start to its end.
+//! `mien run`: reads settings and model, runs frames through the pipeline, sends reports, and shuts down in order.
+//! One file: the sequence of a run from start to end.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What every command that runs starts with: the configuration, the model, the source, and why it may fail.
+//! Start-up common to the commands that process frames: configuration, model, source, and their errors.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,9 @@
-//! What the service manager is told: ready, alive, a line of state, the end (the datagrams of systemd's `sd_notify(3)`).
+//! Notifications to the service manager: ready, alive, a status line, stopping (the datagrams of systemd's `sd_notify(3)`).
 //!
 //! The socket's path is in `NOTIFY_SOCKET`; a path that begins with `@` is in the abstract namespace. With a watchdog
-//! (`WATCHDOG_USEC`) [`ServiceManager::alive`] feeds it four times per period, and only the loop that takes frames through the
-//! pipeline calls it: a run that hangs anywhere is ended by the manager. Without a manager every call does nothing.
-//! No allocation after construction. Limits: a datagram that does not get through is not repeated; the next one follows soon.
+//! (`WATCHDOG_USEC`) [`ServiceManager::alive`] triggers it four times per period, and only the loop that runs frames through
+//! the pipeline calls it: the manager kills a run that hangs anywhere. Without a manager every call does nothing.
+//! No allocation after construction. Limits: a lost datagram is not repeated; the next one follows soon.
 
 use std::fmt::Write as _;
 use std::os::linux::net::SocketAddrExt;

@@ -1,4 +1,4 @@
-//! What signals ask for.
+//! Signals as requests to a run.
 
 use std::io::{IsTerminal, stderr, stdout};
 use std::sync::Arc;

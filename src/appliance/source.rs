@@ -1,4 +1,4 @@
-//! The sources by name, each behind the same verb, and the pace at which frames that are made or read are handed on.
+//! The sources by name, behind one interface, and the pace at which simulated or recorded frames are delivered.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

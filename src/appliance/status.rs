@@ -1,10 +1,10 @@
-//! What the program tells of itself: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
+//! Status files: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
 //!
-//! Each file is written under another name and then renamed, so that a reader never sees half of one. They belong on a
-//! file system in memory (`/run`): nothing is synchronised. If they cannot be written, that is said once and tried again.
-//! Latencies are from a frame's arrival in this machine to after its last output took it, over the last 1024 frames.
-//! Nothing allocates after the first writing; memory: two latency rings of 4 kB and a text of 16 kB.
-//! One file: both files that are written, and the figures in them.
+//! Each file is written under a temporary name and then renamed, so that a reader never sees a partial one. They belong on an
+//! in-memory file system (`/run`) and are not synced. A write error is logged once, and writing is retried.
+//! Latency is the time from a frame's arrival in this machine until its last output has taken it, over the last 1024 frames.
+//! Nothing allocates after the first write; memory: two latency rings of 4 kB and a text of 16 kB.
+//! One file: both formats and their figures.
 
 use std::fmt::Write as _;
 use std::fs::{Metadata, Permissions};

@@ -1,7 +1,6 @@
-//! What a person sees who runs `mien` on a terminal: what goes where, one line that is written over and over, and at the
-//! end what there was.
+//! The output of `mien run` on a terminal: destinations at the start, one live line, and a summary at the end.
 //!
-//! One of five files with unsafe code: the width of a terminal is not to be had without.
+//! One of five files with unsafe code, which the terminal's width requires.
 #![expect(
     unsafe_code,
     reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"

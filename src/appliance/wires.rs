@@ -1,4 +1,4 @@
-//! The outputs that a configuration asks for.
+//! Opens the outputs enabled in the configuration.
 
 use crate::appliance::settings::Settings;
 use crate::output::osc::Osc;

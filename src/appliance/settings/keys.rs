@@ -1,5 +1,5 @@
-//! Every key of the configuration: section, name, meaning, unit, range, place.
-//! One table, so one file: every key stands beside the others of its section.
+//! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
+//! One table, so one file: every key is next to the others of its section.
 
 use super::sections::Settings;
 use crate::expression::measures::Scale;

@@ -2,7 +2,7 @@
 //!
 //! One table ([`keys`]) names every key once, with its comment, unit, range and place in [`Settings`]. Reading, checking,
 //! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
-//! One file: the settings and the reading of them are one format; the keys have their own.
+//! One file: reading and writing one format; the keys have their own.
 
 mod keys;
 mod network;

@@ -1,5 +1,5 @@
-//! The keys of the wires that are features of the build.
-//! One table, as that of the other keys: every build reads all of it.
+//! Keys of the outputs that are optional build features.
+//! One table, like that of the other keys; every build reads all of it.
 
 use super::keys::{Key, Kind, MIRROR, is_host_port, key, single, targets};
 

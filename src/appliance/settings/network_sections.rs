@@ -1,4 +1,4 @@
-//! Settings of the wires that are features of the build; every build reads all of them.
+//! Settings of the outputs that are optional build features; every build reads all of them.
 
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, SacnSettings,

@@ -1,4 +1,4 @@
-//! Values of TOML as words, and words as values.
+//! Converts between TOML values and their text.
 
 use toml::de::DeValue;
 

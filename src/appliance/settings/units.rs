@@ -1,4 +1,4 @@
-//! The section `[units]`: keys are names of units, values say what is changed about them.
+//! The section `[units]`: keys are units, values their output name and gain.
 
 use std::fmt::Write as _;
 use std::ops::Range;
