@@ -27,10 +27,10 @@ use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
-/// Frames before the first that counts: memory is taken and caches warm.
+/// Warm-up frames, in which memory is allocated and caches fill.
 const WARM_UP: u64 = 5;
 
-/// What is timed, in order; sums stand below their parts.
+/// The steps timed, in order; sums come after their parts.
 const STEPS: [&str; 9] = [
     "packets",
     "unpack",
@@ -61,7 +61,7 @@ const fn step_of(stage: Stage) -> usize {
 struct Packets {
     cutters: [Cutter; 2],
     packed: Box<[u8; PACKED_DEPTH]>,
-    /// Stream, length and bytes, one after the other in the order of time.
+    /// Stream, length and bytes of each packet, in order of time.
     cut: Vec<(Stream, usize, [u8; LONGEST])>,
 }
 
@@ -107,7 +107,7 @@ impl Packets {
 /// Times of every step in milliseconds, frame by frame.
 struct Times {
     of: [Vec<f32>; STEPS.len()],
-    /// Of the present frame; `None` if the step was not reached.
+    /// Times of the current frame; `None` if the step was not reached.
     now: [Option<f32>; STEPS.len()],
     /// People reported, over all frames.
     seen: usize,
@@ -123,7 +123,7 @@ impl Times {
         }
     }
 
-    /// Mean number of people there.
+    /// Mean number of people per frame.
     fn people(&self) -> f64 {
         self.seen as f64 / self.of[FRAME].len().max(1) as f64
     }
@@ -204,7 +204,7 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
         .map_err(Failure::Print)
 }
 
-/// Times of the frames of one source, and what was asked for meanwhile.
+/// Times of one source's frames, and the allocations meanwhile.
 fn time(
     name: &str,
     frames: u64,

@@ -17,7 +17,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 use crate::appliance::pipe::Pipe;
 use crate::appliance::terminal::OVER;
 
-/// Longest line; what is beyond is cut, so that a line never allocates without bound.
+/// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
 
 struct Lines {
@@ -25,7 +25,7 @@ struct Lines {
     terminal: bool,
     /// `None` if standard error is closed.
     error: Option<Pipe>,
-    /// Lines left out since the last one.
+    /// Lines dropped since the last one.
     left_out: AtomicU32,
 }
 
@@ -41,7 +41,7 @@ pub fn start(level: Level) {
     let _ = tracing::subscriber::set_global_default(lines);
 }
 
-/// The last words of a program, to standard error.
+/// Prints a program's final message to standard error.
 pub fn say(words: impl Display) {
     let mut line = Line::default();
     // A full line is cut.
@@ -89,7 +89,7 @@ impl std::fmt::Write for Line {
     }
 }
 
-/// Something as one line, whatever is in it.
+/// Formats anything as a single line.
 pub(crate) struct Plain<T>(pub(crate) T);
 
 impl<T: Display> Display for Plain<T> {

@@ -67,7 +67,7 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
 pub(super) const UNITS: &str = "units";
 const UNITS_ABOUT: &str = "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
 
-/// What a key may hold and where it is kept.
+/// Type and range of a key's value, and where it is stored.
 pub(super) enum Kind<'a> {
     Float {
         value: Number<'a>,
@@ -103,7 +103,7 @@ pub(super) enum Kind<'a> {
     },
 }
 
-/// A number as the stages hold it: single precision about pictures, double about what goes on for months.
+/// A number as the stages store it: single precision for images, double for what accumulates over months.
 pub(super) enum Number<'a> {
     Single(&'a mut f32),
     Double(&'a mut f64),
@@ -117,7 +117,7 @@ impl Number<'_> {
         }
     }
 
-    /// As TOML, always with a point, so that it stays a number with one.
+    /// As TOML, always with a decimal point, so that it stays a float.
     pub(super) fn text(&self) -> String {
         match self {
             Self::Single(value) => format!("{value:?}"),

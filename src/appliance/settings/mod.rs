@@ -25,10 +25,10 @@ use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
 
-/// Bytes of the longest file: fifty times ours.
+/// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
 
-/// Why a configuration was refused.
+/// Why a configuration is invalid.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum SettingsError {
     /// The file cannot be read.
@@ -36,10 +36,10 @@ pub enum SettingsError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         reason: String,
     },
-    /// Something in the file is not as it should be.
+    /// An invalid entry in the file.
     #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
     Wrong {
         /// The file.
@@ -48,9 +48,9 @@ pub enum SettingsError {
         line: usize,
         /// From 1, in characters.
         column: usize,
-        /// What may stand there.
+        /// What was expected.
         expected: String,
-        /// What stands there.
+        /// What was found.
         found: String,
     },
 }
@@ -248,7 +248,7 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
     }
 }
 
-/// Puts a checked value in its place, or says (expected, found).
+/// Stores a validated value, or returns (expected, found).
 fn assign(
     key: &Key,
     value: &Spanned<DeValue<'_>>,

@@ -27,7 +27,7 @@ fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) 
     Kind::Text { value, form, valid }
 }
 
-/// Whether a row of the table can be read; whether its unit is measured is known only with the method of learning.
+/// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
 fn is_channel(row: &str) -> bool {
     #[cfg(feature = "lights")]
     let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);

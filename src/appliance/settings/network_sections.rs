@@ -5,10 +5,10 @@ use crate::output::features::{
     ServerSettings,
 };
 
-/// Settings of these wires.
+/// Settings of these outputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkSettings {
-    /// What the box is called; empty = as the host.
+    /// Name of the box; empty = the host name.
     pub name: String,
     /// The table of channels.
     pub lights: LightSettings,

@@ -2,7 +2,7 @@
 
 use toml::de::DeValue;
 
-/// A TOML basic string. Control characters cannot stand in one as they are.
+/// A TOML basic string, with control characters escaped.
 pub(super) fn toml_string(text: &str) -> String {
     let mut out = String::from("\"");
     for c in text.chars() {
