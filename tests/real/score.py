@@ -195,7 +195,7 @@ def film(data, run):
     found = [(f, b) for f, (_, b) in best.items() if b is not None]
     offset = [(centre(b) - centre(heads[f])) / (heads[f][2] - heads[f][0]) for f, b in found]
     size = [((b[2] - b[0]) / (heads[f][2] - heads[f][0]), (b[3] - b[1]) / (heads[f][3] - heads[f][1])) for f, b in found]
-    out.append((f"head box right (overlap / union with the marked one at least {RIGHT_IOU})",
+    out.append((f"head box correct (overlap / union with the marked one at least {RIGHT_IOU})",
                 share(len(right), len(heads)) + (f"; not in frame {', '.join(map(str, wrong))}" if wrong else "")))
     out.append(("… mean overlap / union; centre off in x, y (of the marked width); width, height over the marked",
                 f"{mean(v for v, _ in best.values()):.2f}" + (f"; {mean(o[0] for o in offset):+.2f}, {mean(o[1] for o in offset):+.2f}; "
@@ -316,14 +316,14 @@ def face_table(people, flips):
         by_pose = [f"{percent(poses[k]):.0f}" if poses.get(k) else "-" for k in range(9)]
         return [name, f"{percent(segments):.1f} %", f"{percent(segments, 'right'):.1f} %"] + by_pose + errors(poses)
 
-    table("kinect_v2_faces: segments tracked, and right; tracked in % in poses 0 to 8; landmark error on 15 points in % of the "
-          "outer-eye distance, median over segments", ["person", "tracked", "and right"] + [str(k) for k in range(9)] + ["frontal", "all poses"],
+    table("kinect_v2_faces: segments tracked, and correct; tracked in % in poses 0 to 8; landmark error on 15 points in % of the "
+          "outer-eye distance, median over segments", ["person", "tracked", "and correct"] + [str(k) for k in range(9)] + ["frontal", "all poses"],
           [row(p, people[p], everybody[p]) for p in people] + [row("all", joint, every)])
     least = lambda attribute: min(everybody, key=lambda p: percent(everybody[p], attribute))
     follow, right = least("followed"), least("right")
     off = {p: median(s.error for s in ss) for p, ss in everybody.items()}
     wrong = max(off, key=lambda p: -1 if math.isnan(off[p]) else off[p])
-    print(f"\n{len(every)} segments, mean (worst): tracked {percent(every):.1f} % ({follow} {percent(everybody[follow]):.1f} %), right "
+    print(f"\n{len(every)} segments, mean (worst): tracked {percent(every):.1f} % ({follow} {percent(everybody[follow]):.1f} %), correct "
           f"{percent(every, 'right'):.1f} % ({right} {percent(everybody[right], 'right'):.1f} %), landmarks {median(s.error for s in every):.2f} % "
           f"({wrong} {off[wrong]:.2f} %); reported in 15 of a segment's last 20 frames {percent(every, 'mostly'):.1f} %; into or out of held "
           f"{flips:.1f} times in 10 s")
@@ -354,7 +354,7 @@ def faces_against(on, off):
         rows.append([p, f"{percent(a):.1f} %", f"{percent(b):.1f} %", f"{percent(a, 'right'):.1f} %", f"{percent(b, 'right'):.1f} %",
                      f"{median(x for x, _ in both):.2f} %", f"{median(y for _, y in both):.2f} %", verdict(percent(b, "right") - percent(a, "right"))])
     table("kinect_v2_faces: learn_shape on and off; landmark error of the segments tracked in both",
-          ["person", "tracked, on", "off", "and right, on", "off", "landmarks, on", "off", "on is"], rows)
+          ["person", "tracked, on", "off", "and correct, on", "off", "landmarks, on", "off", "on is"], rows)
 
 
 def verdict(worse):

@@ -53,7 +53,7 @@ def beside(found):
     if found["scenario"] in ("swap", "empty", "occlude", "far") and found.get("recovery_frames_max") is not None:
         out.append(f"tracked again after {found['recovery_frames_max']:.0f} frames at most")
     if found["scenario"] in ("swap", "two") and found.get("user_id_consistency") is not None:
-        out.append(f"slot right in {100 * found['user_id_consistency']:.0f} % of frames")
+        out.append(f"slot correct in {100 * found['user_id_consistency']:.0f} % of frames")
     return ", ".join(out)
 
 
