@@ -129,7 +129,7 @@ const WAITING: usize = 64;
 const FRAME: Duration = Duration::from_millis(33);
 /// Units of a test, a second each.
 const TESTED: [&[&str]; 3] = [&["AU26"], &["AU12L", "AU12R"], &["AU43L", "AU43R"]];
-/// After which time without the person shown another is shown to receivers with room for one.
+/// Time without the person shown after which single-person receivers get another.
 const GONE: Duration = Duration::from_secs(1);
 
 /// The thread's other end.
@@ -224,7 +224,7 @@ struct Thread {
     hub: Arc<Hub>,
     units: Vec<String>,
     lines: BTreeMap<&'static str, Line>,
-    /// Who is shown where there is room for one, and when they were last seen.
+    /// The person sent to single-person receivers, and when they were last seen.
     main: Option<(usize, Instant)>,
     start: Instant,
     tests: u64,
@@ -308,7 +308,7 @@ impl Thread {
         }
     }
 
-    /// Whether this is the person for receivers with room for one.
+    /// Whether this is the person for single-person receivers.
     fn is_main(&mut self, slot: usize) -> bool {
         let free = self
             .main
