@@ -1,8 +1,8 @@
 //! Rendered sessions of people the face model has never seen, through the whole pipeline, against exact truth.
 //!
-//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under a light of their own: all
-//! expressions in turn and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also with one
-//! fixed offset per person taken out, because where a head's frame sits on a face is a convention. Landmarks: mean
+//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under different lighting: all
+//! expressions one after the other and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also after
+//! removing one fixed offset per person, because where a head's frame sits on a face is a convention. Landmarks: mean
 //! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against what is
 //! acted ([`super::acted`]), and the matrix of every acted expression against every emitted weight. All figures over every
 //! frame with a face that is reported `warming` or `tracking`.

@@ -1,4 +1,4 @@
-//! Why nothing could be shown: one sentence each.
+//! Errors of `mien-studio inspect`.
 
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
-//! What was learnt of people: those who are remembered, as they were saved ([`crate::users::saved`]), or the `status.json` of a
-//! running `mien`, as a picture of each range beside the population's, and as a table.
+//! Learned ranges of people, from the file of remembered people ([`crate::users::saved`]) or the `status.json` of a running
+//! `mien`, as a picture of each range next to the population's, and as a table.
 //!
-//! Units: inner-eye-corner distances. A picture has one row a measure: grey from the population's low to its high, blue the
-//! person's, a mark at either rest; each row is scaled to what it shows. A unit of the status has the row of its measure.
+//! Units: inner-eye-corner distances. A picture has one row per measure: the population's range in grey, the person's in blue, a
+//! mark at each rest; each row has its own scale. A unit of the status has the row of its measure.
 
 use std::path::Path;
 use std::time::SystemTime;

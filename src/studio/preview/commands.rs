@@ -1,5 +1,5 @@
-//! Forget, neutral and freeze, asked for on the page: done here where this process tracks, else sent to the box whose stream is
-//! shown, as [`crate::output::osc::commands`] has them.
+//! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to the box
+//! whose stream is shown, in the format of [`crate::output::osc::commands`].
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::SyncSender;

@@ -1,7 +1,7 @@
-//! Sends what a live page shows on to other receivers, with the outputs of `mien run`, and a test face to see whether one hears.
+//! Forwards what a live page shows to other receivers, with the outputs of `mien run`, and sends a test face.
 //!
-//! One thread has all receivers. Landmarks are not known of a stream, so receivers that want them are not in the table. The
-//! page names a host and a port; what it says becomes a configuration as one would write it, and is checked as that.
+//! One thread handles all receivers. A received stream has no landmarks, so receivers that need them are not in the table. The
+//! page names a host and a port, which are turned into a configuration and validated like one.
 //! Times in seconds; at most one receiver of each name in [`RECEIVERS`].
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Receives a serial line in any of the three styles ([`crate::output::serial`]) at a port. One that is absent is tried again
+//! Receives a serial line in any of the three styles ([`crate::output::serial`]) at a port. An absent port is retried
 //! every second.
 
 use std::io::Read;
