@@ -1,11 +1,11 @@
-//! `mien bench`: what each step of a frame costs, without the source's own cost: with one person and with four before the
-//! simulated sensor, or from a source that is named.
+//! `mien bench`: time per step of a frame, excluding the source's own cost: with one person and with four in front of the
+//! simulated sensor, or from a named source.
 //!
-//! Each frame of the source is cut into the packets a Kinect would have sent (not timed) and then goes the whole way: packets
-//! to pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets come
-//! interleaved, every frame's from memory written since the last one, so that no step finds its input in the nearest cache
-//! only because it is a benchmark. Times are of the wall clock: on a busy machine the median tells more than the mean.
-//! Memory counts the whole process, so also the simulated sensor if that is the source (about 15 MB).
+//! Each frame is split into the packets a Kinect would have sent (not timed) and then runs through everything: packets to
+//! pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved
+//! and read from freshly written memory, so that inputs are not unrealistically warm in the cache. Times are wall-clock:
+//! on a busy machine the median is more meaningful than the mean. Memory is that of the whole process, including the
+//! simulated sensor if that is the source (about 15 MB).
 
 use std::io::{self, Write};
 use std::time::Instant;
@@ -27,10 +27,10 @@ use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
-/// Frames before the first that counts: memory is taken and caches warm.
+/// Warm-up frames, in which memory is allocated and caches fill.
 const WARM_UP: u64 = 5;
 
-/// What is timed, in order; sums stand below their parts.
+/// The steps timed, in order; sums come after their parts.
 const STEPS: [&str; 9] = [
     "packets",
     "unpack",
@@ -61,7 +61,7 @@ const fn step_of(stage: Stage) -> usize {
 struct Packets {
     cutters: [Cutter; 2],
     packed: Box<[u8; PACKED_DEPTH]>,
-    /// Stream, length and bytes, one after the other in the order of time.
+    /// Stream, length and bytes of each packet, in order of time.
     cut: Vec<(Stream, usize, [u8; LONGEST])>,
 }
 
@@ -107,7 +107,7 @@ impl Packets {
 /// Times of every step in milliseconds, frame by frame.
 struct Times {
     of: [Vec<f32>; STEPS.len()],
-    /// Of the present frame; `None` if the step was not reached.
+    /// Times of the current frame; `None` if the step was not reached.
     now: [Option<f32>; STEPS.len()],
     /// People reported, over all frames.
     seen: usize,
@@ -123,7 +123,7 @@ impl Times {
         }
     }
 
-    /// Mean number of people there.
+    /// Mean number of people per frame.
     fn people(&self) -> f64 {
         self.seen as f64 / self.of[FRAME].len().max(1) as f64
     }
@@ -165,7 +165,7 @@ impl Times {
             let rate = 1e3 / mean;
             writeln!(
                 out,
-                "a frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} a second"
+                "frame: {least:.2} / {mean:.2} / {most:.2} ms (min / mean / max), {rate:.1} per second"
             )?;
         }
         Ok(())
@@ -191,7 +191,7 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
     for name in sources {
         let (mut times, more) = time(name, frames, &settings, allocations)?;
         allocated += more;
-        writeln!(out, "{name}: {:.2} people a frame", times.people())
+        writeln!(out, "{name}: {:.2} people per frame", times.people())
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }
@@ -204,7 +204,7 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
         .map_err(Failure::Print)
 }
 
-/// Times of the frames of one source, and what was asked for meanwhile.
+/// Times of one source's frames, and the allocations meanwhile.
 fn time(
     name: &str,
     frames: u64,
@@ -308,7 +308,7 @@ mod tests {
         let rows = |name: &str| text.lines().filter(|line| line.starts_with(name)).count();
         assert_eq!([rows("frame "), rows("allocations_after_start ")], [2, 1]);
         assert!(
-            text.starts_with("simulated: 1.00 people a frame\n"),
+            text.starts_with("simulated: 1.00 people per frame\n"),
             "{text}"
         );
         let four = text

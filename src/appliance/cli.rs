@@ -71,13 +71,13 @@ pub struct Run {
     pub fast: bool,
     /// Face model, in place of the configuration's.
     pub model: Option<PathBuf>,
-    /// No sensor is a failure.
+    /// Fail if there is no sensor.
     pub require_device: bool,
-    /// How much is said.
+    /// Verbosity.
     pub talk: Talk,
 }
 
-/// How much a run says, beyond what it was asked for.
+/// Verbosity of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Talk {
     /// Warnings and errors.
@@ -85,12 +85,12 @@ pub enum Talk {
     /// As configured, and a live line on a terminal.
     #[default]
     AsConfigured,
-    /// What is being done, too.
+    /// Debug messages too.
     More,
 }
 
 impl Talk {
-    /// The level of the log, where the configuration says `level`.
+    /// The log level, given the configured `level`.
     #[must_use]
     pub fn level(self, level: tracing::Level) -> tracing::Level {
         match self {

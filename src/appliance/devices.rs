@@ -1,4 +1,4 @@
-//! What is plugged in: sensors with their state and the remedy, serial ports by the name to use.
+//! `mien devices`: connected sensors with their state and the remedy, and serial ports by the name to use.
 
 use std::path::{Path, PathBuf};
 
@@ -10,10 +10,10 @@ use crate::sensor::usb_devices::{self, Listed};
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
-/// Names of serial ports that stay the same whatever is plugged in first.
+/// Stable names of serial ports, independent of the order of plugging in.
 const STABLE_NAMES: &str = "/dev/serial/by-id";
 
-/// `mien devices`: one line for each sensor and each serial port, under a sensor the sentence that says what is wrong.
+/// `mien devices`: one line for each sensor and each serial port; below a sensor, a sentence saying what is wrong, if anything.
 #[must_use]
 pub fn report() -> String {
     text(&usb_devices::devices(), &serial_ports())

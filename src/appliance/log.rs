@@ -1,10 +1,10 @@
 //! Log lines on standard error, one per event, with the journal's priority in front: `<4>message key=value`.
 //!
-//! A subscriber of our own because the usual one brings formatting, time zones and regular expressions that the box has
-//! no use for: journald adds the time, and the unit's file holds the level. On a terminal the priority is left out.
+//! It has its own subscriber because the usual one brings formatting, time zones and regular expressions that the box does not
+//! need: journald adds the time, and the configuration holds the level. On a terminal the priority is omitted.
 //!
-//! Nobody waits for whoever reads it: a line for which there is no room is left out, and how many were is said with the
-//! next. What comes from outside (names of devices, of files) cannot end a line or move a terminal's cursor.
+//! Logging never blocks: a line for which there is no room is dropped, and the next one says how many were. External text
+//! (names of devices and files) cannot end a line or move a terminal's cursor.
 
 use std::fmt::{Display, Write as _};
 use std::io::{IsTerminal, stderr};
@@ -17,7 +17,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 use crate::appliance::pipe::Pipe;
 use crate::appliance::terminal::OVER;
 
-/// Longest line; what is beyond is cut, so that a line never allocates without bound.
+/// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
 
 struct Lines {
@@ -25,7 +25,7 @@ struct Lines {
     terminal: bool,
     /// `None` if standard error is closed.
     error: Option<Pipe>,
-    /// Lines left out since the last one.
+    /// Lines dropped since the last one.
     left_out: AtomicU32,
 }
 
@@ -41,7 +41,7 @@ pub fn start(level: Level) {
     let _ = tracing::subscriber::set_global_default(lines);
 }
 
-/// The last words of a program, to standard error.
+/// Prints a program's final message to standard error.
 pub fn say(words: impl Display) {
     let mut line = Line::default();
     // A full line is cut.
@@ -89,7 +89,7 @@ impl std::fmt::Write for Line {
     }
 }
 
-/// Something as one line, whatever is in it.
+/// Formats anything as a single line.
 pub(crate) struct Plain<T>(pub(crate) T);
 
 impl<T: Display> Display for Plain<T> {

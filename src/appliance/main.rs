@@ -1,4 +1,4 @@
-//! The appliance: sensor to weights on a wire.
+//! The appliance: sensor to weights.
 
 use std::process::ExitCode;
 

@@ -1,8 +1,8 @@
-//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can say how often memory
-//! was asked for and how much is in use; and memory kept in RAM where the system permits it.
+//! The process's memory: the system's allocator with counters, so that `mien bench` and the tests can report allocations and
+//! memory in use; and locking memory in RAM where the system permits it.
 //!
-//! Cost: two relaxed additions per request. One of five files with unsafe code, because neither an allocator nor
-//! `mlockall` can be had without: the others are those of the USB transfers and of [`crate::base::vectors`].
+//! Cost: two relaxed additions per request. One of five files with unsafe code, because an allocator and `mlockall` require
+//! it.
 #![expect(
     unsafe_code,
     reason = "GlobalAlloc is an unsafe trait, whose calls are passed on unchanged, and mlockall a foreign function"
@@ -12,7 +12,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::io;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
-/// To be made the global allocator by a program.
+/// An allocator with counters, to be a program's global allocator.
 pub struct Counting {
     requests: AtomicU64,
     in_use: AtomicUsize,
@@ -28,13 +28,13 @@ impl Counting {
         }
     }
 
-    /// Requests for new or larger memory since the program started.
+    /// Allocations and reallocations since the program started.
     #[must_use]
     pub fn requests(&self) -> u64 {
         self.requests.load(Ordering::Relaxed)
     }
 
-    /// Bytes asked for and not yet given back.
+    /// Bytes currently allocated.
     #[must_use]
     pub fn bytes_in_use(&self) -> usize {
         self.in_use.load(Ordering::Relaxed)
@@ -80,11 +80,11 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Keeps in RAM what is mapped now, page by page as it is first touched: a page that was once there is never waited for
-/// again. What is mapped later stays as it is, so that a small limit can never make a later request fail.
+/// Locks current mappings in RAM, page by page on first touch, so that a page is never paged in twice. Later mappings are not
+/// locked, so that a small limit can never make a later allocation fail.
 ///
 /// # Errors
-/// If the system does not permit it: more is mapped than `LimitMEMLOCK=` (`ulimit -l`) allows.
+/// If more is mapped than `LimitMEMLOCK=` (`ulimit -l`) allows.
 #[cfg(target_os = "linux")]
 pub fn lock() -> io::Result<()> {
     // SAFETY: the call takes no pointers and changes nothing that the program can see.
@@ -94,16 +94,16 @@ pub fn lock() -> io::Result<()> {
     }
 }
 
-/// Keeps in RAM what is mapped now.
+/// Locks current mappings in RAM.
 ///
 /// # Errors
-/// Always: only known for Linux.
+/// Always: only implemented for Linux.
 #[cfg(not(target_os = "linux"))]
 pub fn lock() -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// The most memory this process has had resident; `None` where the system does not tell.
+/// This process's peak resident memory; `None` if unknown.
 #[must_use]
 pub fn peak_resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

@@ -1,4 +1,4 @@
-//! The program `mien`: command line and settings, the service that runs the pipeline, and what is told of it.
+//! The program `mien`: command line and settings, the service that runs the pipeline, and its status.
 
 pub mod bench;
 pub mod cli;

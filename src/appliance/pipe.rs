@@ -1,9 +1,9 @@
-//! Writing to where perhaps nobody reads: standard output and error, a table's file.
+//! Non-blocking writes to outputs that may have no reader: standard output and error, the CSV file.
 //!
-//! A pipe, a terminal or a socket whose other end is not read takes nothing more, and a plain write would wait for good. So
-//! pipes and terminals are opened again in a mode of their own that never waits (what was inherited stays as others who
-//! share it have it), and before every write it is asked whether there is room; a socket has that question only. A pipe
-//! takes a line of up to [`WHOLE`] bytes whole or not at all. Nothing allocates after opening.
+//! A pipe, terminal or socket whose other end is not read fills up, and a plain write would block for ever. So pipes and
+//! terminals are reopened in non-blocking mode (the inherited descriptor, which others may share, stays unchanged) and polled
+//! for room before every write; sockets are only polled. A pipe takes a line of up to [`WHOLE`] bytes completely or not at
+//! all. Nothing allocates after opening.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
@@ -18,21 +18,21 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 /// Bytes that a pipe with any room takes at once (`PIPE_BUF`).
 const WHOLE: usize = 4096;
-/// How often somebody who waits looks whether to go on waiting, in milliseconds.
+/// Interval at which a waiting call checks whether to stop, in milliseconds.
 const LOOK_MS: i32 = 100;
 
 /// An open pipe, terminal, socket or file.
 pub(crate) struct Pipe {
     file: File,
-    /// Whether it has a length that can be cut.
+    /// Whether it can be truncated.
     regular: bool,
 }
 
 impl Pipe {
-    /// An empty file at `path`. If it is a pipe, waits until somebody reads it.
+    /// Creates or empties the file at `path`. If it is a pipe, waits for a reader.
     ///
     /// # Errors
-    /// If there can be none, or `stop` ends the waiting.
+    /// If it cannot be opened, or `stop` ends the wait.
     pub(crate) fn create(path: &Path, stop: &AtomicBool) -> io::Result<Self> {
         let mut mode = File::options();
         let mode = mode.write(true).create(true).truncate(true);
@@ -55,7 +55,7 @@ impl Pipe {
         }
     }
 
-    /// What `stream` writes to.
+    /// The target of `stream`.
     ///
     /// # Errors
     /// If `stream` is closed.
@@ -80,13 +80,13 @@ impl Pipe {
         })
     }
 
-    /// Whether there is room, or an error to be told, within `ms`.
+    /// Whether there is room, or an error to report, within `ms`.
     fn has_room(&self, ms: i32) -> bool {
         let mut asked = [PollFd::new(self.file.as_raw_fd(), PollFlags::POLLOUT)];
         poll(&mut asked, ms).is_ok_and(|ready| ready > 0)
     }
 
-    /// Writes what there is room for now.
+    /// Writes as much as there is room for.
     fn write(&self, bytes: &[u8]) -> io::Result<usize> {
         if !self.has_room(0) {
             return Err(ErrorKind::WouldBlock.into());
@@ -94,32 +94,31 @@ impl Pipe {
         (&self.file).write(&bytes[..bytes.len().min(WHOLE)])
     }
 
-    /// Writes a line of at most [`WHOLE`] bytes if there is room now; whether there was. What cannot be written for other
-    /// reasons is nobody's.
+    /// Writes a line of at most [`WHOLE`] bytes if there is room; returns whether there was. Other errors are ignored.
     pub(crate) fn offer(&self, line: &[u8]) -> bool {
         !matches!(self.write(line), Err(error) if error.kind() == ErrorKind::WouldBlock)
     }
 
-    /// As [`Self::offer`], waiting for room a second at most.
+    /// As [`Self::offer`], but waits up to a second for room.
     pub(crate) fn insist(&self, line: &[u8]) {
         self.has_room(1000);
         self.offer(line);
     }
 }
 
-/// Rows to a pipe or file, each whole: one that cannot be is cut off again, or not begun.
+/// Writes rows to a pipe or file, each complete: an incomplete one is truncated away, or not started.
 pub(crate) struct Rows {
     pipe: Pipe,
-    /// Ends the waiting.
+    /// Ends a wait.
     stop: Arc<AtomicBool>,
-    /// Whether a row that finds no room is left out, because what comes next does not wait.
+    /// Whether a row without room is dropped, because the source does not wait.
     live: bool,
-    /// Whether the first row, the header, is there: that is always waited for.
+    /// Whether the first row, the header, has been written: it always waits for room.
     begun: bool,
 }
 
 impl Rows {
-    /// Rows to `pipe`, until `stop`.
+    /// Writes rows to `pipe`, until `stop`.
     pub(crate) fn to(pipe: Pipe, stop: &Arc<AtomicBool>, live: bool) -> Self {
         Self {
             pipe,
@@ -134,7 +133,7 @@ impl Write for Rows {
     /// Takes a row.
     ///
     /// # Errors
-    /// `WouldBlock` if it was left out.
+    /// `WouldBlock` if it was dropped.
     fn write(&mut self, row: &[u8]) -> io::Result<usize> {
         let mut written = 0;
         while written < row.len() {

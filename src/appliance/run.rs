@@ -1,5 +1,5 @@
-//! The life of a run: settings and model in, frames through the pipeline, reports out, an orderly end.
-//! One file: the order of a run from its start to its end.
+//! `mien run`: reads settings and model, runs frames through the pipeline, sends reports, and shuts down in order.
+//! One file: the sequence of a run from start to end.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::users::saved::People;
 
-/// Time between two lines about what receivers ask for.
+/// Interval between log lines about received commands.
 const HEARD_PERIOD: Duration = Duration::from_secs(1);
 
 /// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
@@ -51,7 +51,7 @@ struct Session<'r> {
     run: &'r Run,
     settings: Settings,
     model: FaceModel,
-    /// Of the source, as it was asked for.
+    /// Name of the source, as requested.
     name: String,
     source: Source,
     pipeline: Pipeline,
@@ -75,7 +75,7 @@ struct Session<'r> {
 }
 
 impl<'r> Session<'r> {
-    /// Opens everything, and takes all memory; `None` if it is to stop before anybody read its table.
+    /// Opens everything and allocates all memory; `None` if stopped before its CSV had a reader.
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
         crate::appliance::log::start(run.talk.level(settings.log.level));
@@ -146,7 +146,7 @@ impl<'r> Session<'r> {
         self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed)
     }
 
-    /// Reads the configuration again if a signal asks for it; what cannot be changes nothing.
+    /// Reloads the configuration if a signal requests it; an invalid one changes nothing.
     fn renew(&mut self) {
         if !self.signals.reload.swap(false, Ordering::Relaxed) {
             return;
@@ -171,8 +171,8 @@ impl<'r> Session<'r> {
         self.manager.ready();
     }
 
-    /// Reads the configuration again; if it has changed, what it wants, all of which stands. Only then are the settings those
-    /// read.
+    /// Reloads the configuration; if it has changed, builds its outputs, and its stages where they differ. The settings are
+    /// replaced only if all of them succeed.
     fn reload(&mut self) -> Result<Option<Standing>, Failure> {
         let config = self.run.config.as_deref();
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
@@ -187,7 +187,7 @@ impl<'r> Session<'r> {
         if new == *old {
             return Ok(None);
         }
-        // Whoever is followed is not looked for again because of another receiver.
+        // Another receiver is no reason to lose whoever is tracked.
         let changed = new.stages() != old.stages();
         let stages = || Pipeline::new(&new.stages(), self.source.registration(), &self.model);
         let renewed = changed.then(stages).transpose()?;
@@ -204,7 +204,7 @@ impl<'r> Session<'r> {
         Ok(Some((renewed, wires)))
     }
 
-    /// Takes the next frame, at its pace; `false` if there is none now, or none any more.
+    /// Takes the next frame, at its pace; `false` if there is none now, or the source has ended.
     fn next_frame(&mut self) -> Result<bool, Failure> {
         match self.source.next_frame(&mut self.frame) {
             Ok(true) => {}
@@ -227,7 +227,7 @@ impl<'r> Session<'r> {
         Ok(true)
     }
 
-    /// Half a second without a frame: the wires' heartbeat goes on.
+    /// Half a second without a frame: outputs continue their heartbeat.
     fn wait(&mut self) -> Result<(), Failure> {
         let nobody = nobody(&self.frame, self.taken.elapsed());
         // The CSV has rows of frames only.
@@ -247,7 +247,7 @@ impl<'r> Session<'r> {
         self.pipeline.follow(&self.frame);
     }
 
-    /// Hands the frame's reports to everything that wants them.
+    /// Passes the frame's reports to all outputs.
     fn tell(&mut self) -> Result<(), Failure> {
         let latency_us = self.arrived.elapsed().as_micros();
         let mut reports = self.pipeline.reports();
@@ -322,13 +322,13 @@ fn lock_memory(manager: &ServiceManager) {
     }
 }
 
-/// Where people are saved, if they are: a recording must replay alike however often it has been played.
+/// Where people are saved, if enabled: a recording must replay identically every time.
 fn people(settings: &Settings, source: &Source) -> Option<People> {
     let saves = settings.state.persist && matches!(source, Source::Kinect(_));
     saves.then(|| People::at(Path::new(&settings.state.path)))
 }
 
-/// What is known while no frames come: the wires' heartbeat goes on, and faces on them are let go.
+/// Reports while no frames arrive: outputs continue their heartbeat and let faces fade.
 fn nobody(last: &Frame, since: Duration) -> Report<'static> {
     Report {
         frame: last.index,
@@ -337,7 +337,7 @@ fn nobody(last: &Frame, since: Duration) -> Report<'static> {
     }
 }
 
-/// What the table and the wires have done.
+/// Counters of the CSV and the other outputs.
 fn tallies<'a>(
     csv: Option<&'a Csv<Rows>>,
     wires: &'a [Box<dyn Output>],
@@ -346,7 +346,7 @@ fn tallies<'a>(
     csv.map(Output::tally).into_iter().chain(wires)
 }
 
-/// What receivers ask for, told in a line a second at most.
+/// Commands from receivers, logged at most once a second.
 #[derive(Default)]
 struct Heard {
     told: Option<Instant>,
@@ -354,7 +354,7 @@ struct Heard {
 }
 
 impl Heard {
-    /// Obeys.
+    /// Executes the commands.
     fn obey(&mut self, wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
         for wire in wires {
             while let Some(command) = wire.next_command() {
@@ -365,7 +365,7 @@ impl Heard {
                     continue;
                 }
                 tracing::info!(
-                    "command from a receiver: {command:?}, {} not logged before it",
+                    "command from a receiver: {command:?} ({} earlier ones not logged)",
                     self.untold
                 );
                 (self.told, self.untold) = (Some(now), 0);
@@ -374,10 +374,10 @@ impl Heard {
     }
 }
 
-/// Stages and wires that a configuration wants; no stages where it wants the same.
+/// Stages of a configuration, if they differ from those that run, and its outputs.
 type Standing = (Option<Pipeline>, Vec<Box<dyn Output>>);
 
-/// The table that is asked for.
+/// Opens the CSV requested.
 fn table(
     to: &CsvTarget,
     signals: &Signals,

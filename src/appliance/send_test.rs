@@ -25,9 +25,9 @@ use crate::sensor::camera::Camera;
 const SWEEP: u32 = 30;
 /// Frames of the neutral face before and after.
 const NEUTRAL: u32 = 15;
-/// Time of a frame, as the sensor has it.
+/// Duration of a frame, as from the sensor.
 const FRAME: Duration = Duration::from_nanos(33_333_333);
-/// Where the head is, metres.
+/// Position of the head, metres.
 const PLACE: [f32; 3] = [0.0, 0.0, 0.8];
 
 /// `mien send-test`: every unit swept on every output.
@@ -45,7 +45,7 @@ pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
 
 /// How landmarks move at the full expression: points, and millimetres to the subject's left, down, into the head.
 type Motion = (&'static str, &'static [usize], [f32; 3]);
-/// Both corners of a mouth move apart, so they stand twice.
+/// The corners of the mouth move apart, so they have two entries.
 const MOTIONS: [Motion; 31] = [
     ("AU25", &[65, 66, 67], [0.0, 15.0, 0.0]),
     ("AU20", &[54], [8.0, 0.0, 0.0]),
@@ -83,7 +83,7 @@ const MOTIONS: [Motion; 31] = [
 /// Sweeps all units once, a second each, or until `stop`.
 ///
 /// # Errors
-/// If an output cannot be made or can never work.
+/// If an output cannot be opened or can never work.
 pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Result<(), OutputError> {
     let expression = Expression::new(settings.learning.clone(), Units::shipped());
     let units: Vec<&str> = expression
@@ -154,7 +154,7 @@ struct Sender<'a> {
 }
 
 impl Sender<'_> {
-    /// Sends one frame when it is time; `moving` is the unit that moves the landmarks.
+    /// Sends one frame when due; `moving` is the unit that moves the landmarks.
     fn send(&mut self, weights: &[f32], moving: &str) -> Result<(), OutputError> {
         let due = FRAME * self.frames;
         std::thread::sleep(due.saturating_sub(self.start.elapsed()));

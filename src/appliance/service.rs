@@ -1,4 +1,4 @@
-//! What every command that runs starts with: the configuration, the model, the source, and why it may fail.
+//! Start-up common to the commands that process frames: configuration, model, source, and their errors.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,11 +12,11 @@ use crate::output::OutputError;
 use crate::pipeline::PipelineError;
 use crate::sensor::kinect;
 
-/// Where the configuration is looked for when none is named.
+/// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
-/// How long a run with a bad configuration lasts under a service manager: less than it may take to start.
+/// How long a run with an invalid configuration waits under a service manager before exiting: less than the start timeout.
 const BACK_OFF: Duration = Duration::from_secs(15);
-/// Bytes of the largest face model: a hundred times ours.
+/// Largest face model, bytes: a hundred times ours.
 const MODEL_MOST: usize = 1 << 28;
 
 /// Why a command failed.
@@ -30,7 +30,7 @@ pub enum Failure {
     ModelFile {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
     /// The model file is not a model.
@@ -72,8 +72,8 @@ impl Failure {
         }
     }
 
-    /// Waits before a service manager starts the run again, if that cannot go better until a person has done something:
-    /// managers before systemd 254 have no patience of their own.
+    /// Delays the exit under a service manager if restarting cannot help until somebody intervenes: systemd before 254 has no
+    /// increasing restart delay.
     pub fn back_off(&self) {
         if matches!(self, Self::Settings(_)) && std::env::var_os("NOTIFY_SOCKET").is_some() {
             std::thread::sleep(BACK_OFF);
@@ -84,7 +84,7 @@ impl Failure {
 /// The configuration in force: the named file, else the system's, else the built-in defaults.
 ///
 /// # Errors
-/// If the file cannot be read or is refused.
+/// If the file cannot be read or is invalid.
 pub fn settings(file: Option<&Path>) -> Result<Settings, Failure> {
     let system = Path::new(SYSTEM_CONFIG);
     Ok(match file {
@@ -97,7 +97,7 @@ pub fn settings(file: Option<&Path>) -> Result<Settings, Failure> {
 /// The face model in a file, or the built-in one.
 ///
 /// # Errors
-/// If the file cannot be read or is refused.
+/// If the file cannot be read or is invalid.
 pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     let Some(path) = file else {
         return Ok(FaceModel::shipped());
@@ -112,7 +112,7 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     })
 }
 
-/// What to do when a Kinect is asked for and none is there.
+/// What to do when a Kinect is requested and none is connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoKinect {
     /// Play the simulated sensor in its place.

@@ -1,16 +1,16 @@
-//! What the service manager is told: ready, alive, a line of state, the end (the datagrams of systemd's `sd_notify(3)`).
+//! Notifications to the service manager: ready, alive, a status line, stopping (the datagrams of systemd's `sd_notify(3)`).
 //!
 //! The socket's path is in `NOTIFY_SOCKET`; a path that begins with `@` is in the abstract namespace. With a watchdog
-//! (`WATCHDOG_USEC`) [`ServiceManager::alive`] feeds it four times per period, and only the loop that takes frames through the
-//! pipeline calls it: a run that hangs anywhere is ended by the manager. Without a manager every call does nothing.
-//! No allocation after construction. Limits: a datagram that does not get through is not repeated; the next one follows soon.
+//! (`WATCHDOG_USEC`) [`ServiceManager::alive`] triggers it four times per period, and only the loop that runs frames through
+//! the pipeline calls it: the manager kills a run that hangs anywhere. Without a manager every call does nothing.
+//! No allocation after construction. Limits: a lost datagram is not repeated; the next one follows soon.
 
 use std::fmt::Write as _;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-/// Between two lines of state that differ.
+/// Least interval between status lines.
 const STATE_PERIOD: Duration = Duration::from_secs(1);
 /// Longest datagram.
 const MESSAGE: usize = 256;
@@ -26,7 +26,7 @@ pub struct ServiceManager {
 }
 
 impl ServiceManager {
-    /// The manager that the environment names; without one, or if it cannot be reached, nobody is told.
+    /// The manager named by the environment; without one, or if it is unreachable, nothing is sent.
     #[must_use]
     pub fn from_environment() -> Self {
         let Some(path) = std::env::var_os("NOTIFY_SOCKET").filter(|path| !path.is_empty()) else {
@@ -75,12 +75,12 @@ impl ServiceManager {
         self.socket.is_some()
     }
 
-    /// The run takes frames from now on (or waits for the sensor, which is as good).
+    /// The run processes frames from now on (or waits for the sensor, which counts as ready).
     pub fn ready(&self) {
         self.send("READY=1");
     }
 
-    /// The configuration is being read again; [`Self::ready`] ends it.
+    /// The configuration is being reloaded; [`Self::ready`] ends that.
     pub fn reloading(&self) {
         self.send("RELOADING=1");
     }
@@ -90,7 +90,7 @@ impl ServiceManager {
         self.send("STOPPING=1");
     }
 
-    /// A frame is through, or it is known that none comes: feeds the watchdog when it is time to.
+    /// A frame was processed, or the sensor is known to be absent: triggers the watchdog when due.
     pub fn alive(&mut self, now: Instant) {
         let due = self.feed_every.is_some_and(|every| {
             self.fed

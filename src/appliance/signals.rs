@@ -1,4 +1,4 @@
-//! What signals ask for.
+//! Signals as requests to a run.
 
 use std::io::{IsTerminal, stderr, stdout};
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::appliance::service::Failure;
 
-/// What the signals asked for.
+/// What the signals requested.
 pub(super) struct Signals {
     pub(super) stop: Arc<AtomicBool>,
     pub(super) reload: Arc<AtomicBool>,

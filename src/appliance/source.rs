@@ -1,4 +1,4 @@
-//! The sources by name, each behind the same verb, and the pace at which frames that are made or read are handed on.
+//! The sources by name, behind one interface, and the pace at which simulated or recorded frames are delivered.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -57,7 +57,7 @@ impl FromStr for SourceName {
     }
 }
 
-/// Why a source cannot be opened or can give no more frames.
+/// Why a source cannot be opened or has no more frames.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
     /// The recording cannot be opened.
@@ -66,7 +66,7 @@ pub enum SourceError {
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
-    /// The Kinect has delivered nothing for half a second: asking again is right.
+    /// The Kinect has delivered nothing for half a second; retry.
     #[error("waiting for the Kinect: {0}")]
     Waiting(KinectError),
 }
@@ -98,8 +98,8 @@ impl Source {
         Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 
-    /// A Kinect on USB: the one with `serial`, else the first that is free. Returns when it is open or the first attempt has
-    /// failed, within seconds, with the reason if it is not open. That one is waited for by [`Self::next_frame`].
+    /// A Kinect on USB: the one with `serial`, else the first free one. Returns within seconds, when it is open or the first
+    /// attempt has failed, with the reason in that case. [`Self::next_frame`] then waits for it.
     #[must_use]
     pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, Option<KinectError>) {
         let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
@@ -112,8 +112,8 @@ impl Source {
     /// Fills `frame` with the next one; `false` if there are no more.
     ///
     /// # Errors
-    /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: ask again. Anything else is not mended by
-    /// trying again. Damaged frames are skipped and counted instead.
+    /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: retry. Other errors are permanent. Damaged frames
+    /// are skipped and counted instead.
     pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
         match self {
             Self::Recording(recording) => Ok(recording.next_frame(frame)),
@@ -133,7 +133,7 @@ impl Source {
         }
     }
 
-    /// When the last frame was whole in this machine's memory; `None` where frames are made or read on request.
+    /// When the last frame was complete in this machine's memory; `None` for simulated or recorded frames.
     #[must_use]
     pub fn arrived(&self) -> Option<Instant> {
         match self {
@@ -163,10 +163,10 @@ impl Source {
     }
 }
 
-/// Plays frames at the pace they were taken: for sources that would otherwise give them as fast as they are asked.
+/// Plays frames in real time, for sources that would otherwise deliver them as fast as possible.
 #[derive(Debug, Default)]
 pub struct Pacer {
-    /// When time 0 was, on the wall.
+    /// Wall-clock time of time 0.
     start: Option<Instant>,
 }
 
@@ -174,8 +174,8 @@ impl Pacer {
     /// Longest wait for a frame. A longer gap in the frames is shortened to this, so that signals are answered in time.
     const LONGEST: Duration = Duration::from_millis(500);
 
-    /// Waits until it is time for the frame taken at `at`. Frames that come late are not waited for, and the lateness is
-    /// not made up for by haste later on if it exceeds the longest wait.
+    /// Waits until it is time for the frame taken at `at`. Late frames do not wait, and a delay beyond the longest wait is not
+    /// caught up.
     pub fn wait(&mut self, at: Timestamp) {
         let (now, offset) = (Instant::now(), Duration::from_micros(at.as_us()));
         let start = self

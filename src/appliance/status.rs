@@ -1,10 +1,10 @@
-//! What the program tells of itself: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
+//! Status files: `status.json`, and `mien.prom` for Prometheus beside it, once a second.
 //!
-//! Each file is written under another name and then renamed, so that a reader never sees half of one. They belong on a
-//! file system in memory (`/run`): nothing is synchronised. If they cannot be written, that is said once and tried again.
-//! Latencies are from a frame's arrival in this machine to after its last output took it, over the last 1024 frames.
-//! Nothing allocates after the first writing; memory: two latency rings of 4 kB and a text of 16 kB.
-//! One file: both files that are written, and the figures in them.
+//! Each file is written under a temporary name and then renamed, so that a reader never sees a partial one. They belong on an
+//! in-memory file system (`/run`) and are not synced. A write error is logged once, and writing is retried.
+//! Latency is the time from a frame's arrival in this machine until its last output has taken it, over the last 1024 frames.
+//! Nothing allocates after the first write; memory: two latency rings of 4 kB and a text of 16 kB.
+//! One file: both formats and their figures.
 
 use std::fmt::Write as _;
 use std::fs::{Metadata, Permissions};
@@ -18,14 +18,14 @@ use crate::base::json::Quoted;
 use crate::expression::UnitRange;
 use crate::output::{Report, Tally, TrackingState};
 
-/// Between two writings.
+/// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(1);
 /// Frames whose latency is kept.
 const LATENCIES: usize = 1024;
-/// Room for a text; it grows at the first writing if it must.
+/// Initial capacity of a text; it grows at the first write if necessary.
 const TEXT: usize = 24 * 1024;
 
-/// Figures to be told.
+/// Figures of the status files.
 pub struct Status {
     files: Option<Files>,
     source: String,
@@ -35,7 +35,7 @@ pub struct Status {
     frames: u64,
     time_us: u64,
     lost: u64,
-    /// Whether frames come.
+    /// Whether frames arrive.
     sensor: bool,
     latencies: Latencies,
     users: [Option<User>; USERS],
@@ -53,7 +53,7 @@ struct User {
 }
 
 impl Status {
-    /// Figures to be written to `path`; an empty one keeps them unwritten. `source` and `units` are names.
+    /// Figures for the file at `path`; an empty path writes none. `source` and `units` are names.
     #[must_use]
     pub fn new(path: &str, source: &str, units: &[&str]) -> Self {
         Self {
@@ -72,8 +72,8 @@ impl Status {
         }
     }
 
-    /// Takes a report, and how long its frame took until all outputs had it; `None` if no frame is behind it, or another
-    /// report of the same frame has been taken.
+    /// Adds a report, and its frame's latency until all outputs had it; `None` without a frame, or if another report of the same
+    /// frame was added.
     pub fn observe(&mut self, report: &Report, latency: Option<Duration>) {
         self.time_us = report.at.as_us();
         // Reports of a frame come with its time first; without, and of nobody, the sensor is away.
@@ -105,7 +105,7 @@ impl Status {
         });
     }
 
-    /// Writes both files if a second has gone by.
+    /// Writes both files if a second has passed.
     pub fn write(&mut self, outputs: impl Iterator<Item = Tally> + Clone) {
         let now = Instant::now();
         let due = self.written.is_none_or(|written| now - written >= PERIOD);
@@ -279,14 +279,14 @@ impl Latencies {
     }
 }
 
-/// The two files, each with the name it is written under first.
+/// The two files, each with its temporary name.
 struct Files {
     paths: [[PathBuf; 2]; 2],
-    /// Whether it was said that they cannot be written.
+    /// Whether a write error was logged.
     told: bool,
-    /// The files as they were left, by device, number and time of their making.
+    /// The files as last written: device, inode and creation time.
     left: [Option<[u64; 3]>; 2],
-    /// Whether somebody else writes them too; said once.
+    /// Whether another writer was logged.
     shared: bool,
 }
 
@@ -306,7 +306,7 @@ impl Files {
         }
     }
 
-    /// Notices that somebody has put another file in the place of ours.
+    /// Detects that another program has replaced our files.
     fn look(&mut self, file: usize) {
         let path = &self.paths[file][0];
         let found = std::fs::metadata(path).ok().as_ref().map(mark);
@@ -348,12 +348,12 @@ impl Files {
     }
 }
 
-/// What tells a file from another one that takes its place.
+/// Identity of a file, to detect replacement.
 fn mark(about: &Metadata) -> [u64; 3] {
     [about.dev(), about.ino(), about.mtime_nsec() as u64]
 }
 
-/// A number that JSON can hold: what is none becomes 0.
+/// A number valid in JSON: NaN and infinities become 0.
 struct Finite(f32);
 
 impl std::fmt::Display for Finite {

@@ -1,7 +1,6 @@
-//! What a person sees who runs `mien` on a terminal: what goes where, one line that is written over and over, and at the
-//! end what there was.
+//! The output of `mien run` on a terminal: destinations at the start, one live line, and a summary at the end.
 //!
-//! One of five files with unsafe code: the width of a terminal is not to be had without.
+//! One of five files with unsafe code, which the terminal's width requires.
 #![expect(
     unsafe_code,
     reason = "TIOCGWINSZ, which tells a terminal's width, is a foreign function"
@@ -17,16 +16,16 @@ use crate::base::capacity::USERS;
 use crate::expression::unit_words;
 use crate::output::{Report, TrackingState};
 
-/// Puts what follows over the live line.
+/// Moves to the start of the live line and clears it.
 pub(crate) const OVER: &str = "\r\x1b[K";
 /// Columns of the narrowest and the widest line.
 const NARROW: usize = 60;
 const WIDE: usize = 160;
-/// Bytes of the longest line, and what puts it there.
+/// Bytes of the longest line, with its control sequence.
 const LINE: usize = WIDE + OVER.len();
-/// Columns where the width cannot be told.
+/// Columns if the width is unknown.
 const USUAL: usize = 80;
-/// Weights below this are not worth a place on the line.
+/// Weights below this are not shown.
 const SHOWN: f32 = 0.15;
 /// Units of one person on the line, at most.
 const MOST: usize = 8;
@@ -48,7 +47,7 @@ fn width(of: &impl AsRawFd) -> usize {
     }
 }
 
-/// A line of at most so many columns: what does not fit whole is left out.
+/// A line with a limited number of columns: words that do not fit are omitted.
 struct Line {
     text: heapless::String<LINE>,
     columns: usize,
@@ -72,7 +71,7 @@ impl Line {
         fits && self.text.push_str(&piece).is_ok()
     }
 
-    /// Adds the strongest units of a face, by their plain names; what both sides do is one.
+    /// Adds the strongest units of a face, by their plain names; both sides acting together are one.
     fn add_units(&mut self, names: &[impl AsRef<str>], weights: &[f32]) {
         let mut strong: heapless::Vec<(f32, &str, bool), MOST> = heapless::Vec::new();
         let all = || {
@@ -116,7 +115,7 @@ impl Line {
     }
 }
 
-/// One readable line: the time, and of everybody who is there the state and the strongest units.
+/// One readable line: the time, and for everybody present the state and the strongest units.
 fn line(
     columns: usize,
     reports: &[Report<'_>],
@@ -161,7 +160,7 @@ fn line(
     line.text
 }
 
-/// What there was of a run.
+/// Totals of a run, for the summary.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     frames: u64,
@@ -199,7 +198,7 @@ impl Tally {
             many => format!("{many} people"),
         };
         format!(
-            "{} frames in {seconds:.1} s ({:.1} per second), {people}, {:.1} ms from frame to wire, {:.1} ms at most",
+            "{} frames in {seconds:.1} s ({:.1} per second), {people}, latency {:.1} ms, at most {:.1} ms",
             self.frames,
             self.frames as f64 / seconds,
             self.latency_us as f64 * 1e-3 / self.frames.max(1) as f64,
@@ -226,12 +225,12 @@ impl Live {
         })
     }
 
-    /// What runs, where it sends, what to do next.
+    /// Prints the source, the destinations, and what to do next.
     pub(super) fn greet(&self, source: &str, wires: &str) {
         let version = env!("CARGO_PKG_VERSION");
         let to = if wires.is_empty() { "nowhere" } else { wires };
         let next = if wires.is_empty() {
-            "switch an output on in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
+            "enable an output in the configuration (`mien print-config`), or add --csv FILE; Ctrl-C ends"
         } else {
             "`mien send-test` moves every shape once, to try a receiver; Ctrl-C ends"
         };
@@ -244,14 +243,14 @@ impl Live {
         }
     }
 
-    /// Shows a frame's reports, over those of the frame before. A terminal that takes nothing more is not waited for.
+    /// Shows a frame's reports in place of the previous ones. Does not wait for a blocked terminal.
     pub(super) fn show(&mut self, reports: &[Report<'_>], names: &[impl AsRef<str>]) {
         self.tally.count(reports);
         let line = line(width(&io::stdout()), reports, names);
         self.shown |= self.out.offer(line.as_bytes());
     }
 
-    /// Leaves the line, and says what there was.
+    /// Ends the live line and prints the summary.
     pub(super) fn end(self, took: Duration) {
         if self.shown {
             self.out.offer(b"\n");
@@ -324,7 +323,7 @@ mod tests {
         tally.count(&[Report::default()]);
         assert_eq!(
             tally.summary(Duration::from_secs(2)),
-            "3 frames in 2.0 s (1.5 per second), 1 person, 2.7 ms from frame to wire, 6.0 ms at most"
+            "3 frames in 2.0 s (1.5 per second), 1 person, latency 2.7 ms, at most 6.0 ms"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! The outputs that a configuration asks for.
+//! Opens the outputs enabled in the configuration.
 
 use crate::appliance::settings::Settings;
 use crate::output::osc::Osc;
@@ -8,7 +8,7 @@ use crate::output::osc::vrchat::VrChat;
 use crate::output::serial::Serial;
 use crate::output::{Output, OutputError};
 
-/// Opens every wire that is switched on. `units` are the names in the order of the weights.
+/// Opens every enabled output. `units` are the names in the order of the weights.
 pub(crate) fn open(
     settings: &Settings,
     units: &[&str],
@@ -46,7 +46,7 @@ pub(crate) fn open(
     Ok(wires)
 }
 
-/// Where the outputs that are switched on send, for a person to read.
+/// Destinations of the enabled outputs, as text.
 pub(crate) fn named(settings: &Settings) -> String {
     let networked = [
         ("OSC", settings.osc.enabled, &settings.osc.targets),
@@ -79,7 +79,7 @@ pub(crate) fn named(settings: &Settings) -> String {
     all.join(", ")
 }
 
-/// A wire that is a feature of the build, or why there is none.
+/// An output that is an optional build feature, or why there is none.
 macro_rules! feature {
     ($wires:ident, $section:literal, $feature:literal, $make:expr) => {
         #[cfg(feature = $feature)]
@@ -92,7 +92,7 @@ macro_rules! feature {
     };
 }
 
-/// Opens those that are features of the build.
+/// Opens the optional outputs.
 #[allow(
     unused_variables,
     clippy::needless_return,
@@ -146,7 +146,7 @@ fn open_network(
     Ok(())
 }
 
-/// What may be found on this box.
+/// The services to announce.
 #[cfg(feature = "discovery")]
 fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
     let one = |on: bool, listen: &str, kind, transport, text| {

@@ -18,18 +18,18 @@
 //! | 0.1 × range | 0.169 / 0.286 / 0.257 | 0.415 / 0.507 / 0.463 |
 //! | none | 0.168 / 0.284 / 0.255 | 0.415 / 0.464 / 0.437 |
 //!
-//! Literal is the default of the paper's method: best over all units, and the paper's. On two-way units it is lucky rather
-//! than right: its far samples hand the three-node merging of section 2.6 ready-made ends, which are σ's and not the
-//! person's (at 2 m and 28° they are two to three times too long). Where one-way units matter most, scale it. The robust
-//! method does without compensation: it brought nothing there.
+//! Literal is the default of the paper's method: it is best over all units. On two-way units that is luck: its far samples
+//! give the three-node merging of section 2.6 ready-made ends, which come from σ and not from the person (at 2 m and 28° they
+//! are two to three times too long). If one-way units matter most, scale it. The robust method does not compensate: there it
+//! made no difference.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Weights under this make a sample invalid.
+/// Samples with a smaller weight are invalid.
 pub const LEAST_WEIGHT: f64 = 1.0 / 3.0;
 
-/// Where and how heavy the two compensating samples are.
+/// Offset and weight of the two compensating samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
     /// |s' − s|, in units of the measure.

@@ -1,20 +1,20 @@
-//! What a covered mouth does is inferred from time until it is seen again, for the paper's future work.
+//! Infers the weights of a covered mouth from the time since it was last seen (the paper's future work).
 //!
-//! What it computes: while depth sees something before the mouth and its points are hardly believed, a mouth unit's
-//! weight is what it was just before, held for [`HELD_S`] and then on its way to rest with the time constant τ with which
-//! this person's mouth lets go of expressions, w(t) = w₀ e^(−t/τ): the mean of what follows, given w₀. τ is learnt from
-//! the seen mouth, ρ = Σ w(t) w(t − [`LAG_S`]) / Σ w(t − [`LAG_S`])² = e^(−LAG_S/τ), and begins with [`USUAL_RHO`].
+//! While depth shows something in front of the mouth and its points have low confidence, a mouth unit's weight is held at its
+//! last value for [`HELD_S`] and then decays to rest with the time constant τ at which this person's mouth usually relaxes:
+//! w(t) = w₀ e^(−t/τ), the expected weight given w₀. τ is learned from the visible mouth,
+//! ρ = Σ w(t) w(t − [`LAG_S`]) / Σ w(t − [`LAG_S`])² = e^(−LAG_S/τ), starting at [`USUAL_RHO`].
 //!
-//! The visible rest of the face is not asked: regressions of the mouth on brows, lids and nose change the error by less than
-//! a hundredth on people that they were not made from, or raise it (three recordings of real faces, six simulated people).
+//! The visible part of the face is not used: regressions of the mouth on brows, lids and nose change the error by less than a
+//! hundredth on held-out people, or raise it (three recordings of real faces, six simulated people).
 //!
-//! Measured, mean absolute error of the mouth's units: in our simulator 0.61 of what holding them as they were would cost, better
-//! for four of four people, at worst 0.76, where a mouth at rest all the time costs 0.5: half of holding's is out of reach
-//! (`mien-studio evaluate --heads --rows mouth --people 4 --seconds 36`). In the second world's `occlude` 0.038 in the frames
-//! that it changes, 0.050 as read from under the hand; no frame of its scenes without a hand is changed.
+//! Mean absolute error of the mouth's units, relative to holding them: 0.61 in our simulator, better for four of four people, at
+//! worst 0.76; a mouth always at rest has 0.5, so half of the error of holding is out of reach
+//! (`mien-studio evaluate --heads --rows mouth --people 4 --seconds 36`). In the second world's `occlude` the error is 0.038 in
+//! the frames that change, against 0.050 measured through the hand; scenes without a hand do not change.
 //!
-//! Memory: three sets of weights. Cost: nothing to speak of. Degenerate: a mouth that stays covered is at rest; one that is
-//! always hard to see, as under a beard or a mask, counts as covered only where it is harder to see than usual.
+//! Memory: three sets of weights. Cost: negligible. Degenerate: a mouth that stays covered is at rest; one that is always
+//! hard to see, as under a beard or a mask, counts as covered only where it is harder to see than usual.
 
 use super::measures::Measure;
 use crate::base::capacity::UNITS;
@@ -24,9 +24,9 @@ use crate::landmarks::{Landmarks, MOUTH};
 
 /// Points of brows, nose and eyes.
 const OTHERS: core::ops::Range<usize> = 17..48;
-/// Light, blur and distance make everything hard to see; what covers the mouth makes it harder to see than the others by this much.
+/// Light, blur and distance lower the confidence of all points; a cover lowers that of the mouth by this much more.
 const HARDER: f32 = 0.05;
-/// Share of its points before which something is that makes it covered, and that keeps it so.
+/// Share of its points with something in front that makes the mouth count as covered, and that keeps it so.
 const HIDDEN: f32 = 0.3;
 const STILL_HIDDEN: f32 = 0.1;
 /// Their mean confidence up from which they are believed wholly, and how much below they are not at all. Under a hand it is 0.3 to
@@ -35,18 +35,18 @@ const BELIEVED: f32 = 0.70;
 const DISBELIEVED_BELOW: f32 = 0.06;
 /// What counted as covered has to be seen better than that by this much to be believed again.
 const HYSTERESIS: f32 = 0.13;
-/// Where it is never seen well, what is below the person's usual confidence by this much is not believed;
+/// Where confidence is always low, points this far below the person's usual confidence are not trusted;
 const UNUSUAL: f32 = 0.15;
 /// so long it takes to know what is usual, with a mouth that is seen and, once that is known, with one that is not, seconds.
 const USUAL_S: f32 = 8.0;
 const USUAL_COVERED_S: f32 = 60.0;
-/// What was read is kept only where the mouth is seen this much better than it need be.
+/// Weights are stored only while the mouth's confidence exceeds the limit by this much.
 const SURE: f32 = 0.05;
-/// How far back it is kept, seconds: one to two of this, for what covers the mouth is read as an expression before it is noticed.
+/// How far back they are stored, seconds (one to two of this): a cover is read as an expression before it is noticed.
 const BACK_S: f32 = 0.1;
-/// A mouth stays as it was for so long, seconds.
+/// Time for which a covered mouth is held, seconds.
 const HELD_S: f32 = 0.1;
-/// Seconds over which the reading of a mouth that is seen again comes back.
+/// Seconds over which the measured weights fade back in once the mouth is visible again.
 const RETURN_S: f32 = 0.15;
 /// Distance in time at which ρ is learnt, seconds; what it is of people at large, and how much of their own outweighs that.
 const LAG_S: f32 = 0.5;
@@ -57,7 +57,7 @@ const RHO: [f32; 2] = [0.1, 0.8];
 /// Products beyond which the older ones count half: minutes of acting.
 const MOST_WORTH: f32 = 400.0;
 
-/// Whether a measure is the mouth's, or of what a hand before the mouth covers too.
+/// Whether a measure belongs to the mouth, or to what a hand over the mouth covers too.
 pub(super) const fn is_of_mouth(measure: Measure) -> bool {
     use Measure::{
         CheekL, CheekR, CornerL, CornerR, JawDrop, LipGap, LipProtrusion, LipShift, LipThrust,
@@ -116,7 +116,7 @@ impl Default for CoveredMouth {
 }
 
 impl CoveredMouth {
-    /// Looks at a frame: whether the mouth is to be seen; it is then good to learn from.
+    /// Judges a frame: whether the mouth is visible, and can thus be learned from.
     pub(super) fn look(&mut self, landmarks: &Landmarks, dt: f32) -> bool {
         let mean = |of: core::ops::Range<usize>| {
             let points = &landmarks.point_confidence[of];
@@ -160,13 +160,13 @@ impl CoveredMouth {
         self.doubt == 0.0
     }
 
-    /// Time constant with which this mouth lets go, seconds.
+    /// Time constant at which this mouth relaxes, seconds.
     fn tau_s(&self) -> f32 {
         let [both, before] = self.sums;
         -LAG_S / (both / before).clamp(RHO[0], RHO[1]).ln()
     }
 
-    /// Replaces the weights of the mouth's columns, `is_mouth`, as far as it is not seen; else learns from them.
+    /// Replaces the weights of the mouth's columns, `is_mouth`, as far as it is covered; otherwise learns from them.
     pub(super) fn weigh(&mut self, weights: &mut [f32], is_mouth: &[bool; UNITS], dt: f32) {
         let mouth = |k: &usize| is_mouth[*k];
         if self.doubt > 0.0 {

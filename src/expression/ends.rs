@@ -1,26 +1,26 @@
 //! How far one side of a measure reaches: the population's range, moved by what the person has shown.
 //!
 //! The end is the value beyond which T_e = max(0.25 s, 0.3 % of all time) lies, less the noise: long enough to ignore
-//! glitches, short enough to keep rare expressions. Evidence n is the time spent well beyond rest, in half seconds. Range
-//! U ← exp((κ ln U0 + n ln max(reach, 0.3 U0))/(κ + n)): a side never seen keeps its prior, and rest alone never shrinks
+//! glitches, short enough to keep rare expressions. Evidence n is the time spent well beyond rest, in half seconds. The
+//! range is U ← exp((κ ln U0 + n ln max(reach, 0.3 U0))/(κ + n)): a side never seen keeps its prior, and rest alone never shrinks
 //! a range. Units of the measure, weights in seconds. Memory: none. Cost: one pass, run twice a second.
 
 use super::nodes::Node;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Seconds that must lie beyond an end, at least.
+/// Least time beyond an end, seconds.
 const BEYOND_S: f64 = 0.25;
-/// And as a share of all.
+/// Least time beyond an end, as a share of all time.
 const BEYOND_SHARE: f64 = 0.003;
 /// Seconds of expression that count as one piece of evidence.
 const PIECE_S: f64 = 0.5;
-/// Evidence is not counted beyond this, so that the prior keeps a say.
+/// Cap on the evidence, so that the prior keeps some weight.
 const MOST_EVIDENCE: f64 = 20.0;
-/// The least a range may come to, as a share of the prior.
+/// Smallest range, as a share of the prior.
 const LEAST_SHARE: f64 = 0.3;
 
-/// One side's range and the evidence behind it.
+/// One side's range and its evidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     /// Distance from rest to the full expression.

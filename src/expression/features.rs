@@ -1,8 +1,8 @@
-//! What else the points tell beside the measures: lengths that no unit is named after, but that tell units apart.
+//! Additional distances in the face that belong to no unit but help to tell units apart.
 //!
-//! A lip that is rolled in is thin, a brow that is drawn down comes nearer to the other, a chin that is raised comes nearer to
-//! the lip: section 2.1's measures see little of it. Head frame, metres; divided by the inner-eye-corner distance like the
-//! measures. Used by [`super::readings`] only. Cost: some hundred additions a frame, no memory.
+//! A rolled-in lip is thin, lowered brows come closer together, a raised chin comes closer to the lip: section 2.1's measures
+//! show little of that. Head frame, metres; divided by the inner-eye-corner distance like the measures. Used by
+//! [`super::readings`] only. Cost: some hundred additions a frame, no memory.
 
 use crate::base::capacity::{FEATURES, LANDMARKS, LENGTHS};
 use crate::base::geometry::Point;
@@ -71,13 +71,13 @@ impl Feature {
         mean(self.of) - mean(self.from)
     }
 
-    /// The landmarks it is made of.
+    /// The landmarks it is computed from.
     pub fn landmarks(&self) -> impl Iterator<Item = usize> + '_ {
         self.of.iter().chain(self.from).copied()
     }
 }
 
-/// Where the eyes look ([`super::gaze`]), after the lengths: to the subject's left, up; 1 is as far as eyes go.
+/// Gaze ([`super::gaze`]), after the lengths: to the subject's left, up; 1 is the eyes' full range.
 pub const GAZE: [&str; FEATURES - LENGTHS] = ["gaze_left", "gaze_up"];
 
 /// Names of all features, in their order.
@@ -85,7 +85,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     ALL.iter().map(|feature| feature.name).chain(GAZE)
 }
 
-/// Position of a name.
+/// Index of a name.
 #[must_use]
 pub fn named(name: &str) -> Option<usize> {
     names().position(|own| own == name)

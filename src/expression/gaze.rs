@@ -1,10 +1,10 @@
-//! Where the eyes look, from their picture (FACS AU61 to AU64).
+//! Gaze from the image of the eyes (FACS AU61 to AU64).
 //!
-//! A linear map from the two eyes as [`crate::landmarks::eyes`] cuts them, learnt by ridge regression from drawn eyes
-//! (`mien-studio units`). Both eyes look at one place, and a face is its own mirror: what tells of left is the difference of the
-//! mirrored eyes, what tells of up is their sum, so each needs the weights of one eye only. A turned head shows its eyes from the
-//! side, which one more weight takes out. The person's own constant is for a learner to take away, as with lengths.
-//! Memory: 290 weights. Degenerate: closed eyes look nowhere.
+//! A linear map of the two eye patches cut by [`crate::landmarks::eyes`], learned by ridge regression from rendered eyes
+//! (`mien-studio units`). Both eyes look at the same point and the face is symmetric: horizontal gaze is in the difference of the
+//! mirrored eyes, vertical gaze in their sum, so each needs the weights of one eye only. One more weight compensates for head
+//! rotation, which shows the eyes from the side. The person's own offset is removed by a learner, as with distances.
+//! Memory: 290 weights. Degenerate: closed eyes give no gaze.
 
 use serde::Deserialize;
 

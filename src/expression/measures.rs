@@ -1,19 +1,19 @@
 //! Landmarks to geometric measures: the distances and height differences of paper section 2.1, in the head frame.
 //!
 //! Method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*, section
-//! 2.1. All measures are taken where rigid motion is already removed, so "height" is along the head's y and "forward" along
-//! its −z, whatever way the head is turned.
+//! 2.1. Rigid motion is already removed from the landmarks, so "height" is along the head's y and "forward" along its −z, in
+//! any head pose.
 //!
 //! Scale: g' = g / w with w the distance of the inner eye corners. [`Scale::Frame`] divides by the frame's own w, as the
-//! paper says. w is a constant of the person, though, and two landmarks' jitter on it reaches every large measure (a jaw
+//! paper says. But w is a constant of the person, and the jitter of its two landmarks enters every large measure (a jaw
 //! drop of 3 w moves by three times the relative error of w); [`Scale::Learnt`] therefore divides by a running robust
 //! estimate, [`EyeDistance`].
 //!
-//! Units: [`raw`] gives metres; after [`scaled`] everything is in units of w but the eye distance itself, which stays in
-//! metres. Cost: some hundred additions a frame, no memory. Degenerate: coinciding eye corners (w ≈ 0) give no measures.
-//! Limitation: the brow is measured against the middle of the eye-corner line, so a head frame that rolls by 1° moves it
-//! by nothing but a one-sided error of the corners by half of that error.
-//! One file: every measure beside its formula and its place in the order.
+//! Units: [`raw`] gives metres; after [`scaled`] everything is in units of w except the eye distance itself, which stays
+//! in metres. Cost: some hundred additions a frame, no memory. Degenerate: coinciding eye corners (w ≈ 0) give no measures.
+//! Limitation: the brow is measured from the middle of the eye-corner line, so a roll of the head frame does not affect it, but
+//! half of an error in one corner does.
+//! One file: every measure with its formula and its place in the order.
 
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
@@ -65,9 +65,9 @@ pub enum Measure {
     UpperLipL,
     /// Height of the upper lip's right edge (49, 50) below the base of the nose (32, 33).
     UpperLipR,
-    /// How far the left cheek is blown out, as depth tells.
+    /// How far the left cheek is puffed out, measured by depth.
     CheekL,
-    /// How far the right cheek is blown out, as depth tells.
+    /// How far the right cheek is puffed out, measured by depth.
     CheekR,
     /// Distance of the inner eye corners, in metres even after scaling.
     EyeDistance,
@@ -127,13 +127,13 @@ impl Measure {
         }
     }
 
-    /// The measure of that name.
+    /// The measure with that name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|measure| measure.name() == name)
     }
 
-    /// The groups of landmarks it is made of; none where depth tells.
+    /// The groups of landmarks it is computed from; none for those measured by depth.
     #[must_use]
     pub const fn groups(self) -> &'static [&'static [usize]] {
         match self {
@@ -159,7 +159,7 @@ impl Measure {
         }
     }
 
-    /// The landmarks it is made of.
+    /// The landmarks it is computed from.
     pub fn landmarks(self) -> impl Iterator<Item = usize> {
         self.groups().iter().copied().flatten().copied()
     }
@@ -204,7 +204,7 @@ pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
     with_cheeks(points, [0.0; PUFFS])
 }
 
-/// All measures in metres, from landmarks in the head frame and how far the right and the left cheek are blown out
+/// All measures in metres, from landmarks in the head frame and the puff of the right and the left cheek
 /// ([`Landmarks::cheeks`]).
 #[must_use]
 pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; MEASURES] {
@@ -239,7 +239,7 @@ pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; M
     })
 }
 
-/// g' = g / w for all but the eye distance, which stays in metres. `w` in metres, above 0.
+/// g' = g / w for all except the eye distance, which stays in metres. `w` in metres, above 0.
 #[must_use]
 pub fn scaled(raw: &[f32; MEASURES], w: f32) -> [f32; MEASURES] {
     let mut scaled = raw.map(|g| g / w);
@@ -260,16 +260,16 @@ pub fn confidence(measure: Measure, landmarks: &Landmarks) -> f32 {
 
 /// Eye-corner distances outside of this, in metres, are not a face: adults and children span 0.022 to 0.045.
 const PLAUSIBLE_M: core::ops::Range<f64> = 0.015..0.06;
-/// One frame moves the estimate as if it were at most this far off, as a share of it: an outlier counts like the edge.
+/// Innovations are clipped at this share of the estimate.
 const CLIP: f64 = 0.06;
-/// Seconds that the population's mean is worth: people differ by ten times the noise of one frame.
+/// Weight of the population's mean, seconds: people differ by ten times the noise of one frame.
 const PRIOR_S: f64 = 0.0005;
-/// Seconds over which the estimate follows once it is old: slow enough to be a constant of the person.
+/// Time constant of the settled estimate, seconds: slow enough to be a constant of the person.
 const MEMORY_S: f64 = 60.0;
 
 /// Running robust estimate of one person's inner-eye-corner distance.
 ///
-/// A mean with clipped innovations: exact for clean data, moved by an outlier no more than by a 6 % error. Starts at the
+/// A mean with clipped innovations: exact for clean data; an outlier moves it no more than a 6 % error would. Starts at the
 /// population's mean, which a tenth of a second of data outweighs.
 #[derive(Clone, Debug)]
 pub struct EyeDistance {
@@ -290,7 +290,7 @@ impl EyeDistance {
         }
     }
 
-    /// Takes the frame's own distance (metres) with weight ω times the time it stands for (seconds).
+    /// Adds the frame's own distance (metres) with weight ω times the time it stands for (seconds).
     pub fn observe(&mut self, w: f32, omega_dt: f64) {
         let w = f64::from(w);
         if !PLAUSIBLE_M.contains(&w) || omega_dt <= 0.0 {

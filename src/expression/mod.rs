@@ -1,24 +1,24 @@
 //! Landmarks to measures, samples, ranges and unit weights (paper section 2).
 //!
-//! What it computes: for one person, in every frame, the geometric measures of the face and from them the weight of every
-//! FACS unit, while it learns where this person rests and how far their expressions go. There is no calibration.
+//! Computes, for one person and every frame, the geometric measures of the face and from them the weight of every FACS unit,
+//! while learning this person's rest and the range of their expressions. There is no calibration.
 //!
 //! ```text
 //! landmarks ─► measures ─► scaled ─┬─► learner per measure ─► range ─────────────────────┐
 //! (head frame)  (metres)   (by w)  │   paper │ robust ─► rest                            ▼
 //! pose ─► weight ω ────────────────┘              └─► readings ─► learner per unit ─► one-euro ─► dead zone ─► columns
 //! ```
-//! Whose method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*,
-//! section 2: [`Method::Paper`], literally, in `weight`, `compensate`, `samples`, `one_way`, `two_way`. The default,
-//! [`Method::Robust`], keeps the measures and sample weights and replaces the range rules (`robust`), since the literal
-//! ones read 0.2 to 0.4 on a still face.
+//! Method: Jiang Na et al., *Unsupervised real-time facial animation generation using geometric measurements*,
+//! section 2, implemented literally by [`Method::Paper`] in `weight`, `compensate`, `samples`, `one_way`, `two_way`. The
+//! default, [`Method::Robust`], keeps the measures and sample weights but replaces the range rules (`robust`), because the
+//! literal ones read 0.2 to 0.4 on a still face.
 //!
 //! Units and frames: landmarks in the head frame, metres; measures in units of the inner-eye-corner distance; weights 0 to
 //! 1 and beyond. Memory: fixed, about 40 KiB per person; nothing is allocated after [`Expression::new`]. Cost: a few dozen
-//! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames the tracker
-//! doubts, or with ω < 1/3, give weights but are not learned from. In the first third of a second all weights are 0, then
-//! they fade in.
-//! One file: the order of the stage; every method has its own.
+//! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames with low
+//! confidence, or with ω < 1/3, give weights but are not learned from. In the first third of a second all weights are 0,
+//! then they fade in.
+//! One file: the order of the steps; every method has its own file.
 
 pub mod compensate;
 mod covered;
@@ -73,14 +73,14 @@ use units::{Explained, Kind, Side};
 /// One frame's result. Columns are in the order of [`Expression::unit_names`].
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// By [`Measure`], in units of the inner-eye-corner distance; the eye distance in metres.
+    /// By [`Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
     pub measures: [f32; MEASURES],
     units: [f32; UNITS],
     readiness: [f32; UNITS],
     columns: usize,
     /// Ranges are still mostly the population's.
     pub warming: bool,
-    /// Nothing is being learnt.
+    /// Learning is frozen.
     pub frozen: bool,
 }
 
@@ -91,29 +91,29 @@ impl Weights {
         &self.units[..self.columns]
     }
 
-    /// 0…1 for each unit: how far its range is this person's.
+    /// 0…1 for each unit: how much of its range is this person's own.
     #[must_use]
     pub fn readiness(&self) -> &[f32] {
         &self.readiness[..self.columns]
     }
 }
 
-/// What is known of a unit, in units of its measure, or of its reading if it has none.
+/// The range of a unit, in units of its measure, or of its reading if it has none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UnitRange {
-    /// Where the measure is with the full falling expression; rest, if there is none.
+    /// Value at the full falling expression; rest, if there is none.
     pub low: f32,
-    /// And neutral.
+    /// Value at rest.
     pub rest: f32,
-    /// And with the full rising expression.
+    /// Value at the full rising expression; rest, if there is none.
     pub high: f32,
-    /// Standard deviation of its noise; 0 with the paper's method, which does not ask.
+    /// Standard deviation of its noise; 0 with the paper's method, which does not estimate it.
     pub noise: f32,
-    /// 0…1: how far this is the person's own.
+    /// 0…1: how much of it is the person's own.
     pub readiness: f32,
 }
 
-/// A frame stands for at most this long, seconds: what lies between was not seen.
+/// Longest time that one frame stands for, seconds.
 const LONGEST_FRAME_S: f64 = 0.1;
 /// The frame before the first.
 const USUAL_FRAME_S: f64 = 1.0 / 30.0;
@@ -122,7 +122,7 @@ const LONG_LOSS_S: f64 = 2.0;
 
 /// Weights fade in between these seconds of presence.
 const FADE_S: core::ops::Range<f64> = 0.3..0.6;
-/// Seconds of presence after which departures from rest are an expression's.
+/// Seconds of presence after which deviations from rest count as expressions.
 const RESTS_KNOWN_S: f64 = 2.0;
 /// Median readiness of rest at which the ranges are the person's.
 const WARM: f64 = 0.5;
@@ -136,7 +136,7 @@ enum Learners {
     Paper(Box<[PaperLearner]>),
 }
 
-/// The stage, one for each person.
+/// The expression stage of one person.
 #[derive(Clone, Debug)]
 pub struct Expression {
     settings: Settings,
@@ -239,19 +239,19 @@ impl Expression {
         }
     }
 
-    /// Learnt measures of the last frame, cross-talk taken out (robust), in units of the inner-eye-corner distance.
+    /// Learned measures of the last frame, cross-talk removed (robust), in units of the inner-eye-corner distance.
     #[must_use]
     pub fn corrected(&self) -> &[f64; LEARNT_MEASURES] {
         &self.corrected
     }
 
-    /// Departures of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance.
+    /// Deviations of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance.
     #[must_use]
     pub fn departures(&self) -> Option<&[f64; INPUTS]> {
         self.together.as_ref().map(Together::departures)
     }
 
-    /// What is kept of a learnt measure, ascending: value, how long it tells of rest, how long of the ends (seconds; with the
+    /// The stored history of a learned measure, ascending: value, its weight for rest and for the ends (seconds; with the
     /// paper's method both are the sample's weight).
     pub fn history(&self, measure: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
         let (nodes, growth, samples) = match &self.learners {
@@ -267,7 +267,7 @@ impl Expression {
         nodes.chain(samples.iter().map(|s| [s.value, s.weight, s.weight]))
     }
 
-    /// What is known of each column's unit, in the order of [`Self::unit_names`].
+    /// The range of each column's unit, in the order of [`Self::unit_names`].
     #[must_use]
     pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {
         let paper = matches!(self.learners, Learners::Paper(_));
@@ -304,7 +304,7 @@ impl Expression {
             .collect()
     }
 
-    /// How often a change of person was noticed here.
+    /// How often a change of person was detected here.
     #[must_use]
     pub fn resets(&self) -> u64 {
         self.resets
@@ -315,7 +315,7 @@ impl Expression {
         self.weights.frozen = frozen;
     }
 
-    /// Takes the present face for rest (robust; the paper's method has no such notion and learns on).
+    /// Takes the current face as rest (robust; the paper's method has no such notion and continues to learn).
     pub fn take_neutral(&mut self) {
         if let Learners::Robust(learners) = &mut self.learners {
             for (learner, &g) in learners.iter_mut().zip(&self.corrected) {
@@ -327,7 +327,7 @@ impl Expression {
         }
     }
 
-    /// Forgets the person: everything starts from the population again.
+    /// Forgets the person and starts from the population again.
     pub fn reset(&mut self) {
         match &mut self.learners {
             Learners::Robust(learners) => learners.iter_mut().for_each(RobustLearner::reset),
@@ -344,7 +344,7 @@ impl Expression {
         self.weights.warming = true;
     }
 
-    /// What was learnt, to be kept (see [`Learned::write`]).
+    /// What was learned, for saving (see [`Learned::write`]).
     #[must_use]
     pub fn learned(&self) -> Learned {
         Learned {
@@ -353,7 +353,7 @@ impl Expression {
         }
     }
 
-    /// Starts from what was learnt of this person before (robust; the paper's method starts from the population).
+    /// Starts from what was learned about this person before (robust; the paper's method starts from the population).
     pub fn restore(&mut self, learned: &Learned) {
         self.reset();
         self.scale = EyeDistance::new(learned.eye_distance_m);
@@ -367,7 +367,7 @@ impl Expression {
         }
     }
 
-    /// Measures a frame, learns from it and weighs it.
+    /// Measures a frame, learns from it and computes the weights.
     pub fn observe(
         &mut self,
         landmarks: &Landmarks,
@@ -438,7 +438,7 @@ impl Expression {
         self.mouth.interrupt();
     }
 
-    /// Takes cross-talk out (robust): what one measure does because another expression is on.
+    /// Removes cross-talk (robust): the part of a measure that is caused by another expression.
     fn correct(&mut self) {
         let measures = self.weights.measures;
         self.corrected = core::array::from_fn(|m| f64::from(measures[m]));

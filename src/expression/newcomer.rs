@@ -1,14 +1,14 @@
-//! Is this still the same person? An expression moves a few measures, another face moves most of them.
+//! Detects a change of person: an expression moves a few measures, another face moves most of them.
 //!
-//! The share of measures whose median over the last ten seconds is off the learnt rest by more than half a standard
-//! deviation over people: natural behaviour stays under 0.11, a held smile under 0.22, another person has 0.39 to 0.94
-//! (simulated, 14 persons). More than half of them for ten seconds is another person; after the face was lost for over two
+//! The criterion is the share of measures whose median over the last ten seconds differs from the learned rest by more than
+//! half a standard deviation over people: natural behaviour stays below 0.11, a held smile below 0.22, another person has 0.39
+//! to 0.94 (simulated, 14 people). More than half for ten seconds means another person; after the face was lost for over two
 //! seconds, when a change is likely, a third within two and a half seconds is enough.
-//! No method learns its way out of a change of person within a minute, so this asks for a reset.
+//! No learner recovers from a change of person within a minute, so a detected change triggers a reset.
 //!
-//! Memory: 32 values a measure. Cost: a copy three times a second. Degenerate: poor samples (ω < 0.6) are not judged; rests
-//! that are not known yet say nothing.
-//! Limitation: a person with the same proportions goes unnoticed, and harmlessly so.
+//! Memory: 32 values per measure. Cost: a copy three times a second. Degenerate: poor samples (ω < 0.6) are ignored, and so are
+//! measures whose rest is not known yet.
+//! Limitation: a person with the same proportions goes unnoticed, which does no harm.
 
 use crate::base::capacity::LEARNT_MEASURES;
 

@@ -1,14 +1,14 @@
 //! A bounded, sorted store of one measure's history that merges its cheapest adjacent pair.
 //!
-//! Each node carries a value and two weights in seconds of presence: `rest`, which counts a held pose less the longer it
-//! lasts, and `range`, plain time. A new value is always inserted; then the adjacent pair whose merging moves the least
-//! mass, cost d² c1 c2/(c1 + c2), is merged (Ward, *Hierarchical grouping to optimize an objective function*, 1963, on a
-//! line). Unlike merging the newcomer with its nearest, this keeps rare expressions apart from the crowd at rest.
+//! Each node has a value and two weights in seconds of presence: `rest`, which counts a held expression less the longer it
+//! lasts, and `range`, plain time. A new value is always inserted; then the adjacent pair with the lowest merging cost
+//! d² c1 c2/(c1 + c2) is merged (Ward, *Hierarchical grouping to optimize an objective function*, 1963, in one dimension).
+//! Unlike merging a new value with its nearest neighbour, this keeps rare expressions apart from the many values at rest.
 //!
 //! Forgetting: new weights grow by 2^(t/H) ([`Nodes::advance`]) and everything is divided when the factor passes 10⁶, so
 //! old weights need not be touched every frame and the sums stay below H/ln 2 seconds, within any float's precision.
 //! Memory: 32 bytes a node. Cost of a push: one search, one shift, one pass over the costs; two costs are recomputed.
-//! Policy when full: merge; total weights and the mean stay. Degenerate: the caller hands in finite values only.
+//! Policy when full: merge; total weights and the mean are preserved. The caller passes finite values only.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -56,7 +56,7 @@ impl Node {
 
 /// Growth at which all weights are divided by it.
 const GROWTH_LIMIT: f64 = 1e6;
-/// Weight of samples that teach rest only: enough for a place of its own in the merging, nothing for the ends.
+/// Weight of samples that count for rest only: enough to survive merging, nothing for the ends.
 const LEAST_RANGE_WEIGHT: f64 = 1e-6;
 
 /// At most `N` nodes, ascending by value.
@@ -88,13 +88,13 @@ impl<const N: usize> Nodes<N> {
         &self.nodes
     }
 
-    /// What a second of now weighs.
+    /// Current weight of one second.
     #[must_use]
     pub const fn growth(&self) -> f64 {
         self.growth
     }
 
-    /// Lets time pass: everything older counts for less, by half every `half_life_s` (0: never).
+    /// Advances time: older weights are halved every `half_life_s` (0: never).
     pub fn advance(&mut self, dt: f64, half_life_s: f64) {
         if half_life_s <= 0.0 {
             return;
@@ -140,7 +140,7 @@ impl<const N: usize> Nodes<N> {
         *self = Self::new();
     }
 
-    /// Totals of both weights, in seconds of now: (rest, range).
+    /// Totals of both weights, in current seconds: (rest, range).
     #[must_use]
     pub fn totals(&self) -> (f64, f64) {
         let (rest, range) = self

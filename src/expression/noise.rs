@@ -1,10 +1,10 @@
-//! How noisy one measure is from frame to frame, without knowing what it does.
+//! Frame-to-frame noise of one measure, estimated while the measure may be moving.
 //!
 //! Method: von Neumann et al. 1941, dispersion from successive differences, made robust: for white noise of deviation σ the
 //! second difference g0 − 2 g1 + g2 has deviation √6 σ and median size 0.6745 √6 σ, while anything smooth cancels. The
-//! median is followed by a step up or down in proportion to itself. Units of the measure. Memory: three numbers.
-//! Limitation: it sees the white part of the noise only; [`Noise::sigma`] is that times 1.5, as correlated jitter of a
-//! face tracker is about as large as its white part.
+//! median is tracked by steps up or down in proportion to itself. Units of the measure. Memory: three numbers.
+//! Limitation: only white noise is estimated; [`Noise::sigma`] is that times 1.5, because the correlated jitter of a face
+//! tracker is about as large as its white noise.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -54,7 +54,7 @@ impl Noise {
         self.last = [g, self.last[0]];
     }
 
-    /// Frames were lost: the next difference would span them.
+    /// Frames were lost; resets the differences.
     pub fn interrupt(&mut self) {
         self.seen = 0;
     }
@@ -103,7 +103,7 @@ impl SlowNoise {
         }
     }
 
-    /// Takes in how far the reading is from rest, as a share of the range.
+    /// Adds the reading's distance from rest, as a share of the range.
     pub(super) fn observe(&mut self, share: f64, dt: f64) {
         self.slow += (share - self.slow) * (dt / STILL_S).min(1.0);
         if (share - self.slow).abs() >= STILL || share >= EXPRESSED {
@@ -120,7 +120,7 @@ impl SlowNoise {
         self.level = (self.level + step * up).max(0.0);
     }
 
-    /// What an expression must rise above, a share of the range.
+    /// Level that an expression must exceed, as a share of the range.
     pub(super) fn dead_share(&self) -> f64 {
         (ABOVE * self.level).min(MOST)
     }

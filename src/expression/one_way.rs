@@ -1,14 +1,14 @@
 //! One-way units (open mouth, closed eye): g_min and g_max from the samples, and their weight.
 //!
 //! Method: Jiang Na et al., section 2.5 and equation (8). From the left end samples are counted; where the gap to the next
-//! one is over l % of the set's width, everything to the left is dropped and the count starts anew; the scan ends when the
-//! count reaches k % of all samples, or what was scanned reaches m %. Then the same from the right. The outermost samples
-//! left are g_min and g_max. w = (g − g_min)/(g_max − g_min): under 0 invalid, above 1 exaggerated and kept.
+//! one exceeds l % of the set's width, everything to the left is dropped and the count restarts; the scan ends when the count
+//! reaches k % of all samples, or the samples scanned reach m %. Then the same from the right. The outermost remaining
+//! samples are g_min and g_max. w = (g − g_min)/(g_max − g_min): under 0 invalid, above 1 exaggerated and kept.
 //!
-//! Our reading: samples count by weight, since they merge; the width is that of the whole set, before anything is dropped;
-//! a unit that acts as the measure falls (closing an eye) mirrors equation (8).
-//! Units: those of the measure. No state. Cost: a part of one pass. Degenerate: no samples, or all in one place, give no
-//! interval.
+//! Our interpretation: samples count by weight, since they merge; the width is that of the whole set, before anything is
+//! dropped; a unit whose measure falls (closing an eye) uses the mirrored equation (8).
+//! Units: those of the measure. No state. Cost: part of one pass. Degenerate: no samples, or all with the same value, give
+//! no interval.
 //! Limitation: g_min is the lower tail of the resting noise, so a still face reads 0.2 to 0.4 (the robust method exists
 //! for that).
 

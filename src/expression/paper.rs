@@ -1,12 +1,12 @@
-//! Learning one measure's range exactly as the paper does: compensating samples, a bounded merged set, then the end scan
-//! or the merging to three.
+//! Learns one measure's range exactly as in the paper: compensating samples, a bounded merging set, then the end scan or the
+//! merging to three nodes.
 //!
-//! Method: Jiang Na et al., sections 2.3 to 2.6; the pieces are in `compensate`, `samples`, `one_way`, `two_way`. Added
-//! where the paper is silent: the population's range fades over to the literal estimate during the first seconds of
-//! presence (after that the estimate is literal), nodes glide to a new estimate with a time constant of a second (two
-//! estimates in a row can differ by a whole range), and weights fade with a half-life if one is set.
-//! Memory: 16 bytes a sample and some. Cost: three pushes a frame; the estimate runs twice a second, since nothing needs
-//! it oftener. Degenerate: a set without width, or without three places, keeps what was estimated before.
+//! Method: Jiang Na et al., sections 2.3 to 2.6; the parts are in `compensate`, `samples`, `one_way`, `two_way`. Added
+//! where the paper says nothing: the population's range fades into the literal estimate during the first seconds of
+//! presence (after that the estimate is literal), nodes move to a new estimate with a time constant of a second (two
+//! consecutive estimates can differ by a whole range), and weights decay with a half-life if one is set.
+//! Memory: about 16 bytes per sample. Cost: three pushes a frame; the estimate runs twice a second, which is enough.
+//! Degenerate: a set without width, or with fewer than three distinct values, keeps the previous estimate.
 
 use super::compensate::{Validity, compensation};
 use super::one_way::{self, Scan};
@@ -78,13 +78,13 @@ impl PaperLearner {
         *self = Self::new(self.settings, self.prior, self.kind, phase.fract());
     }
 
-    /// What is kept of the past, ascending.
+    /// The stored history, ascending.
     #[must_use]
     pub fn samples(&self) -> &[Sample] {
         self.samples.samples()
     }
 
-    /// Takes a frame's value of weight ω, `dt` seconds after the last.
+    /// Adds a frame's value of weight ω, `dt` seconds after the last.
     pub fn observe(&mut self, g: f64, omega: f64, dt: f64) {
         let spread = match self.settings.compensation_scale {
             scale if scale > 0.0 => scale * self.prior.span(),
@@ -126,7 +126,7 @@ impl PaperLearner {
         self.range = self.range.towards(target, 1.0 - (-dt / GLIDE_S).exp());
     }
 
-    /// The paper's estimate from the present samples, without prior or glide.
+    /// The paper's estimate from the current samples, without prior or gliding.
     #[must_use]
     pub fn literal(&self) -> Option<Range> {
         if self.kind == Kind::TwoWay {
@@ -176,7 +176,7 @@ impl PaperLearner {
         }
     }
 
-    /// 0…1: how far the estimate is the person's.
+    /// 0…1: how much of the estimate is the person's own.
     #[must_use]
     pub fn readiness(&self) -> f64 {
         (self.seconds / self.settings.prior_s.max(1e-3)).min(1.0)

@@ -31,7 +31,7 @@ impl Kind {
     }
 }
 
-/// What is assumed about a person's range before it was seen; in w.
+/// Prior of a measure's range, in units of w.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Directions.

@@ -1,8 +1,8 @@
-//! One measure's range, and the weight it gives: the shared end of both learning methods.
+//! One measure's range and the resulting weight: the last step of both learning methods.
 //!
 //! Soft dead zone: e = g − rest, w = max(|e| − δ, 0)/(side − δ) with the sign of e, so resting noise up to δ gives exactly 0
 //! and the full expression still gives 1. With δ = 0 it is equation (8) from rest, and equation (9), of Jiang Na et al.
-//! Continuous and monotone for any nodes. Units of the measure in, weights out. Degenerate: δ is cut to 0.35 of the side.
+//! Continuous and monotone for any nodes. Units of the measure in, weights out. Degenerate: δ is capped at 0.35 of the side.
 
 use super::units::{Kind, Prior};
 

@@ -1,21 +1,21 @@
-//! Units from all measures together: what each expression does to every measure is known, so a unit is read from all of
-//! them and not from its own alone.
+//! Reads units from all measures together: each unit's effect on every measure is known, so it is estimated from all of them,
+//! not only from its own.
 //!
-//! Input i departs from the person's rest by d_i, in eye distances; a unit's reading is Σ rise_i · max(d_i, 0) +
-//! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The shares come from ridge
-//! regression on tracked faces whose expressions are known (`mien-studio units`), so they know how well each measure is
-//! seen, too. Each reading then goes through a learner of its own, as a measure's value does: rest, full expression and noise
-//! are the person's. Of a measure's two units the larger one is given.
+//! Input i differs from the person's rest by d_i, in eye distances; a unit's reading is Σ rise_i · max(d_i, 0) +
+//! fall_i · min(d_i, 0), near 0 at rest and near 1 in the full expression of an average person. The coefficients come
+//! from ridge regression on tracked faces with known expressions (`mien-studio units`), so they also reflect how accurately
+//! each measure is tracked. Each reading then goes through its own learner, like a measure's value: rest, full expression and
+//! noise are the person's. Of a measure's two units only the larger one is output.
 //!
-//! Memory: fixed, [`INPUTS`] shares a unit. Cost: a thousand multiplications a frame. Degenerate: a table without readings
-//! gives each unit from its own measure.
+//! Memory: fixed, [`INPUTS`] coefficients per unit. Cost: a thousand multiplications a frame. Degenerate: without readings in
+//! the table, each unit is read from its own measure.
 
 use super::features;
 use super::measures::Measure;
 use super::prior::{Kind, Prior, UnitName};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
 
-/// What is assumed about a feature before a person has been seen; in eye distances.
+/// Prior of a feature, in eye distances.
 #[derive(Clone, Copy, Debug)]
 pub struct FeaturePrior {
     /// Neutral, mean over people.
@@ -27,7 +27,7 @@ pub struct FeaturePrior {
 }
 
 impl FeaturePrior {
-    /// As a learner takes it.
+    /// As a learner's prior.
     #[must_use]
     pub fn prior(&self) -> Prior {
         Prior {
@@ -40,22 +40,22 @@ impl FeaturePrior {
     }
 }
 
-/// How one unit is read.
+/// Coefficients of one unit's reading.
 #[derive(Clone, Debug)]
 pub struct Reading {
-    /// Which.
+    /// The unit.
     pub unit: UnitName,
     /// By input: weight per rise, weight per fall.
     pub shares: [[f32; 2]; INPUTS],
-    /// The reading is the weight: of a direction, which has no full expression of this person's.
+    /// The reading is the weight itself: a gaze direction has no full expression of this person's own.
     pub absolute: bool,
 }
 
 impl Reading {
     /// Standard deviation of a reading's rest over people: what is left once every input's rest is known.
     const REST_SD: f64 = 0.05;
-    /// A unit's reading before the person was seen: rest at 0; the full expression somewhat below 1, since people go less
-    /// far than the heads that shares are learnt from.
+    /// Prior of a unit's reading: rest at 0; the full expression somewhat below 1, since people express less than the heads that
+    /// the coefficients were learned from.
     pub const PRIOR: Prior = Prior {
         kind: Kind::Rising,
         rest: 0.0,
@@ -64,7 +64,7 @@ impl Reading {
         down: 0.0,
     };
 
-    /// The unit's reading from all departures.
+    /// The unit's reading from all deviations.
     #[must_use]
     pub fn of(&self, departures: &[f64; INPUTS]) -> f64 {
         let sum = self.shares.iter().zip(departures);

@@ -1,11 +1,12 @@
-//! Where a measure rests: the mode of its history, held to the population.
+//! A measure's rest: the mode of its history, regularised by the population.
 //!
-//! A person's rest is the value they return to. The mode finds it where mean, median and quantiles follow a long smile.
+//! A person's rest is the value they return to. The mode finds it even during a long smile, which mean, median and quantiles
+//! would follow.
 //! score(v) = [W within v ± h + 0.3 s × the prior's mass there] × exp(−½ ((v − r0)/(2 s0))²): W in seconds (a held pose
 //! counts less the longer it lasts), N(r0, s0²) rest over people. The best node is refined by mean shift (Fukunaga &
-//! Hostetler 1975). Rest leaves its present place for one more than 2.5 h away only if that wins by 1.3.
+//! Hostetler 1975). Rest moves by more than 2.5 h only to a node that scores 1.3 times as high.
 //! Units of the measure. Memory: none. Cost: N² comparisons, run twice a second. Degenerate: an empty store gives r0.
-//! Limitation: an expression worn from the first frame on is taken for rest until it ends, as nothing tells them apart.
+//! Limitation: an expression held from the first frame on is taken for rest until it ends; nothing distinguishes the two.
 
 use super::nodes::Node;
 use super::units::Prior;

@@ -1,19 +1,19 @@
-//! Learning one measure's range so that it survives outliers, long smiles, one-sided users and years: the default method.
+//! Learns one measure's range, robust to outliers, long smiles, one-sided expressions and years of use: the default method.
 //!
-//! Ours, in place of sections 2.3 to 2.6 of Jiang Na et al. whose end rules read 0.2 to 0.4 on a still face; the sample
-//! weight ω (equations (4) and (5)) and the limit ω ≥ 1/3 are the paper's. A frame passes: median of three (learning path
-//! only, the output has no delay from it) → noise (`noise`) → two weights → store (`nodes`) → twice a second rest (`rest`)
-//! and both ends (`ends`) → bounded motion of the nodes.
+//! It replaces sections 2.3 to 2.6 of Jiang Na et al., whose end rules read 0.2 to 0.4 on a still face; the sample weight ω
+//! (equations (4) and (5)) and the limit ω ≥ 1/3 are the paper's. Each frame: median of three (for learning only, so the
+//! output is not delayed) → noise (`noise`) → two weights → store (`nodes`) → twice a second rest (`rest`) and both ends
+//! (`ends`) → rate-limited motion of the nodes.
 //!
-//! Weights: C = ω dt teaches the ends. W = ω² dt/(1 + τ/3 s) teaches rest; τ is how long the measure has stood still, so a
-//! pose held for a minute counts as nine seconds, and squared since rest should come from frontal faces.
-//! Motion: the first 0.3 s are free (the output is still faded out then), then rest moves by at most 2 R/s for 3 s,
-//! 0.25 R/s till 20 s, 0.05 R/s after (R: mean of the sides); ranges by 25 % a second, 5 % after 20 s.
+//! Weights: C = ω dt for the ends, W = ω² dt/(1 + τ/3 s) for rest; τ is how long the measure has not moved, so an expression
+//! held for a minute counts as nine seconds; ω is squared because rest should come from frontal faces.
+//! Motion: unlimited for the first 0.3 s (the output is still faded out), then rest moves by at most 2 R/s for 3 s,
+//! 0.25 R/s until 20 s, 0.05 R/s after that (R: mean of the sides); ranges by 25 % a second, 5 % after 20 s.
 //!
 //! Units: those of the measure; seconds of presence. Memory: [`RANGE_NODES`] nodes of 32 bytes. Cost: about a microsecond
-//! a frame. Degenerate: nothing valid seen gives the prior.
-//! Limitation: an expression worn from the first frame is taken for rest until it ends.
-//! One file: all of it is one measure's state and how a sample changes it.
+//! a frame. Degenerate: without valid samples the prior is used.
+//! Limitation: an expression held from the first frame on is taken for rest until it ends.
+//! One file: one measure's state and how a sample changes it.
 
 use super::compensate::LEAST_WEIGHT;
 use super::ends;
@@ -36,7 +36,7 @@ const ESTIMATE_EARLY_S: f64 = 0.05;
 /// Until then nodes are set, not moved.
 const FREE_S: f64 = 0.3;
 
-/// What the learner needs beside the prior.
+/// Parameters of the learner, besides the prior.
 #[derive(Clone, Copy, Debug)]
 pub struct RobustSettings {
     /// Half-life of the past, seconds; 0 never forgets.
@@ -64,7 +64,7 @@ pub struct RobustLearner {
     rest: f64,
     up: f64,
     down: f64,
-    /// Where they are going.
+    /// Their targets.
     rest_target: f64,
     up_target: f64,
     down_target: f64,
@@ -111,13 +111,13 @@ impl RobustLearner {
         *self = Self::new(self.population.0, self.population.1, self.phase);
     }
 
-    /// Frames were missing or doubtful: differences and medians must not reach across them.
+    /// Frames were missing or had low confidence: differences and medians must not span them.
     pub fn interrupt(&mut self) {
         self.noise.interrupt();
         self.frames = 0;
     }
 
-    /// Takes a frame's finite value of weight ω, `dt` seconds after the last.
+    /// Adds a frame's finite value of weight ω, `dt` seconds after the last.
     pub fn observe(&mut self, g: f64, omega: f64, dt: f64) {
         if omega.is_nan() || omega < LEAST_WEIGHT || !g.is_finite() {
             self.interrupt();
@@ -229,7 +229,7 @@ impl RobustLearner {
         }
     }
 
-    /// What is kept of the past.
+    /// The stored history.
     #[must_use]
     pub fn nodes(&self) -> &Nodes<RANGE_NODES> {
         &self.nodes
@@ -266,15 +266,15 @@ impl RobustLearner {
         )
     }
 
-    /// Takes `g` for rest at once (a user says: this is my neutral face).
+    /// Takes `g` as rest at once (the user has set the neutral face).
     pub fn set_rest(&mut self, g: f64) {
         self.prior.rest = g;
         self.prior.rest_sd *= 0.5;
         (self.rest, self.rest_target) = (g, g);
     }
 
-    /// Starts from what was learnt of this person before; `range` must be ordered and finite. The sides count for more than
-    /// the population's, and rest may be off by a tenth of a session's mood.
+    /// Starts from what was learned about this person before; `range` must be ordered and finite. Its sides weigh more than the
+    /// population's; rest may have shifted a little since the last session.
     pub fn restore(&mut self, range: Range) {
         let (mut settings, prior) = self.population;
         let mut own = prior;
@@ -296,7 +296,7 @@ impl RobustLearner {
     }
 }
 
-/// Restored ranges are held within this share of the population's, and its inverse.
+/// Restored ranges are limited to between this share of the population's and its inverse.
 const LEAST_RESTORED: f64 = 0.3;
 /// How much more a person's own saved range counts than the population's.
 const RESTORED_PRIOR: f64 = 2.0;

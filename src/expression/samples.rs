@@ -2,17 +2,17 @@
 //!
 //! Method: Jiang Na et al., section 2.4. While there is room a sample is kept as it is. When the set is full, a new sample
 //! s1 is merged with its nearest neighbour s2: v3 = (v1 ω1 + v2 ω2)/(ω1 + ω2) (6), ω3 = ω1 + ω2 (7), and s3 replaces s2.
-//! The count stays, the total weight and the mean are those of everything ever pushed.
+//! The count does not change; the total weight and the mean are those of everything ever pushed.
 //!
 //! Weights grow for as long as the appliance runs: 30 Hz for a year is 10⁹, where f32 had stopped adding within days, so
-//! values and weights are f64 (at that weight a step of 1 is still exact to 10⁻⁷). Exact is not yet adaptive; [`SampleSet::decay`]
-//! divides all weights, which bounds them and lets the past fade. Merging depends on weight ratios only, so decaying
-//! everything and growing what comes in are the same.
+//! values and weights are f64 (at that weight a step of 1 is still exact to 10⁻⁷). To forget as well, [`SampleSet::decay`]
+//! scales all weights down, which also bounds them. Merging depends on weight ratios only, so decaying everything is the same
+//! as increasing the weight of new samples.
 //!
-//! Units: those of the measure. Memory: 16 N + 8 bytes. Cost of a push: a binary search and a shift, N log N never.
-//! Policy when full: merge. Degenerate: non-finite values and weights ≤ 0 are refused.
-//! Limitation: merging with the nearest only moves what exists; an expression first shown after the set is full is drawn
-//! into the topmost resting sample. The robust method's store (`nodes`) merges the cheapest pair instead.
+//! Units: those of the measure. Memory: 16 N + 8 bytes. Cost of a push: a binary search and a shift.
+//! Policy when full: merge. Degenerate: non-finite values and weights ≤ 0 are ignored.
+//! Limitation: an expression first shown after the set is full is merged into the topmost resting sample. The robust method's
+//! store (`nodes`) merges the cheapest pair instead.
 
 /// One weighted value.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -35,7 +35,7 @@ impl Sample {
     }
 }
 
-/// A sample that decayed below this part of a fresh one is forgotten, which also keeps weights from underflowing to 0.
+/// Samples decayed below this share of a new one are dropped, which also prevents underflow.
 const FORGOTTEN: f64 = 1e-3;
 
 /// At most `N` samples, ascending by value.

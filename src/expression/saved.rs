@@ -1,12 +1,12 @@
-//! What was learnt of a person, to text and back: plain, and untrusted until checked.
+//! Saves and loads what was learned about a person, as plain text that is validated on loading.
 //!
 //! One line per measure, `measure low rest high`, after a header with the version and the eye distance in metres:
 //! ```text
 //! mien-ranges 1 0.0372
 //! lip_gap 0.0213 0.0213 0.7961
 //! ```
-//! Units: inner-eye-corner distances. Memory: fixed. Degenerate: a file that misses a measure, is out of order, or holds a
-//! non-finite or absurd number, is refused with one sentence; the caller then starts from the population.
+//! Units: inner-eye-corner distances. Memory: fixed. Degenerate: a file with a missing measure, in the wrong
+//! order, or with a non-finite or implausible number is rejected; the caller then starts from the population.
 
 use core::fmt::Write;
 
@@ -15,7 +15,7 @@ use super::range::Range;
 use crate::base::capacity::LEARNT_MEASURES;
 
 const HEADER: &str = "mien-ranges 1";
-/// No measure of a face is larger, in eye distances.
+/// Largest plausible measure, in eye distances.
 const LARGEST: f64 = 20.0;
 
 /// One person's ranges.
@@ -27,22 +27,22 @@ pub struct Learned {
     pub ranges: [Range; LEARNT_MEASURES],
 }
 
-/// Why saved ranges are refused.
+/// Why saved ranges are rejected.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SavedError {
     /// Not this format.
     #[error(
-        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start anew"
+        "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start over"
     )]
     Header,
-    /// A line is not what it should be.
+    /// A malformed line.
     #[error(
-        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start anew"
+        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]
     Line {
         /// Counted from 1.
         line: usize,
-        /// The measure due there.
+        /// The measure expected there.
         measure: &'static str,
     },
 }
@@ -64,7 +64,7 @@ impl Learned {
     /// From text.
     ///
     /// # Errors
-    /// If anything is missing, out of order or absurd.
+    /// If anything is missing, out of order or implausible.
     pub fn read(text: &str) -> Result<Self, SavedError> {
         let mut lines = text.lines();
         let eye_distance_m = lines

@@ -1,4 +1,4 @@
-//! What can be chosen of the stage.
+//! Settings of the expression stage.
 
 use super::measures::Scale;
 use super::one_way::Scan;

@@ -1,4 +1,4 @@
-//! Readings of one person over time: departures of all inputs from their rest, and a learner for each unit's reading.
+//! One person's readings over time: deviations of all inputs from rest, and a learner for each unit's reading.
 //!
 //! Memory: a [`RobustLearner`] for each feature and each unit, about 90 KiB; nothing is allocated after [`Together::new`].
 
@@ -18,11 +18,11 @@ use crate::base::geometry::Rotation;
 use crate::base::prelude::*;
 use crate::landmarks::Landmarks;
 
-/// Units that are easily told from rest and whose small amounts matter: speech moves the lips all the time and leaves no
-/// quiet to measure, and most smiles are slight.
+/// Units that are easily distinguished from rest and whose small values matter: speech moves the lips all the time and leaves
+/// no rest to measure the noise in, and most smiles are slight.
 const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
-/// Share of its resting gap from which an eye counts as open.
+/// Share of the resting lid gap above which an eye counts as open.
 const OPEN: f64 = 0.55;
 
 /// Of a reading that is the weight.
@@ -76,12 +76,13 @@ impl Together {
         })
     }
 
-    /// Departures of the last frame.
+    /// Deviations in the last frame.
     pub(super) fn departures(&self) -> &[f64; INPUTS] {
         &self.departures
     }
 
-    /// Takes a frame: the face, its turn, what its points are divided by (metres), measures and who learns their rest.
+    /// Processes a frame: the face, its rotation, the eye distance to divide by (metres), the measures and the learners of their
+    /// rest.
     pub(super) fn read(
         &mut self,
         landmarks: &Landmarks,
@@ -124,7 +125,7 @@ impl Together {
         }
     }
 
-    /// Learns from the frame that was read; `expressions`: whether departures are expressions yet.
+    /// Learns from the last frame read; `expressions`: whether deviations count as expressions yet.
     pub(super) fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, expressions: bool) {
         let (lengths, gaze) = self.features.split_at_mut(LENGTHS);
         for (learner, &g) in gaze.iter_mut().zip(&self.values[LENGTHS..]) {
@@ -189,7 +190,7 @@ impl Together {
             .map_or(ABSOLUTE, RobustLearner::range)
     }
 
-    /// Takes the last frame's face for rest.
+    /// Takes the last frame's face as rest.
     pub(super) fn take_neutral(&mut self) {
         for (learner, &g) in self.features.iter_mut().zip(&self.values) {
             learner.set_rest(g);
@@ -216,7 +217,7 @@ impl Together {
         self.filters.iter_mut().for_each(MeasureFilter::reset);
     }
 
-    /// Starts from the saved ranges of this person's measures: who moves a measure far reads its units high.
+    /// Starts from the saved ranges of this person's measures: large movements of a measure imply high readings of its units.
     pub(super) fn restore(&mut self, units: &Units, ranges: &[Range; LEARNT_MEASURES]) {
         for (row, range) in units.rows.iter().zip(ranges) {
             let sides = [

@@ -5,8 +5,8 @@
 //! below; −1…1, beyond is exaggerated.
 //! Units: those of the measure. No state; N² steps on a copy of the set, so twice a second is enough.
 //! Degenerate: fewer than three distinct samples give no nodes.
-//! Limitation: two outliers can end as {outlier, everything, outlier}, the nodes jump as the last merges flip, and the
-//! middle one need not be rest. The robust method exists for that.
+//! Limitation: two outliers can end as {outlier, everything, outlier}, the nodes jump when the order of the last merges
+//! changes, and the middle one need not be rest. The robust method avoids all three.
 
 use super::samples::SampleSet;
 

@@ -1,7 +1,7 @@
-//! What the action units are called: FACS's names, plain ones, ARKit's, and what the face does.
+//! Names of the action units: FACS, plain, ARKit, and a description of what the face does.
 //!
-//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes are without sides; `L` and
-//! `R` are the subject's own left and right.
+//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes omit the side; `L` and `R` are
+//! the subject's own left and right.
 
 /// What one unit is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ pub const ALL: [UnitWords; 24] = [
         "brow lowerer",
         "brow down",
         "browDown",
-        "the brow falls and is drawn in",
+        "the brow lowers and draws together",
     ),
     unit(
         "AU5",
@@ -83,21 +83,21 @@ pub const ALL: [UnitWords; 24] = [
         "lip corner puller",
         "smile",
         "mouthSmile",
-        "the corner of the mouth rises and goes out",
+        "the corner of the mouth moves up and out",
     ),
     unit(
         "AU14",
         "dimpler",
         "dimple",
         "mouthDimple",
-        "the corner of the mouth is drawn in tight",
+        "the corner of the mouth tightens inwards",
     ),
     unit(
         "AU15",
         "lip corner depressor",
         "frown",
         "mouthFrown",
-        "the corner of the mouth falls",
+        "the corner of the mouth drops",
     ),
     unit(
         "AU17",
@@ -111,29 +111,29 @@ pub const ALL: [UnitWords; 24] = [
         "lip pucker",
         "pucker",
         "mouthPucker",
-        "the mouth gets narrow, as for a kiss",
+        "the lips draw together, as for a kiss",
     ),
     unit(
         "AU20",
         "lip stretcher",
         "stretch",
         "mouthStretch",
-        "the mouth gets wide",
+        "the mouth widens",
     ),
     unit(
         "AU22",
         "lip funneler",
         "funnel",
         "mouthFunnel",
-        "the lips open and go forward",
+        "the lips open and push forward",
     ),
-    unit("AU25", "lips part", "lips part", "", "the lips come apart"),
+    unit("AU25", "lips part", "lips part", "", "the lips separate"),
     unit(
         "AU26",
         "jaw drop",
         "jaw drop",
         "jawOpen",
-        "the jaw falls, the mouth opens",
+        "the jaw drops, the mouth opens",
     ),
     unit(
         "AU28",
@@ -147,21 +147,21 @@ pub const ALL: [UnitWords; 24] = [
         "jaw thrust",
         "jaw forward",
         "jawForward",
-        "the jaw goes forward",
+        "the jaw moves forward",
     ),
     unit(
         "AU30",
         "jaw sideways",
         "jaw",
         "jaw",
-        "the jaw goes to one side",
+        "the jaw moves to one side",
     ),
     unit(
         "AU34",
         "cheek puff",
         "cheek puff",
         "cheekPuff",
-        "the cheek is blown out",
+        "the cheek puffs out",
     ),
     unit("AU43", "eye closure", "blink", "eyeBlink", "the eye closes"),
     unit(

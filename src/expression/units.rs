@@ -1,10 +1,10 @@
-//! The table of units: which measure drives which FACS action unit, in which direction, and the prior of its range.
+//! The units table: which measure drives which FACS action unit, in which direction, and the prior of its range.
 //!
 //! Read from `config/units.toml`, which is built in ([`Units::shipped`]). One-way and two-way units are those of Jiang Na
 //! et al., sections 2.5 and 2.6; the names are FACS (Ekman & Friesen 1978). Values are in units of the inner-eye-corner
-//! distance w. Memory: about 2 KiB. Degenerate: a table that misses a measure, repeats one, names a direction without its
-//! unit or range, or holds a range that is not above 0, is refused with one sentence.
-//! One file: the table, how it is read and what is wrong with it.
+//! distance w. Memory: about 2 KiB. Degenerate: a table with a missing or repeated measure, a direction without its unit
+//! or range, or a range that is not above 0 is rejected.
+//! One file: the table, its parser and its errors.
 
 use serde::Deserialize;
 
@@ -45,7 +45,7 @@ pub enum Side {
 /// One row: a measure and its units.
 #[derive(Clone, Debug)]
 pub struct Unit {
-    /// What drives it.
+    /// The measure.
     pub measure: Measure,
     /// Prior, with the kind of the robust method.
     pub prior: Prior,
@@ -55,7 +55,7 @@ pub struct Unit {
     pub rises: Option<UnitName>,
     /// FACS unit when it falls.
     pub falls: Option<UnitName>,
-    /// Cross-talk to take out.
+    /// Cross-talk to remove.
     pub explained: heapless::Vec<Explained, EXPLAINED>,
 }
 
@@ -68,24 +68,24 @@ pub struct Units {
     pub eye_distance_m: f32,
     /// Its standard deviation in metres.
     pub eye_distance_sd_m: f32,
-    /// Features by their order, if the table has readings.
+    /// Features in order, if the table has readings.
     pub features: Option<[FeaturePrior; FEATURES]>,
-    /// How units are read from all measures together; a unit without is read from its own.
+    /// Readings of units from all measures together; a unit without one is read from its own measure.
     pub readings: Vec<Reading>,
-    /// How the picture of the eyes tells where they look; without it they look ahead.
+    /// The map from eye images to gaze; without it the eyes look ahead.
     pub gaze: Option<Gaze>,
 }
 
-/// Why a table of units is refused.
+/// Why a units table is rejected.
 #[derive(Debug, thiserror::Error)]
 pub enum UnitsError {
     /// Not TOML, or unknown or missing keys.
     #[error("units table: {0}")]
     Syntax(#[from] toml::de::Error),
-    /// No such measure, or one without units.
+    /// Unknown measure, or one without units.
     #[error("units table: expected a measure such as lip_gap, found {found:?}")]
     UnknownMeasure {
-        /// As written.
+        /// The name found.
         found: heapless::String<32>,
     },
     /// Each measure needs exactly one row.
@@ -172,7 +172,7 @@ impl ReadingRow {
     }
 }
 
-/// Priors of all features, in their order.
+/// Priors of all features, in order.
 fn feature_priors(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError> {
     let mut priors = [None; FEATURES];
     for row in rows {
@@ -217,7 +217,7 @@ struct ExplainedRow {
     share: f64,
 }
 
-/// A name that wires and columns can carry.
+/// Whether a name is valid for outputs and columns.
 fn unit_name(name: &str) -> Option<UnitName> {
     let fits = name.starts_with("AU") && name.bytes().all(|b| b.is_ascii_alphanumeric());
     UnitName::try_from(name).ok().filter(|_| fits)
@@ -316,7 +316,7 @@ impl Units {
     /// Reads a table.
     ///
     /// # Errors
-    /// If it is not TOML, or a row is missing, doubled or inconsistent.
+    /// If it is not TOML, or a row is missing, repeated or inconsistent.
     pub fn read(text: &str) -> Result<Self, UnitsError> {
         let table: Table = toml::from_str(text)?;
         for row in &table.unit {
@@ -396,7 +396,7 @@ impl Units {
         })
     }
 
-    /// Of each column of the robust method, whether its measure is the mouth's, or it is read from the lips.
+    /// For each column of the robust method, whether its measure belongs to the mouth, or it is read from the lips.
     pub(crate) fn of_mouth(&self) -> [bool; UNITS] {
         let mut of_mouth = [false; UNITS];
         let sides = |row: &Unit| [row.prior.kind.rises(), row.prior.kind.falls()];

@@ -1,10 +1,10 @@
-//! Weight ω of a sample: how far the face stands from the best distance and how squarely it faces the camera.
+//! Weight ω of a sample: how close the face is to the best distance and how squarely it faces the camera.
 //!
 //! Method: Jiang Na et al., section 2.2, equations (4) and (5). Units: metres in, 0…1 out. No state, no memory.
 //! Degenerate: a face at the camera's own position has no line of sight and weighs 0; further than 5 m from the best
-//! distance equation (4) turns negative and is cut to 0.
-//! Our reading: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
-//! picture's edge that looks at the camera counts as facing it.
+//! distance equation (4) becomes negative and is clamped to 0.
+//! Our interpretation: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
+//! image's edge that looks at the camera counts as facing it.
 
 use crate::base::geometry::{Rigid, face_normal};
 #[cfg(not(feature = "std"))]

@@ -1,15 +1,15 @@
-//! What depth adds to a fit: a linear correction of the shape by the heights that depth measures.
+//! Correction of a fit by depth: a linear correction of the shape by measured surface heights.
 //!
-//! A picture from the front hardly shows how far lips and jaw stand out, and a cascade tends to read one movement as a
-//! little of others. Depth knows the first, and the second is the same for all faces: so the shape coefficients get
-//! `Δb = C (x − mean) / deviation`, where `x` holds the fitted coefficients, the head's turn against the line of sight
-//! (and its products) and, at each of [`PLACES`], how much nearer depth sees the surface than the fit has it
-//! ([`crate::landmarks::relief`]). `C` is learnt by ridge regression from tracked sessions of drawn people (`mien-studio train`): the
-//! depth term of the paper's 2D+3D cost (section 1.2), with learnt weights. Two more rows read how far the cheeks are blown
-//! out, which no landmark shows.
+//! A frontal image hardly shows how far lips and jaw protrude, and a cascade tends to mistake part of one movement for others.
+//! Depth measures the first, and the second is the same for all faces. So the shape coefficients are corrected by
+//! `Δb = C (x − mean) / deviation`, where `x` contains the fitted coefficients, the head's rotation relative to the line of
+//! sight (and its products) and, at each of [`PLACES`], how much nearer the measured surface is than the fit
+//! ([`crate::landmarks::relief`]). `C` is learned by ridge regression from tracked sessions of rendered people
+//! (`mien-studio train`): the depth term of the paper's 2D+3D cost (section 1.2), with learned weights. Two more rows measure
+//! how far the cheeks are puffed out, which no landmark shows.
 //!
 //! Head frame, metres at the model's size, standard deviations. Memory: one matrix of 30 kB. Cost: some 60 patches of
-//! depth and 5000 multiplications. Degenerate: a place without depth counts as the mean; inputs are held to ±[`MOST`].
+//! depth and 5000 multiplications. Degenerate: a place without depth counts as the mean; inputs are clamped to ±[`MOST`].
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;

@@ -1,13 +1,13 @@
-//! The fit itself: a short cascade of linear updates of view and shape, and the confidence in its result.
+//! The fit: a short cascade of linear updates of view and shape, and the confidence in the result.
 //!
-//! Stage: features `f` of the patches around the current landmarks, update `Δ = bias + W (f − mean) + P k` of the view (6
-//! parameters) and the shape coefficients; `W` and `P` trained where the previous stage actually ends (supervised descent,
-//! Xiong and De la Torre 2013, here over the parameters of a combined 2D+3D shape model). `k` are the view parameters'
-//! displacement from the start and the current shape coefficients: since the start is the depth pose, `P` is the learned
-//! weight of the depth pose and of the shape prior against the picture, the second term of the paper's cost (section 1.2).
+//! Each stage computes features `f` of the patches around the current landmarks and updates the view (6 parameters) and the
+//! shape coefficients by `Δ = bias + W (f − mean) + P k`. `W` and `P` are trained where the previous stage actually ends
+//! (supervised descent, Xiong and De la Torre 2013, here over the parameters of a combined 2D+3D shape model). `k` contains
+//! the displacement of the view from the start and the current shape coefficients: since the start is the depth pose, `P` is
+//! the learned weight of depth pose and shape prior against the image, the second term of the paper's cost (section 1.2).
 //! Window pixels, radians, standard deviations. A stage costs one pass over an 8-bit matrix of up to 0.45 MB; early stages
-//! leave the later shape modes alone. Degenerate: without stages the start is returned. Limits: coefficients are kept
-//! within ±[`MOST_DEVIATIONS`].
+//! do not change the higher shape modes. Degenerate: without stages the start is returned. Limits: coefficients are clamped
+//! to ±[`MOST_DEVIATIONS`].
 
 use super::features::OrientationMaps;
 use super::view::View;
@@ -24,7 +24,7 @@ use crate::face_model::{
 /// Farthest a shape coefficient may go, in standard deviations.
 pub const MOST_DEVIATIONS: f32 = 4.0;
 
-/// Steps of a feature between 0 and 1 when stages multiply it.
+/// Quantisation steps of a feature between 0 and 1.
 const STEPS: f32 = 16_384.0;
 
 /// View and shape of one face.
@@ -36,12 +36,12 @@ pub struct FaceFit {
     pub shape: [f32; MAX_MODES],
 }
 
-/// How much a fit is believed.
+/// Confidence in a fit.
 #[derive(Clone, Copy, Debug)]
 pub struct Belief {
-    /// 0…1 for each landmark.
+    /// Confidence of each landmark, 0…1.
     pub landmark: [f32; LANDMARKS],
-    /// 0…1 for the face.
+    /// Confidence of the face, 0…1.
     pub face: f32,
     /// The face's log odds: distinguishes two good fits where `face` is 1 for both.
     pub log_odds: f32,
@@ -68,7 +68,7 @@ impl Default for Solver {
     }
 }
 
-/// What a stage knows beside the picture: way from the start and shape coefficients.
+/// Inputs of a stage besides the image: displacement from the start and shape coefficients.
 pub fn prior_columns(fit: &FaceFit, start: &View, out: &mut [f32; MAX_PARAMETERS]) {
     out[..VIEW_PARAMETERS].copy_from_slice(&fit.view.step_from(start));
     out[VIEW_PARAMETERS..].copy_from_slice(&fit.shape);
@@ -88,7 +88,7 @@ pub fn updated(fit: &FaceFit, step: &[f32]) -> FaceFit {
 }
 
 impl Solver {
-    /// Bytes on the heap.
+    /// Heap size, bytes.
     pub const BYTES: usize = FEATURES * (4 + 2);
 
     /// Projects the fit into [`Self::window`].
@@ -113,7 +113,7 @@ impl Solver {
         &self.features
     }
 
-    /// Runs the stages from `start`; `anchor` is the view that the depth pose says.
+    /// Runs the stages from `start`; `anchor` is the view of the depth pose.
     pub fn run(
         &mut self,
         stages: &[CascadeStage],
@@ -138,7 +138,7 @@ impl Solver {
         fit
     }
 
-    /// A stage's update from the features and from what it knows besides them.
+    /// A stage's update from the features and its other inputs.
     #[inline(always)]
     fn update(&mut self, stage: &CascadeStage, columns: &[f32], step: &mut [f32; MAX_PARAMETERS]) {
         for ((whole, f), mean) in self.whole.iter_mut().zip(&self.features).zip(&stage.mean) {
@@ -161,7 +161,7 @@ impl Solver {
         }
     }
 
-    /// How well the picture around the fit's landmarks looks like a fitted face.
+    /// How much the image around the fit's landmarks looks like a fitted face.
     pub fn belief(
         &mut self,
         model: &ConfidenceModel,
@@ -216,8 +216,8 @@ pub fn landmark_signs(own: &[f32; LANDMARKS]) -> [[f32; LANDMARK_SIGNS]; LANDMAR
 }
 
 /// Inputs to the face's confidence: the mean discriminant, the mean of the lower quarter (a part that is covered or
-/// missed), how unlikely the shape is, and 1; then, for faces of which hair, a beard or a cap covers a part, the mean of
-/// the better half, of nose, eyes and mouth, and of the better one of eyes and mouth, each with the nose.
+/// missed), how unlikely the shape is, and 1; then, for faces partly covered by hair, a beard or a cap, the mean of the
+/// better half, of nose, eyes and mouth, and of the better of eyes and mouth, each with the nose.
 #[must_use]
 pub fn face_signs(own: &[f32; LANDMARKS], fit: &FaceFit) -> [f32; FACE_SIGNS] {
     let mut sorted = *own;
@@ -251,9 +251,9 @@ fn rounded(x: f32) -> i16 {
     (x + NO_FRACTION).to_bits() as i16
 }
 
-/// Dot product over one patch in whole numbers: an eighth of the time of floats, because sixteen sums side by side become
-/// the widest multiply-and-add there is. It cannot wrap, being at most 128 × 127 × 2¹⁴; saying that it may lets it be
-/// vectorised in every profile.
+/// Integer dot product over one patch: an eighth of the time of floats, because sixteen parallel sums compile to the widest
+/// multiply-and-add. It cannot overflow, being at most 128 × 127 × 2¹⁴; wrapping arithmetic lets it be vectorised in every
+/// profile.
 #[inline(always)]
 fn dot(weights: &[i8; PATCH], features: &[i16; PATCH]) -> i32 {
     const LANES: usize = 16;

@@ -1,9 +1,8 @@
-//! Eye patches of the picture: cut out, rotated upright, normalised in brightness.
+//! Eye patches: cut from the colour picture, rotated upright, normalised in brightness.
 //!
-//! No landmark gives the iris, and lids move by less than the landmarks' error, but the 20 pixels of an eye at 0.75 m show
-//! both. Each eye is resampled about the middle between its corners, x along the line through both eyes, one eye's width
-//! and a tenth wide; the left one is mirrored. The mean is subtracted from the grey values, which are divided by their
-//! deviation, so light and skin cancel. Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels
+//! No landmark marks the iris, and lids move by less than the landmarks' error, but the 20 pixels of an eye at 0.75 m show
+//! both. Each eye is resampled around the middle between its corners, x along the line through both eyes, 1.1 eye widths
+//! wide; the left one is mirrored. Grey values are normalised to zero mean and unit deviation, so light and skin cancel. Cost: 2 × 144 × 4 bilinear samples, some 10 µs. Degenerate: an eye under 15 pixels
 //! wide, or without contrast, is not seen.
 
 use super::window::Picture;
@@ -24,14 +23,14 @@ pub type Eyes = [[f32; CELLS]; 2];
 const CORNERS: [[usize; 2]; 2] = [[36, 39], [45, 42]];
 /// Extent of an eye's picture in eye widths.
 const EXTENT: [f32; 2] = [1.1, 0.7];
-/// Samples a cell and axis.
+/// Samples per cell and axis.
 const FINE: usize = 2;
-/// Narrower eyes tell nothing, colour pixels: they are a metre away.
+/// Least width of an eye, colour pixels: narrower ones are a metre away and tell nothing.
 const LEAST_PX: f32 = 15.0;
-/// Deviation of the grey values from which there is anything to see.
+/// Least deviation of the grey values.
 const LEAST_CONTRAST: f32 = 2.0;
 
-/// Cuts the eyes of a face out of a picture, given its points in pixels; `None` if they cannot be seen.
+/// Cuts the eyes of a face out of a picture, given its landmarks in pixels; `None` if they are not visible.
 #[must_use]
 pub fn cut(picture: &Picture, pixels: &[[f32; 2]; LANDMARKS]) -> Option<Eyes> {
     let between = |a: [f32; 2], b: [f32; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];

@@ -1,12 +1,12 @@
-//! Features of the picture around the landmarks: patches of gradient orientation histograms.
+//! Features around the landmarks: patches of gradient orientation histograms.
 //!
-//! Per window, once: central-difference gradients, each spread over eight orientations by the fourth power of the positive
+//! Once per window: central-difference gradients, each spread over eight orientations by the fourth power of the positive
 //! cosine (the sum over orientations is then the magnitude, without an arc tangent), summed into cells of 2×2 pixels and
-//! blurred twice: a little (σ 1.2 px) for patches of lids and lips, whose cells stand closer than [`FINE_BELOW_PX`], and on
-//! (σ 2.4 px) for the others. Per landmark: 4×4 cells, bilinear, scaled to unit length, square-rooted (the Hellinger map).
+//! blurred twice: slightly (σ 1.2 px) for patches of lids and lips, whose cells are closer than [`FINE_BELOW_PX`], and
+//! further (σ 2.4 px) for the others. Per landmark: 4×4 cells, bilinear, scaled to unit length, square-rooted (the Hellinger map).
 //! Histograms of oriented gradients after Dalal and Triggs 2005, used for alignment as in Xiong and De la Torre 2013.
 //! Units: window pixels in, values 0…1 out. About 1.7 M operations per window, 35 k look-ups per face; 0.8 MB.
-//! Scaling the grey values changes nothing: the small constant of the normalisation follows the window's mean gradient.
+//! Invariant to the scale of the grey values: the small constant of the normalisation is relative to the window's mean gradient.
 //! Degenerate: a flat window gives zero patches. Limits: clipped highlights lose their gradients.
 
 use core::ops::Range;
@@ -20,11 +20,11 @@ use crate::face_model::{FEATURES, ORIENTATIONS, PATCH, PATCH_CELLS};
 
 /// Cells along one side of the maps.
 pub const MAP: usize = WINDOW / 2;
-/// Patches whose cells stand closer than this, window pixels, look at the finer maps.
+/// Patches whose cells are closer than this, window pixels, use the finer maps.
 pub const FINE_BELOW_PX: f32 = 3.4;
 /// Blur of the finer maps: half a Gaussian of σ 0.6 cells (1.2 px).
 const FINE: [f32; 2] = [0.6671, 0.1664];
-/// What takes them to σ 1.2 cells (2.4 px): half a Gaussian of σ 1.04 cells.
+/// Additional blur of the coarser maps, to σ 1.2 cells (2.4 px): half a Gaussian of σ 1.04 cells.
 const COARSE: [f32; 4] = [0.3838, 0.2417, 0.0604, 0.0060];
 /// Share of a typical patch's length that is added in the normalisation, so that empty patches stay small.
 const FLATNESS: f32 = 0.3;
@@ -45,7 +45,7 @@ pub struct OrientationMaps {
     coarse: Vec<[f32; ORIENTATIONS]>,
     scratch: Vec<[f32; ORIENTATIONS]>,
     floor: f32,
-    /// What the maps hold.
+    /// Region covered by the maps.
     region: Region,
 }
 
@@ -62,7 +62,7 @@ impl Default for OrientationMaps {
 }
 
 impl OrientationMaps {
-    /// Bytes on the heap.
+    /// Heap size, bytes.
     pub const BYTES: usize = 3 * MAP * MAP * ORIENTATIONS * 4;
 
     /// Computes the maps of a region of a window of `WINDOW` × `WINDOW` grey values; beyond it they repeat its border.

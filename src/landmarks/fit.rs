@@ -1,13 +1,13 @@
-//! Fitting frame by frame: the start, the schedule, when the face is lost, the report.
+//! Fits a face frame by frame: start, stages, loss of the face, result.
 //!
-//! Every frame starts from the mean shape at the depth pose and runs all stages: measured on held-out people, a start from
-//! the last frame's shape tracks lids and brows worse (correlation of the lid measure 0.67 against 0.88). A person's
-//! constants are averaged slowly: the size of the face against the mean, which then adds nothing to the jitter of the
-//! points, and how the face sits in the frame of the head that depth sees (turn and shift), from which the next fit starts.
+//! Every frame starts from the mean shape at the depth pose and runs all stages: on held-out people, starting from the last
+//! frame's shape tracks lids and brows worse (correlation of the lid measure 0.67 against 0.88). Two constants of the person
+//! are averaged slowly: the size of the face relative to the mean, so that it adds no jitter to the points, and the pose of
+//! the face within the head that depth sees (rotation and shift), from which the next fit starts.
 //! Shape coefficients pass the adaptive filter of [`super::steady`]. Method: paper section 1.2; see [`super::cascade`].
 //! Metres in the head frame, colour pixels, confidence 0…1. No allocation after construction (60 kB per person and 1 MB of
-//! [`Scratch`] that fitters of one pipeline share). Degenerate: a head outside the picture, or a result that is not
-//! trusted, is `None`.
+//! [`Scratch`] shared by the fitters of one pipeline). Degenerate: a head outside the picture, or a low-confidence result,
+//! gives `None`.
 //! One file: the state of one face, and how a frame changes it.
 
 use alloc::sync::Arc;
@@ -33,17 +33,17 @@ use crate::face_model::{CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, Sha
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 
-/// Time that a first frame, or one after a loss, stands for, seconds.
+/// Time that the first frame after a start or a loss stands for, seconds.
 const FIRST_STEP_S: f32 = 0.1;
-/// A person's usual correction is a plain mean for so long, and then follows slowly, seconds.
+/// A person's usual correction is a plain mean for this long, then a slow running mean, seconds.
 const SETTLED_S: f32 = 2.0;
 const USUAL_S: f32 = 120.0;
 
-/// Time over which the turn of the face in its head is averaged, seconds: what the picture shows of it changes with pose and
-/// expression, so a shorter mean makes the pose wander.
+/// Time over which the face's rotation within the head is averaged, seconds: its estimate changes with pose and expression,
+/// so a shorter mean makes the pose wander.
 const TURN_TIME_S: f32 = 40.0;
 
-/// Share of the least confidence that a face which is followed needs: confidence is learnt from faces that are new.
+/// Factor on the least confidence for a face that is already tracked: confidence is trained on newly found faces.
 const FOLLOWED_SHARE: f32 = 0.6;
 
 /// Settings of the stage.
@@ -67,13 +67,13 @@ impl Default for Settings {
     }
 }
 
-/// Least confidence of a face that only the picture shows.
+/// Least confidence of a face that depth does not confirm.
 const SPOTTED: f32 = 0.8;
 
-/// What stays of a face's turn and shift in its head with every frame it is lost.
+/// Decay per lost frame of the face's rotation and shift within the head.
 const FORGOTTEN: f32 = 0.5;
 
-/// Scratch of a fit, stateless between fits: large, so it is shared by people, who are fitted in turn.
+/// Scratch of a fit, stateless between fits; large, so it is shared by all people, who are fitted one after the other.
 pub struct Scratch {
     window: Vec<f32>,
     maps: OrientationMaps,
@@ -81,7 +81,7 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// Bytes on the heap.
+    /// Heap size, bytes.
     pub const BYTES: usize = WINDOW * WINDOW * 4 + OrientationMaps::BYTES + Solver::BYTES;
 }
 
@@ -95,17 +95,17 @@ impl Default for Scratch {
     }
 }
 
-/// How far beside the mean shape the fit looks, pixels: half a patch and its blur (16), and the way to the landmarks.
+/// Margin around the mean shape that the fit needs, pixels: half a patch with its blur (16), and the distance to the landmarks.
 const REACH_PX: f32 = 28.0;
 
-/// A new face so far from where depth has the head means another pose: turn, radians, and shift, metres.
+/// A new face this far from where depth has the head implies another pose: rotation, radians, and shift, metres.
 const WRONG_RAD: f32 = 0.14;
 const WRONG_M: f32 = 0.015;
 
-/// Middle of a face in the head frame, about which a head is leant, metres.
+/// Middle of a face in the head frame, the pivot for correcting the head pose, metres.
 const MIDDLE: Vector = Vector::new(0.0, 0.03, 0.02);
 
-/// Where else a new face is looked for, one place a frame: x and y of the head frame, metres.
+/// Other places to search for a new face, one per frame: x and y of the head frame, metres.
 const BESIDE: [[f32; 2]; 6] = [
     [0.0, 0.0],
     [0.0, 0.03],
@@ -115,7 +115,7 @@ const BESIDE: [[f32; 2]; 6] = [
     [0.0, 0.055],
 ];
 
-/// Turn and shift of an upright face in a head that is found leaning or beside it.
+/// Rotation and shift of an upright face within a head that was found tilted or displaced.
 fn upright(sensor_from_head: &Rotation, place: usize) -> (Rotation, Vector) {
     let (_, _, roll) = crate::base::geometry::yaw_pitch_roll(sensor_from_head);
     let turn = Rotation::from_axis_angle(&Vector::z_axis(), -roll);
@@ -123,7 +123,7 @@ fn upright(sensor_from_head: &Rotation, place: usize) -> (Rotation, Vector) {
     (turn, MIDDLE + turn * (Vector::new(x, y, 0.0) - MIDDLE))
 }
 
-/// Turn, and shift across the line of sight in metres, of a view against the one it started from, in the axes of the face.
+/// Rotation, and shift across the line of sight in metres, of a view relative to its start, in the axes of the face.
 fn moved(start: &View, end: &View) -> Rigid {
     let back = start.rotation.inverse();
     let [x, y] = [0, 1].map(|k| end.shift[k] - start.shift[k]);
@@ -139,23 +139,23 @@ pub struct LandmarkFitter {
     warm: Arc<[CascadeStage]>,
     confidence: Arc<ConfidenceModel>,
     refinement: Option<Arc<Refinement>>,
-    /// What the last refinement was made from, and the coefficients before it.
+    /// Inputs of the last refinement, and the coefficients before it.
     inputs: Inputs,
-    /// Mean correction of this person, and the seconds it was averaged over.
+    /// Mean correction of this person, and the seconds averaged.
     usual: ([f32; MAX_MODES], f32),
     scratch: Shared<Scratch>,
-    /// Of the shape as fitted, which the picture shows, and as depth corrects it.
+    /// Filters of the shape as fitted to the image, and as corrected by depth.
     filters: [ShapeFilter; 2],
     last_at: Option<Timestamp>,
-    /// Logarithm of the face's size against the mean shape, and the seconds it was averaged over.
+    /// Logarithm of the face's size relative to the mean shape, and the seconds averaged.
     log_size: Option<(f32, f32)>,
-    /// Mean turn from the head that depth sees to the face that the picture shows.
+    /// Mean rotation from the head seen by depth to the face seen in the image.
     turn: Rotation,
-    /// Seconds it was averaged over.
+    /// Seconds averaged.
     turned_s: f32,
-    /// Next of the places beside the pose to look for a new face; goes on from person to person.
+    /// Index of the next place beside the pose to search for a new face; continues from person to person.
     tries: usize,
-    /// Mean place of the face's origin in the head that depth sees, metres; across the line of sight only.
+    /// Mean position of the face's origin in the head seen by depth, metres; across the line of sight only.
     shift: Vector,
     /// See [`Self::strayed`].
     strayed: Motion<Head, Head>,
@@ -163,13 +163,13 @@ pub struct LandmarkFitter {
 }
 
 impl LandmarkFitter {
-    /// A fitter without history; all memory is allocated here.
+    /// Creates a fitter without history; all memory is allocated here.
     #[must_use]
     pub fn new(settings: Settings, model: &FaceModel) -> Self {
         Self::with(settings, model, Shared::default())
     }
 
-    /// As [`Self::new`], with the scratch of others, none of which then runs at the same time.
+    /// As [`Self::new`], with scratch shared with other fitters, none of which may run at the same time.
     #[must_use]
     pub fn with(settings: Settings, model: &FaceModel, scratch: Shared<Scratch>) -> Self {
         Self {
@@ -240,7 +240,7 @@ impl LandmarkFitter {
         Some(&self.landmarks)
     }
 
-    /// The fit where the face is expected, if it is believed.
+    /// The fit at the expected pose, if confident.
     fn look(
         &mut self,
         luma: &[u8; PIXELS],
@@ -257,28 +257,27 @@ impl LandmarkFitter {
         (belief.face >= self.settings.min_confidence * share).then_some((placement, fit, belief))
     }
 
-    /// What to turn a depth pose by to agree with the face in the picture. Where a head's frame
-    /// sits on a face is a convention that depth alone knows badly: a person's forehead leans as much as their chin. The
-    /// picture tells; averaged over seconds, because it is a constant of the person.
+    /// Rotation that makes a depth pose agree with the face in the image. Where a head's frame sits on a face is a convention
+    /// that depth alone determines badly, because foreheads and chins slope differently. The image determines it; averaged over
+    /// seconds, because it is a constant of the person.
     #[must_use]
     pub fn turn(&self) -> HeadFromFace {
         HeadFromFace::from_parts(Vector::zeros(), self.turn)
     }
 
-    /// Where the face sits in the head that depth sees.
+    /// Pose of the face within the head seen by depth.
     fn head_from_face(&self) -> HeadFromFace {
         HeadFromFace::from_parts(self.shift, self.turn)
     }
 
-    /// From the head that the last fit's face implies to the one that depth gave, if the face sits in its head as usual:
-    /// `sensor_from_head * strayed` is the pose according to the picture.
+    /// Difference between the head pose implied by the last fit, given the usual pose of the face within the head, and the depth
+    /// pose: `sensor_from_head * strayed` is the pose according to the image.
     #[must_use]
     pub fn strayed(&self) -> Motion<Head, Head> {
         self.strayed
     }
 
-    /// Whether a face is near a guess, whatever is known of this one: how surely, and where the head then
-    /// is. Nothing is learnt from it.
+    /// Looks for any face near a guessed pose: its confidence and the head pose. Nothing is learned from it.
     #[must_use]
     pub fn spot(
         &self,
@@ -294,8 +293,8 @@ impl LandmarkFitter {
         is_sure.then(|| (belief.face, found()))
     }
 
-    /// Where the face of the last fit is in the head that depth sees, if that is so far off that depth has the wrong pose;
-    /// the next fit then starts from the pose alone.
+    /// Pose of the last fit's face within the head seen by depth, if it is so far off that the depth pose must be wrong; the next
+    /// fit then starts from the pose alone.
     pub fn straighten(&mut self) -> Option<HeadFromFace> {
         let off = self.turn.angle() > WRONG_RAD || self.shift.norm() > WRONG_M;
         let head_from_face = self.head_from_face();
@@ -315,7 +314,7 @@ impl LandmarkFitter {
         self.shift *= FORGOTTEN;
     }
 
-    /// From the mean shape at the pose: a fit that goes on from the last frame's shape lags behind blinks and brows.
+    /// Starts from the mean shape at the pose: continuing from the last frame's shape lags behind blinks and brows.
     fn run(&self, luma: &[u8; PIXELS], placement: &Placement, depth: &View) -> (FaceFit, Belief) {
         let mut scratch = self.scratch.borrow();
         let Scratch {
@@ -338,7 +337,7 @@ impl LandmarkFitter {
         (fit, belief)
     }
 
-    /// Averages the constants of the person, size and turn.
+    /// Averages the constants of the person, size and rotation.
     fn settle(&mut self, placement: &Placement, fit: &FaceFit, step_s: f32) {
         let log_size = fit.view.log_scale - PIXELS_PER_METRE.ln();
         let (mean, time) = self.log_size.unwrap_or((log_size, 0.0));
@@ -360,12 +359,12 @@ impl LandmarkFitter {
         self.log_size = Some((mean, time));
     }
 
-    /// Size of the face against the model's.
+    /// Size of the face relative to the model.
     fn size(&self) -> f32 {
         self.log_size.map_or(1.0, |(mean, _)| mean.exp())
     }
 
-    /// The fitted coefficients, corrected by what depth sees.
+    /// The fitted coefficients, corrected by depth.
     fn refined(
         &mut self,
         fit: &FaceFit,
@@ -400,7 +399,7 @@ impl LandmarkFitter {
         shape
     }
 
-    /// What the last fit was refined from: see [`refine::inputs`].
+    /// Inputs of the last refinement: see [`refine::inputs`].
     #[must_use]
     pub fn refined_from(&self) -> &Inputs {
         &self.inputs

@@ -1,4 +1,4 @@
-//! The 68 points of a face, as every fitter gives them.
+//! The 68 landmarks of a face, the result of every fitter.
 
 use super::eyes::Eyes;
 use crate::base::capacity::LANDMARKS;
@@ -13,19 +13,19 @@ pub(crate) const MOUTH: core::ops::Range<usize> = 48..LANDMARKS;
 /// The 68 points of one face in one frame.
 #[derive(Clone, Debug)]
 pub struct Landmarks {
-    /// Head frame, metres, rigid motion removed; the face's own size kept.
+    /// Landmarks in the head frame, metres: rigid motion removed, the face's own size kept.
     pub head: [Point; LANDMARKS],
-    /// Colour pixels; pixel centres are integers.
+    /// Landmarks in colour pixels; pixel centres are integers.
     pub pixels: [[f32; 2]; LANDMARKS],
-    /// 0…1 for each point.
+    /// Confidence of each point, 0…1.
     pub point_confidence: [f32; LANDMARKS],
-    /// 0…1 for the whole face.
+    /// Confidence of the face, 0…1.
     pub confidence: f32,
-    /// How far the right and the left cheek are blown out, as depth shows: about 0 to 1, plus a constant of the person.
+    /// Puff of the right and the left cheek, measured by depth: about 0 to 1, plus a constant of the person.
     pub cheeks: [f32; refinement::PUFFS],
-    /// Share of the mouth's points before which depth sees something else: a hand, a cup, a sheet of paper.
+    /// Share of the mouth's points with something else in front: a hand, a cup, a sheet of paper.
     pub mouth_hidden: f32,
-    /// The eyes as the picture shows them; none if they cannot be seen.
+    /// Eye patches; none if the eyes are not visible.
     pub eyes: Option<Eyes>,
 }
 

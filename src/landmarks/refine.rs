@@ -1,4 +1,4 @@
-//! Depth measured where the face model asks for it ([`crate::face_model::refinement`]).
+//! Measures depth at the places required by the face model ([`crate::face_model::refinement`]).
 
 use super::relief;
 use crate::base::capacity::{LANDMARKS, PIXELS};
@@ -7,8 +7,8 @@ use crate::base::geometry::{Point, Vector};
 use crate::face_model::refinement::{Inputs, MAX_INPUTS, places};
 use crate::sensor::camera::Camera;
 
-/// Gathers the inputs: `shape` the fitted coefficients (as many as modes), `turn` the head's rotation vector against the
-/// line of sight, `head` the fitted points at the model's size, `size` what they are to be multiplied by.
+/// Gathers the inputs: `shape` the fitted coefficients (as many as modes), `turn` the head's rotation vector relative to the
+/// line of sight, `head` the fitted points at the model's size, `size` the factor to the face's own size.
 #[must_use]
 pub fn inputs(
     shape: &[f32],

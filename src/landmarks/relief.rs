@@ -1,4 +1,4 @@
-//! Surface height at places of the face, measured by depth; a frontal picture hardly shows it.
+//! Surface height at places of the face, measured by depth; a frontal image hardly shows it.
 //!
 //! Around a place of the head frame, every depth pixel within a small window is transformed to the head frame; the mean of
 //! those that agree with their median is the surface there. A patch of some dozens of pixels beats the sensor's depth
@@ -16,7 +16,7 @@ use crate::sensor::camera::Camera;
 const REACH_M: f32 = 0.004;
 /// Half the width of a window at most, pixels.
 const MOST_PX: f32 = 6.0;
-/// Surfaces farther from the place than this are something else, metres.
+/// Surfaces farther from the place than this do not belong to it, metres.
 const NEAR_M: f32 = 0.025;
 /// Depths farther from the median than this are steps or edges, metres.
 const AGREE_M: f32 = 0.006;
@@ -67,10 +67,10 @@ pub fn height(
     Some(sum / count)
 }
 
-/// Nearer to the camera than a place of the face by this much is something else, metres.
+/// Surfaces nearer to the camera than the face by this much are something else, metres.
 const BEFORE_M: f32 = 0.02;
 
-/// Whether something stands before `place` of the head frame.
+/// Whether something is in front of `place` of the head frame.
 #[must_use]
 pub fn is_hidden(
     depth: &[u16; PIXELS],

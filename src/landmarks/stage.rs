@@ -26,13 +26,13 @@ pub enum Method {
 /// Settings of the stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageSettings {
-    /// Which method.
+    /// The method.
     pub method: Method,
     /// Settings of the cascade.
     pub cascade: Settings,
 }
 
-/// Why the stage cannot be made.
+/// Why the stage cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum LandmarkError {
     /// The model was trained without it.
@@ -54,7 +54,7 @@ pub enum LandmarkStage {
 }
 
 impl LandmarkStage {
-    /// Prepares the chosen method; all memory is taken here. `scratch` is shared by the stages of one pipeline.
+    /// Prepares the chosen method; all memory is allocated here. `scratch` is shared by the stages of one pipeline.
     ///
     /// # Errors
     /// If the model lacks what the method needs.
@@ -92,7 +92,7 @@ impl LandmarkStage {
         }
     }
 
-    /// What to turn depth poses of this person by, as the picture tells; nothing with the paper's method.
+    /// Rotation that makes this person's depth poses agree with the image; none with the paper's method.
     #[must_use]
     pub fn turn(&self) -> HeadFromFace {
         match self {

@@ -1,4 +1,4 @@
-//! Temporal filter of the shape: a still face is held still, a moving one is tracked without delay.
+//! Temporal filter of the shape: removes jitter from a still face, tracks a moving one without delay.
 //!
 //! Each shape coefficient has its own first-order filter whose gain grows with the coefficient's speed
 //! ([`crate::base::one_euro`]). Parameters are filtered rather than points, so the filtered face is still a face.
@@ -17,7 +17,7 @@ const GAP_S: f64 = 0.5;
 pub struct Steadiness {
     /// Cut-off of a still coefficient, Hz. Lower is steadier.
     pub still_hz: f32,
-    /// Growth of the cut-off with speed, Hz per (deviation / s). Higher follows faster.
+    /// Growth of the cut-off with speed, Hz per (deviation / s); higher tracks faster.
     pub follow: f32,
     /// Cut-off of the speed itself, Hz.
     pub speed_hz: f32,

@@ -1,11 +1,11 @@
 //! The head window: the face resampled upright and at a fixed scale from the whole colour picture.
 //!
 //! The depth pose gives where the head's origin appears ([`Camera::colour_pixel`]) and how colour pixels move with metres
-//! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a camera that looks straight at the head;
-//! the window is that camera's picture, turned upright, and a homography (from four points of the plane through the head's
-//! origin) maps it to the colour picture, so a head at the edge of the picture appears as if it were in the middle. Pixels,
+//! there (2×3 Jacobian by central differences). The Jacobian gives the axes of a virtual camera that looks straight at the
+//! head; the window is that camera's image, rotated upright, and a homography (from four points of the plane through the
+//! head's origin) maps it to the colour picture, so a head at the edge of the picture appears as if it were in the middle. Pixels,
 //! metres, radians. One bilinear look-up per window pixel, 34 k in all. Degenerate: a Jacobian without rank (head at the
-//! camera) gives no placement. Outside the picture its edge is repeated.
+//! camera) gives no placement. Outside the picture its border is repeated.
 
 use core::ops::Range;
 
@@ -30,7 +30,7 @@ const DIFFERENCE: f32 = 0.03;
 /// Least side of a region, pixels.
 const LEAST_REGION: usize = 32;
 
-/// The part of a window that is looked at: pixel rows and columns, even numbers.
+/// The part of a window that is used: pixel rows and columns, even numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Region {
     /// Pixel rows.
@@ -46,7 +46,7 @@ impl Region {
         columns: 0..WINDOW,
     };
 
-    /// What lies at most `margin` pixels beside a box about the points; at least one patch.
+    /// The bounding box of the points with a margin of `margin` pixels; at least one patch.
     #[must_use]
     pub fn around(points: &[[f32; 2]], margin: f32) -> Self {
         let along = |axis: usize| {
@@ -99,9 +99,9 @@ pub struct Placement {
     /// Homography from window pixels about [`ORIGIN`] to picture pixels.
     pub picture_from_window: Matrix3<f32>,
     window_from_picture: Matrix3<f32>,
-    /// Turn of the window against the picture or the viewing camera, radians.
+    /// Rotation of the window relative to the picture or the viewing camera, radians.
     pub roll: f32,
-    /// The view in the window that the depth pose says: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
+    /// The view of the depth pose in the window: upright, at [`PIXELS_PER_METRE`], origin at [`ORIGIN`].
     pub start: View,
 }
 
@@ -141,7 +141,7 @@ fn mapped(map: &Matrix3<f32>, x: f32, y: f32) -> [f32; 2] {
     [p.x / p.z, p.y / p.z]
 }
 
-/// A whole number and what remains of `x`, 0…1; `x` from 0 to a few thousand.
+/// Integer and fractional part of `x`, which is 0 to a few thousand.
 #[inline(always)]
 fn split(x: f32) -> (u32, f32) {
     let rounded = (x - 0.5) + NO_FRACTION;
@@ -152,7 +152,7 @@ fn split(x: f32) -> (u32, f32) {
 }
 
 impl Placement {
-    /// From the depth pose; `None` if the head is where the colour camera sees nothing.
+    /// Placement from the depth pose; `None` if the head is outside the colour camera's view.
     #[must_use]
     pub fn of_pose(camera: &Camera, sensor_from_head: &Rigid) -> Option<Self> {
         let origin = sensor_from_head * Point::origin();
@@ -198,7 +198,7 @@ impl Placement {
         })
     }
 
-    /// In a picture of a camera that looks straight at the head: from the head's view in picture pixels.
+    /// Placement in the picture of a camera that looks straight at the head, from the head's view in picture pixels.
     #[must_use]
     pub fn of_view(view: &View) -> Self {
         let (roll, rotation) = upright(&view.rotation);

@@ -1,5 +1,5 @@
-//! What wires with a thread of their own (web, MQTT) know of the users: the newest report of each, with the weights as that
-//! wire shows them. The pipeline puts reports here and wakes the thread; neither waits for the other longer than a copy takes.
+//! What outputs with their own thread (web, MQTT) know about the users: the newest report of each, with the weights as that
+//! output presents them. The pipeline stores reports here and wakes the thread; neither waits for longer than a copy takes.
 
 use std::io::{Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
@@ -13,10 +13,10 @@ use super::unit_range;
 use super::{Command, LossPolicy, OutputError, Report, Tally, TrackingState, View, WireWeights};
 use crate::base::capacity::{UNITS, USERS};
 
-/// Commands that wait for the pipeline.
+/// Commands waiting for the pipeline.
 const COMMANDS: usize = 16;
 
-/// A report as it is shown.
+/// A report as the output shows it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Shot {
     pub(super) frame: u64,
@@ -27,14 +27,14 @@ pub(super) struct Shot {
     pub(super) confidence: f32,
     pub(super) frozen: bool,
     pub(super) latency_us: u32,
-    /// Place in metres, rotation as x, y, z, w.
+    /// Position in metres, rotation as x, y, z, w.
     pub(super) pose: Option<[f32; 7]>,
     pub(super) weights: heapless::Vec<f32, UNITS>,
-    /// Whether nobody has taken it yet.
+    /// Whether it has not been read yet.
     pub(super) fresh: bool,
 }
 
-/// The newest of each user, and of nobody.
+/// The newest report of each user, and of nobody.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Board {
     pub(super) users: [Shot; USERS],
@@ -42,14 +42,14 @@ pub(super) struct Board {
     commands: heapless::Deque<Command, COMMANDS>,
 }
 
-/// Between the pipeline and the thread.
+/// Shared by the pipeline and the thread.
 pub(super) struct Shared {
     board: Mutex<Board>,
     bell: UnixStream,
     pub(super) stop: AtomicBool,
     pub(super) sent: AtomicU64,
     pub(super) dropped: AtomicU64,
-    /// What came in and made no sense, or found no room.
+    /// Input that was malformed or found no room.
     pub(super) refused: AtomicU64,
     taken: AtomicU64,
     pub(super) connected: AtomicBool,
@@ -65,7 +65,7 @@ impl Shared {
         let _ = (&self.bell).write(&[1]);
     }
 
-    /// Copies what is there; what was fresh is so here no more.
+    /// Copies the reports and marks them as read.
     pub(super) fn take(&self, into: &mut Board) {
         let mut board = self.board();
         let board = &mut *board;
@@ -78,7 +78,7 @@ impl Shared {
         }
     }
 
-    /// Hands a command to the pipeline; one that finds no room is refused.
+    /// Passes a command to the pipeline; refused if there is no room.
     pub(super) fn ask(&self, command: Command) {
         let took = self.board().commands.push_back(command).is_ok();
         let count = if took { &self.taken } else { &self.refused };
@@ -86,28 +86,28 @@ impl Shared {
     }
 }
 
-/// One more.
+/// Adds one.
 pub(super) fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
-/// The thread's end of the bell.
+/// The thread's end of the wake-up socket.
 pub(super) struct Bell(UnixStream);
 
 impl Bell {
-    /// To be polled.
+    /// The descriptor to poll.
     pub(super) fn fd(&self) -> RawFd {
         self.0.as_raw_fd()
     }
 
-    /// Takes all rings so far.
+    /// Clears all wake-ups so far.
     pub(super) fn answer(&mut self) {
         let mut rings = [0; 64];
         while matches!(self.0.read(&mut rings), Ok(64)) {}
     }
 }
 
-/// The pipeline's end.
+/// The pipeline's end of the wake-up socket.
 pub(super) struct Front {
     pub(super) shared: Arc<Shared>,
     name: &'static str,
@@ -155,7 +155,7 @@ impl Front {
         })
     }
 
-    /// Takes a report.
+    /// Stores a report.
     pub(super) fn post(&mut self, report: &Report) {
         let mut board = self.shared.board();
         if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
@@ -229,7 +229,7 @@ fn fill(shot: &mut Shot, report: &Report, state: TrackingState, weights: &WireWe
 }
 
 impl Drop for Front {
-    /// Neutral and absent, as far as whoever listens takes it in half a second.
+    /// Sends neutral and absent, as far as receivers accept it within half a second.
     fn drop(&mut self) {
         let mut board = self.shared.board();
         for ((_, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
@@ -253,7 +253,7 @@ impl Drop for Front {
     }
 }
 
-/// A weight as JSON has it: four decimals.
+/// A weight in JSON: four decimals.
 pub(super) struct Weight(pub(super) f32);
 
 impl std::fmt::Display for Weight {

@@ -1,12 +1,12 @@
-//! The end of an output that has a thread: it may still send what leaves the receiver with nobody, and no longer.
+//! Closes an output that has a thread: it may still send the messages that report nobody to the receiver, but no more.
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long that may take.
+/// Time limit.
 const CLOSING: Duration = Duration::from_millis(500);
 
-/// Waits for a thread that was told to stop; one that hangs is left to itself.
+/// Waits for a thread that was told to stop; a hanging one is abandoned.
 pub(super) fn wait_for(thread: JoinHandle<()>) {
     let start = Instant::now();
     while !thread.is_finished() && start.elapsed() < CLOSING {

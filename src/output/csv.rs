@@ -1,7 +1,7 @@
 //! CSV: a header, then one row per frame and user.
 //!
-//! Numbers have a fixed count of decimals, so that equal values give equal bytes. A value that is absent, or not a number,
-//! is an empty field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
+//! Numbers have a fixed number of decimals, so that equal values give equal bytes. A missing or non-finite value is an empty
+//! field. Memory: one row (about 5 kB), kept; cost: about 250 numbers and one write per row.
 
 #[cfg(feature = "studio")]
 pub mod read;

@@ -1,18 +1,17 @@
-//! mDNS and DNS-SD (RFC 6762, RFC 6763): the box says which of its services there are, without a daemon, and beside one
-//! (avahi) on the same port of the same host.
+//! mDNS and DNS-SD (RFC 6762, RFC 6763): announces the box's services, without a daemon, or beside one (avahi) on the same
+//! port of the same host.
 //!
 //! | service | port | when |
 //! | --- | --- | --- |
-//! | `_osc._udp` | where commands are heard | `[osc]` takes commands |
-//! | `_oscjson._tcp` | OSCQuery | `[oscquery]` is on |
-//! | `_http._tcp` | WebSocket, `path=/` | `[websocket]` is on |
+//! | `_osc._udp` | the command port | `[osc]` accepts commands |
+//! | `_oscjson._tcp` | OSCQuery | `[oscquery]` is enabled |
+//! | `_http._tcp` | WebSocket, `path=/` | `[websocket]` is enabled |
 //!
-//! Instances are called `mien NAME`, the host `mien-NAME.local`, so that nothing is claimed that a daemon of the host claims.
-//! The name is asked for three times before it is used; if another has it, `-2`, `-3`, … is put behind. Then everything is
-//! announced twice, answered when asked for (not what the asker says it knows), and taken back at the end. The address told
-//! is the one by which the asker reaches us. Memory: two datagrams. Limits: IPv4; of several networks those whose interfaces
-//! are there at the start or a minute later.
-//! One file: the format written and read, what is said in it, and when.
+//! Instances are named `mien NAME`, the host `mien-NAME.local`, so that nothing conflicts with a daemon's own names. The name is
+//! probed three times before it is used; if it is in use, `-2`, `-3`, … is appended. Everything is then announced twice,
+//! sent in reply to queries (except known answers), and withdrawn at the end. The address announced is the one on the
+//! querier's network. Memory: two datagrams. Limits: IPv4; only networks whose interfaces exist at start-up or a minute later.
+//! One file: the format, written and read, what is sent in it, and when.
 
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
@@ -35,17 +34,17 @@ const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
 const PORT: u16 = 5353;
 /// Longest datagram, bytes.
 const LARGEST: usize = 1472;
-/// Questions before a name is used, and the pause between them.
+/// Probes before a name is used, and the pause between them.
 const PROBES: u8 = 3;
 const PROBE_PAUSE: Duration = Duration::from_millis(250);
 /// Announcements, and the pause between them.
 const ANNOUNCEMENTS: u8 = 2;
 const ANNOUNCE_PAUSE: Duration = Duration::from_secs(1);
-/// How often networks that are new are joined.
+/// Interval at which new networks are joined.
 const JOIN_PAUSE: Duration = Duration::from_secs(60);
-/// Answers a second, so that nobody makes us shout.
+/// Most replies per second, so that nobody can use us to flood a network.
 const ANSWERS: u32 = 50;
-/// How long others may keep what they are told, seconds: names, and what may move (RFC 6762, 10).
+/// Time to live of records, seconds: of names, and of records that may change (RFC 6762, 10).
 const KEEP: u32 = 4500;
 const KEEP_ADDRESS: u32 = 120;
 
@@ -54,11 +53,11 @@ const PTR: u16 = 12;
 const TXT: u16 = 16;
 const SRV: u16 = 33;
 const ANY: u16 = 255;
-/// Internet; with the top bit, only this one has it (answers), or answer to me alone (questions).
+/// Class IN; with the top bit, cache flush (answers) or unicast reply wanted (questions).
 const IN: u16 = 1;
 const UNIQUE: u16 = 0x8000;
 
-/// What is announced.
+/// A service to announce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Service {
     /// `_osc`, without the dot.
@@ -82,12 +81,12 @@ fn labels<'a>(of: &[&'a str]) -> Name<'a> {
 struct Writer<'a> {
     bytes: &'a mut [u8; LARGEST],
     length: usize,
-    /// Whether anything found no room.
+    /// Whether anything did not fit.
     cut: bool,
 }
 
 impl<'a> Writer<'a> {
-    /// `flags` are those of the header; the counts are put in at the end.
+    /// `flags` are those of the header; the counts are filled in at the end.
     fn new(bytes: &'a mut [u8; LARGEST], id: u16, flags: u16) -> Self {
         let mut writer = Self {
             bytes,
@@ -122,7 +121,7 @@ impl<'a> Writer<'a> {
         self.put(&[0]);
     }
 
-    /// Counts one more in a section: 0 questions, 1 answers, 2 authorities, 3 more.
+    /// Counts a record in a section: 0 questions, 1 answers, 2 authority, 3 additional.
     fn counted(&mut self, section: usize) {
         let at = 4 + 2 * section;
         let count = u16::from_be_bytes([self.bytes[at], self.bytes[at + 1]]) + 1;
@@ -169,7 +168,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Whether the name at `at` is `name`, in any case, and where what follows it begins; `None` if it is no name.
+/// Whether the name at `at` is `name`, ignoring case, and the offset after it; `None` if it is not a name.
 fn is_name(bytes: &[u8], mut at: usize, name: &[&str]) -> Option<(bool, usize)> {
     let (mut after, mut same, mut left) = (None, true, name.iter());
     // More labels than a name has room for are a circle.
@@ -229,9 +228,9 @@ fn record(bytes: &[u8], at: usize) -> Option<Record> {
     })
 }
 
-/// What the box is called and what it has.
+/// The box's names and services.
 struct Zone {
-    /// Wanted; the number behind it is of those that have the same.
+    /// The name wanted, and the number appended if others have the same.
     wanted: String,
     instance: String,
     host: String,
@@ -314,7 +313,7 @@ impl Zone {
         );
     }
 
-    /// Everything, kept for so long: 0 takes it back.
+    /// All records with this time to live; 0 withdraws them.
     fn announce(&self, keep: u32, address: Ipv4Addr, out: &mut Writer) {
         for service in &self.services {
             self.pointer(service, 1, keep, out);
@@ -324,7 +323,7 @@ impl Zone {
         self.address(1, IN | UNIQUE, keep, address, out);
     }
 
-    /// Asks whether anybody has our names, and says what we would have.
+    /// Probe: asks whether anybody has our names, with the records we propose.
     fn probe(&self, address: Ipv4Addr, out: &mut Writer) {
         for service in &self.services {
             out.question(&self.full(service), ANY, IN | UNIQUE);
@@ -336,7 +335,7 @@ impl Zone {
         self.address(2, IN, KEEP_ADDRESS, address, out);
     }
 
-    /// Whether an answer says that somebody else has one of our names: with another place than ours.
+    /// Whether an answer shows that somebody else has one of our names, at another address or port.
     fn is_taken(&self, bytes: &[u8], own: &dyn Fn(Ipv4Addr) -> bool) -> Option<bool> {
         let mut at = 12;
         for _ in 0..word(bytes, 4)? {
@@ -368,8 +367,8 @@ impl Zone {
         Some(false)
     }
 
-    /// Answers a datagram of questions; `None` if it is none. `address` is what the asker reaches us by; `legacy` askers
-    /// are no mDNS responders and want their questions back.
+    /// Answers a query; `None` if there is nothing to answer. `address` is the one that the querier can reach; `legacy` queriers
+    /// are not mDNS responders and need their questions repeated.
     fn answer(
         &self,
         bytes: &[u8],
@@ -439,7 +438,7 @@ impl Zone {
         Some(())
     }
 
-    /// Whether the asker says that it knows our pointer, for at least half of its time.
+    /// Whether the query lists our pointer as a known answer, with at least half of its time to live.
     fn is_known(&self, bytes: &[u8], mut at: usize, known: u16, service: &Service) -> bool {
         for _ in 0..known {
             let Some(record) = record(bytes, at) else {
@@ -459,7 +458,7 @@ impl Zone {
     }
 }
 
-/// What the thread has done.
+/// Counters of the thread.
 #[derive(Default)]
 struct Counts {
     stop: AtomicBool,
@@ -517,7 +516,7 @@ impl Output for Discovery {
 }
 
 impl Drop for Discovery {
-    /// Everything is taken back.
+    /// Withdraws everything.
     fn drop(&mut self) {
         self.counts.stop.store(true, Ordering::Relaxed);
         let _ = std::io::Write::write(&mut &self.bell, &[1]);
@@ -528,7 +527,7 @@ impl Drop for Discovery {
     }
 }
 
-/// A socket on the port that daemons have too.
+/// A socket on the port shared with daemons.
 fn open() -> std::io::Result<UdpSocket> {
     let raw = socket(
         AddressFamily::Inet,
@@ -549,7 +548,7 @@ fn open() -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// A descriptor that nobody else has.
+/// An owned descriptor.
 #[expect(unsafe_code, reason = "nix 0.26 hands out numbers")]
 fn owned(raw: std::os::fd::RawFd) -> OwnedFd {
     // SAFETY: it was opened a moment ago, and only here it is known.
@@ -578,7 +577,7 @@ fn interfaces(each: &mut dyn FnMut(Ipv4Addr, u32)) {
     }
 }
 
-/// The address by which somebody reaches us.
+/// The address by which a host can reach us.
 fn towards(whom: SocketAddr) -> Option<Ipv4Addr> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
     socket.connect(whom).ok()?;
@@ -588,10 +587,10 @@ fn towards(whom: SocketAddr) -> Option<Ipv4Addr> {
     }
 }
 
-/// Networks to speak on: the address there, and the interface's number.
+/// Networks to announce on: our address there, and the interface's index.
 type Networks = heapless::Vec<(Ipv4Addr, u32), 8>;
 
-/// Joins the group on every network that is new; whether any is.
+/// Joins the group on every new network; whether there is any.
 fn join(socket: &UdpSocket, networks: &mut Networks) -> bool {
     let mut new = false;
     interfaces(&mut |address, interface| {
@@ -604,7 +603,7 @@ fn join(socket: &UdpSocket, networks: &mut Networks) -> bool {
     new
 }
 
-/// What is to be done next.
+/// The next step.
 enum Step {
     Probe(u8),
     Announce(u8),
@@ -649,7 +648,7 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
     }
 }
 
-/// How far we are in telling others of us.
+/// State of probing and announcing.
 struct Talk<'a> {
     networks: Networks,
     voice: Voice<'a>,
@@ -657,18 +656,18 @@ struct Talk<'a> {
     /// What comes next, and when.
     step: Step,
     due: Instant,
-    /// When networks are looked for again.
+    /// When to look for new networks again.
     joined: Instant,
     /// Names tried so far.
     number: u32,
     said: [u8; LARGEST],
-    /// Start of the second that answers are counted in.
+    /// Start of the second in which replies are counted.
     second: Instant,
     answers: u32,
 }
 
 impl Talk<'_> {
-    /// Listens on all networks; on new ones we are announced.
+    /// Joins all networks and announces on new ones.
     fn join(&mut self, now: Instant) {
         self.joined = now + JOIN_PAUSE;
         if self.listener.is_none() {
@@ -718,12 +717,12 @@ impl Talk<'_> {
         let _ = poll(&mut asked, wait.as_millis().min(1000) as i32 + 1);
     }
 
-    /// A datagram that has come, if any.
+    /// A received datagram, if any.
     fn listen(&self, heard: &mut [u8]) -> Option<(usize, SocketAddr)> {
         self.listener.as_ref()?.recv_from(heard).ok()
     }
 
-    /// Takes a question, or an answer of somebody who may have our name.
+    /// Handles a query, or an answer from somebody who may have our name.
     fn hear(&mut self, zone: &mut Zone, bytes: &[u8], from: SocketAddr) {
         let counts = self.voice.counts;
         let Some(flags) = word(bytes, 2).filter(|_| bytes.len() >= 12) else {
@@ -739,7 +738,7 @@ impl Talk<'_> {
             Some(true) if from.port() == PORT => {
                 self.number += 1;
                 zone.call(self.number);
-                tracing::info!("the name is taken, trying {:?}", zone.instance);
+                tracing::info!("the name is already in use, trying {:?}", zone.instance);
                 (self.step, self.due) = (Step::Probe(0), Instant::now());
             }
             Some(_) => {}
@@ -749,7 +748,7 @@ impl Talk<'_> {
         }
     }
 
-    /// Answers a question: who asks from another port alone, all others on the network it came by.
+    /// Answers a query: by unicast if it came from another port, otherwise to everybody on its network.
     fn answer(&mut self, zone: &Zone, bytes: &[u8], from: SocketAddr) {
         // Nothing is promised before the name is ours.
         let (Some(listener), false) = (&self.listener, matches!(self.step, Step::Probe(_))) else {
@@ -791,7 +790,7 @@ impl Talk<'_> {
         }
     }
 
-    /// Says something on every network, with the address there.
+    /// Sends to every network, with our address there.
     fn shout(&mut self, flags: u16, what: impl Fn(Ipv4Addr, &mut Writer)) {
         let (socket, networks) = (self.listener.as_ref(), &self.networks);
         self.voice
@@ -799,10 +798,10 @@ impl Talk<'_> {
     }
 }
 
-/// What is sent, and how. All goes out of the one socket: another one bound to a network's address would take what is meant
-/// for a daemon of this host.
+/// Sending. Everything uses one socket: another one bound to a network's address would receive what is meant for a daemon on
+/// this host.
 struct Voice<'a> {
-    /// Room for the head of a datagram, taken once.
+    /// Buffer for the head of a datagram, allocated once.
     head: MultiHeaders<SockaddrIn>,
     counts: &'a Counts,
 }
@@ -834,7 +833,7 @@ impl Voice<'_> {
         self.count(sent);
     }
 
-    /// Says something on every network, with the address there.
+    /// Sends to every network, with our address there.
     fn shout(
         &mut self,
         socket: Option<&UdpSocket>,

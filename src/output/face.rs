@@ -1,5 +1,5 @@
-//! The face a wire shows: weights limited and held or faded while nobody is seen, and which face is shown where only one
-//! can be.
+//! The face an output shows: weights clamped, and held or faded while nobody is seen; and which face a single-person output
+//! shows.
 
 use super::report::{Report, unit_range};
 use super::view::{Channel, View};
@@ -8,12 +8,12 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
 
-/// What a wire shows of a face that is lost: the last weights for a while, then their fading to neutral.
+/// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LossPolicy {
-    /// How long the last weights are kept, seconds.
+    /// How long the last weights are held, seconds.
     pub hold_s: f32,
-    /// How long they then take to fade, seconds.
+    /// How long they then fade, seconds.
     pub decay_s: f32,
 }
 
@@ -26,12 +26,12 @@ impl Default for LossPolicy {
     }
 }
 
-/// The weights of one user as a wire shows them.
+/// The weights of one user as an output shows them.
 pub(super) struct WireWeights {
     channels: Box<[Channel]>,
     weights: Box<[f32]>,
     seen: Option<Timestamp>,
-    /// Share of the weights that is shown now.
+    /// Current fade factor.
     share: f32,
     policy: LossPolicy,
     not_numbers: u64,
@@ -49,7 +49,7 @@ impl WireWeights {
         }
     }
 
-    /// Takes what a report says: weights, or their absence.
+    /// Takes the weights of a report, or their absence.
     pub(super) fn observe(&mut self, report: &Report) {
         if report.state.has_face() && !report.weights.is_empty() {
             for (shown, channel) in self.weights.iter_mut().zip(&self.channels) {
@@ -90,14 +90,13 @@ impl WireWeights {
         self.weights.get(unit).copied().unwrap_or(0.0)
     }
 
-    /// Weights that were no numbers and were shown as 0.
+    /// Weights that were NaN and were shown as 0.
     pub(super) fn not_numbers(&self) -> u64 {
         self.not_numbers
     }
 }
 
-/// The face of a wire that carries one: of the users who are not aside the first one seen until lost, then whoever comes
-/// next.
+/// The face of a single-person output: of the users not set aside, the first one seen until lost, then whoever comes next.
 pub(super) struct OneFace {
     pub(super) weights: WireWeights,
     user: Option<usize>,
@@ -120,7 +119,7 @@ impl OneFace {
         }
     }
 
-    /// The state to show, with the weights as they are then; `None` if the report is of a face that is not on this wire.
+    /// The state to show, with the weights updated; `None` if the report is of a face that this output does not show.
     pub(super) fn follow(&mut self, report: &Report) -> Option<TrackingState> {
         if report.user.is_some() && report.user != self.user {
             let shown_next = !report.aside && report.state.is_present();

@@ -1,5 +1,5 @@
-//! What can be chosen of the wires that are features of the build: lights, Live Link, the web, discovery, MQTT. Known to
-//! every build, so that one configuration is read alike by all of them; one that switches on what is not built in is told so.
+//! Settings of the outputs that are optional build features: lights, Live Link, web, discovery, MQTT. Every build knows them, so
+//! that all builds read the same configuration; enabling an output that is not built in is an error.
 
 use super::{LossPolicy, View};
 
@@ -8,16 +8,16 @@ use super::{LossPolicy, View};
 pub struct LightSettings {
     /// Rows `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`.
     pub channels: Vec<String>,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
 /// Art-Net.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArtNetSettings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
@@ -35,7 +35,7 @@ impl Default for ArtNetSettings {
 /// sACN (E1.31).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SacnSettings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`; none = the multicast group of each universe.
     pub targets: Vec<String>,
@@ -53,18 +53,18 @@ impl Default for SacnSettings {
     }
 }
 
-/// Unreal's Live Link, as the app Live Link Face sends it.
+/// Unreal's Live Link, in the format of the Live Link Face app.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveLinkSettings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// What the face is called in Unreal; empty = as the box.
+    /// Subject name in Unreal; empty = the name of the box.
     pub subject: String,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -87,9 +87,9 @@ pub struct ServerSettings {
     pub enabled: bool,
     /// `address:port`.
     pub listen: String,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -119,14 +119,14 @@ impl ServerSettings {
 /// mDNS.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DiscoverySettings {
-    /// Whether the box announces what it serves.
+    /// Whether the box announces its services.
     pub enabled: bool,
 }
 
 /// MQTT.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MqttSettings {
-    /// Whether a broker is sought.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// `host:port`.
     pub broker: String,
@@ -148,11 +148,11 @@ pub struct MqttSettings {
     pub health_s: f32,
     /// Whether commands are taken.
     pub commands: bool,
-    /// Whether Home Assistant is told what there is.
+    /// Whether the box announces itself to Home Assistant.
     pub home_assistant: bool,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 

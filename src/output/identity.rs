@@ -1,9 +1,9 @@
-//! What the box is called on networks, and a number that tells it from every other: the same after each start.
+//! The box's name on the network, and a unique number that stays the same across restarts.
 
-/// Longest name, bytes: what DNS lets a label have.
+/// Longest name, bytes: the limit of a DNS label.
 const LONGEST: usize = 63;
 
-/// `name`, or the host's if that is empty; letters, digits and `-` only, as host names and topics have them.
+/// `name`, or the host's if that is empty; letters, digits and `-` only, as in host names and topics.
 pub(super) fn name(name: &str) -> String {
     let name = if name.is_empty() {
         host()
@@ -24,7 +24,7 @@ pub(super) fn host() -> String {
     host.split('.').next().unwrap_or_default().to_owned()
 }
 
-/// 128 bits of the box, shaped as a random UUID (RFC 9562), from its name and the machine's own number, where it has one.
+/// The box's 128-bit number, in the form of a random UUID (RFC 9562), from its name and the machine ID, if there is one.
 #[cfg(any(feature = "lights", feature = "live-link", test))]
 pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();

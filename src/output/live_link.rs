@@ -1,17 +1,17 @@
-//! Unreal's Live Link, as the app Live Link Face sends it: one datagram per frame to port 11111 with ARKit's 52 shapes and
-//! nine angles. One face: the first seen, until lost and faded; then datagrams go on without values.
+//! Unreal's Live Link, in the format of the Live Link Face app: one datagram per frame to port 11111 with ARKit's 52 shapes
+//! and nine angles. One face: the first seen, until lost and faded out; datagrams then continue without values.
 //!
 //! | bytes | meaning, big endian |
 //! | --- | --- |
 //! | 1 | version, 6 |
-//! | 4 + 36 | the device's number, as text |
+//! | 4 + 36 | the device's UUID, as text |
 //! | 4 + n | the subject's name |
-//! | 4, 4, 4, 4 | frame, part of it (float), frames in so many seconds: 30, 1 |
-//! | 1 + 61 × 4 | 61 and as many floats; absent without a face |
+//! | 4, 4, 4, 4 | frame, subframe (float), frame rate as a fraction: 30, 1 |
+//! | 1 + 61 × 4 | the count 61 and as many floats; absent without a face |
 //!
 //! Angles are in radians, as Unreal turns the app's transforms: yaw to the subject's right, pitch down, roll towards the
-//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not checked against
-//! Unreal itself: the signs of the angles follow from its axes.
+//! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not tested with
+//! Unreal itself: the signs of the angles are derived from its axes.
 //! One file: most of it is the list of names.
 
 use super::features::LiveLinkSettings;
@@ -78,7 +78,7 @@ pub const SHAPES: [&str; 52] = [
 ];
 /// Shapes and angles.
 pub const VALUES: usize = SHAPES.len() + 9;
-/// Where the eyes look, of [`SHAPES`]: down, in, out, up, of the left and the right.
+/// Gaze among [`SHAPES`]: down, in, out, up, of the left and the right eye.
 const LEFT_EYE: [usize; 4] = [1, 2, 3, 4];
 const RIGHT_EYE: [usize; 4] = [8, 9, 10, 11];
 /// Frames a second.
@@ -88,14 +88,14 @@ const LONGEST: usize = 64;
 /// Bytes of the longest datagram.
 const LARGEST: usize = 1 + 4 + 36 + 4 + LONGEST + 16 + 1 + 4 * VALUES;
 
-/// What a datagram says.
+/// The contents of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Packet<'a> {
-    /// The device's number, as text.
+    /// The device's UUID, as text.
     pub device: &'a [u8; 36],
     /// Name of the subject, at most 64 bytes.
     pub subject: &'a str,
-    /// Number of the frame, and part of it.
+    /// Number of the frame, and subframe.
     pub frame: (u32, f32),
     /// Shapes, then yaw, pitch and roll of the head, the left and the right eye; `None` without a face.
     pub values: Option<[f32; VALUES]>,
@@ -127,7 +127,7 @@ fn emit(packet: &Packet, bytes: &mut [u8; LARGEST]) -> usize {
     length
 }
 
-/// Reads a datagram; `None` if it is none of 30 frames a second and 61 finite values.
+/// Parses a datagram; `None` unless it has 30 frames per second and 61 finite values.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<Packet<'_>> {
     fn word(bytes: &[u8]) -> Option<(u32, &[u8])> {
@@ -171,7 +171,7 @@ pub struct LiveLink {
     view: View,
     device: [u8; 36],
     subject: String,
-    /// What is measured, with its place.
+    /// Measured shapes, with their index.
     shapes: Box<[(usize, Parameter)]>,
     /// Yaw, pitch and roll of the head when last seen.
     turn: [f32; 3],
@@ -184,7 +184,7 @@ impl LiveLink {
     /// Opens the sockets. `units` are the names in the order of the weights, `name` is the box's.
     ///
     /// # Errors
-    /// If there is no socket to be had.
+    /// If no socket can be opened.
     pub fn new(
         settings: LiveLinkSettings,
         name: &str,
@@ -254,7 +254,7 @@ impl LiveLink {
     }
 }
 
-/// A UUID as it is written.
+/// A UUID as text.
 fn as_text(uuid: &[u8; 16]) -> [u8; 36] {
     let mut text = [b'-'; 36];
     let mut at = 0;

@@ -1,8 +1,8 @@
-//! Weights on a wire: CSV, OSC, serial. Each takes a [`Report`] per frame and user and knows nothing of the others.
+//! Outputs: CSV, OSC, serial and others. Each takes a [`Report`] per frame and user and is independent of the others.
 //!
-//! On wires (not in CSV) weights are 0…1 and never NaN, and a face that is lost, or whose head is only posed, does not freeze: its last weights are held
-//! for a moment, then fade to neutral ([`LossPolicy`]). Closing an output (dropping it) sends neutral and absent. Nothing
-//! allocates per report, and no output can hold up the pipeline: what a wire cannot take at once is dropped and counted.
+//! Except in CSV, weights are 0…1 and never NaN, and a face that is lost, or whose head is tracked by depth alone, does not
+//! freeze: its last weights are held briefly, then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and
+//! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
 
 #[cfg(any(feature = "web", feature = "mqtt"))]
 mod board;
@@ -47,36 +47,36 @@ use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
 pub use view::{UnitView, View, is_name};
 
-/// What a receiver asks for.
+/// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Forget what was learned of the user in a slot.
+    /// Forget what was learned about the user in a slot.
     Forget(usize),
-    /// Stop learning of the user in a slot, or go on with it.
+    /// Stop or resume learning for the user in a slot.
     Freeze(usize, bool),
-    /// Take the present face of the user in a slot for rest.
+    /// Take the current face of the user in a slot as rest.
     Neutral(usize),
 }
 
-/// What an output has done so far.
+/// Counters of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tally {
-    /// The section of the configuration it comes from.
+    /// Its section of the configuration.
     pub name: &'static str,
     /// Datagrams, frames or rows sent, over all targets.
     pub sent: u64,
-    /// Those that were dropped: not taken at once, replaced by a newer one, or nowhere to go yet.
+    /// Those that were dropped: not accepted at once, replaced by a newer one, or without a known destination.
     pub dropped: u64,
-    /// Whether there is somewhere to send to: false while a serial port is absent.
+    /// Whether there is a destination: false while a serial port is absent.
     pub connected: bool,
-    /// Weights that were no numbers and were sent as 0.
+    /// Weights that were NaN and were sent as 0.
     pub not_numbers: u64,
-    /// Commands taken, and those refused as malformed or too many.
+    /// Commands accepted, and those refused as malformed or too frequent.
     pub commands: [u64; 2],
 }
 
 impl Tally {
-    /// Nothing yet.
+    /// Empty.
     const fn of(name: &'static str) -> Self {
         Self {
             name,
@@ -89,42 +89,42 @@ impl Tally {
     }
 }
 
-/// Somewhere reports go.
+/// A destination of reports.
 pub trait Output {
     /// Sends one report.
     ///
     /// # Errors
-    /// Only if the output can never work again, as a file on a full disk. A receiver or a port that is not there is a
-    /// state of the output, not an error.
+    /// Only if the output cannot recover, such as a file on a full disk. An absent receiver or port is a state, not an
+    /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
-    /// What was done so far.
+    /// The counters so far.
     fn tally(&self) -> Tally;
 
-    /// What a receiver asked for since the last time, one at a time; most outputs only talk.
+    /// The next command received; most outputs have none.
     fn next_command(&mut self) -> Option<Command> {
         None
     }
 }
 
-/// Why an output cannot be made or used.
+/// Why an output cannot be created or used.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
     /// The CSV cannot be written.
     #[cfg(feature = "std")]
     #[error("cannot write the CSV: {source}; check the path and the space left")]
     Csv {
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// No UDP socket.
     #[cfg(feature = "std")]
     #[error("cannot open a UDP socket to send OSC: {source}; is the network configured?")]
     Socket {
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Commands cannot be listened for.
+    /// The command port cannot be opened.
     #[cfg(feature = "std")]
     #[error(
         "cannot listen for OSC commands at {address:?}; expected address:port of this machine, like 127.0.0.1:9131"
@@ -133,13 +133,13 @@ pub enum OutputError {
         /// What was given.
         address: String,
     },
-    /// No `host:port`.
+    /// Not a `host:port`.
     #[error("OSC target is {target:?}, expected host:port like 127.0.0.1:9130")]
     Target {
         /// What was given.
         target: String,
     },
-    /// An OSC address must start with a slash and hold none of the characters that patterns use.
+    /// An OSC address must start with a slash and contain no pattern characters.
     #[error(
         "OSC prefix is {prefix:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
     )]
@@ -149,71 +149,65 @@ pub enum OutputError {
     },
     /// The names of the units do not fit one datagram or line.
     #[error(
-        "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the table of units"
+        "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the units table"
     )]
     Names {
         /// How many.
         units: usize,
-        /// Bytes they take.
+        /// Bytes needed.
         bytes: usize,
-        /// Bytes there are.
+        /// Bytes available.
         most: usize,
     },
-    /// A unit is asked for that there is not.
+    /// An unknown unit is requested.
     #[error(
-        "serial.units names {unit:?}, which is not measured with these settings; take it out of the list"
+        "serial.units names {unit:?}, which is not measured with these settings; remove it from the list"
     )]
     Unit {
         /// What was given.
         unit: String,
     },
-    /// A row of the table of channels is unusable.
+    /// A row of the channel table is invalid.
     #[error("lights.channels has {row:?}, expected {expected}")]
     Channel {
         /// What was given.
         row: String,
-        /// What may stand there.
+        /// What is expected.
         expected: &'static str,
     },
-    /// A password that cannot be read.
+    /// The password file cannot be read.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot read mqtt.password_file {path:?}: {source}; does it belong to the user of mien?"
-    )]
+    #[error("cannot read mqtt.password_file {path:?}: {source}; is it readable by mien's user?")]
     Password {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Certificates that cannot be read.
+    /// The certificate file cannot be read.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot read mqtt.ca_file {path:?}: {source}; it names who signs the broker's certificate, in PEM"
-    )]
+    #[error("cannot read mqtt.ca_file {path:?}: {source}; expected the CA certificates in PEM")]
     Certificates {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Something is switched on that this build has not.
+    /// An output is enabled that this build does not contain.
     #[error(
-        "[{section}] is switched on, but this mien is built without it; build with --features {feature}, or install the package"
+        "[{section}] is enabled, but this mien was built without it; build with --features {feature}, or install the package"
     )]
     NotBuilt {
-        /// Of the configuration.
+        /// Section of the configuration.
         section: &'static str,
-        /// Of the build.
+        /// Feature of the build.
         feature: &'static str,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]
-    #[error(
-        "cannot start a thread for an output: {source}; is memory or the number of tasks limited?"
-    )]
+    #[error("cannot start a thread for an output: {source}; is there a limit on memory or tasks?")]
     Thread {
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
@@ -225,7 +219,7 @@ struct Every {
 }
 
 impl Every {
-    /// Whether `period_s` have gone by since the last time it was due, or time has gone back (another source).
+    /// Whether `period_s` have passed since it was last due, or time has gone backwards (another source).
     fn due(&mut self, now: Timestamp, period_s: f64) -> bool {
         let due = self
             .last

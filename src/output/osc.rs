@@ -3,19 +3,19 @@
 //! | address | arguments | when |
 //! | --- | --- | --- |
 //! | `/face/<u>/frame` | number, time ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency ms | every report, first of its datagram |
-//! | `/face/<u>/au` | all weights in the order of the schema | every report (styles vector, both) |
+//! | `/face/<u>/au` | all weights in schema order | every report (styles vector, both) |
 //! | `/face/<u>/au/<unit>` | one weight | every report (styles scalar, both) |
 //! | `/face/<u>/pose` | x y z in metres, sensor frame, quaternion x y z w | every report with a pose |
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
-//! | `/face/alive` | number, program version, seconds since the start | every second, also with nobody |
-//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if wanted |
+//! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
+//! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if enabled |
 //!
-//! The latency is the time from the frame's arrival in this machine to its being sent. Units stand under their names in
-//! the configuration. Receivers may ask for something, if the configuration lets them ([`commands`]).
+//! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
+//! configuration, which may also allow receivers to send commands ([`commands`]).
 //!
 //! Datagrams are bundles with the time tag "immediately", at most 1472 bytes, split between messages. Presets for
-//! programs that have an OSC schema of their own: [`vmc`], [`vrchat`], [`faceosc`].
+//! programs with their own OSC schema: [`vmc`], [`vrchat`], [`faceosc`].
 
 pub mod commands;
 pub mod faceosc;
@@ -47,45 +47,45 @@ pub use receive::Receiver;
 use wire::Wire;
 pub use wire::{Datagrams, Targets};
 
-/// How often the names of the units are repeated, for receivers that come later; seconds.
+/// Interval at which the names of the units are repeated, for receivers that join later; seconds.
 const SCHEMA_PERIOD_S: f64 = 5.0;
-/// How often learned ranges are told; seconds.
+/// Interval between range messages, seconds.
 const RANGES_PERIOD_S: f64 = 5.0;
-/// How often presence and life are told; seconds.
+/// Interval between presence and heartbeat messages, seconds.
 const ALIVE_PERIOD_S: f64 = 1.0;
 
 /// How weights are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
-    /// All in one message, in the order of the schema.
+    /// All in one message, in schema order.
     Vector,
-    /// Each under its own address, as patching programs like it.
+    /// Each under its own address, as patching programs prefer.
     Scalar,
     /// Both ways.
     #[default]
     Both,
 }
 
-/// Where and how OSC goes.
+/// Settings of the OSC output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// What every address starts with.
+    /// Prefix of every address.
     pub prefix: String,
     /// How weights are sent.
     pub style: Style,
     /// Whether learned ranges are sent.
     pub ranges: bool,
-    /// Whether commands of receivers are taken.
+    /// Whether commands are accepted.
     pub commands: bool,
-    /// Where they are listened for, `address:port`.
+    /// Where commands are received, `address:port`.
     pub listen: String,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -110,7 +110,7 @@ pub struct Osc {
     wire: Wire,
     style: Style,
     ranges: bool,
-    /// Names as they are shown.
+    /// Output names.
     units: Box<[String]>,
     view: View,
     users: [User; USERS],
@@ -123,7 +123,7 @@ pub struct Osc {
     commands: Option<Commands>,
 }
 
-/// What was sent of one user.
+/// What was sent about one user.
 struct User {
     count: i32,
     /// Whether any report has named this user.
@@ -138,7 +138,7 @@ impl Osc {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the settings are unusable, or there is no socket to be had.
+    /// If the settings are unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let commands = settings
@@ -150,7 +150,7 @@ impl Osc {
         Ok(osc)
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings, and without listening: what comes in may be
+    /// As [`Self::new`], but to these targets instead of the configured ones, and without listening: received datagrams can be
     /// read with [`commands::requests`].
     ///
     /// # Errors
@@ -198,14 +198,14 @@ impl Osc {
         })
     }
 
-    /// Where commands are listened for, if they are.
+    /// The command port, if open.
     #[cfg(feature = "std")]
     #[must_use]
     pub fn listens_at(&self) -> Option<std::net::SocketAddr> {
         self.commands.as_ref().and_then(Commands::address)
     }
 
-    /// Everything about one user, from here on in the present datagram.
+    /// Writes everything about one user, starting in the current datagram.
     fn send_user(&mut self, slot: usize, report: &Report, state: TrackingState) {
         let (wire, user) = (&mut self.wire, &mut self.users[slot]);
         let (present, confidence) = (state.is_present(), unit_range(report.confidence));
@@ -352,7 +352,7 @@ impl Output for Osc {
 }
 
 impl Drop for Osc {
-    /// Neutral and absent, for every user there has been.
+    /// Sends neutral and absent for every user seen so far.
     fn drop(&mut self) {
         if !self.wire.is_used() {
             return;
@@ -377,12 +377,12 @@ impl Drop for Osc {
     }
 }
 
-/// The count after `count`; starts again from 0 before it would become negative.
+/// The count after `count`; wraps to 0 before it would become negative.
 fn next(count: i32) -> i32 {
     count.checked_add(1).unwrap_or(0)
 }
 
-/// Capture time in whole milliseconds, starting again from 0 every 24.8 days.
+/// Capture time in whole milliseconds, wrapping to 0 every 24.8 days.
 fn milliseconds(report: &Report) -> i32 {
     ((report.at.as_us() / 1000) & 0x7fff_ffff) as i32
 }

@@ -1,6 +1,6 @@
-//! What receivers of our wires understand, whichever wire it came over: one user at one frame, and who is told of it.
+//! What receivers of our formats produce, whichever output it came from: one user at one frame, and who is notified.
 //!
-//! Each receiver stands beside what writes its wire: [`super::osc::Receiver`], [`super::serial::Receiver`] and
+//! Each parser is next to the emitter of its format: [`super::osc::Receiver`], [`super::serial::Receiver`] and
 //! [`super::csv::read::Columns`]. Only the workstation receives, so none of this is in the appliance.
 
 /// One user at one frame.
@@ -18,13 +18,13 @@ pub struct Sample {
     pub confidence: f32,
     /// From the frame's arrival to its being sent, if the source says so.
     pub latency_ms: Option<f32>,
-    /// Whether nothing is learnt.
+    /// Whether learning is frozen.
     pub frozen: bool,
-    /// `sensor_from_head`: place in metres and quaternion x y z w.
+    /// `sensor_from_head`: position in metres and quaternion x y z w.
     pub pose: Option<[f32; 7]>,
     /// The head in depth pixels: first column and row, one past the last.
     pub head_box: Option<[u16; 4]>,
-    /// In the order of the schema.
+    /// Weights in schema order.
     pub weights: Vec<f32>,
     /// The 68 points, colour pixels; empty if not known.
     pub points: Vec<[f32; 2]>,
@@ -33,14 +33,14 @@ pub struct Sample {
 /// Low, rest, high of the measure behind a unit, and how far they are this person's (0…1, if the source says so).
 pub type UnitRange = ([f32; 3], Option<f32>);
 
-/// Who hears what a receiver understood.
+/// Callbacks for what a receiver parsed.
 pub trait Listener {
-    /// The names of the units, in the order of the weights, when they are others than before.
+    /// The names of the units, in the order of the weights, when they change.
     fn schema(&self, names: &[String]);
     /// A user at a frame.
     fn sample(&self, sample: &Sample);
-    /// What is known of a user's ranges, in the order of the schema; `None` where nothing was told.
+    /// A user's ranges, in schema order; `None` where nothing was received.
     fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]);
-    /// So many messages, lines or frames were taken, so many refused.
+    /// Counts of messages, lines or frames accepted and refused.
     fn count(&self, taken: u64, refused: u64);
 }

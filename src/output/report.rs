@@ -1,4 +1,4 @@
-//! What an output is given: one user at one frame.
+//! The input of every output: one user at one frame.
 
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
@@ -7,10 +7,10 @@ use crate::landmarks::Landmarks;
 use crate::segment::PixelRect;
 use crate::users::TrackingState;
 
-/// Version of the order and meaning of units on the wires; rises when an index changes its meaning.
+/// Version of the order and meaning of units in outputs; incremented when an index changes its meaning.
 pub const SCHEMA_VERSION: i32 = 1;
 
-/// All that is known of one user at one frame. Lent to the outputs.
+/// Everything known about one user at one frame, borrowed by the outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Report<'a> {
     /// Number of the frame ([`crate::sensor::Frame::index`]).
@@ -19,25 +19,25 @@ pub struct Report<'a> {
     pub at: Timestamp,
     /// Slot of the user, below [`crate::base::capacity::USERS`]; `None` if nobody is there.
     pub user: Option<usize>,
-    /// What is known of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
+    /// State of the user; [`TrackingState::Absent`] with a slot once, when they are forgotten.
     pub state: TrackingState,
-    /// Nobody else is reported of this frame, and this user is gone: a frame without anybody.
+    /// This user is gone and nobody else is reported for this frame.
     pub alone: bool,
-    /// Whether another user is the one whom wires show that have room for one.
+    /// Whether single-person outputs show another user.
     pub aside: bool,
-    /// 0…1, the whole face; of the pose where there is no face.
+    /// Confidence of the face, or of the pose if there is no face; 0…1.
     pub confidence: f32,
-    /// Whether the user's ranges are kept from learning.
+    /// Whether learning is frozen for this user.
     pub frozen: bool,
     /// Pose of the head; `None` when lost or absent.
     pub sensor_from_head: Option<&'a Rigid>,
-    /// Where the head is in the depth picture; `None` when lost or absent, and where a held head is not seen.
+    /// The head's box in the depth picture; `None` when lost or absent, and when a held head is not seen.
     pub head_box: Option<PixelRect>,
     /// The 68 points; `None` when posed, lost or absent.
     pub landmarks: Option<&'a Landmarks>,
-    /// In the order of the measures' names; empty when posed, lost or absent.
+    /// Measures in the order of their names; empty when posed, lost or absent.
     pub measures: &'a [f32],
-    /// In the order of the units' names; empty when posed, lost or absent.
+    /// Weights in the order of the units' names; empty when posed, lost or absent.
     pub weights: &'a [f32],
     /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when posed, lost
     /// or absent.
@@ -46,7 +46,7 @@ pub struct Report<'a> {
     pub latency_us: u32,
 }
 
-/// Into 0…1; what is not a finite number becomes 0.
+/// Clamps to 0…1; non-finite values become 0.
 pub(super) fn unit_range(value: f32) -> f32 {
     if value.is_finite() {
         value.clamp(0.0, 1.0)

@@ -7,20 +7,19 @@
 //! $AUP,<number>,<x>,<y>,<z mm>,<yaw>,<pitch>,<roll, tenths of a degree>*HH   per frame, if wanted
 //! $AUH,1,<schema>,<names of the units>*HH                               on opening and every 5 s
 //! ```
-//! `HH` is the XOR of all bytes between `$` and `*`, two upper-case hexadecimal digits (the rule of NMEA 0183); lines end in
-//! CR LF. A line that does not check is to be ignored, so a receiver may join at any time.
+//! `HH` is the XOR of all bytes between `$` and `*` as two upper-case hexadecimal digits (as in NMEA 0183); lines end in
+//! CR LF. Receivers should ignore lines with a wrong checksum, and may therefore join at any time.
 //!
-//! What the line cannot carry is planned at the start (see `serial/budget.rs`): the rate is lowered, below `min_rate_hz`
-//! units are left out, and the log says so once.
+//! If the line is too slow for everything (see `serial/budget.rs`), the rate is lowered; below `min_rate_hz` units are left
+//! out. This is decided at start-up and logged once.
 //!
-//! A line has one face: the first user seen is followed until lost, then whoever comes next. A thread of its own feeds the
-//! port, so that a slow or stuck one holds up nothing: one frame waits, the newest; those it replaces are counted. The
-//! thread keeps to the baud rate itself, because some ports (USB, pseudo-terminals) take more than the line does. A port
-//! that is absent or unplugged is a state: it is tried again after 0.5 s, 1 s, … at most 5 s, for as long as it takes, under
-//! the stable name the system has for it, if it has one. `tcp:host:port` is a port behind a socket, as of a serial server;
-//! there the system keeps what a stuck reader has not read, so the newest frame wins only once that is full.
-//! What is written is made by an [`Encoder`], which a line without a system around it may use by itself.
-//! Memory: four buffers of 2 kB.
+//! A line carries one face: the first user seen until lost, then whoever comes next. A separate thread feeds the port, so
+//! that a slow or stuck one blocks nothing. One frame is queued, the newest; those it replaces are counted. The thread
+//! enforces the baud rate itself, because some ports (USB, pseudo-terminals) accept more than the line carries. A missing
+//! port is not an error: it is reopened after 0.5 s, 1 s, … at most 5 s, under the system's stable name for it, if there is
+//! one. `tcp:host:port` is a port behind a socket, such as a serial server; there the system buffers what a stuck reader has
+//! not read, so the newest frame wins only once those buffers are full.
+//! An [`Encoder`] makes the bytes; it also works without an operating system. Memory: four buffers of 2 kB.
 
 mod budget;
 mod cobs;

@@ -1,37 +1,37 @@
-//! How an output shows the units: under which names, how strong, and whether as in a mirror.
+//! How an output presents the units: names, gains, and whether left and right are mirrored.
 //!
-//! Gains and names belong to the receiving side: a gain of 1.5 on `AU26` opens every rig's jaw half as far again, a name
-//! replaces `AU26` in addresses, headers and plots. Mirrored, left and right change places and the head moves as its
-//! reflection: for a person who looks at their own avatar. The CSV shows the units as they are.
+//! A gain of 1.5 on `AU26` opens every rig's jaw half as far again; a name replaces `AU26` in addresses, headers and plots.
+//! Mirroring swaps left and right and reflects the head pose, for a person who looks at their own avatar. The CSV is not
+//! affected.
 
 use crate::base::geometry::{Rigid, Rotation};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Longest name of a unit on a wire, bytes.
+/// Longest output name of a unit, bytes.
 pub(super) const LONGEST_NAME: usize = 24;
 
-/// What is changed about one unit.
+/// Name and gain of one unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnitView {
     /// The unit's FACS name, as `AU12L`.
     pub unit: String,
-    /// Its name on the wires.
+    /// Its name in outputs.
     pub name: String,
-    /// What its weight is multiplied by before it is limited to 0…1.
+    /// Factor on its weight before clamping to 0…1.
     pub gain: f32,
 }
 
-/// How an output shows the units.
+/// How an output presents the units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// Whether left and right change places.
+    /// Whether left and right are swapped.
     pub mirror: bool,
-    /// Units that are changed; the others keep their name and a gain of 1.
+    /// Units with a name or gain of their own; the others keep their name and a gain of 1.
     pub units: Vec<UnitView>,
 }
 
-/// Where a weight on the wire comes from.
+/// Where an output weight comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Channel {
     /// Index among the weights of a report.
@@ -44,7 +44,7 @@ impl View {
         self.units.iter().find(|view| view.unit == unit)
     }
 
-    /// The name of a unit on the wire.
+    /// The output name of a unit.
     #[must_use]
     pub fn name<'a>(&'a self, unit: &'a str) -> &'a str {
         self.of(unit).map_or(unit, |view| view.name.as_str())
@@ -69,7 +69,7 @@ impl View {
             .collect()
     }
 
-    /// The pose as it is shown.
+    /// The pose, mirrored if configured.
     #[must_use]
     pub fn pose(&self, sensor_from_head: &Rigid) -> Rigid {
         if self.mirror {
@@ -80,7 +80,7 @@ impl View {
     }
 }
 
-/// Whether a text may name a unit on every wire: in an OSC address, between commas, before a colon.
+/// Whether a text is a valid unit name for every output: in an OSC address, between commas, before a colon.
 #[must_use]
 pub fn is_name(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}/:$".contains(c);

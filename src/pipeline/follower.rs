@@ -24,12 +24,12 @@ use crate::users::{Presence, TrackingState};
 const DOUBTED_FRAMES: u32 = 3;
 /// A face seen in this many frames is known, and may turn away.
 const KNOWN_FRAMES: u64 = 30;
-/// Cosines of the angle to the line of sight between which a head is turned away, but its face is still there for depth:
-/// 20° and 70°.
+/// Cosines of the angle to the line of sight between which a head counts as turned away while depth still sees its face: 20°
+/// and 70°.
 const AWAY_FACING: core::ops::Range<f32> = 0.34..0.94;
-/// After this long unseen, a head may be anybody's, seconds.
+/// After this long unseen, a head may be another person's, seconds.
 const AWAY_GAP_S: f64 = 0.1;
-/// Confidence of a face supported by depth alone.
+/// Confidence reported for a face tracked by depth alone.
 const AWAY_CONFIDENCE: f32 = 0.25;
 /// Minimum confidence of a face that may correct the head pose.
 const LEANING_CONFIDENCE: f32 = 0.8;
@@ -37,45 +37,45 @@ const LEANING_CONFIDENCE: f32 = 0.8;
 const CORRECTED_FRAMES: u64 = 3;
 /// Without a picture, a head becomes a user once it was certain in this many consecutive frames.
 const POSED_FRAMES: u64 = 2;
-/// What is surely a head: it covers so much of the middle of the standard head's face, and agrees with it so well. In the
-/// real film nine of ten frames of the head do; of its chair, arms, paper and clothes none agrees by more than 0.54.
+/// Certain head: least coverage of the middle of the standard head's face, and least agreement with it. In the real film
+/// nine of ten frames of the head pass; chair, arms, paper and clothes never exceed an agreement of 0.54.
 const SURE_COVERAGE: f32 = 0.65;
 const SURE_CONFIDENCE: f32 = 0.56;
-/// So certain a head needs one frame only.
+/// A head with this agreement needs only one frame.
 const CERTAIN_CONFIDENCE: f32 = 0.62;
 
-/// Follows one person.
+/// Tracks one person.
 pub(crate) struct Follower {
     pub(crate) pose: PoseTracker,
     pub(crate) landmarks: LandmarkStage,
     pub(crate) expression: Expression,
     pub(crate) presence: Presence,
     pub(crate) state: TrackingState,
-    /// Where the head was last; kept while it is held.
+    /// Last head pose; kept while held.
     head: Option<SensorFromFace>,
-    /// The points seen last; kept while the face is held.
+    /// Last landmarks; kept while the face is held.
     points: Option<Landmarks>,
-    /// 0…1: of the points, or of the pose where there are none.
+    /// Confidence of the landmarks, or of the pose if there are none; 0…1.
     confidence: f32,
     /// The head's box in this frame's depth picture, if there is one.
     pub(crate) rect: Option<PixelRect>,
-    /// Where they are expected.
+    /// Expected position.
     pub(crate) place: Option<Place>,
     /// When they came.
     pub(crate) since: Timestamp,
-    /// When the head was followed last, with its face or by depth alone.
+    /// When the head was last tracked, with its face or by depth alone.
     pub(crate) last_seen: Timestamp,
     /// Frames in which the face was seen.
     pub(crate) frames: u64,
-    /// Frames in a row in which the head was followed without colour.
+    /// Consecutive frames in which the head was tracked without colour.
     posed: u64,
     /// Whether the head was missed since, so that a new detection has to be certain.
     missed: bool,
-    /// What they are known by beside their head.
+    /// Features for re-identification, besides the head.
     face: FaceLengths,
-    /// Frames in a row with a pose and without a face.
+    /// Consecutive frames with a pose and without a face.
     doubted: u32,
-    /// Places the face was looked for without depth; goes on from person to person.
+    /// Number of places searched for a face without depth; continues from person to person.
     guesses: usize,
     /// Learned ranges, one for each unit.
     ranges: heapless::Vec<UnitRange, UNITS>,
@@ -116,12 +116,12 @@ impl Follower {
         self.state != TrackingState::Absent
     }
 
-    /// Whether enough was seen to make this a user: a face, or without colour a head that stays one.
+    /// Whether enough was seen to make this a user: a face, or without colour a stable head.
     pub(crate) fn is_somebody(&self) -> bool {
         self.frames > 0 || self.posed >= POSED_FRAMES
     }
 
-    /// Whether enough was seen to believe a pose that is not surely one.
+    /// Whether enough was seen to accept an uncertain pose.
     fn is_known(&self) -> bool {
         self.frames > 0 || self.posed >= KNOWN_FRAMES
     }
@@ -131,7 +131,7 @@ impl Follower {
         self.frames + self.posed
     }
 
-    /// Runs the stages on a head; whether it was found: its face, or its pose where that has to do. The state then says so.
+    /// Runs the stages on a head and updates the state; whether the face was found, or its pose where that is enough.
     pub(crate) fn follow(
         &mut self,
         frame: &Frame,
@@ -153,7 +153,7 @@ impl Follower {
         }
     }
 
-    /// Looks in the picture for a face that depth does not show: one place a frame.
+    /// Searches the colour picture for a face that depth does not show: one place per frame.
     fn spot(&mut self, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
         if !frame.has_picture() {
             return;
@@ -167,7 +167,7 @@ impl Follower {
         }
     }
 
-    /// As [`Self::follow`], but only where the head is expected, on the points that are there; `None` if it is not there.
+    /// As [`Self::follow`], but only at the expected pose, on the points there; `None` if the head is not there.
     pub(crate) fn follow_expected(
         &mut self,
         frame: &Frame,
@@ -262,7 +262,7 @@ impl Follower {
         true
     }
 
-    /// The head is there, with its face or without.
+    /// The head was found, with or without its face.
     fn find(&mut self, sensor_from_face: SensorFromFace, cloud: &HeadCloud, at: Timestamp) {
         let origin = sensor_from_face.translation.vector;
         match &mut self.place {
@@ -284,7 +284,7 @@ impl Follower {
         }
     }
 
-    /// A frame without colour: the pose is believed, and a face that was just seen moves with it.
+    /// A frame without colour: the pose is accepted, and a face that was just seen moves with it.
     fn follow_by_depth(
         &mut self,
         pose: &HeadPose,
@@ -308,8 +308,8 @@ impl Follower {
         }
     }
 
-    /// A known head that turns away is followed by depth alone: its points stay where they were on the head, the weights as
-    /// they were. `None` for a head that faces the sensor and yet shows no face, or was not followed up to now.
+    /// A known head that turns away is tracked by depth alone: its landmarks stay fixed to the head and the weights unchanged.
+    /// `None` for a head that faces the sensor without showing a face, or was not tracked until now.
     fn turned_away(
         &self,
         pose: &SensorFromFace,
@@ -331,7 +331,7 @@ impl Follower {
         Some(landmarks)
     }
 
-    /// A pose without a face: after a few of them it is taken for a wrong one, which depth alone may follow for long.
+    /// A pose without a face: after a few of them it is rejected, since depth alone may track a wrong pose for long.
     fn doubt(&mut self) {
         self.doubted += 1;
         if self.doubted >= DOUBTED_FRAMES || self.frames < KNOWN_FRAMES {
@@ -345,7 +345,7 @@ impl Follower {
         self.state = self.presence.unseen(at);
     }
 
-    /// The next person starts from the priors.
+    /// Resets for the next person, who starts from the priors.
     pub(crate) fn forget(&mut self) {
         self.pose.reset();
         self.landmarks.reset();
@@ -376,7 +376,7 @@ impl Follower {
         self.ranges = self.expression.unit_ranges();
     }
 
-    /// What the person is known by.
+    /// Features for re-identification.
     pub(crate) fn likeness(&self) -> Likeness {
         Likeness {
             head: self.pose.signature(),
@@ -384,7 +384,7 @@ impl Follower {
         }
     }
 
-    /// What to remember of the person by, seen last when they were.
+    /// What to remember of the person, and when they were last seen.
     pub(crate) fn gone(&self, slot: usize) -> Gone {
         Gone {
             slot,
@@ -395,7 +395,7 @@ impl Follower {
         }
     }
 
-    /// Adds everything known to a report that has frame, time and user.
+    /// Fills in a report that has frame, time and user.
     pub(crate) fn report<'a>(&'a self, known: Report<'a>) -> Report<'a> {
         let known = Report {
             state: self.state,

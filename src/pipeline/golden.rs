@@ -1,8 +1,8 @@
 //! Synthetic sessions and the recorded output of the stages, so that any change of behaviour shows.
 //!
-//! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their numbers are held
-//! tightly enough to show one constant changed by a tenth. They are the output of the last accepted version, not the
-//! truth, which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` rewrites `tests/golden/stages/*.txt`.
+//! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their tolerances are tight
+//! enough to detect one constant changed by a tenth. They are the output of the last accepted version, not ground truth,
+//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` rewrites `tests/golden/stages/*.txt`.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -26,7 +26,7 @@ const WITHIN: f64 = 1.01;
 /// One line in this many may differ.
 const ONE_IN: usize = 25;
 
-/// Holds lines to the table with this name, or writes it.
+/// Compares lines with the table of this name, or writes it.
 fn hold(name: &str, lines: &[String]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/stages");
     let path = folder.join(format!("{name}.txt"));
@@ -55,7 +55,7 @@ fn hold(name: &str, lines: &[String]) {
     }
     assert!(
         apart.len() * ONE_IN <= lines.len(),
-        "{name}: {} of {} lines are others; if that is meant, MIEN_WRITE_GOLDEN=1 writes them anew{first}",
+        "{name}: {} of {} lines differ; if intended, MIEN_WRITE_GOLDEN=1 rewrites them{first}",
         apart.len(),
         lines.len()
     );
@@ -187,7 +187,7 @@ fn what_is_learned_as_in_the_paper() {
     learned("learned_as_in_the_paper", settings, Units::shipped());
 }
 
-/// Follows a scene at 15 frames a second over the given spans, seconds; what is said of each user.
+/// Runs a scene at 15 frames per second over the given spans, seconds; appends a line per user.
 fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &mut Vec<String>) {
     let people = if matches!(scene, Scene::Swap | Scene::Two) {
         2

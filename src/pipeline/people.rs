@@ -6,8 +6,8 @@
 //! more frames that show whether it is one of them ([`crate::users::memory`]). A head without a face is ignored for a few
 //! frames. A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
 //!
-//! When every slot is taken, a newcomer has to wait until a user is forgotten.
-//! One file: from candidate to memory is one decision.
+//! When all slots are in use, a newcomer has to wait until a user is forgotten.
+//! One file: the steps from candidate to remembered user depend on each other.
 
 use alloc::sync::Arc;
 
@@ -44,7 +44,7 @@ const LONGEST_LOOK: u64 = 40;
 /// and returns to their old slot if recognised.
 const LOOK_STEP: u64 = 8;
 const LAST_LOOK: u64 = 48;
-/// Beyond this distance from all of them a newcomer is a stranger at once; in between, comparison goes on
+/// Beyond this distance from all of them a newcomer is a stranger at once; in between, comparison continues
 const STRANGER_APART: f32 = 1.6;
 /// for this many frames: with those needed to be detected at all, a newcomer has a slot within ten,
 pub(crate) const SECOND_LOOK: u64 = 5;
@@ -69,7 +69,7 @@ pub(super) struct People {
     /// Slots whose users were forgotten in this frame.
     left: [bool; USERS],
     frame: u64,
-    /// Frames followed so far.
+    /// Frames processed so far.
     count: u64,
     at: Timestamp,
 }
@@ -77,7 +77,7 @@ pub(super) struct People {
 /// The follower of the candidate, who may become a user.
 const DOOR: usize = USERS;
 
-/// Why a pipeline cannot be made of these settings and this model.
+/// Why a pipeline cannot be created from these settings and this model.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The model's standard head.
@@ -94,7 +94,7 @@ fn is_looked_at(taught: u64) -> bool {
 }
 
 impl People {
-    /// Builds every person's stages; all memory is taken here.
+    /// Builds every person's stages; all memory is allocated here.
     ///
     /// # Errors
     /// If the model lacks what a stage or the chosen method needs.
@@ -126,7 +126,7 @@ impl People {
         })
     }
 
-    /// Runs everybody's stages on the heads of a segmented frame, and calls `after` at the end of each that is reached.
+    /// Runs everybody's stages on the heads of a segmented frame, and calls `after` at the end of each stage reached.
     pub(super) fn follow(
         &mut self,
         frame: &Frame,
@@ -156,7 +156,7 @@ impl People {
         self.choose();
     }
 
-    /// Runs the users' stages on their heads; the heads that are nobody's.
+    /// Runs the users' stages on their heads; returns the unassigned heads.
     fn follow_users(
         &mut self,
         frame: &Frame,
@@ -251,7 +251,7 @@ impl People {
         self.at
     }
 
-    /// Looks at one head that is nobody's; it may become a user.
+    /// Processes one unassigned head, which may become a user.
     fn watch_door(
         &mut self,
         frame: &Frame,
@@ -316,7 +316,7 @@ impl People {
         }
     }
 
-    /// Gives the candidate a slot, once it is known whose.
+    /// Gives the candidate a slot, once identified.
     fn admit(&mut self) {
         let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
@@ -414,13 +414,13 @@ impl People {
         Some(one.apart(other, pose.differ(&one.head, &other.head)?))
     }
 
-    /// What the user of a slot is known by so far.
+    /// The features of the user of a slot so far.
     #[cfg(feature = "studio")]
     pub(super) fn likeness(&self, slot: usize) -> Likeness {
         self.followers[slot].likeness()
     }
 
-    /// Whom single-user outputs show.
+    /// The user that single-person outputs show.
     fn choose(&mut self) {
         let mut there: heapless::Vec<Candidate, USERS> = heapless::Vec::new();
         for (slot, user) in self.followers[..USERS].iter().enumerate() {
@@ -475,7 +475,7 @@ impl People {
             .collect()
     }
 
-    /// Does what a receiver asks for; a slot without a user is left as it is.
+    /// Executes a receiver's command; a slot without a user is left unchanged.
     pub(super) fn obey(&mut self, command: Command) {
         let (Command::Forget(slot) | Command::Freeze(slot, _) | Command::Neutral(slot)) = command;
         if slot >= USERS {
@@ -494,7 +494,7 @@ impl People {
         }
     }
 
-    /// The frames now come from another camera: nobody is known.
+    /// The frames now come from another camera; forgets everybody.
     pub(super) fn forget(&mut self) {
         self.refused.clear();
         for follower in &mut self.followers {

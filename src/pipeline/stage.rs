@@ -1,11 +1,11 @@
 //! The stages by name.
 
-/// Stages of [`super::Pipeline::follow`], in order; all but the first once for each head that is followed.
+/// Stages of [`super::Pipeline::follow`], in order; all but the first run once for each tracked head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Heads out of the depth picture.
+    /// Segments heads in the depth picture.
     Segment,
-    /// Where the head is.
+    /// Head pose.
     Pose,
     /// The 68 points.
     Landmarks,

@@ -30,7 +30,7 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// Builds every stage; all memory is taken here.
+    /// Builds every stage; all memory is allocated here.
     ///
     /// # Errors
     /// If the model lacks what a stage or the chosen method needs.
@@ -51,7 +51,7 @@ impl Pipeline {
         self.follow_by_stage(frame, |_| {});
     }
 
-    /// As [`Pipeline::follow`], and calls `after` at the end of each stage that is reached.
+    /// As [`Pipeline::follow`], and calls `after` at the end of each stage reached.
     pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
         self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
@@ -88,7 +88,7 @@ impl Pipeline {
         self.people.unit_names()
     }
 
-    /// Does what a receiver asks for; a slot without a user is left as it is.
+    /// Executes a receiver's command; a slot without a user is left unchanged.
     pub fn obey(&mut self, command: Command) {
         self.people.obey(command);
     }
@@ -145,7 +145,7 @@ impl Pipeline {
         self.people.apart(one, other)
     }
 
-    /// What the user of a slot is known by so far.
+    /// The features of the user of a slot so far.
     #[cfg(feature = "studio")]
     pub(crate) fn likeness(&self, slot: usize) -> Likeness {
         self.people.likeness(slot)

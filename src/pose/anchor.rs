@@ -1,13 +1,13 @@
-//! The anchor: the standard head, prepared so that the nearest of its points is one table look-up away.
+//! The anchor: the standard head, prepared so that finding its nearest point is one table look-up.
 //!
-//! Computes, once, a grid of [`CELL_M`] cubes around the standard head that holds the number of the point nearest to each
-//! cube's centre, the points on the rim of the open surface, and how far each point can be trusted. With points 5 mm
-//! apart and distances taken along the normal, a neighbour instead of the nearest point changes a distance by the
-//! curvature's share of a millimetre only, so that the look-up replaces the tree search in the tracking loop.
+//! Computed once: a grid of [`CELL_M`] cubes around the standard head with the index of the point nearest to each cube's
+//! centre, the points on the rim of the open surface, and a trust weight for each point. With points 5 mm apart and distances
+//! measured along the normal, using a neighbour instead of the nearest point changes a distance by a fraction of a millimetre
+//! only, so the look-up replaces a tree search in the tracking loop.
 //!
-//! Head frame, metres. Memory: about 0.6 MB of grid and 0.1 MB of points, made at construction (some tens of milliseconds).
-//! Degenerate: an anchor of too few points is refused. Limitation: what lies further than [`MARGIN_M`] from the surface
-//! has no nearest point: such a pose start cannot be repaired here, but by the search over starts.
+//! Head frame, metres. Memory: about 0.6 MB of grid and 0.1 MB of points, built at construction (some tens of milliseconds).
+//! Degenerate: an anchor of too few points is rejected. Limitation: points further than [`MARGIN_M`] from the surface have no
+//! nearest point; a start that far off can only be corrected by the search over starts.
 
 use nalgebra::SMatrix;
 
@@ -23,16 +23,16 @@ const CELL_M: f32 = 0.004;
 pub(crate) const MARGIN_M: f32 = 0.040;
 /// Neighbours of a point on the surface, for rim and smoothing.
 pub(crate) const NEIGHBOURS: usize = 8;
-/// No neighbour over an angle wider than this: the surface ends there.
+/// A gap between neighbours wider than this angle means that the surface ends there.
 const RIM_GAP_RAD: f32 = 2.2;
-/// Of the fine surface: distance between points, metres, parts each edge is cut into, how far apart corners may be, metres.
+/// The fine surface: distance between points, metres; parts per edge; largest distance between corners, metres.
 const FINE_M: f32 = 0.0015;
 const PARTS: u32 = 4;
 const NEIGHBOUR_M: f32 = 0.012;
 /// No point near.
 const NOWHERE: u16 = u16::MAX;
 
-/// Trust in a place of the head: the mouth and the jaw move with speech, hair covers the upper cranium and the temples.
+/// Trust in a place of the head: mouth and jaw move with speech, hair covers the upper cranium and the temples.
 fn trust(p: &Point) -> f32 {
     let falling = |v: f32, from: f32, to: f32| ((to - v) / (to - from)).clamp(0.0, 1.0);
     let lower_face = 0.3 + 0.7 * falling(p.y, 0.030, 0.060);
@@ -41,13 +41,13 @@ fn trust(p: &Point) -> f32 {
     lower_face * hair * side
 }
 
-/// Whether a place belongs to the bare face: below any hairline, before any hair beside it, above the beard's edge. Only
-/// there is a person's own shape to be learned; elsewhere what is seen may be hair, a cap or a collar.
+/// Whether a place belongs to the bare face: below the hairline, in front of hair beside it, above a beard. Only there is
+/// a person's own shape learned; elsewhere the surface may be hair, a cap or a collar.
 fn bare(p: &Point) -> bool {
     p.y > -0.050 && p.y < 0.080 && p.z < 0.040 && p.x.abs() < 0.062
 }
 
-/// A place between three anchor points: how many of [`PARTS`] parts of the way to the second, and to the third.
+/// A place between three anchor points: how many of [`PARTS`] parts of the way to the second and to the third.
 #[derive(Clone, Copy)]
 struct Between {
     corners: [u16; 3],
@@ -66,7 +66,7 @@ impl Between {
 pub(crate) struct Surface(Vec<Between>);
 
 impl Surface {
-    /// Its points, with the anchor points where `of` has them. `None` if they cannot be told apart.
+    /// Its points, with the anchor points at the positions in `of`. `None` if points coincide.
     pub(crate) fn target(&self, of: impl Fn(usize) -> Point) -> Option<Target> {
         let points: Vec<Point> = self.0.iter().map(|between| between.place(&of)).collect();
         Target::new(&points)
@@ -82,13 +82,13 @@ pub struct Anchor {
     /// Points whose offsets are learned.
     pub(crate) bare: Vec<bool>,
     pub(crate) neighbours: Vec<[u16; NEIGHBOURS]>,
-    /// What a rigid motion (turn about x, y, z, shift along them) and growth do to each point along its normal.
+    /// Effect of a rigid motion (rotation about x, y, z, shift along them) and of scale on each point along its normal.
     pub(crate) motions: Vec<[f32; 7]>,
     /// Inverse of the motions' normal matrix, weighted by trust.
     pub(crate) motions_inverse: SMatrix<f64, 7, 7>,
-    /// For telling heads apart.
+    /// Patches for re-identification.
     pub(crate) patches: Patches,
-    /// For the point-to-point method, which searches the tree itself.
+    /// Used by the point-to-point method, which searches the tree itself.
     pub(crate) target: Target,
     low: Point,
     size: [usize; 3],
@@ -159,7 +159,7 @@ impl Anchor {
         })
     }
 
-    /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it slides only in leaps.
+    /// The surface as points [`FINE_M`] apart, for the point-to-point method: on points 5 mm apart it moves in jumps.
     #[must_use]
     pub(crate) fn fine_surface(&self) -> Surface {
         let place = |p: &Point| p.coords.map(|c| (c / FINE_M).floor() as i32);
@@ -189,7 +189,7 @@ impl Anchor {
         Surface(fine.into_iter().map(|(_, between)| between).collect())
     }
 
-    /// Number of the point nearest to `q` (head frame), to within the grid's coarseness; `None` when none is near.
+    /// Index of the point nearest to `q` (head frame), to within the grid's resolution; `None` when none is near.
     #[must_use]
     #[inline(always)]
     pub(crate) fn nearest(&self, q: &Point) -> Option<usize> {

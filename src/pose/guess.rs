@@ -1,8 +1,8 @@
-//! Candidate positions of the face in a head's cloud, for the picture to decide between: hair beside a face shifts the box,
-//! and a search then ends where there is no face.
+//! Candidate positions of the face in a head's cloud, to be tested in the colour picture: hair beside a face shifts the box,
+//! so that a search may end where there is no face.
 //!
-//! The candidates are about four centimetres apart in the cloud's extent, the middle first, each with three turns
-//! about the vertical; a fit that starts that far off still ends on the face. Sensor frame, metres. Degenerate: an empty
+//! The candidates are about four centimetres apart within the cloud's extent, the middle first, each with three yaw
+//! angles; a fit that starts that far off still converges to the face. Sensor frame, metres. Degenerate: an empty
 //! cloud gives none.
 
 use crate::base::frames::SensorFromHead;
@@ -10,7 +10,7 @@ use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Places in the extent of the cloud, 0…1 to the right and downwards; heads reach lower than faces.
+/// Places in the extent of the cloud, 0…1 to the right and downwards; heads extend lower than faces.
 const PLACES: [[f32; 2]; 12] = [
     [0.50, 0.45],
     [0.65, 0.45],
@@ -27,7 +27,7 @@ const PLACES: [[f32; 2]; 12] = [
 ];
 const YAWS_RAD: [f32; 3] = [0.0, 0.45, -0.45];
 
-/// The guesses of one frame: those at place number `count`, round and round through all places.
+/// The guesses of one frame: those at place number `count`, cycling through all places.
 #[must_use]
 pub fn guesses(cloud: &[Point], count: usize) -> Option<[SensorFromHead; 3]> {
     let slope = |p: &Point| [p.x / p.z, p.y / p.z];

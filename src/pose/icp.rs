@@ -1,4 +1,4 @@
-//! Rigid point-to-point ICP: the motion that lays one cloud on another.
+//! Rigid point-to-point ICP: the motion that aligns one cloud with another.
 //!
 //! Method: Algorithm 1 of the paper (section 1.1, step 2); iterative closest point after Besl & McKay 1992 with the rotation
 //! by singular value decomposition (Arun, Huang & Blostein 1987), its reflection guard (Umeyama 1991), and trimmed pairs
@@ -13,11 +13,11 @@
 //!
 //! Frames and units: both clouds in metres, in any two frames; the result maps the moving cloud's frame to the target's.
 //! Cost: n log n per iteration (n² without `std`, which the tree needs) and some tens of iterations: along the surface
-//! convergence is slow, so steps that lead the same way are extrapolated ([`Way`]). Memory: a tree per target and one pair
+//! convergence is slow, so steps in the same direction are extrapolated ([`Way`]). Memory: a tree per target and one pair
 //! per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
-//! One file: one loop and what it is made of, with its known answers.
+//! One file: one loop, its parts and their tests.
 
 #[cfg(feature = "std")]
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -27,13 +27,13 @@ use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Fewer pairs than this do not fix a rigid motion reliably.
+/// Fewer pairs than this do not determine a rigid motion reliably.
 pub const MIN_PAIRS: usize = 12;
 
-/// What bounds the search.
+/// Limits of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Iterations at most.
+    /// Maximum number of iterations.
     pub iterations: u32,
     /// Pairs further apart are rejected, metres.
     pub max_distance_m: f32,
@@ -54,7 +54,7 @@ impl Default for Settings {
     }
 }
 
-/// Where an alignment ended.
+/// Result of an alignment.
 #[derive(Clone, Copy, Debug)]
 pub struct Alignment {
     /// Maps the moving cloud onto the target.
@@ -67,7 +67,7 @@ pub struct Alignment {
     pub iterations: u32,
 }
 
-/// The cloud that stands still, ready for nearest-neighbour questions.
+/// The fixed cloud, prepared for nearest-neighbour queries.
 pub struct Target {
     #[cfg(feature = "std")]
     tree: ImmutableKdTree<f32, 3>,
@@ -75,7 +75,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Builds the tree. `None` if there are fewer than [`MIN_PAIRS`] points or they cannot be told apart.
+    /// Builds the tree. `None` if there are fewer than [`MIN_PAIRS`] points or they coincide.
     #[must_use]
     pub fn new(points: &[Point]) -> Option<Self> {
         if points.len() < MIN_PAIRS {
@@ -102,7 +102,7 @@ impl Target {
         (found.item as usize, found.distance)
     }
 
-    /// The same without a tree: every point is looked at.
+    /// The same without a tree: checks every point.
     #[cfg(not(feature = "std"))]
     #[must_use]
     pub fn nearest(&self, p: &Point) -> (usize, f32) {
@@ -159,7 +159,7 @@ pub fn rigid_from_pairs(pairs: impl Iterator<Item = (Point, Point)> + Clone) -> 
     Some(Rigid::from_parts(t.cast::<f32>().into(), rotation))
 }
 
-/// The step of one iteration: turn, radians, and the motion of the middle of the cloud, metres.
+/// The step of one iteration: rotation, radians, and motion of the cloud's centre, metres.
 #[derive(Clone, Copy)]
 struct Way {
     turn: Vector,
@@ -168,9 +168,9 @@ struct Way {
 }
 
 impl Way {
-    /// What is still to go if every step is the same fraction of the one before, as along a smooth surface; `None` unless
-    /// this one leads the same way as the last. The accelerated ICP of Besl and McKay 1992, by a geometric series instead of
-    /// a parabola.
+    /// Remaining motion if every step is the same fraction of the previous one, as along a smooth surface; `None` unless this
+    /// step has the direction of the last. The accelerated ICP of Besl and McKay 1992, by a geometric series instead of a
+    /// parabola.
     fn rest_after(&self, last: &Self) -> Option<Rigid> {
         let six = |way: &Self| (way.turn * HEAD_RADIUS_M, way.moved);
         let ((turn, moved), (last_turn, last_moved)) = (six(self), six(last));
@@ -188,11 +188,11 @@ impl Way {
     }
 }
 
-/// Cosine of the angle within which two steps lead the same way, and the ratio of the slowest series that is believed.
+/// Cosine of the largest angle between two steps in the same direction, and the largest ratio of a series to extrapolate.
 const ALIKE: f32 = 0.97;
 const MOST_RATIO: f32 = 0.92;
 
-/// Algorithm 1: the motion that lays `moving` on `target`, from `start` on. `None` when too few pairs are near enough.
+/// Algorithm 1: the motion that aligns `moving` with `target`, starting at `start`. `None` when too few pairs are near enough.
 #[must_use]
 pub fn align(
     target: &Target,

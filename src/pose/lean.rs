@@ -1,13 +1,14 @@
 //! Corrects the head pose towards the face in the picture: depth and picture determine the pose together.
 //!
-//! Under a fringe or beside long hair depth alone drifts, slowly and confidently, while the 68 points stay on the face. A
-//! face sits in its head in one way ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points imply where the
-//! head should be. Both are weighted by their certainty: depth by the normal matrix of its alignment (`known`), the picture
-//! by standard deviations about and across the line of sight. Small differences are left to depth, which knows a bare head
-//! to a fraction of a degree; pitch has more room, because light and a moving mouth affect its estimate from the points.
+//! Under a fringe or beside long hair the depth pose drifts, slowly and confidently, while the 68 points stay on the face. The
+//! face has a fixed pose within its head ([`crate::landmarks::LandmarkFitter::strayed`]), so each frame's points imply a head
+//! pose. Both are weighted by their certainty: depth by the normal matrix of its alignment (`known`), the picture by
+//! standard deviations about and across the line of sight. Small differences are left to depth, which is accurate to a
+//! fraction of a degree on a bare head; pitch has more tolerance, because light and a moving mouth affect the picture's
+//! estimate of it.
 //!
 //! Method: one Gauss–Newton step on the sum of the two quadratic forms about the depth pose, where depth's gradient is zero.
-//! Head frame, radians and metres. Degenerate: where depth carries no information, the picture alone counts.
+//! Head frame, radians and metres. Degenerate: where depth has no information, the picture alone decides.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
@@ -17,21 +18,21 @@ use crate::base::geometry::{Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// What the picture knows, as standard deviations: turns about and across the line of sight, radians; shifts across it,
+/// Standard deviations of the picture's estimate: rotation about and across the line of sight, radians; shift across it,
 /// metres.
 const ROLL_RAD: f64 = 0.012;
 const TURN_RAD: f64 = 0.026;
 const SHIFT_M: f64 = 0.002;
-/// Up to these differences, taken together, depth decides: turn, radians, and shift, metres.
+/// Up to these differences, combined, depth decides: rotation, radians, and shift, metres.
 const FREE_RAD: f32 = 0.035;
 const FREE_M: f32 = 0.006;
-/// Pitch has this much more room.
+/// Factor on the tolerance for pitch.
 const FREE_PITCH: f32 = 1.5;
-/// Knowledge of a direction in which depth knows nothing, per unit of weight.
+/// Information in a direction in which depth has none, per unit of weight.
 const NOTHING: f64 = 1e-6;
 
-/// The pose between `depth`, whose alignment knows `known` (turn and shift in the head frame, per unit of
-/// weight), and what the picture `told`.
+/// The pose between `depth`, whose alignment has the information `known` (rotation and shift in the head frame, per unit of
+/// weight), and the picture's estimate `told`.
 pub(super) fn lean(
     depth: &SensorFromHead,
     known: &SMatrix<f64, 6, 6>,

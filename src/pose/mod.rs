@@ -1,16 +1,16 @@
 //! Head cloud to `sensor_from_head`: rigid ICP, anchored, smoothed (paper section 1.1, steps 2 and 3).
 //!
-//! Two methods. [`Method::Paper`]: point-to-point ICP ([`icp`]) against the standard head in the first frame, from frame to
-//! frame afterwards, then to convergence against the standard head from there, because frame-to-frame motion alone
-//! drifts. [`Method::Plane`], the default: point-to-plane against the standard head ([`plane`]), whose size and shape are
-//! learned for the user ([`shape`]), from a constant-velocity prediction. Both find the first pose among several starts
-//! ([`start`]), which may be spread over two frames, and give what they find to the same filter ([`smoothing`]).
+//! Two methods. [`Method::Paper`]: point-to-point ICP ([`icp`]), against the standard head in the first frame, then frame to
+//! frame, each followed by an alignment to the standard head until convergence, because frame-to-frame motion alone drifts.
+//! [`Method::Plane`], the default: point-to-plane against the standard head ([`plane`]), whose size and shape adapt to the
+//! user ([`shape`]), from a constant-velocity prediction. Both find the first pose among several starts ([`start`]), which
+//! may be spread over two frames, and pass the result to the same filter ([`smoothing`]).
 //!
-//! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all made at construction;
+//! Frames: clouds in the sensor frame, poses `sensor_from_head`, metres. Memory: anchor 0.7 MB, all built at construction;
 //! the paper's method builds a tree per frame and so allocates, the default does not. Degenerate: a cloud that agrees
-//! badly with the head gives `None`, and the next frame searches again; a learned shape survives short losses only.
-//! Limitation: to the depth camera the back of a head is a head; the landmarks must tell them apart.
-//! One file: the order of the stage; alignment, shape, start and smoothing have their own.
+//! poorly with the head gives `None`, and the next frame searches again; a learned shape survives short losses only.
+//! Limitation: in depth the back of a head looks like a head; the landmarks have to tell them apart.
+//! One file: the order of the steps; alignment, shape, start and smoothing have their own files.
 
 pub mod anchor;
 pub mod guess;
@@ -41,24 +41,24 @@ use shape::HeadShape;
 use signature::{Difference, Signature};
 use smoothing::{PoseFilter, Smoothing};
 
-/// Where a head is, and how sure that is.
+/// A head pose and its confidence.
 #[derive(Clone, Copy, Debug)]
 pub struct HeadPose {
     /// Maps head coordinates to the depth camera's.
     pub sensor_from_head: SensorFromHead,
-    /// 0…1: share of the evidence that agrees.
+    /// Agreement, 0…1: share of the evidence that fits.
     pub confidence: f32,
     /// Root mean square distance of the accepted pairs, metres.
     pub residual: f32,
-    /// Of the middle of the face, or of its nose if that is less, the share that the cloud lies on, 0…1; 1 with the paper's method,
-    /// which does not look.
+    /// Share of the middle of the face, or of the nose if that is less, that the cloud covers, 0…1; 1 with the paper's method,
+    /// which does not compute it.
     pub coverage: f32,
-    /// Whether depth alone confirms it; otherwise it must be taken back ([`PoseTracker::take_back`]) unless a face is seen
+    /// Whether depth alone confirms it; otherwise it must be reverted ([`PoseTracker::take_back`]) unless a face is seen
     /// there.
     pub proven: bool,
 }
 
-/// How the pose is found.
+/// Pose estimation method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Point-to-point, frame to frame, anchored: the paper's.
@@ -101,7 +101,7 @@ impl Default for Settings {
     }
 }
 
-/// Why a tracker cannot be made.
+/// Why a tracker cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum PoseError {
     /// The anchor is unusable.
@@ -117,37 +117,37 @@ pub enum PoseError {
 
 /// Cut-offs of every start's rounds, metres: wide enough for a start 20° off.
 const SEARCH_M: [f32; 4] = [0.035, 0.035, 0.03, 0.025];
-/// Of the starts that go on.
+/// Of the starts kept.
 const NARROW_M: [f32; 5] = [0.025, 0.02, 0.015, 0.012, 0.010];
 /// Of the finalists.
 const SETTLE_M: [f32; 8] = [0.025, 0.020, 0.015, 0.012, 0.010, 0.008, 0.008, 0.008];
-/// Of a frame that follows another: roughly on few points, then exactly on all.
+/// Of a tracked frame: first on few points, then on all.
 const APPROACH_M: [f32; 2] = [0.020, 0.012];
 const FOLLOW_M: [f32; 3] = [0.008, 0.006, 0.006];
 /// Stride over the points while searching, in the final, and while approaching.
 const SEARCH_STRIDE: usize = 5;
 const FINAL_STRIDE: usize = 2;
 const APPROACH_STRIDE: usize = 4;
-/// Weight of points outside the bare face at the end of a search: a fringe or hair beside the face leans the head.
+/// Weight of points outside the bare face at the end of a search: a fringe or hair beside the face biases the pose.
 const BESIDE: f32 = 0.5;
-/// Starts that go on after the first rounds, and that are aligned with more points after the next.
+/// Starts kept after the first rounds, and finalists aligned with more points after the next.
 const GO_ON: usize = 12;
 const FINALISTS: usize = 6;
-/// Ends of a search that are kept for the face to choose from, so far apart, radians.
+/// Results of a search kept for the face to choose from, at least this far apart, radians.
 const ENDS: usize = 3;
 const APART_RAD: f32 = 0.17;
-/// Steps of a search, each of which may be done in a frame of its own.
+/// Steps of a search, each of which may run in a separate frame.
 const SEARCH_HALVES: u32 = 2;
-/// Without a pose for this long the prediction means nothing, seconds.
+/// Without a pose for this long the prediction is useless, seconds.
 const COAST_S: f64 = 0.2;
-/// A head goes no further than this between two frames, metres.
+/// A head moves no further than this between two frames, metres.
 const STEP_M: f32 = 0.1;
 /// After this long it may be another person: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
-/// Share of the least agreement down to which a followed head may be proven by its face instead.
+/// Share of the least agreement down to which a tracked head may be confirmed by its face instead.
 const UNPROVEN: f32 = 0.7;
-/// Share of the pairs with the standard head that is kept, nearest first. More lets in what is not face, less drops the
-/// cheek that shows a turn: mean error on two development people 1.5° at 0.80, 1.1° at 0.90, 1.0° at 0.93, 1.1° at 0.95,
+/// Share of the pairs with the standard head that is kept, nearest first. More includes what is not face, less drops the
+/// cheek that shows the yaw: mean error on two development people 1.5° at 0.80, 1.1° at 0.90, 1.0° at 0.93, 1.1° at 0.95,
 /// 3.7° at 1.
 const KEPT: f32 = 0.92;
 /// At most this many points of a cloud are aligned; more cost time and move a pose by less than its noise.
@@ -156,9 +156,9 @@ const MOST_MOVING: usize = 1200;
 const FRAME_STOP_M: f32 = 1e-4;
 /// Least share of the pairs that the paper's method must keep.
 const MIN_PAIRED: f32 = 0.35;
-/// Least share of the middle of the face that the cloud must lie on: of a head that is followed, which a hand may cover half,
+/// Least share of the middle of the face that the cloud must cover: of a tracked head, which a hand may half cover,
 const COVERED_FOLLOWED: f32 = 0.45;
-/// and of one that is found.
+/// and of a newly found one.
 const COVERED_FOUND: f32 = 0.60;
 /// Least number of agreeing live points.
 const MIN_AGREEING: u32 = 120;
@@ -167,18 +167,18 @@ const TEACHING_AGREEMENT: f32 = 0.6;
 /// The first [`TAUGHT_ALL`] such frames all teach the shape, later ones every [`TAUGHT_STEP`]-th: neighbours are redundant.
 const TAUGHT_ALL: u64 = 60;
 const TAUGHT_STEP: u64 = 3;
-/// The paper's method makes its target anew after so many such frames at first, and then.
+/// The paper's method rebuilds its target after so many such frames at first, and then.
 const REMADE_EARLY: u64 = 3;
 const REMADE: u64 = 15;
 
-/// How good an end of a search is: how well the bare face agrees, how much of it there is, and how much of the face's middle
-/// is seen. Hair and collar, which agree with the sides of a head in many places, have no say any more.
+/// Score of a search result: how well the bare face agrees, how much of it is seen, and how much of the face's middle. Hair
+/// and collar, which agree with the sides of a head in many places, no longer count.
 fn proof(fit: &PlaneFit, covered: &Coverage) -> f32 {
     fit.agreement * (fit.agreeing as f32).sqrt() * covered.middle
 }
 
-/// The best few ends of a search's first rounds, best first: thinned and loosely cut off, they cannot be told apart for sure.
-/// What counts is the support of the whole cloud: of the bare face alone too little is seen yet.
+/// The best few results of a search's first rounds, best first: on few points with loose cut-offs they cannot be ranked
+/// reliably. The score is the support of the whole cloud: too little of the bare face alone is used yet.
 struct Best<const N: usize>(heapless::Vec<PlaneFit, N>);
 
 impl<const N: usize> Best<N> {
@@ -197,7 +197,7 @@ impl<const N: usize> Best<N> {
     }
 }
 
-/// Whether no side of the picture cuts a head off; the last columns of a Kinect are blank.
+/// Whether a head is not cut off by the edge of the depth picture; the last columns of a Kinect are blank.
 fn is_whole(rect: &PixelRect) -> bool {
     let right = WIDTH as u16 - BLANK_COLUMNS - CELL_PX as u16;
     let bottom = HEIGHT as u16 - CELL_PX as u16;
@@ -207,14 +207,14 @@ fn is_whole(rect: &PixelRect) -> bool {
 /// Columns without data at the right side of the depth picture.
 const BLANK_COLUMNS: u16 = 8;
 
-/// Both last poses and the filter, as they were before an unproven one.
+/// The last two poses and the filter, as they were before an unconfirmed pose.
 type Before = (
     Option<(SensorFromHead, Timestamp)>,
     Option<(SensorFromHead, Timestamp)>,
     PoseFilter,
 );
 
-/// Follows one head.
+/// Tracks one head.
 pub struct PoseTracker {
     settings: Settings,
     anchor: Arc<Anchor>,
@@ -224,33 +224,33 @@ pub struct PoseTracker {
     last: Option<(SensorFromHead, Timestamp)>,
     /// The one before that.
     earlier: Option<(SensorFromHead, Timestamp)>,
-    /// What an unproven pose took the place of.
+    /// State to restore if the pose is not confirmed.
     before: Option<Before>,
-    /// The filter before the last pose, and what the alignment knows of that pose, to lean it by.
+    /// The filter before the last pose, and the information matrix of that pose's alignment, for combining it with the picture.
     unfiltered: PoseFilter,
     known: SMatrix<f64, 6, 6>,
-    /// Middle of the cloud of the last pose or of a search that is half done, and what it has moved by since.
+    /// Centre of the cloud of the last pose or of a half-finished search, and its motion since.
     middle: Option<Point>,
     moved: Vector,
-    /// Paper's method: the surface between anchor points, the head as it is known, frames that told of it, the last frame's
-    /// cloud, and the pairs' room.
+    /// Paper's method: the surface between anchor points, the learned head, the frames it was learned from, the last frame's
+    /// cloud, and scratch for the pairs.
     surface: Option<Arc<Surface>>,
     standard: Option<icp::Target>,
     lessons: u64,
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
-    /// Anchor points that a cloud reaches.
+    /// Anchor points covered by a cloud.
     hit: Vec<bool>,
-    /// Where a search that is half done has come to, and when.
+    /// State of a half-finished search, and its time.
     finalists: heapless::Vec<HeadFromSensor, FINALISTS>,
-    /// What has come of a search that is done: poses that are left should the first one show no face, best first.
+    /// Remaining results of a finished search, best first, in case the first one shows no face.
     ends: heapless::Vec<HeadFromSensor, ENDS>,
     searched: Timestamp,
     /// The last frame's fit, until it has taught the shape.
     lesson: Option<PlaneFit>,
-    /// Whether the picture gave the next place to search.
+    /// Whether the picture gave the next start of the search.
     is_told: bool,
-    /// Frames that might have taught the shape.
+    /// Frames good enough to learn the shape from.
     taught: u64,
 }
 
@@ -301,7 +301,7 @@ impl PoseTracker {
         }
     }
 
-    /// A tracker of another head, with the same settings and standard head, which is kept once.
+    /// A tracker of another head, with the same settings and a shared standard head.
     #[must_use]
     pub fn another(&self) -> Self {
         Self::over(
@@ -317,7 +317,7 @@ impl PoseTracker {
         self.taught
     }
 
-    /// What has been learned of this head, to know it again.
+    /// The signature of this head, for re-identification.
     #[must_use]
     pub fn signature(&self) -> Signature {
         Signature::of(&self.anchor, &self.shape)
@@ -329,7 +329,7 @@ impl PoseTracker {
         one.differ(other, &self.anchor)
     }
 
-    /// Forgets pose and user: the next cloud is a new person's.
+    /// Forgets pose and user; the next cloud belongs to a new person.
     pub fn reset(&mut self) {
         self.lose();
         self.last = None;
@@ -363,8 +363,7 @@ impl PoseTracker {
         self.shape.log_scale.exp() as f32
     }
 
-    /// Finds the head in the cloud and learns from it. `None` when it is not there or does not agree; the next call searches
-    /// again.
+    /// Finds the head in the cloud and learns from it. `None` when it is not there or agrees poorly; the next call searches again.
     pub fn track(&mut self, cloud: &HeadCloud, at: Timestamp) -> Option<HeadPose> {
         let mut searches = SEARCH_HALVES;
         let pose = self.track_with(cloud, at, &mut searches);
@@ -372,7 +371,7 @@ impl PoseTracker {
         pose
     }
 
-    /// Learns size and shape of the head from the cloud that was tracked last, once: it is believed to be one.
+    /// Learns size and shape of the head, once, from the cloud tracked last, which has been confirmed as a head.
     pub fn learn(&mut self, cloud: &HeadCloud) {
         let Some(fit) = self.lesson.take() else {
             return;
@@ -406,13 +405,13 @@ impl PoseTracker {
         }
     }
 
-    /// The surface of the head as it is known.
+    /// The surface of the learned head.
     fn known_head(&self) -> Option<icp::Target> {
         let surface = self.surface.as_ref()?;
         surface.target(|i| self.shape.place(&self.anchor, i))
     }
 
-    /// The last pose was wrong: the head is where the face is, `head_from_face`, in it. The next cloud is aligned from there.
+    /// The last pose was wrong: the face is at `head_from_face` in it, so the head is there. The next cloud is aligned from that.
     pub fn correct(&mut self, head_from_face: &HeadFromFace) {
         self.previous = None;
         self.filter.reset();
@@ -432,7 +431,7 @@ impl PoseTracker {
         Some(SensorFromHead::of(self.filter.smooth(*leant, at)))
     }
 
-    /// The picture shows a face where depth found none: the next cloud is aligned from `sensor_from_head` on.
+    /// The picture shows a face where depth found none: the next cloud is aligned starting at `sensor_from_head`.
     pub fn look_at(&mut self, sensor_from_head: SensorFromHead, at: Timestamp) {
         self.lose();
         self.last = Some((sensor_from_head, at));
@@ -450,15 +449,15 @@ impl PoseTracker {
             .map_or(Vector::zeros(), |before| middle - before);
     }
 
-    /// The last pose was not proven, and no face was seen there: the head is where it was.
+    /// The last pose was not confirmed, and no face was seen there: reverts to the state before it.
     pub fn take_back(&mut self) {
         if let Some((last, earlier, filter)) = self.before.take() {
             (self.last, self.earlier, self.filter) = (last, earlier, filter);
         }
     }
 
-    /// The pose that was found is not believed: the next cloud is aligned from the next end of its search, or searched from
-    /// nothing. What was learned of the head stays.
+    /// Rejects the pose that was found: the next cloud is aligned from the next result of its search, or searched from scratch.
+    /// What was learned about the head stays.
     pub fn doubt(&mut self) {
         self.lose();
         self.last = None;
@@ -515,7 +514,7 @@ impl PoseTracker {
         Some(self.keep(found, at))
     }
 
-    /// Remembers and smooths what was found.
+    /// Stores and smooths the result.
     fn keep(&mut self, found: HeadPose, at: Timestamp) -> HeadPose {
         self.before = (!found.proven).then(|| (self.last, self.earlier, self.filter.clone()));
         self.earlier = self.last;
@@ -529,7 +528,7 @@ impl PoseTracker {
         }
     }
 
-    /// Pose at `at` if the head keeps its speed; only if it was seen lately.
+    /// Pose predicted for `at` at constant velocity; only if the head was seen recently.
     fn predicted(&self, at: Timestamp) -> Option<HeadFromSensor> {
         let (last, last_at) = self.last?;
         let since = at.seconds_since(last_at);
@@ -555,7 +554,7 @@ impl PoseTracker {
         Some(sensor_from_head.inverse())
     }
 
-    /// How much of the middle of the face the cloud lies on, if the fit is believed: `least` of it at least.
+    /// How much of the middle of the face the cloud covers, if the fit is accepted: at least `least`.
     fn accepted(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
         if fit.agreement < self.settings.min_agreement || fit.agreeing < MIN_AGREEING {
             return None;
@@ -563,13 +562,13 @@ impl PoseTracker {
         self.covered(cloud, fit, least)
     }
 
-    /// What the cloud covers of the head, if it is enough of its middle.
+    /// The head's coverage by the cloud, if enough of its middle is covered.
     fn covered(&mut self, cloud: &[Point], fit: &PlaneFit, least: f32) -> Option<Coverage> {
         let covered = plane::coverage(&self.anchor, &self.shape, cloud, fit, &mut self.hit);
         (covered.middle >= least).then_some(covered)
     }
 
-    /// The cloud from `start` on against the head as it is known so far.
+    /// Aligns the cloud with the learned head, starting at `start`.
     fn aligned(
         &self,
         cloud: &[Point],
@@ -588,7 +587,7 @@ impl PoseTracker {
         plane::align(&self.anchor, &self.shape, cloud, start, &effort)
     }
 
-    /// Freedom of the scale in an alignment, as a logarithm.
+    /// Prior deviation of the scale in an alignment, as a logarithm.
     fn scale_sigma(&self) -> f64 {
         if self.settings.learn_shape {
             self.shape.scale_sigma()
@@ -650,7 +649,7 @@ impl PoseTracker {
         self.settle(head, scale_sigma)
     }
 
-    /// The pose of an accepted fit, which may teach the shape of the head.
+    /// The pose of an accepted fit, from which the head's shape may be learned.
     fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> HeadPose {
         let coverage = covered.middle.min(covered.nose);
         // What the picture's edge cuts off would bend the shape.
@@ -666,7 +665,7 @@ impl PoseTracker {
         }
     }
 
-    /// First half of a search, the ends that are worth more than few points: rounds for all starts, more for the better ones.
+    /// First half of a search, giving the finalists: rounds for all starts, more for the better ones.
     fn search(&mut self, cloud: &[Point], scale_sigma: f64) {
         let mut first: Best<GO_ON> = Best::new();
         for start in start::starts(&self.anchor, cloud) {
@@ -687,7 +686,7 @@ impl PoseTracker {
         self.moved = Vector::zeros();
     }
 
-    /// Second half: the finalists, moved with the cloud, on all points; the best of them stay, each a pose of its own.
+    /// Second half: the finalists, moved with the cloud, on all points; keeps the best distinct poses.
     fn decide(&mut self, cloud: &[Point], scale_sigma: f64) {
         let back = self.moved_back();
         let mut ends: heapless::Vec<(f32, HeadFromSensor), FINALISTS> = heapless::Vec::new();
@@ -716,7 +715,7 @@ impl PoseTracker {
         }
     }
 
-    /// The best end of a search that is left, if one is accepted on all points.
+    /// The best remaining result of a search, if one is accepted on all points.
     fn settle(&mut self, head: &HeadCloud, scale_sigma: f64) -> Option<HeadPose> {
         let back = self.moved_back();
         while !self.ends.is_empty() {
@@ -734,7 +733,7 @@ impl PoseTracker {
         None
     }
 
-    /// From where the cloud is now to where it was.
+    /// Motion from the cloud's current to its former position.
     fn moved_back(&self) -> nalgebra::Translation3<f32> {
         (-self.moved.cap_magnitude(STEP_M)).into()
     }
@@ -796,7 +795,7 @@ impl PoseTracker {
         })
     }
 
-    /// The first frame of the paper's method: each start a little way, then the best.
+    /// The first frame of the paper's method: a few iterations from each start, then the best.
     fn search_points(&mut self, cloud: &[Point]) -> Option<HeadFromSensor> {
         let thin: Vec<Point> = cloud.iter().step_by(SEARCH_STRIDE).copied().collect();
         let brief = icp::Settings {
@@ -824,7 +823,7 @@ impl PoseTracker {
     }
 }
 
-/// A pose of a cloud that has moved on: `back` leads from where it is now to where it was, in the sensor's frame.
+/// A pose of a cloud that has since moved: `back` leads from its current to its former position, in the sensor frame.
 fn moved_by(
     head_from_sensor: &HeadFromSensor,
     back: &nalgebra::Translation3<f32>,

@@ -23,17 +23,17 @@ fn patch(p: &Point) -> Option<usize> {
     inside.then(|| (y * GRID[1] as f32) as usize * GRID[0] + (x * GRID[0] as f32) as usize)
 }
 
-/// The patches of an anchor, and what a motion does to each.
+/// The patches of an anchor, and the effect of a motion on each.
 #[derive(Clone, Debug)]
 pub(crate) struct Patches {
-    /// What each of the seven motions does to each patch.
+    /// Effect of each of the seven motions on each patch.
     pub(super) rows: [[f64; 7]; PLACES],
     /// Patch of each anchor point, [`PLACES`] for none.
     pub(super) of: Vec<u8>,
 }
 
 impl Patches {
-    /// Of the anchor's points and what motions do to them.
+    /// Patches from the anchor's points and the effect of motions on them.
     pub(crate) fn new(points: &[Point], motions: &[[f32; 7]]) -> Self {
         let of: Vec<u8> = points
             .iter()

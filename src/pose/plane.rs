@@ -1,10 +1,9 @@
 //! Point-to-plane alignment of a live cloud with the anchor: the tracker's default.
 //!
-//! Method: Gauss–Newton on distances along the anchor's normals (Chen & Medioni 1992), pairs weighted by Tukey's biweight
-//! by the anchor's trust and by the sensor's error, one cut-off per iteration falling from wide to narrow. Distances along
-//! the normal let the surfaces slide over each other, so that a handful of iterations achieves what takes point-to-point
-//! dozens, and depth steps average out. Besides the six parameters of the motion the head's uniform scale is unknown, held
-//! by a quadratic prior.
+//! Method: Gauss–Newton on distances along the anchor's normals (Chen & Medioni 1992), pairs weighted by Tukey's biweight, the
+//! anchor's trust and the sensor's error, with a cut-off per iteration from wide to narrow. Distances along the normal let
+//! the surfaces slide over each other, so that a few iterations achieve what takes point-to-point dozens, and depth steps
+//! average out. Besides the six motion parameters, the head's uniform scale is estimated, with a quadratic prior.
 //!
 //! With q = `head_from_sensor` p, scale s, anchor point a with normal n and learned offset o along it:
 //! r = n·(q/s − a) − o, ∂r/∂ω = (q × n)/s, ∂r/∂v = n/s, ∂r/∂ln s = −n·q/s.
@@ -12,7 +11,7 @@
 //! Head frame, metres, radians; sums in f64. Cost about 40 ns per point and iteration. Memory: none. Degenerate: too few
 //! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point belongs to a part that
 //! the anchor does not have), and so are pairs whose anchor point looks away from the camera.
-//! One file: one alignment: pairs, sums and the score of the result.
+//! One file: pairs, sums and score of one alignment.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -24,12 +23,12 @@ use crate::base::geometry::{Point, Rigid, Vector};
 use crate::base::prelude::*;
 use crate::base::vectors::wide;
 
-/// Fewer weighted pairs than this do not fix a pose.
+/// Fewer weighted pairs than this do not determine a pose.
 const MIN_USED: f64 = 40.0;
 /// Cosine below which an anchor point counts as seen by the camera.
 pub(crate) const FACING: f32 = -0.15;
 
-/// What an alignment may change and when it stops.
+/// Settings of an alignment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Effort<'a> {
     /// Cut-off of the biweight in each iteration, metres.
@@ -38,24 +37,24 @@ pub(crate) struct Effort<'a> {
     pub(crate) stride: usize,
     /// Weight of points outside the bare face, which may be hair, 0…1.
     pub(crate) beside: f32,
-    /// Standard deviation the scale may have around the shape's, as a logarithm; 0 keeps the scale.
+    /// Prior deviation of the scale around the learned one, as a logarithm; 0 keeps the scale.
     pub(crate) scale_sigma: f64,
 }
 
-/// Where an alignment ended.
+/// Result of an alignment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneFit {
     pub(crate) head_from_sensor: HeadFromSensor,
     pub(crate) scale: f32,
-    /// Of the live points on the bare face, the share that agrees, 0…1: hair beside it agrees with nothing.
+    /// Share of the live points on the bare face that agree, 0…1.
     pub(crate) agreement: f32,
-    /// Of all live points, the share that agrees with the head, hair or not: tells one pose from another.
+    /// Share of all live points that agree with the head, including hair: ranks poses.
     pub(crate) support: f32,
     /// Root mean square distance of the agreeing pairs along the normal, metres.
     pub(crate) residual: f32,
     /// Live points on the bare face that agree.
     pub(crate) agreeing: u32,
-    /// What the live points know of turn and shift (normal matrix, head frame, radians and metres), per unit of weight.
+    /// Information of the live points on rotation and shift (normal matrix, head frame, radians and metres), per unit of weight.
     pub(crate) known: SMatrix<f64, 6, 6>,
 }
 
@@ -81,17 +80,17 @@ pub(crate) fn pair(
 /// Distance from the anchor up to which a live point covers a place, metres.
 const COVERED_M: f32 = 0.008;
 
-/// Shares of places that live points lie on, 0…1.
+/// Shares of the face covered by live points, 0…1.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coverage {
     /// Between brows and mouth.
     pub(crate) middle: f32,
-    /// On the ridge and the tip of the nose: a flat thing may cover most of the middle.
+    /// On the ridge and the tip of the nose: a flat object may cover most of the middle.
     pub(crate) nose: f32,
 }
 
-/// How much of the face live points lie on, as far as it faces the camera: a wrong pose may lay all points on a cheek and
-/// leaves the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is work space, one per anchor point.
+/// How much of the camera-facing part of the face is covered by live points: a wrong pose may place all points on a cheek and
+/// leave the rest of the face empty; a forearm or the back of a chair has no nose. `hit` is scratch, one per anchor point.
 pub(crate) fn coverage(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -127,25 +126,25 @@ pub(crate) fn coverage(
     Coverage { middle, nose }
 }
 
-/// Whether a place is between the brows' and the mouth's ends: there every face has its relief.
+/// Whether a place is between brows and mouth, where every face has relief.
 fn is_middle(p: &Point) -> bool {
     p.x.abs() < 0.040 && (-0.030..0.070).contains(&p.y)
 }
 
-/// Whether a place is on the ridge or the tip of the nose, which stands a centimetre out of everything around it.
+/// Whether a place is on the ridge or the tip of the nose, which protrudes by a centimetre.
 fn is_nose(p: &Point) -> bool {
     p.x.abs() < 0.010 && (0.010..0.045).contains(&p.y)
 }
 
 /// Spread of the residuals per live point that counts as evidence on the scale, metres: model error, not noise.
 const EVIDENCE_M: f64 = 0.004;
-/// Live points with correlated errors count as one; of some 1500 this many are independent.
+/// Errors of live points are correlated: of some 1500 this many are independent.
 const INDEPENDENT: f64 = 60.0;
-/// Variance of what all live points together say, metres²: divided by the variance of something else that is known, it gives
-/// that something's worth in units of weight.
+/// Variance of the live points' combined residual, metres²: divided by the variance of a prior, it gives the prior's weight in
+/// units of live points.
 pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
 
-/// What one round adds up over the live points.
+/// Sums over the live points in one iteration.
 struct Sums {
     /// Normal matrix, of which the upper triangle is used: whole rows of eight fill a vector.
     rows: [[f64; 8]; 7],
@@ -222,7 +221,7 @@ impl Sums {
     }
 }
 
-/// Aligns `cloud` (sensor frame) from `start` on.
+/// Aligns `cloud` (sensor frame), starting at `start`.
 pub(crate) fn align(
     anchor: &Anchor,
     shape: &HeadShape,
@@ -296,8 +295,8 @@ pub(crate) fn align(
         .then_some(fit)
 }
 
-/// The Gauss–Newton step (turn, shift, logarithm of the scale) that the sums ask for; `off` is how far the logarithm of the
-/// scale is from its prior. `None` where nothing fixes the place.
+/// The Gauss–Newton step (rotation, shift, logarithm of the scale) of the sums; `off` is how far the logarithm of the scale is
+/// from its prior. `None` where the position is not determined.
 #[inline]
 fn step(
     rows: &[[f64; 8]; 7],
@@ -333,7 +332,7 @@ fn step(
     Some(h.cholesky()?.solve(&(-g)))
 }
 
-/// Largest turn of one iteration, radians: beyond, the linearised rotation is no guide.
+/// Largest rotation in one iteration, radians: beyond, the linearisation is invalid.
 const MAX_TURN_RAD: f32 = 0.3;
 /// Largest shift of one iteration, metres.
 const MAX_SHIFT_M: f32 = 0.04;

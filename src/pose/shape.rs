@@ -1,4 +1,4 @@
-//! One user's head: how it differs from the standard head ([`super::shape_learning`] learns it).
+//! The shape of one user's head, relative to the standard head; [`super::shape_learning`] learns it.
 //!
 //! A uniform scale, and for every anchor point an offset along its normal. Head frame, metres. Memory: 12 bytes per anchor
 //! point.
@@ -11,7 +11,7 @@ use crate::base::prelude::*;
 /// Heads are 0.85 to 1.15 of the standard size.
 pub(crate) const MAX_LOG_SCALE: f64 = 0.15;
 
-/// The standard head counts as this many frames, so that one noisy frame cannot bend it.
+/// Weight of the standard head, in frames, so that one noisy frame cannot distort it.
 pub(super) const PRIOR_FRAMES: f32 = 4.0;
 
 /// The learned differences.
@@ -21,9 +21,9 @@ pub(crate) struct HeadShape {
     pub(crate) log_scale: f64,
     /// Offset of each anchor point along its normal, metres, in the standard head's size.
     pub(crate) offset: Vec<f32>,
-    /// Frames that taught each offset, capped.
+    /// Frames from which each offset was learned, capped.
     pub(super) seen: Vec<f32>,
-    /// Frames that taught the scale.
+    /// Frames from which the scale was learned.
     pub(super) frames: f64,
     pub(super) sums: Vec<(f32, f32)>,
 }
@@ -48,20 +48,19 @@ impl HeadShape {
         self.seen.fill(0.0);
     }
 
-    /// Offset of an anchor point as it was measured, without the share of the standard head in the mean; `None` where nothing
-    /// was seen.
+    /// Measured offset of an anchor point, without the standard head's share in the mean; `None` where nothing was seen.
     pub(crate) fn measured(&self, i: usize) -> Option<f32> {
         let seen = self.seen[i];
         (seen >= 1.0).then(|| self.offset[i] * (seen + PRIOR_FRAMES) / seen)
     }
 
-    /// An anchor point where this head has it, head frame, metres.
+    /// An anchor point on this head, head frame, metres.
     pub(crate) fn place(&self, anchor: &Anchor, i: usize) -> Point {
         let size = self.log_scale.exp() as f32;
         Point::from((anchor.points[i] + anchor.normals[i] * self.offset[i]).coords * size)
     }
 
-    /// Freedom of the scale around its estimate: wide for a newcomer, narrow once known.
+    /// Prior deviation of the scale around its estimate: wide for a newcomer, narrow once known.
     pub(crate) fn scale_sigma(&self) -> f64 {
         (0.06 / (1.0 + self.frames * 0.1).sqrt()).max(0.004)
     }

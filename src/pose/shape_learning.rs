@@ -1,16 +1,15 @@
-//! How one user's head differs from the standard head ([`HeadShape`]), learned while tracking.
+//! Learns how one user's head differs from the standard head ([`HeadShape`]) while tracking.
 //!
-//! Nobody has the standard head. Where a head is wider or its nose longer, the alignment settles at a compromise that
-//! depends on which part is seen, and so the pose error would depend on the pose. Learned are the uniform scale (a
-//! running mean of each frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a
-//! running mean of the distances of the live points that belong to it; the idea of a fused reference model, Newcombe et
-//! al., KinectFusion, 2011, on the anchor's own points instead of a volume).
+//! Nobody has the standard head. If a head is wider or its nose longer, the alignment settles at a compromise that depends on
+//! which part is visible, so the pose error depends on the pose. Learned are the uniform scale (a running mean of each
+//! frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a running mean of the
+//! distances of its live points; the idea of a fused reference model, Newcombe et al., KinectFusion, 2011, on the anchor's
+//! own points instead of a volume).
 //!
-//! Any rigid motion or change of scale contained in the offsets is removed again ([`HeadShape::settle`]), because
-//! it belongs to the pose: without that the learned head could creep away from the standard one. Only the bare face
-//! ([`Anchor`]) counts there: measured over the whole head, hair standing off the cranium pulls the face along, by a
-//! centimetre in half a minute. Offsets are smoothed along the surface, which also carries them a little way into parts
-//! not yet seen.
+//! Any rigid motion or scale contained in the offsets is removed again ([`HeadShape::settle`]), because it belongs to the
+//! pose: otherwise the learned head could drift away from the standard one. Only the bare face ([`Anchor`]) counts there:
+//! over the whole head, hair standing off the cranium pulls the face along, by a centimetre in half a minute. Offsets are
+//! smoothed along the surface, which also extends them a little into parts not yet seen.
 //!
 //! Head frame, metres. Memory: 12 bytes per anchor point. Cost: one look-up per live point and frame, and a 7 × 7 solve.
 //! Limitation: offsets follow the normal up to [`MAX_OFFSET_M`]; long beards and high hair exceed it and stay outliers.
@@ -25,7 +24,7 @@ use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Live points further off teach nothing: they are hands, hair or the neck, metres.
+/// Live points further off are ignored, metres: they are hands, hair or the neck.
 const TEACHING_M: f32 = 0.010;
 
 /// Share of the neighbours' mean that is mixed in per frame, where nothing was seen yet and where it was.
@@ -36,7 +35,7 @@ const SCALE_MEMORY_FRAMES: f64 = 300.0;
 
 /// After this many frames an offset is a running mean of that length.
 const MEMORY_FRAMES: f32 = 150.0;
-/// Fewer where offsets tell the size, which is known only when they have settled.
+/// Fewer where the size is derived from the offsets, which have to settle first.
 const SIZE_MEMORY_FRAMES: f32 = 50.0;
 
 /// Largest learned offset, metres.
@@ -61,7 +60,7 @@ impl HeadShape {
         self.settle(anchor);
     }
 
-    /// As [`Self::learn`] for an alignment that leaves the size alone: it is what the offsets say of it.
+    /// As [`Self::learn`] for an alignment that does not estimate the size: it is derived from the offsets.
     pub(crate) fn learn_size(
         &mut self,
         anchor: &Anchor,
@@ -122,8 +121,8 @@ impl HeadShape {
         }
     }
 
-    /// Takes the least-squares rigid motion and scale out of the offsets, weighted by trust, over the bare face: what is hair
-    /// elsewhere may be learned, but moves nothing. Returns the growth that was in them, as a logarithm.
+    /// Removes the least-squares rigid motion and scale from the offsets, weighted by trust, over the bare face: hair elsewhere may
+    /// be learned, but moves nothing. Returns the scale removed, as a logarithm.
     fn settle(&mut self, anchor: &Anchor) -> f64 {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);

@@ -1,11 +1,11 @@
 //! A head's signature: a few dozen numbers by which a returning person is recognised.
 //!
 //! The learned offsets of the head's surface ([`super::shape`]) averaged over [`PLACES`] patches of forehead, nose and
-//! cheeks, and the head's size. Before two are compared, any rigid motion or change of size is removed from their
-//! difference: the motion belongs to the pose's convention, and growth is size. A head seen for only a few frames still has
+//! cheeks, and the head's size. Before two are compared, any rigid motion or scale is removed from their
+//! difference: the motion depends on the pose convention, and the scale is size. A head seen for only a few frames still has
 //! part of its size in the offsets (3 % of it, as much as people differ), so only the sum of both is informative. The
-//! remainder is divided by its usual spread within one person. A face cannot be drawn from these numbers: they hold neither
-//! texture nor anything finer than a patch of 2 to 3 cm, nor the mouth.
+//! remainder is divided by its usual spread within one person. A face cannot be reconstructed from these numbers: they
+//! contain no texture, nothing finer than a patch of 2 to 3 cm, and not the mouth.
 //!
 //! Head frame, metres. Memory: [`PLACES`] numbers and as many counts. Cost: one pass over the anchor. Degenerate: too few
 //! patches in common cannot be compared. Limitation: hats, glasses and thick hair change it; siblings may share it.
@@ -18,14 +18,14 @@ use super::shape::HeadShape;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-/// Place of growth among the motions.
+/// Index of the scale among the motions.
 const GROWTH: usize = 6;
-/// Fewer patches than this in common tell nothing.
+/// Least number of patches in common for a comparison.
 const MIN_COMMON: usize = 14;
 /// Spread of a patch within one person from one session to the next, metres.
 const PATCH_SIGMA_M: f32 = 0.0003;
 
-/// No head is farther from the anchor, metres, nor larger or smaller by this logarithm.
+/// Largest plausible offset from the anchor, metres, and logarithm of the size.
 const MOST_OFFSET_M: f32 = 0.1;
 const MOST_LOG_SIZE: f64 = 0.7;
 
@@ -47,7 +47,7 @@ pub struct Difference {
 }
 
 impl Signature {
-    /// Of what has been learned so far.
+    /// The signature of what has been learned so far.
     pub(crate) fn of(anchor: &Anchor, shape: &HeadShape) -> Self {
         let (mut sums, mut counts) = ([0.0f32; PLACES], [0u32; PLACES]);
         let mut all = [0u32; PLACES];
@@ -84,7 +84,7 @@ impl Signature {
         Ok(())
     }
 
-    /// Reads the words that [`Self::write`] wrote and no more; `None` if they are too few or absurd.
+    /// Parses the words that [`Self::write`] wrote and no more; `None` if they are too few or implausible.
     #[must_use]
     pub fn read<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<Self> {
         let log_size: f64 = words.next()?.parse().ok()?;

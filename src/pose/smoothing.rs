@@ -1,9 +1,9 @@
-//! Smoothing of the head pose over time: takes out the jitter that depth noise causes, at a stated delay.
+//! Temporal smoothing of the head pose: removes the jitter caused by depth noise, with a known delay.
 //!
 //! Two filters. `Window`: the weighted mean of the last poses (paper section 1.1, step 3), triangular kernel falling
 //! towards the past; its delay at constant speed is the kernel's mean age, (n − 1)/3 frames for n poses. `Adaptive`: a
 //! first-order low-pass whose cut-off rises with speed (the 1 € filter, Casiez, Roussel & Vogel 2012), so that a head at
-//! rest stands still and a moving one is followed with little delay.
+//! rest does not jitter and a moving one is tracked with little delay.
 //!
 //! Rotations are averaged in the tangent space at the newest one (exponential map), translations as vectors; both in the
 //! sensor frame, metres and radians. Memory: [`MAX_WINDOW`] poses. Degenerate: after a gap of [`GAP_S`] or time running
@@ -14,14 +14,14 @@ use crate::base::time::Timestamp;
 
 /// Poses a window can hold.
 pub const MAX_WINDOW: usize = 16;
-/// Without a pose for this long the past says nothing about the present, seconds.
+/// Without a pose for this long the filter restarts, seconds.
 const GAP_S: f64 = 0.35;
 /// Cut-off of the speed estimate inside the adaptive filter, hertz: its authors' default.
 const SPEED_CUTOFF_HZ: f32 = 1.0;
-/// Path of a point of the face per radian, metres: lets one cut-off law serve turns and shifts.
+/// Path of a point of the face per radian, metres: one cut-off law then serves rotation and translation.
 const LEVER_M: f32 = 0.1;
 
-/// Which filter, and how strong.
+/// The filter and its strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Smoothing {
     /// Poses pass as they are.
@@ -46,7 +46,7 @@ impl Default for Smoothing {
     }
 }
 
-/// The filter and its past.
+/// The filter's state.
 #[derive(Clone, Debug)]
 pub struct PoseFilter {
     smoothing: Smoothing,

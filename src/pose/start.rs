@@ -1,8 +1,8 @@
 //! The first pose: a search over rotated starts, for yaw within ±60° and pitch within ±40°.
 //!
-//! A closest-point alignment finds the nearest minimum only, and from a frontal start a head turned by 40° gets stuck at
-//! the cheek. So several starts are tried on a thinned cloud and the best result is kept. Each start turns the anchor and
-//! lays the centre of its visible half on the centre of the cloud.
+//! A closest-point alignment finds the nearest minimum only: from a frontal start, a head turned by 40° gets stuck at the
+//! cheek. So several starts are tried on a subsampled cloud and the best result is kept. Each start rotates the anchor and
+//! places the centre of its visible half on the centre of the cloud.
 //!
 //! Sensor and head frame, metres, radians. Cost: 25 starts of four rounds on a fifth of the points, five more for the best
 //! twelve, eight on half of the points for the best six: about ten times a frame that is followed. Limitation: a head rolled by more than about 30° or seen from behind ends in a poor agreement, which the tracker refuses.

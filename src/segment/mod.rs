@@ -4,7 +4,7 @@
 //!    histogram are joined, and the farthest group is background unless it is within reach (a wall further than
 //!    [`Settings::max_distance_m`] is not).
 //! 2. [`regions`]: what remains is labelled in cells of 4 × 4 pixels, neighbours of like depth together.
-//! 3. [`cut`]: from every local top of a region downwards a head is sought: as wide as a head, rounded, ending at a neck
+//! 3. [`cut`]: searches for a head downwards from every local top of a region: as wide as a head, rounded, ending at a neck
 //!    or shoulders.
 //! 4. [`cloud`]: its pixels become points, averaged in blocks so that at most [`crate::base::capacity::HEAD_POINTS`] remain.
 //!
@@ -12,7 +12,7 @@
 //!
 //! Sensor frame, metres. Memory: 0.3 MB, at construction. Cost: one pass over a quarter of the pixels, one over 19,200 cells,
 //! one over the head's pixels. Degenerate: no depth, or nothing like a head, gives no cloud. Limitations: a head touching
-//! a wall or the upper edge of the picture is found badly; a ball of a head's size is a head here.
+//! a wall or the upper edge of the picture is found poorly; a ball the size of a head is taken for one.
 
 mod cloud;
 mod cut;

@@ -46,7 +46,7 @@ const WARNINGS_IN_FULL: u64 = 10;
 /// Why one frame of a recording was skipped.
 #[derive(Debug, thiserror::Error)]
 enum Damage {
-    #[error("the index names it wrongly, expected d-<wall s>-<ticks>.pgm")]
+    #[error("malformed name in the index, expected d-<wall s>-<ticks>.pgm")]
     Name,
     #[error("its time is not after that of the frame before")]
     Order,

@@ -1,5 +1,5 @@
 //! A [`PacketSource`] around a [`PacketSource`] that loses, repeats and damages packets, and stalls: seeded, and counted, so
-//! that a test can compare what was done with what was noticed.
+//! that a test can compare injected with detected faults.
 
 use core::time::Duration;
 

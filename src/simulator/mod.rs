@@ -1,4 +1,4 @@
-//! A sensor that is not there: heads that act in rooms, as a Kinect would see them, packet by packet if need be.
+//! The simulated sensor: heads acting in rooms, as a Kinect would see them, down to USB packets if needed.
 //!
 //! ```text
 //! virtual_head   heads, what they wear, scripts of scenes, drawn as depth and colour with a real sensor's noise

@@ -1,8 +1,8 @@
-//! The simulated sensor as a source: the virtual Kinect before a simulated person. Its frames go through the packets and
-//! the driver of the real one, at 30 a second by the same counter, so that a run and the replay of its recording agree in
-//! every time and every pixel.
+//! The simulated sensor as a source: the virtual Kinect in front of a simulated person. Its frames go through the packets and
+//! the driver of the real one, at 30 per second by the same counter, so that a run and the replay of its recording agree in
+//! every timestamp and pixel.
 //!
-//! Cost of the way through packets: about a millisecond per frame, a tenth of drawing it.
+//! Cost of going through packets: about a millisecond per frame, a tenth of rendering it.
 
 use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
 use super::virtual_kinect::{STEP, View, VirtualKinect};

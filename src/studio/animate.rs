@@ -59,7 +59,7 @@ pub enum AnimateError {
     },
     /// Nobody to follow.
     #[error(
-        "{path}: expected rows of {wanted}, found {found}; --user takes a slot that the column user has"
+        "{path}: expected rows of {wanted}, found {found}; give --user a slot from the column user"
     )]
     Nobody {
         /// The file.
@@ -71,7 +71,7 @@ pub enum AnimateError {
     },
     /// Nothing in common.
     #[error(
-        "{path}: no column belongs to any of the {targets} morph targets of the mesh; bake the mesh with mien-studio bake, or name its targets as ARKit does"
+        "{path}: no column belongs to any of the {targets} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
     )]
     Nothing {
         /// The table.
@@ -163,7 +163,7 @@ fn track(
     let mut met = false;
     for csv::Row { line, text, cells } in table.rows() {
         if cells.len() != table.columns().len() {
-            return Err(refuse(line, "as many cells as the header has", text));
+            return Err(refuse(line, "as many cells as in the header", text));
         }
         if chosen.is_none() && !cells[slot].is_empty() {
             chosen = Some(cells[slot].to_owned());

@@ -116,7 +116,7 @@ pub enum FitError {
         source: std::io::Error,
     },
     /// A table is wrong.
-    #[error("{path}, line {line}: expected {expected}, found {found:?}; mend the line")]
+    #[error("{path}, line {line}: expected {expected}, found {found:?}; correct the line")]
     Malformed {
         /// The file.
         path: PathBuf,
@@ -448,7 +448,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
     }
     if wanted.len() < entries.len() {
         say(&format!(
-            "{} of {} pictures have no box and are left out",
+            "{} of {} pictures have no box and are skipped",
             entries.len() - wanted.len(),
             entries.len()
         ));
@@ -507,9 +507,9 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
         source,
     })?;
     if !as_given.faces.is_empty() {
-        say(&format!("error as given: {}", as_given.line()));
+        say(&format!("raw error: {}", as_given.line()));
         if offsets.is_some() {
-            say(&format!("error with offsets taken out: {}", cleaned.line()));
+            say(&format!("error with offsets removed: {}", cleaned.line()));
         }
     }
     Ok(())

@@ -20,7 +20,7 @@ pub enum Policy {
     Central,
 }
 
-/// Another must be better by this much, metres,
+/// Another user must be better by this much, metres,
 const MARGIN_M: f32 = 0.12;
 /// for so long, seconds.
 const PATIENCE_S: f64 = 0.7;

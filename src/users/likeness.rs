@@ -2,10 +2,10 @@
 //!
 //! Computes the distance between two people from three independent measurements: the head's surface and size from depth
 //! ([`crate::pose::signature`]), and [`LENGTHS`] lengths between eyes, brows, nose and jaw from the landmarks, each a mean
-//! over the frames in which the face was seen. Each difference is divided by its usual spread within one person from one
-//! session to another, measured after ten frames on rendered heads of people used in no other table, and their mean square
-//! is weighted by how much independent information each adds: the distance is about 0.8 for the same person and 2.3 for
-//! another one. A face cannot be drawn from these numbers.
+//! over the frames in which the face was seen. Each difference is divided by its usual spread between two sessions of the same
+//! person, measured after ten frames on rendered heads of people used in no other table; the mean square is weighted by the
+//! independent information that each adds. The distance is about 0.8 for the same person and 2.3 for another one. A face
+//! cannot be reconstructed from these numbers.
 //!
 //! Metres. Memory: 48 bytes beside the signature. Cost: a few distances a frame. Degenerate: heads of which too little was seen
 //! cannot be compared; without a face the head alone decides. Limitation: hats, glasses and thick hair change it; siblings
@@ -23,13 +23,13 @@ pub const LENGTHS: usize = 11;
 const SIGMA_M: [f32; LENGTHS] = [
     0.0009, 0.0017, 0.0007, 0.0005, 0.0006, 0.0007, 0.0007, 0.0009, 0.0014, 0.0007, 0.0027,
 ];
-/// What the mean square over the surface, the size and each of the lengths count.
+/// Weights of the mean square over the surface, of the size and of each of the lengths.
 const WEIGHTS: [f32; 3] = [8.0, 2.0, 0.5];
 /// Spread of the logarithm of the size within one person.
 const SIZE_SIGMA: f32 = 0.02;
 /// After this many frames a length is a running mean of that many.
 const MEMORY_FRAMES: f32 = 150.0;
-/// No length of a face is longer, metres.
+/// Largest plausible length, metres.
 const MOST_M: f32 = 0.5;
 
 /// Mean lengths of one face; none before the first frame.
@@ -40,7 +40,7 @@ pub struct FaceLengths {
 }
 
 impl FaceLengths {
-    /// Takes in the landmarks of one frame, in the head frame.
+    /// Adds the landmarks of one frame, in the head frame.
     pub fn see(&mut self, head: &[Point; LANDMARKS]) {
         self.frames = (self.frames + 1.0).min(MEMORY_FRAMES);
         for (mean, length) in self.mean.iter_mut().zip(lengths(head)) {
@@ -49,8 +49,8 @@ impl FaceLengths {
     }
 }
 
-/// Widths of the eyes together and of one eye, what is between them and how far the outer corners lie behind; the nose's
-/// length, its ridge's, its base's place; depth of its root; height of the brows; width of the jaw.
+/// Width over both eyes, width of one eye, distance between them, depth of the outer corners; length of the nose, length of
+/// its ridge, position of its base; depth of its root; height of the brows; width of the jaw.
 fn lengths(head: &[Point; LANDMARKS]) -> [f32; LENGTHS] {
     let apart = |a: usize, b: usize| (head[a] - head[b]).norm();
     let between = |a: usize, b: usize| nalgebra::center(&head[a], &head[b]);
@@ -82,7 +82,7 @@ pub struct Likeness {
 }
 
 impl Likeness {
-    /// Distance of two people whose heads differ so; see the module.
+    /// Distance between two people whose heads differ by `heads`; see the module.
     #[must_use]
     pub fn apart(&self, other: &Self, heads: Difference) -> f32 {
         let [surface, size, length] = WEIGHTS;
@@ -114,7 +114,7 @@ impl Likeness {
         Ok(())
     }
 
-    /// Reads the words that [`Self::write`] wrote; `None` if they are too few, too many or absurd.
+    /// Parses the words that [`Self::write`] wrote; `None` if there are too few or too many, or one is implausible.
     #[must_use]
     pub fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
         let head = Signature::read(&mut words)?;

@@ -1,12 +1,12 @@
 //! Matches the heads of this frame to the users by their predicted positions.
 //!
 //! Each user is predicted from where they were last seen, at their last speed, within a gate that grows while they are not
-//! seen. The nearest pair of user and head belongs together, then the nearest of the rest, and so on (greedy nearest
-//! neighbour in the gate; for at most four users and six heads at 30 Hz it differs from the best assignment only where
-//! two people could not be told apart by place at all).
+//! seen. The nearest pair of user and head is matched, then the nearest of the rest, and so on (greedy nearest neighbour
+//! within the gate; for at most four users and six heads at 30 Hz it differs from the optimal assignment only where two people
+//! cannot be told apart by position at all).
 //!
-//! Sensor frame, metres, seconds. Memory: none. Cost: users × heads distances, as many rounds as users. Degenerate: nobody or
-//! nothing gives nothing. Limitation: two who cross within a hand's breadth of depth while both are hidden may be swapped.
+//! Sensor frame, metres, seconds. Memory: none. Cost: users × heads distances, as many rounds as users. Degenerate: without
+//! users or heads nothing is matched. Limitation: two who cross within a hand's breadth of depth while both are hidden may be swapped.
 
 use crate::base::capacity::{HEADS, USERS};
 use crate::base::geometry::{Point, Vector};
@@ -14,18 +14,18 @@ use crate::base::time::Timestamp;
 
 /// A head moves less than this between two frames, beyond its predicted motion, metres.
 const REACH_M: f32 = 0.14;
-/// The reach grows by this while a user is not seen, metres per second: a quick step aside.
+/// Growth of the gate while a user is not seen, metres per second: a quick step aside.
 const REACH_GROWTH: f32 = 0.5;
-/// The reach ends here, metres: two people side by side are further apart.
+/// Largest gate, metres: two people side by side are further apart.
 const REACH_MOST_M: f32 = 0.36;
-/// Speed is believed for so long, seconds.
+/// Time for which a speed estimate is used, seconds.
 const COAST_S: f64 = 1.0;
 /// Time over which speed is averaged, seconds.
 const SPEED_S: f32 = 0.25;
-/// Faster than this is a jump of the measurement, metres per second.
+/// Faster motion is a jump of the measurement, metres per second.
 const SPEED_MOST: f32 = 2.0;
 
-/// Where a user was seen last, and which way they went.
+/// Where a user was last seen, and their velocity.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     /// Middle of the head's cloud.
@@ -61,7 +61,7 @@ impl Place {
         (self.centre, self.origin, self.at) = (centre, origin, at);
     }
 
-    /// Where the cloud's middle is expected, and how far from there it may be.
+    /// Expected centre of the cloud, and the radius of the gate.
     #[must_use]
     pub fn expected(&self, at: Timestamp) -> (Point, f32) {
         let gap = at.seconds_since(self.at).max(0.0);
@@ -76,8 +76,8 @@ impl Place {
     }
 }
 
-/// The head (number in `heads`) of each user, `None` for those who are not there. `users`: by slot, where each is expected
-/// and how far from there, `None` if nobody is.
+/// The head (index in `heads`) of each user, `None` for those without one. `users`: by slot, expected position and gate radius,
+/// `None` for free slots.
 #[must_use]
 pub fn assign(users: &[Option<(Point, f32)>; USERS], heads: &[Point]) -> [Option<usize>; USERS] {
     let mut found = [None; USERS];

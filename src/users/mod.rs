@@ -1,27 +1,25 @@
 //! Identity of users: their states, matching heads to users from frame to frame ([`matching`]), recognising people who return
 //! ([`memory`]) and by which features ([`likeness`]), and which user a single-person output shows ([`choice`]).
 //!
-//! A user has a slot, 0 to 3, and keeps it until forgotten. State of a user, from whether the face was seen in this frame:
+//! A user has a slot, 0 to 3, and keeps it until forgotten. The state depends on whether the face is seen in this frame:
 //!
 //! ```text
 //! absent ─seen─► warming ─ready─► tracking ─unseen─► held ─hold_s─► lost ─forget_s─► absent (forgotten)
 //!                   ▲______________________seen again______________|
 //! ```
 //!
-//! The only rule: the state follows from what was seen in the frame.
-//!
-//! | seen | state |
+//! | seen in this frame | state |
 //! | --- | --- |
 //! | the face | warming or tracking |
-//! | the head alone, its face up to 75 ms ago | as then: the points move with the head |
+//! | the head alone, its face up to 75 ms ago | unchanged: the points move with the head |
 //! | the head alone, its face up to `hold_s` ago | held |
 //! | the head alone | posed |
 //! | nothing for up to `hold_s` | held |
 //! | nothing for longer | lost, and after `forget_s` more absent |
 //!
-//! Depth decides whether a head is there ([`crate::pose`]), with a lower threshold if it was there in the previous frame; the
-//! picture decides likewise whether a face is ([`crate::landmarks`]). A head becomes a user once its face is seen. Without a
-//! picture, or while a known person's face is hidden, depth alone has to be certain.
+//! Depth detects heads ([`crate::pose`]), with a lower threshold if there was one in the previous frame; likewise, the colour
+//! picture detects faces ([`crate::landmarks`]). A head becomes a user once its face is seen. Without colour, or while a known
+//! person's face is hidden, depth alone decides, with a higher threshold.
 
 pub mod choice;
 pub mod likeness;
@@ -36,21 +34,21 @@ pub use settings::Settings;
 
 use crate::base::time::Timestamp;
 
-/// What is known of a user.
+/// State of a user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TrackingState {
     /// Nobody.
     #[default]
     Absent,
-    /// Followed; ranges still mostly prior.
+    /// Tracked; ranges still mostly the population's.
     Warming,
-    /// Followed.
+    /// Tracked.
     Tracking,
-    /// Short loss; values predicted or kept.
+    /// Briefly lost; the last values are kept.
     Held,
     /// Lost, not yet forgotten.
     Lost,
-    /// The head is followed by depth alone: pose, but no face.
+    /// The head is tracked by depth alone: pose, but no face.
     Posed,
 }
 
@@ -65,7 +63,7 @@ impl TrackingState {
         Self::Posed,
     ];
 
-    /// As in CSV.
+    /// Name in the CSV.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -78,44 +76,44 @@ impl TrackingState {
         }
     }
 
-    /// As on the wires.
+    /// Code in the other outputs.
     #[must_use]
     pub const fn code(self) -> u8 {
         self as u8
     }
 
-    /// Whether it is known where this user's head is.
+    /// Whether this user's head pose is known.
     #[must_use]
     pub const fn is_present(self) -> bool {
         self.has_face() || matches!(self, Self::Posed)
     }
 
-    /// Whether there are points, measures and weights for this user.
+    /// Whether this user has landmarks, measures and weights.
     #[must_use]
     pub const fn has_face(self) -> bool {
         matches!(self, Self::Warming | Self::Tracking | Self::Held)
     }
 }
 
-/// A face may be unseen for so long on a head that is followed and still count as seen, seconds: a frame or two that a
-/// picture is missing or a lash of hair swings by is no loss.
+/// A face on a tracked head may be unseen for this long and still count as seen, seconds: a missing picture or hair swinging
+/// by for a frame or two is not a loss.
 const BLINK_S: f64 = 0.075;
 
-/// Follows the presence of one person.
+/// Tracks the presence of one person.
 #[derive(Clone, Debug)]
 pub struct Presence {
     hold_s: f64,
     forget_s: f64,
-    /// When the head was followed last, with its face or by depth alone,
+    /// When the head was last tracked, with its face or by depth alone,
     last_seen: Option<Timestamp>,
-    /// and when its face was seen last.
+    /// and when its face was last seen.
     face_seen: Option<Timestamp>,
     /// Whether its ranges were learned then.
     ready: bool,
 }
 
 impl Presence {
-    /// `hold_s`: how long values stand unseen; `forget_s`: how long, after that, a person is remembered.
+    /// `hold_s`: how long values are held without being seen; `forget_s`: how long the slot is then kept.
     #[must_use]
     pub fn new(hold_s: f32, forget_s: f32) -> Self {
         Self {
@@ -127,7 +125,7 @@ impl Presence {
         }
     }
 
-    /// As another one, but with the times of this one.
+    /// Takes over another one's state, but keeps the times of this one.
     pub fn adopt(&mut self, other: &Self) {
         (self.last_seen, self.face_seen) = (other.last_seen, other.face_seen);
         self.ready = other.ready;
@@ -149,7 +147,7 @@ impl Presence {
         }
     }
 
-    /// The head was followed in a frame that cannot show a face: what was seen of it stands for a while.
+    /// The head was tracked in a frame that cannot show a face: what was last seen of it is kept for a while.
     pub fn posed(&mut self, at: Timestamp) -> TrackingState {
         self.last_seen = Some(at);
         let face = self.face_seen.map(|seen| at.seconds_since(seen));

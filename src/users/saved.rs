@@ -13,7 +13,7 @@
 //! ```
 //! Written by rename, at most once a minute and at the end, and only while the source is a Kinect: replaying a recording
 //! must not change its next replay. A damaged file is moved aside and logged. Memory: fixed after
-//! [`People::at`]. Degenerate: a clock that was set back makes nobody older; people gone too long are dropped by
+//! [`People::at`]. Degenerate: if the clock was set back, nobody ages; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).
 
 use std::fmt::Write as _;
@@ -30,27 +30,27 @@ use crate::base::time::Timestamp;
 use crate::expression::saved::{Learned, SavedError};
 
 const HEADER: &str = "mien-people 2";
-/// Time between two writings.
+/// Interval between writes.
 const PERIOD: Duration = Duration::from_secs(60);
-/// Bytes of the longest file: likeness and ranges of everybody.
+/// Size of the longest file written, bytes: likeness and ranges of everybody.
 const TEXT: usize = (REMEMBERED + USERS) * 2048;
 
-/// Bytes that are read of a file.
+/// Largest file accepted, bytes.
 const MOST: usize = 4 * TEXT;
 
-/// Why a file of people is refused.
+/// Why a file of saved people is rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PeopleError {
     /// Not this format.
     #[error("expected a first line \"mien-people 2\"")]
     Header,
-    /// Not what was written.
-    #[error("the checksum in the last line is not that of the text")]
+    /// The checksum is wrong.
+    #[error("the checksum in the last line does not match the text")]
     Checksum,
-    /// A person's line.
-    #[error("person {0}: expected \"person slot seconds\" and what they are known by")]
+    /// A person's line is malformed.
+    #[error("person {0}: expected \"person slot seconds\" and the likeness")]
     Person(usize),
-    /// A person's ranges.
+    /// A person's ranges are malformed.
     #[error("person {0}: {1}")]
     Ranges(usize, SavedError),
 }
@@ -60,7 +60,7 @@ fn seconds(at: SystemTime) -> u64 {
     since.unwrap_or_default().as_secs()
 }
 
-/// Writes people; `now` is the time of the frame they were last looked for in, and of the clock.
+/// Writes people; `now` is the time of the last frame, and the wall-clock time.
 ///
 /// # Errors
 /// If the writer fails.
@@ -85,7 +85,7 @@ pub fn write<'a>(
 /// Reads what [`write()`] wrote.
 ///
 /// # Errors
-/// If anything is damaged; then nobody is known.
+/// If anything is damaged; then nobody is remembered.
 pub fn read(text: &str, now: SystemTime) -> Result<heapless::Vec<Gone, REMEMBERED>, PeopleError> {
     let body = text.strip_prefix(HEADER).ok_or(PeopleError::Header)?;
     let end = text.trim_end().rfind('\n').map_or(0, |at| at + 1);
@@ -183,7 +183,7 @@ impl People {
         })
     }
 
-    /// Whether a minute has gone by since it was written.
+    /// Whether a minute has passed since it was written.
     #[must_use]
     pub fn is_due(&self) -> bool {
         self.written.elapsed() >= PERIOD

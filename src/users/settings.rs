@@ -6,11 +6,11 @@ use crate::base::capacity::USERS;
 /// Which people are tracked, and what happens when a face is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// People followed at once, at most.
+    /// Maximum number of people tracked at once.
     pub most: u32,
     /// Which person a single-person output sends.
     pub single: Policy,
-    /// Seconds during which values are kept after the face was last seen.
+    /// Seconds for which values are held after the face was last seen.
     pub hold_s: f32,
     /// Seconds after which a lost person's slot is free again.
     pub forget_s: f32,

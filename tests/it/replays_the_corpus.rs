@@ -160,7 +160,7 @@ fn hold(name: &str, lines: &[String]) {
     }
     assert!(
         apart.len() * ONE_IN <= lines.len(),
-        "{name}: {} of {} lines are others; if that is meant, MIEN_WRITE_GOLDEN=1 writes the table anew{first}",
+        "{name}: {} of {} lines differ; if intended, MIEN_WRITE_GOLDEN=1 rewrites the table{first}",
         apart.len(),
         lines.len()
     );

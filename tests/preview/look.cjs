@@ -273,7 +273,7 @@ async function controls(page, url) {
   await page.click("#freeze");
   check("freezing is shown", /frozen/.test(await said("frozen")) && (await page.getAttribute("#freeze", "aria-pressed")) === "true");
   await page.click("#freeze");
-  await said("goes on");
+  await said("resumed");
   await page.click("#record");
   await until(page, () => /0:\d[1-9]/.test(document.getElementById("record").textContent));
   const running = await page.textContent("#record");

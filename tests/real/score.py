@@ -18,7 +18,7 @@ FOLLOWED = ("warming", "tracking", "posed")
 REPORTED = ("warming", "tracking")
 FACING = ("within60", "covered")
 RIGHT_IOU = 0.5
-# A segment of a face is followed if the face is reported in its last frame; points and units are means over this many.
+# A segment of a face is tracked if the face is reported in its last frame; points and units are means over this many.
 LAST = 10
 # Truth's 15 points in the 68, 0-based.
 POINTS = [[36], [37, 38], [39], [40, 41], [42], [43, 44], [45], [46, 47], [30], [31], [35], [48], [62], [54], [66]]
@@ -145,7 +145,7 @@ def film(data, run):
     now = sum(posed(f, FOLLOWED) for f in within)
     kept = sum(posed(f, FOLLOWED + ("held",)) for f in within)
     out = [("frames facing within 60° with a measured pose", share(now, len(within))),
-           ("… with a pose, held ones too", share(kept, len(within)))]
+           ("… with a pose, including held ones", share(kept, len(within)))]
 
     # A jump is one of whoever keeps a slot, or of the only one there: a new number hides nothing.
     frames = sorted(run.by_frame)
@@ -195,7 +195,7 @@ def film(data, run):
     found = [(f, b) for f, (_, b) in best.items() if b is not None]
     offset = [(centre(b) - centre(heads[f])) / (heads[f][2] - heads[f][0]) for f, b in found]
     size = [((b[2] - b[0]) / (heads[f][2] - heads[f][0]), (b[3] - b[1]) / (heads[f][3] - heads[f][1])) for f, b in found]
-    out.append((f"head box right (overlap / union with the marked one at least {RIGHT_IOU})",
+    out.append((f"head box correct (overlap / union with the marked one at least {RIGHT_IOU})",
                 share(len(right), len(heads)) + (f"; not in frame {', '.join(map(str, wrong))}" if wrong else "")))
     out.append(("… mean overlap / union; centre off in x, y (of the marked width); width, height over the marked",
                 f"{mean(v for v, _ in best.values()):.2f}" + (f"; {mean(o[0] for o in offset):+.2f}, {mean(o[1] for o in offset):+.2f}; "
@@ -316,14 +316,14 @@ def face_table(people, flips):
         by_pose = [f"{percent(poses[k]):.0f}" if poses.get(k) else "-" for k in range(9)]
         return [name, f"{percent(segments):.1f} %", f"{percent(segments, 'right'):.1f} %"] + by_pose + errors(poses)
 
-    table("kinect_v2_faces: segments followed, and right; followed in % in poses 0 to 8; landmark error on 15 points in % of the "
-          "outer-eye distance, median over segments", ["person", "followed", "and right"] + [str(k) for k in range(9)] + ["frontal", "all poses"],
+    table("kinect_v2_faces: segments tracked, and correct; tracked in % in poses 0 to 8; landmark error on 15 points in % of the "
+          "outer-eye distance, median over segments", ["person", "tracked", "and correct"] + [str(k) for k in range(9)] + ["frontal", "all poses"],
           [row(p, people[p], everybody[p]) for p in people] + [row("all", joint, every)])
     least = lambda attribute: min(everybody, key=lambda p: percent(everybody[p], attribute))
     follow, right = least("followed"), least("right")
     off = {p: median(s.error for s in ss) for p, ss in everybody.items()}
     wrong = max(off, key=lambda p: -1 if math.isnan(off[p]) else off[p])
-    print(f"\n{len(every)} segments, mean (worst): followed {percent(every):.1f} % ({follow} {percent(everybody[follow]):.1f} %), right "
+    print(f"\n{len(every)} segments, mean (worst): tracked {percent(every):.1f} % ({follow} {percent(everybody[follow]):.1f} %), correct "
           f"{percent(every, 'right'):.1f} % ({right} {percent(everybody[right], 'right'):.1f} %), landmarks {median(s.error for s in every):.2f} % "
           f"({wrong} {off[wrong]:.2f} %); reported in 15 of a segment's last 20 frames {percent(every, 'mostly'):.1f} %; into or out of held "
           f"{flips:.1f} times in 10 s")
@@ -349,12 +349,12 @@ def faces_against(on, off):
     rows = []
     for p in on:
         a, b = ([s for ss in side.get(p, {}).values() for s in ss] for side in (on, off))
-        # Errors of the segments that both follow: what one of them loses is often the hardest.
+        # Errors of the segments tracked in both: those that one of them loses are often the hardest.
         both = [(s.error, t.error) for s, t in zip(a, b) if not math.isnan(s.error + t.error)]
         rows.append([p, f"{percent(a):.1f} %", f"{percent(b):.1f} %", f"{percent(a, 'right'):.1f} %", f"{percent(b, 'right'):.1f} %",
                      f"{median(x for x, _ in both):.2f} %", f"{median(y for _, y in both):.2f} %", verdict(percent(b, "right") - percent(a, "right"))])
-    table("kinect_v2_faces: learn_shape on and off; landmark error of the segments that both follow",
-          ["person", "followed, on", "off", "and right, on", "off", "landmarks, on", "off", "on is"], rows)
+    table("kinect_v2_faces: learn_shape on and off; landmark error of the segments tracked in both",
+          ["person", "tracked, on", "off", "and correct, on", "off", "landmarks, on", "off", "on is"], rows)
 
 
 def verdict(worse):

@@ -51,9 +51,9 @@ def beside(found):
         out.append(f"jitter {said(found, 'jitter_pose_deg_rms', '°', '.3f')}, {said(found, 'jitter_pose_mm_rms', ' mm')}, "
                    f"points {said(found, 'jitter_landmark_pct_sd', ' %')}")
     if found["scenario"] in ("swap", "empty", "occlude", "far") and found.get("recovery_frames_max") is not None:
-        out.append(f"followed after {found['recovery_frames_max']:.0f} frames at most")
+        out.append(f"tracked again after {found['recovery_frames_max']:.0f} frames at most")
     if found["scenario"] in ("swap", "two") and found.get("user_id_consistency") is not None:
-        out.append(f"slot right in {100 * found['user_id_consistency']:.0f} % of frames")
+        out.append(f"slot correct in {100 * found['user_id_consistency']:.0f} % of frames")
     return ", ".join(out)
 
 
@@ -122,11 +122,11 @@ def gaze(folder):
         if name in PEOPLE:
             people.append(told)
     if rows:
-        score.table("second world, where the eyes look against where they do (AU61 to AU64)",
-                    ["scene", "distance", "correlation, across", "up and down", "gain, across", "up and down"], rows)
+        score.table("second world, gaze (AU61 to AU64) against the truth",
+                    ["scene", "distance", "correlation, horizontal", "vertical", "gain, horizontal", "vertical"], rows)
     if people:
         print("\nsitting people, mean (worst): " + ", ".join(
-            f"{what} {mean(r):.2f} ({min(r):.2f})" for what, r in zip(("across", "up and down"), zip(*people))))
+            f"{what} {mean(r):.2f} ({min(r):.2f})" for what, r in zip(("horizontal", "vertical"), zip(*people))))
 
 
 def both(on, off):
@@ -144,7 +144,7 @@ def both(on, off):
     score.table(f"second world: learn_shape on and off (worse: more than {ALIKE_DEG}°, {ALIKE_MM} mm, or lost more often)",
                 ["scene", "lost, on", "off", "rotation, on", "off", "position, on", "off", "on is"], rows)
     if turns:
-        print(f"\nin the mean on is off's rotation {sum(turns) / len(turns):+.2f}°, position {sum(moves) / len(moves):+.1f} mm")
+        print(f"\non minus off, mean: rotation {sum(turns) / len(turns):+.2f}°, position {sum(moves) / len(moves):+.1f} mm")
 
 
 if __name__ == "__main__":

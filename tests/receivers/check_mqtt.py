@@ -267,7 +267,7 @@ def trouble(mien):
     listener.wait("mien/hall/presence", "offline")
     listener.close()
     broker.stop()
-    assert log.count("trying again until it is there") <= 4, log
+    assert log.count("retrying until it is back") <= 4, log
     print(f"mosquitto: nonsense and a refusal counted, found again after a restart and a stop, the last will told; latency {late}")
 
 

@@ -1,5 +1,5 @@
-//! Every key of the configuration: section, name, meaning, unit, range, place.
-//! One table, so one file: every key stands beside the others of its section.
+//! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
+//! One table, so one file: every key is next to the others of its section.
 
 use super::sections::Settings;
 use crate::expression::measures::Scale;
@@ -30,7 +30,7 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("serial", "Serial output."),
     (
         "network",
-        "What the wires below show of the box; they are features of the build, and on in the package.",
+        "What the outputs below say about the box. They are optional build features, included in the package.",
     ),
     (
         "lights",
@@ -40,16 +40,16 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("sacn", "sACN (E1.31), the channels of [lights]."),
     (
         "live_link",
-        "Unreal's Live Link, as the app Live Link Face sends it.",
+        "Unreal's Live Link, in the format of the Live Link Face app.",
     ),
-    ("websocket", "JSON over WebSocket, for pages."),
+    ("websocket", "JSON over WebSocket, for web pages."),
     (
         "oscquery",
-        "OSCQuery: the OSC addresses, their types, ranges and values, over HTTP.",
+        "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP.",
     ),
     (
         "discovery",
-        "mDNS: the box announces OSC, OSCQuery and WebSocket, whichever are on.",
+        "mDNS: the box announces OSC, OSCQuery and WebSocket, if enabled.",
     ),
     (
         "mqtt",
@@ -67,7 +67,7 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
 pub(super) const UNITS: &str = "units";
 const UNITS_ABOUT: &str = "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
 
-/// What a key may hold and where it is kept.
+/// Type and range of a key's value, and where it is stored.
 pub(super) enum Kind<'a> {
     Float {
         value: Number<'a>,
@@ -103,7 +103,7 @@ pub(super) enum Kind<'a> {
     },
 }
 
-/// A number as the stages hold it: single precision about pictures, double about what goes on for months.
+/// A number as the stages store it: single precision for images, double for what accumulates over months.
 pub(super) enum Number<'a> {
     Single(&'a mut f32),
     Double(&'a mut f64),
@@ -117,7 +117,7 @@ impl Number<'_> {
         }
     }
 
-    /// As TOML, always with a point, so that it stays a number with one.
+    /// As TOML, always with a decimal point, so that it stays a float.
     pub(super) fn text(&self) -> String {
         match self {
             Self::Single(value) => format!("{value:?}"),
@@ -391,7 +391,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "range_prior",
-        "How many half seconds of expression outweigh the population's range (robust).",
+        "Half seconds of expression that outweigh the population's range (robust).",
         |s| double(&mut s.learning.range_prior, 0.5, 100.0, ""),
     ),
     key(
@@ -409,7 +409,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "infer_covered",
-        "Whether the units of a covered mouth are inferred from how it was before and for how long, instead of measured (robust).",
+        "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust).",
         |s| Kind::Bool {
             value: &mut s.learning.infer_covered,
         },
@@ -441,13 +441,13 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "learning",
         "rest_percent",
-        "Samples beyond the rest end of a one-way range, of all; 0: l, k and m as at the other end (paper).",
+        "Share of samples beyond the rest end of a one-way range; 0 uses l, k and m, as at the other end (paper).",
         |s| double(&mut s.learning.scan.rest, 0.0, 100.0, "%"),
     ),
     key(
         "learning",
         "prior_s",
-        "Time in which the population's ranges fade into the person's (paper).",
+        "Time over which the population's ranges fade into the person's (paper).",
         |s| double(&mut s.learning.prior_s, 0.0, 60.0, "s"),
     ),
     key(
@@ -569,13 +569,16 @@ pub(super) const KEYS: &[Key] = &[
         "Destinations: hosts, broadcast addresses or multicast groups.",
         |s| targets(&mut s.vmc.targets),
     ),
-    key("vmc", "role", "This program's role to the receiver.", |s| {
-        Kind::Choice {
+    key(
+        "vmc",
+        "role",
+        "This program's role, as the receiver sees it.",
+        |s| Kind::Choice {
             value: index_of(&ROLES, &s.vmc.role),
             names: &["performer", "assistant"],
             set: |s, index| s.vmc.role = ROLES[index],
-        }
-    }),
+        },
+    ),
     key(
         "vmc",
         "names",

@@ -2,7 +2,7 @@
 //!
 //! One table ([`keys`]) names every key once, with its comment, unit, range and place in [`Settings`]. Reading, checking,
 //! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
-//! One file: the settings and the reading of them are one format; the keys have their own.
+//! One file: reading and writing one format; the keys have their own.
 
 mod keys;
 mod network;
@@ -25,10 +25,10 @@ use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
 
-/// Bytes of the longest file: fifty times ours.
+/// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
 
-/// Why a configuration was refused.
+/// Why a configuration is invalid.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum SettingsError {
     /// The file cannot be read.
@@ -36,10 +36,10 @@ pub enum SettingsError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         reason: String,
     },
-    /// Something in the file is not as it should be.
+    /// An invalid entry in the file.
     #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
     Wrong {
         /// The file.
@@ -48,9 +48,9 @@ pub enum SettingsError {
         line: usize,
         /// From 1, in characters.
         column: usize,
-        /// What may stand there.
+        /// What was expected.
         expected: String,
-        /// What stands there.
+        /// What was found.
         found: String,
     },
 }
@@ -62,7 +62,7 @@ impl Settings {
     /// If the file cannot be read, is not TOML, has an unknown key, or a value of the wrong type or out of its range.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
         let text = bounded_read::read(path, MOST).and_then(|bytes| {
-            String::from_utf8(bytes).map_err(|_| std::io::Error::other("no text in UTF-8"))
+            String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
         });
         let text = text.map_err(|error| SettingsError::Unreadable {
             path: path.into(),
@@ -248,7 +248,7 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
     }
 }
 
-/// Puts a checked value in its place, or says (expected, found).
+/// Stores a validated value, or returns (expected, found).
 fn assign(
     key: &Key,
     value: &Spanned<DeValue<'_>>,

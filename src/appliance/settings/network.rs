@@ -1,13 +1,14 @@
-//! The keys of the wires that are features of the build.
-//! One table, as that of the other keys: every build reads all of it.
+//! Keys of the outputs that are optional build features.
+//! One table, like that of the other keys; every build reads all of it.
 
 use super::keys::{Key, Kind, MIRROR, is_host_port, key, single, targets};
 
-const ENABLED: &str = "Whether anything is sent.";
-const TARGET: &str = "Where to: hosts, broadcast addresses or multicast groups.";
-const HOLD: &str = "How long the last weights of a lost face are kept.";
+const ENABLED: &str = "Whether this output is enabled.";
+const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
+const HOLD: &str = "How long the last weights of a lost face are held.";
 const DECAY: &str = "How long they then take to fade to neutral.";
-const LISTEN: &str = "Where; 127.0.0.1 serves this machine only, 0.0.0.0 whoever can reach it.";
+const LISTEN: &str =
+    "Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.";
 
 /// `address:port` of this machine.
 fn listen(value: &mut String) -> Kind<'_> {
@@ -26,7 +27,7 @@ fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) 
     Kind::Text { value, form, valid }
 }
 
-/// Whether a row of the table can be read; whether its unit is measured is known only with the method of learning.
+/// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
 fn is_channel(row: &str) -> bool {
     #[cfg(feature = "lights")]
     let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
@@ -43,7 +44,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "network",
         "name",
-        "What the box is called on networks; empty = as the host.",
+        "Name of the box on the network; empty = the host name.",
         |s| {
             text(
                 &mut s.network.name,
@@ -57,7 +58,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "lights",
         "channels",
-        "Channels from 1; 16 bits take two; linear, square, root or smooth; percents; hold keeps what is lost.",
+        "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost.",
         |s| Kind::Texts {
             value: &mut s.network.lights.channels,
             form: "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll",
@@ -80,7 +81,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "artnet",
         "target",
-        "Where to: hosts or broadcast addresses.",
+        "Destinations: hosts or broadcast addresses.",
         |s| targets(&mut s.network.artnet.targets),
     ),
     key("sacn", "enabled", ENABLED, |s| Kind::Bool {
@@ -89,7 +90,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sacn",
         "target",
-        "Where to; [] = the multicast group of each universe.",
+        "Destinations; [] = the multicast group of each universe.",
         |s| Kind::Texts {
             value: &mut s.network.sacn.targets,
             form: "host:port, or several, or []",
@@ -100,7 +101,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "sacn",
         "priority",
-        "Of several sources receivers take the highest.",
+        "Priority; receivers use the source with the highest.",
         |s| Kind::Integer {
             value: &mut s.network.sacn.priority,
             min: 0,
@@ -117,7 +118,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "live_link",
         "subject",
-        "What the face is called in Unreal; empty = as the box.",
+        "Subject name in Unreal; empty = the name of the box.",
         |s| {
             text(
                 &mut s.network.live_link.subject,
@@ -135,11 +136,14 @@ pub(super) const KEYS: &[Key] = &[
     key("live_link", "decay_s", DECAY, |s| {
         seconds(&mut s.network.live_link.loss.decay_s)
     }),
-    key("websocket", "enabled", "Whether pages are served.", |s| {
-        Kind::Bool {
+    key(
+        "websocket",
+        "enabled",
+        "Whether this server is enabled.",
+        |s| Kind::Bool {
             value: &mut s.network.websocket.enabled,
-        }
-    }),
+        },
+    ),
     key("websocket", "listen", LISTEN, |s| {
         listen(&mut s.network.websocket.listen)
     }),
@@ -155,7 +159,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "oscquery",
         "enabled",
-        "Whether programs are answered.",
+        "Whether this server is enabled.",
         |s| Kind::Bool {
             value: &mut s.network.oscquery.enabled,
         },
@@ -166,17 +170,17 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "discovery",
         "enabled",
-        "Whether the box announces what it serves.",
+        "Whether the box announces its services.",
         |s| Kind::Bool {
             value: &mut s.network.discovery.enabled,
         },
     ),
-    key("mqtt", "enabled", "Whether a broker is sought.", |s| {
+    key("mqtt", "enabled", "Whether this output is enabled.", |s| {
         Kind::Bool {
             value: &mut s.network.mqtt.enabled,
         }
     }),
-    key("mqtt", "broker", "Where it is.", |s| {
+    key("mqtt", "broker", "The broker's address.", |s| {
         text(&mut s.network.mqtt.broker, "host:port", is_host_port)
     }),
     key(
@@ -190,7 +194,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "ca_file",
-        "Certificates of whoever signed the broker's, in PEM; the default is the system's.",
+        "Trusted CA certificates, in PEM; the default is the system's.",
         |s| {
             text(&mut s.network.mqtt.ca_file, "the path of a file", |path| {
                 !path.is_empty()
@@ -200,7 +204,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "version",
-        "4 is MQTT 3.1.1, which every broker speaks.",
+        "Protocol version: 4 is MQTT 3.1.1, which every broker supports; 5 is MQTT 5.",
         |s| Kind::Integer {
             value: &mut s.network.mqtt.version,
             min: 4,
@@ -208,7 +212,7 @@ pub(super) const KEYS: &[Key] = &[
             unit: "",
         },
     ),
-    key("mqtt", "user", "For a broker that asks for one.", |s| {
+    key("mqtt", "user", "User name; empty = none.", |s| {
         text(
             &mut s.network.mqtt.user,
             "at most 64 bytes, or empty",
@@ -218,7 +222,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "password_file",
-        "First line is the password.",
+        "File with the password in its first line; empty = none.",
         |s| {
             text(
                 &mut s.network.mqtt.password_file,
@@ -230,7 +234,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "prefix",
-        "What every topic starts with; the box's name follows.",
+        "Prefix of every topic; the name of the box follows it.",
         |s| {
             text(
                 &mut s.network.mqtt.prefix,
@@ -249,19 +253,19 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "rate_hz",
-        "Weights a second, at most; 0 = none.",
+        "Maximum rate at which weights are sent; 0 sends none.",
         |s| single(&mut s.network.mqtt.rate_hz, 0.0, 30.0, "Hz"),
     ),
     key(
         "mqtt",
         "health_s",
-        "Time between two reports of health.",
+        "Interval between health messages.",
         |s| single(&mut s.network.mqtt.health_s, 1.0, 3600.0, "s"),
     ),
     key(
         "mqtt",
         "commands",
-        "Whether forget, freeze and neutral are taken.",
+        "Whether the commands forget, freeze and neutral are accepted.",
         |s| Kind::Bool {
             value: &mut s.network.mqtt.commands,
         },
@@ -269,7 +273,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "mqtt",
         "home_assistant",
-        "Whether Home Assistant is told what there is.",
+        "Whether the box announces itself to Home Assistant (MQTT discovery).",
         |s| Kind::Bool {
             value: &mut s.network.mqtt.home_assistant,
         },

@@ -1,14 +1,14 @@
-//! Settings of the wires that are features of the build; every build reads all of them.
+//! Settings of the outputs that are optional build features; every build reads all of them.
 
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, SacnSettings,
     ServerSettings,
 };
 
-/// Settings of these wires.
+/// Settings of these outputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NetworkSettings {
-    /// What the box is called; empty = as the host.
+    /// Name of the box; empty = the host name.
     pub name: String,
     /// The table of channels.
     pub lights: LightSettings,

@@ -19,7 +19,7 @@ pub struct Settings {
     pub learning: expression::Settings,
     /// Which people are tracked, and what happens when a face is lost.
     pub users: users::Settings,
-    /// Names and gains of units, for every wire.
+    /// Names and gains of units, for every output.
     pub units: Vec<output::UnitView>,
     /// OSC over UDP.
     pub osc: output::osc::Settings,
@@ -31,13 +31,13 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
-    /// What the wires that are features of the build are told.
+    /// Settings of the optional outputs.
     pub network: NetworkSettings,
-    /// What outlives a restart.
+    /// State kept across restarts.
     pub state: StateSettings,
-    /// What is told in files.
+    /// Status files.
     pub status: StatusSettings,
-    /// What is logged.
+    /// Logging.
     pub log: LogSettings,
 }
 
@@ -48,7 +48,7 @@ pub struct SensorSettings {
     pub source: String,
     /// Path of a face model; empty = the built-in one.
     pub model: String,
-    /// What can be chosen of a Kinect.
+    /// Kinect settings.
     pub kinect: kinect::Settings,
 }
 
@@ -62,10 +62,10 @@ impl Default for SensorSettings {
     }
 }
 
-/// What outlives a restart.
+/// State kept across restarts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateSettings {
-    /// Whether people who left are saved; only while a Kinect is followed.
+    /// Whether people who left are saved; only while the source is a Kinect.
     pub persist: bool,
     /// Path of the file.
     pub path: String,
@@ -80,7 +80,7 @@ impl Default for StateSettings {
     }
 }
 
-/// What is told in files.
+/// Status files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StatusSettings {
     /// Path of the status file; empty = none.
@@ -95,7 +95,7 @@ impl Default for StatusSettings {
     }
 }
 
-/// What is logged.
+/// Logging.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LogSettings {
     /// Least severity written to standard error.
@@ -111,7 +111,7 @@ impl Default for LogSettings {
 }
 
 impl Settings {
-    /// What the stages take of it.
+    /// The part used by the stages.
     #[must_use]
     pub fn stages(&self) -> pipeline::Settings {
         pipeline::Settings {

@@ -1,8 +1,8 @@
-//! Values of TOML as words, and words as values.
+//! Converts between TOML values and their text.
 
 use toml::de::DeValue;
 
-/// A TOML basic string. Control characters cannot stand in one as they are.
+/// A TOML basic string, with control characters escaped.
 pub(super) fn toml_string(text: &str) -> String {
     let mut out = String::from("\"");
     for c in text.chars() {

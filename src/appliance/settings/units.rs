@@ -1,4 +1,4 @@
-//! The section `[units]`: keys are names of units, values say what is changed about them.
+//! The section `[units]`: keys are units, values their output name and gain.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -11,7 +11,7 @@ use super::toml_words::{describe, integer, toml_string};
 use crate::expression::units::Units;
 use crate::output::{UnitView, is_name};
 
-/// Largest gain: what more of it would do is better done on the receiving side.
+/// Largest gain; anything more belongs on the receiving side.
 const LARGEST_GAIN: f32 = 10.0;
 
 /// Names of all units, with either method of learning.
@@ -31,10 +31,10 @@ pub(super) fn is_unit(name: &str) -> bool {
     known().iter().any(|known| known == name)
 }
 
-/// What is wrong: where, what was expected, what was found.
+/// An error: where, what was expected, what was found.
 type Refusal = (Option<Range<usize>>, String, String);
 
-/// Adds what is changed about `unit`.
+/// Adds the name and gain of `unit`.
 pub(super) fn assign(
     unit: &str,
     value: &Spanned<DeValue<'_>>,

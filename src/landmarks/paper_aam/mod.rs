@@ -1,9 +1,9 @@
 //! The paper's own landmark method (`landmarks.method = "paper"`): a 3D active appearance model (section 1.2, equations 1, 2).
 //!
-//! A 3D shape `S0 + Σ p_i S_i` from non-rigid structure from motion, seen at the head's pose, is the 2D shape; appearance
-//! is `A0 + Σ λ_i A_i`. The fit minimises the difference between the picture inside the shape and an appearance (Matthews
-//! and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time combined 2D+3D
-//! active appearance models*, CVPR 2004), held near the depth pose, which also gives the start: [`solver`]. 2D and 3D share
+//! The 2D shape is the projection, at the head pose, of a 3D shape `S0 + Σ p_i S_i` from non-rigid structure from motion;
+//! appearance is `A0 + Σ λ_i A_i`. The fit ([`solver`]) minimises the difference between the image inside the shape and the
+//! appearance (Matthews and Baker, *Active appearance models revisited*, IJCV 2004; Xiao, Baker, Matthews, Kanade, *Real-time
+//! combined 2D+3D active appearance models*, CVPR 2004), starting from the depth pose and regularised by it. 2D and 3D share
 //! their shape parameters.
 //!
 //! Works in the head window ([`super::window`]), window pixels, radians, standard deviations; grey values are compared
@@ -37,9 +37,9 @@ use crate::sensor::camera::Camera;
 pub struct PaperAamSettings {
     /// Confidence of the face below which it is lost, 0…1.
     pub min_confidence: f32,
-    /// Most steps from a cold start.
+    /// Most iterations from a cold start.
     pub cold_steps: usize,
-    /// Most steps from the last frame's shape.
+    /// Most iterations from the last frame's shape.
     pub warm_steps: usize,
 }
 
@@ -58,7 +58,7 @@ pub struct PaperAamFitter {
     settings: PaperAamSettings,
     solver: Solver,
     window: Vec<f32>,
-    /// The last frame's fit, and the view that its depth pose gave.
+    /// The last frame's fit, and the view of its depth pose.
     last: Option<(AamFit, View)>,
     landmarks: Landmarks,
 }
@@ -67,7 +67,7 @@ impl PaperAamFitter {
     /// A fitter without history.
     ///
     /// # Errors
-    /// The bytes are no such model.
+    /// If the bytes are not such a model.
     pub fn new(settings: PaperAamSettings, bytes: &[u8]) -> Result<Self, PaperAamError> {
         Ok(Self {
             settings,

@@ -5,7 +5,7 @@
 //! f32: mean head 204 · k deviations · k x 204 modes · base shape 136 · noise · residual middle, width · m deviations
 //! u8 triangles 3 each · per row (trust, mean appearance, m modes): f32 unit, i8 values
 //! ```
-//! Little endian. Everything is checked: counts, finiteness, indices, and that the pixels are those of the shape.
+//! Little endian. Everything is validated: counts, finiteness, indices, and that the pixels match the shape.
 
 use super::warp::{BasePixel, Shape2, base_pixels};
 use crate::base::capacity::LANDMARKS;
@@ -21,9 +21,9 @@ pub const MOST_HEAD_MODES: usize = 40;
 /// The model; metres, window pixels, normalised grey values.
 #[derive(Clone, Debug)]
 pub struct PaperAam {
-    /// Base shape S0, head frame, metres. s0 of equation (1) is what a view shows of it.
+    /// Base shape S0, head frame, metres; its projection is s0 of equation (1).
     pub head: Vec<Point>,
-    /// Shape bases S_i, orthonormal. s_i of equation (1) is what a view shows of them, so that p_i is one number for both.
+    /// Shape bases S_i, orthonormal; their projections are s_i of equation (1), so that p_i is the same for both.
     pub head_modes: Vec<Vec<Vector>>,
     /// Their standard deviations, metres.
     pub head_deviations: Vec<f32>,
@@ -31,7 +31,7 @@ pub struct PaperAam {
     pub base: Shape2,
     /// Its triangles.
     pub triangles: Vec<[u8; 3]>,
-    /// Weight of each pixel: one over the deviation that the modes leave there, scaled to mean square 1.
+    /// Weight of each pixel: the inverse of the residual deviation there, scaled to mean square 1.
     pub trust: Vec<f32>,
     /// Mean appearance A0 (equation 2), of zero mean and unit variance before trust.
     pub appearance: Vec<f32>,
@@ -39,15 +39,15 @@ pub struct PaperAam {
     pub appearance_modes: Vec<Vec<f32>>,
     /// Their standard deviations.
     pub appearance_deviations: Vec<f32>,
-    /// Variance per pixel that the modes leave.
+    /// Residual variance per pixel.
     pub noise: f32,
-    /// Residual at which a fit is half believed, and the step from doubt to belief.
+    /// Residual at which the confidence is 0.5, and the width of the transition.
     pub belief: [f32; 2],
     /// Pixels of the base shape; not stored, they follow from it and the triangles.
     pub pixels: Vec<BasePixel>,
 }
 
-/// Why the bytes are no model.
+/// Why the bytes are not a valid model.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum PaperAamError {
     /// Another beginning.
@@ -65,7 +65,7 @@ pub enum PaperAamError {
         /// Bytes there.
         found: usize,
     },
-    /// A number that cannot be.
+    /// An invalid number.
     #[error(
         "the paper's appearance model: {what} is {found}, expected {expected}; train the model again"
     )]
@@ -156,7 +156,7 @@ impl PaperAam {
     /// Reads the bytes of [`PaperAam::to_bytes`].
     ///
     /// # Errors
-    /// Anything that is not exactly such a model.
+    /// If the bytes are not exactly such a model.
     pub fn parse(bytes: &[u8]) -> Result<Self, PaperAamError> {
         let mut from = Reader(bytes);
         if from.take(4)? != b"PAM2" {

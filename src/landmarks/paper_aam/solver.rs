@@ -1,18 +1,18 @@
 //! The fit of the 3D active appearance model: minimises over view, shape parameters p and appearance parameters λ
 //!
 //! ```text
-//!   Σ_x [A0(x) + Σ λ_i A_i(x) − I(W(x; p))]² / u              image against the model's picture, equation (2)
-//! + |view − view of the depth pose|² / spread²                 the head pose
-//! + Σ (λ_i / d_i)² + Σ p_k²                                    populations of appearance and shape
+//!   Σ_x [A0(x) + Σ λ_i A_i(x) − I(W(x; p))]² / u              image against the model's appearance, equation (2)
+//! + |view − view of the depth pose|² / spread²                 prior from the head pose
+//! + Σ (λ_i / d_i)² + Σ p_k²                                    priors of appearance and shape
 //! ```
 //!
 //! with u the variance of a grey value times [`PIXELS_PER_OBSERVATION`] and spread = [`POSE_SPREAD`]. The 2D shape that the
-//! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D parameters are one and the same,
-//! as in the paper, no unknown is added, and the reprojection error, the paper's second term, is zero instead of small.
+//! warp W follows is the projection of the 3D shape, P_view(S0 + Σ p_k d_k S_k): 2D and 3D share their parameters, as
+//! in the paper, no unknowns are added, and the reprojection error, the paper's second term, is zero instead of small.
 //! (With separate 2D bases, tied to the 3D ones, it cannot be made small: a test below has the figures.)
 //!
-//! As in expectation maximisation the two kinds of unknowns take turns: λ is Gaussian, so given the shape its expectation is
-//! linear in the picture (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
+//! As in expectation maximisation the two kinds of unknowns alternate: λ is Gaussian, so given the shape its expectation is
+//! linear in the image (E), and with λ integrated out the shape takes one Gauss–Newton step (M). Brightness and contrast
 //! are two more λ without a prior. Window pixels, metres, standard deviations. Some scratch is allocated per step.
 //! One file: both steps share the warp and its derivatives.
 
@@ -31,7 +31,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Errors of neighbouring pixels are correlated: this many count as one observation.
 const PIXELS_PER_OBSERVATION: f32 = 18.0;
-/// How far the depth pose may be off, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
+/// Spread of the depth pose, in units of the view ([`UNITS`]): scale 7 %, 0.1 rad, 7 window pixels.
 const POSE_SPREAD: [f32; VIEW_PARAMETERS] = [1.4, 1.0, 1.0, 1.0, 1.4, 1.4];
 /// A step that moves the points less than this, window pixels, ends the fit.
 const SETTLED_PX: f32 = 0.1;
@@ -45,7 +45,7 @@ const LIGHT: usize = 2;
 /// One fit, and where the next frame starts.
 #[derive(Clone, Debug)]
 pub struct AamFit {
-    /// 2D shape, window pixels: what the view shows of the 3D shape.
+    /// 2D shape, window pixels: the projection of the 3D shape.
     pub shape: Shape2,
     /// View of the 3D shape.
     pub view: View,
@@ -64,15 +64,15 @@ pub struct Solver {
     model: PaperAam,
     /// Directions of brightness and contrast, then appearance modes; orthonormal rows.
     appearance: DMatrix<f32>,
-    /// The part of a direction's weight that is believed: 1 without a prior.
+    /// Shrinkage of each direction's weight by its prior: 1 without a prior.
     believed: Vec<f32>,
     /// Grey values in the face.
     values: DVector<f32>,
-    /// What the appearance leaves of them.
+    /// Their residual after the appearance.
     left: DVector<f32>,
     /// Their derivatives by the parameters, a column a pixel.
     slopes: DMatrix<f32>,
-    /// What is compared, over the whole window, and its slopes along x and y.
+    /// The compared values over the whole window, and their gradients along x and y.
     plane: Vec<f32>,
     gradient: Vec<[f32; 2]>,
     spare: [Vec<f32>; 2],
@@ -95,7 +95,7 @@ fn value_at(window: &[f32], (at, [fx, fy]): (usize, [f32; 2])) -> f32 {
     top * (1.0 - fy) + bottom * fy
 }
 
-/// The same of the slopes.
+/// The same for the gradients.
 #[inline(always)]
 fn slope_at(gradient: &[[f32; 2]], (at, [fx, fy]): (usize, [f32; 2])) -> [f32; 2] {
     let [a, b, c, d] = [at, at + 1, at + WINDOW, at + WINDOW + 1].map(|k| gradient[k]);
@@ -127,7 +127,7 @@ pub(crate) fn sample(
     (variance > 1e-4).then_some(factor)
 }
 
-/// Takes out of a row what lies along the rows before it, and scales it to unit length.
+/// Orthogonalises a row against the rows before it, and scales it to unit length.
 fn orthonormal(rows: &mut Vec<Vec<f32>>, mut row: Vec<f32>) {
     for other in rows.iter() {
         let along: f32 = row.iter().zip(other).map(|(a, b)| a * b).sum();
@@ -222,8 +222,7 @@ impl Solver {
         self.head(fit).map(|p| project(&p))
     }
 
-    /// At most `steps` steps from `fit`; `depth` is the view that the depth pose gives. A fit that knows nothing yet looks
-    /// at a blurred window first.
+    /// At most `steps` iterations from `fit`; `depth` is the view of the depth pose. A cold start uses a blurred window first.
     #[must_use]
     pub fn run(&mut self, window: &[f32], mut fit: AamFit, depth: &View, steps: usize) -> AamFit {
         let [other, spare] = &mut self.spare;
@@ -243,7 +242,7 @@ impl Solver {
         fit
     }
 
-    /// Steps until nothing moves.
+    /// Iterates until convergence.
     fn descend_to_rest(&mut self, fit: &mut AamFit, depth: &View, steps: usize) {
         self.slope();
         for _ in 0..steps {
@@ -256,7 +255,7 @@ impl Solver {
         }
     }
 
-    /// Slopes of what is compared by central differences.
+    /// Gradients of the compared values by central differences.
     fn slope(&mut self) {
         let (plane, gradient) = (&self.plane, &mut self.gradient);
         wide(|| {
@@ -272,7 +271,7 @@ impl Solver {
         });
     }
 
-    /// Reads the face's pixels and takes the expected appearance (E) out of them.
+    /// Samples the face's pixels and subtracts the expected appearance (E).
     fn look(&mut self, fit: &mut AamFit) -> Option<f32> {
         let factor = sample(
             &self.model,
@@ -405,7 +404,7 @@ impl Solver {
         Some(moved)
     }
 
-    /// Brings view and shape to the points.
+    /// Projects view and shape to the points.
     #[cfg(all(test, feature = "studio"))]
     pub(crate) fn fit_points(&self, points: &Shape2, fit: &mut AamFit, depth: &View) {
         for _ in 0..20 {

@@ -1,6 +1,6 @@
 //! The piecewise affine warp of the active appearance model: triangles of the base shape, and its pixels.
 //!
-//! A pixel of the base shape keeps its barycentric weights in its triangle; in a picture it lies at the same weights of the
+//! A pixel of the base shape keeps its barycentric weights in its triangle; in an image it lies at the same weights of the
 //! moved corners (Matthews and Baker 2004, section 2.2). Triangles: Delaunay, incremental (Bowyer 1981, Watson 1981).
 //! Window pixels. Computed once; a warp of all pixels then costs six multiplications each. Degenerate: pixels outside every
 //! triangle are not used; flat triangles contain none.

@@ -1,5 +1,5 @@
-//! Rows of a run's CSV, read back: columns are found by name, so that a table from elsewhere with `time_us`, `user` and `w_…`
-//! will do. A row that is damaged is none.
+//! Reads the rows of a run's CSV. Columns are found by name, so that any table with `time_us`, `user` and `w_…` works. Damaged
+//! rows are skipped.
 
 use super::BOX;
 use crate::base::capacity::{LANDMARKS, USERS};

@@ -1,12 +1,12 @@
-//! Art-Net 4: one `ArtDmx` per universe and frame. The universe is the 15-bit Port-Address (net, sub-net, universe), as it
-//! stands in the table; many nodes call their first one 0.
+//! Art-Net 4: one `ArtDmx` per universe and frame. The universe in the table is the 15-bit Port-Address (net, sub-net,
+//! universe); many nodes call their first one 0.
 //!
 //! | bytes | meaning |
 //! | --- | --- |
 //! | 0–7 | `Art-Net` and a zero |
 //! | 8, 9 | 0x5000, little endian |
 //! | 10, 11 | version 14, big endian |
-//! | 12 | number, 1 to 255 |
+//! | 12 | sequence number, 1 to 255 |
 //! | 13 | physical port, 0 |
 //! | 14, 15 | Port-Address, little endian |
 //! | 16, 17 | channels, big endian |
@@ -33,7 +33,7 @@ pub fn emit(universe: u16, number: u8, values: &[u8; CHANNELS]) -> [u8; LENGTH] 
     bytes
 }
 
-/// Universe, number and values of a datagram; `None` if it is no `ArtDmx`.
+/// Universe, sequence number and values of a datagram; `None` if it is not an `ArtDmx`.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<(u16, u8, &[u8])> {
     let (header, values) = bytes.split_at_checked(HEADER)?;
@@ -58,7 +58,7 @@ impl ArtNet {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the table is unusable, or there is no socket to be had.
+    /// If the table is unusable or no socket can be opened.
     pub fn new(
         settings: &ArtNetSettings,
         lights: &LightSettings,

@@ -1,14 +1,14 @@
 //! Lights and servos: a table of which unit drives which channel of which universe, sent as Art-Net ([`artnet`]) and sACN
 //! ([`sacn`]). One face: the first seen, until lost.
 //!
-//! A row is `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`: channels count from 1, 16 bits take two, coarse first.
-//! The curve says what becomes of a weight of 0…1: `linear`, `square` (what an eye takes for even on a lamp), `root`, or
-//! `smooth` (slow at both ends, for servos). MIN and MAX are percents of the channel's full scale; MIN above MAX turns it
-//! round. `hold` keeps the last value of a face that is lost, and at the end; else it goes back to MIN as on other wires.
-//! Besides units a row may name `present` (0 or 1) and the head's `yaw`, `pitch` and `roll`, −45° to 45° over the scale.
+//! A row is `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`: channels count from 1, 16-bit ones take two, coarse first.
+//! The curve maps a weight of 0…1: `linear`, `square` (perceptually even on a lamp), `root`, or `smooth` (slow at both ends, for
+//! servos). MIN and MAX are percentages of full scale; MIN above MAX inverts the channel. `hold` keeps the last value when the
+//! face is lost, and on exit; otherwise it returns to MIN as on other outputs. Besides units a row may name `present` (0 or 1)
+//! and the head's `yaw`, `pitch` and `roll`, −45° to 45° over the scale.
 //!
-//! Every universe goes out with every frame, whether changed or not, as receivers expect of a source: 30 a second, of which
-//! DMX carries 44. Memory: a datagram per universe. Limits: no RDM, no ArtPoll, no universe discovery, no synchronisation.
+//! Every universe is sent with every frame, changed or not, as receivers expect: 30 a second, where DMX carries up to 44.
+//! Memory: a datagram per universe. Limits: no RDM, no ArtPoll, no universe discovery, no synchronisation.
 
 pub mod artnet;
 pub mod sacn;
@@ -19,12 +19,12 @@ use crate::base::geometry::yaw_pitch_roll;
 
 /// Channels of a universe.
 pub const CHANNELS: usize = 512;
-/// Universes at most.
+/// Most universes.
 const UNIVERSES: usize = 16;
-/// Head angles that are the ends of a channel, radians.
+/// Head angles at the ends of a channel's range, radians.
 const TURN: f32 = std::f32::consts::FRAC_PI_4;
 
-/// What becomes of a weight.
+/// Curve applied to a weight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Curve {
     #[default]
@@ -52,7 +52,7 @@ impl Curve {
     }
 }
 
-/// A row of the table, but for its unit.
+/// A row of the table, without its unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     universe: u16,
@@ -66,7 +66,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Reads a row and what drives it: a unit, or `present`, `yaw`, `pitch`, `roll`; `None` if it is none.
+    /// Parses a row and its driver: a unit, or `present`, `yaw`, `pitch`, `roll`; `None` if malformed.
     ///
     /// ```
     /// use mien::output::lights::Row;
@@ -111,7 +111,7 @@ impl Row {
         fits.then_some((unit, row))
     }
 
-    /// What stands in the channel for 0…1: 8 bits, or 16.
+    /// The channel value for 0…1: 8 bits, or 16.
     fn value(&self, weight: f32) -> u16 {
         let [low, high] = self.ends;
         let share = low + (high - low) * self.curve.of(weight);
@@ -130,7 +130,7 @@ enum Driver {
     Turn(usize),
 }
 
-/// The table with its values: what a lighting desk does.
+/// The table with its current values.
 struct Desk {
     face: OneFace,
     view: View,
@@ -148,7 +148,7 @@ struct Channel {
 }
 
 impl Desk {
-    /// `most` is the highest universe of the wire, `least` the lowest.
+    /// `most` is the highest universe of the protocol, `least` the lowest.
     fn new(
         settings: &LightSettings,
         units: &[&str],
@@ -184,9 +184,9 @@ impl Desk {
                 return Err(refuse(
                     text,
                     if least == 0 {
-                        "a universe of Art-Net, 0 to 32767"
+                        "an Art-Net universe, 0 to 32767"
                     } else {
-                        "a universe of sACN, 1 to 63999"
+                        "an sACN universe, 1 to 63999"
                     },
                 ));
             }
@@ -206,7 +206,7 @@ impl Desk {
             };
             for slot in &mut taken[at][row.channel - 1..row.channel + usize::from(row.wide)] {
                 if std::mem::replace(slot, true) {
-                    return Err(refuse(text, "a channel that no row above has"));
+                    return Err(refuse(text, "a channel that no row above uses"));
                 }
             }
             channels.push(Channel { driver, row, at });
@@ -222,7 +222,7 @@ impl Desk {
         Ok(desk)
     }
 
-    /// Takes a report; whether its face is the one on this wire.
+    /// Takes a report; whether its face is the one shown.
     fn observe(&mut self, report: &Report) -> bool {
         let Some(state) = self.face.follow(report) else {
             return false;
@@ -242,7 +242,7 @@ impl Desk {
         self.set(false, false);
     }
 
-    /// Computes the channels. A head that is away looks straight on, unless it is to be held.
+    /// Computes the channels. Without a head, the angles are 0 unless held.
     fn set(&mut self, present: bool, known: bool) {
         for Channel { driver, row, at } in &self.channels {
             let weights = &self.face.weights;
@@ -319,10 +319,10 @@ mod tests {
         for (rows, part) in [
             (
                 &["AU26 1 5 16", "AU12L 1 6"][..],
-                "\"AU12L 1 6\", expected a channel that no row above has",
+                "\"AU12L 1 6\", expected a channel that no row above uses",
             ),
             (&["AU99 1 5"], "expected a unit that is measured"),
-            (&["AU26 0 5"], "a universe of sACN, 1 to 63999"),
+            (&["AU26 0 5"], "an sACN universe, 1 to 63999"),
         ] {
             let told = desk(rows).err().unwrap().to_string();
             assert!(told.contains(part), "{told}");

@@ -1,10 +1,10 @@
 //! sACN, ANSI E1.31-2018: one data packet per universe and frame, to the universe's multicast group (239.255.x.y, port 5568)
-//! or to hosts by name. At the end three packets that say so, as the standard asks, so that receivers let go at once.
+//! or to named hosts. On exit three stream-terminated packets, as the standard requires, so that receivers release at once.
 //!
 //! | bytes | meaning, all big endian |
 //! | --- | --- |
-//! | 0–37 | root layer: preamble 0x0010 0x0000, `ASC-E1.17` and zeros, 0x726e, vector 4, the source's number (16 bytes) |
-//! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, number, options (0x40 the last), universe (2) |
+//! | 0–37 | root layer: preamble 0x0010 0x0000, `ASC-E1.17` and zeros, 0x726e, vector 4, the source's CID (16 bytes) |
+//! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, sequence number, options (0x40 in the last), universe (2) |
 //! | 115–637 | DMP layer: 0x720b, 2, 0xa1, 0, 1, 513, start code 0, 512 values |
 
 use super::{CHANNELS, Desk};
@@ -16,7 +16,7 @@ const NAME: std::ops::Range<usize> = 44..108;
 const VALUES: usize = 126;
 /// Bytes of a datagram.
 pub const LENGTH: usize = VALUES + CHANNELS;
-/// Says that this is the last.
+/// Option bit of the last packet.
 const TERMINATED: u8 = 0x40;
 /// Packets that end a stream.
 const LAST: usize = 3;
@@ -25,7 +25,7 @@ const LAST: usize = 3;
 const ROOT: [u8; 22] = *b"\0\x10\0\0ASC-E1.17\0\0\0\x72\x6e\0\0\0\x04";
 const DMP: [u8; 11] = *b"\x72\x0b\x02\xa1\0\0\0\x01\x02\x01\0";
 
-/// What a datagram says.
+/// The contents of a datagram.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Packet<'a> {
     /// Of the source.
@@ -44,7 +44,7 @@ pub struct Packet<'a> {
     pub values: &'a [u8],
 }
 
-/// Writes a datagram. What is longer of the name than 63 bytes is cut.
+/// Writes a datagram. The name is truncated to 63 bytes.
 #[must_use]
 pub fn emit(packet: &Packet) -> [u8; LENGTH] {
     let mut bytes = [0; LENGTH];
@@ -63,7 +63,7 @@ pub fn emit(packet: &Packet) -> [u8; LENGTH] {
     bytes
 }
 
-/// Reads a datagram; `None` if it is no data packet of values with the start code 0.
+/// Parses a datagram; `None` if it is not a data packet with start code 0.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<Packet<'_>> {
     let (header, values) = bytes.split_at_checked(VALUES)?;
@@ -98,7 +98,7 @@ pub fn parse(bytes: &[u8]) -> Option<Packet<'_>> {
 /// A sender of sACN.
 pub struct Sacn {
     desk: Desk,
-    /// For each universe in turn, or one for all.
+    /// One per universe, or one for all.
     targets: Box<[Targets]>,
     cid: [u8; 16],
     name: String,
@@ -112,7 +112,7 @@ impl Sacn {
     /// Opens the sockets. `units` are the names in the order of the weights, `name` is the box's.
     ///
     /// # Errors
-    /// If the table is unusable, or there is no socket to be had.
+    /// If the table is unusable or no socket can be opened.
     pub fn new(
         settings: &SacnSettings,
         lights: &LightSettings,

@@ -1,5 +1,5 @@
-//! The thread that talks with the broker.
-//! One file: what is said, when, and what becomes of it over a lost connection hang together.
+//! The thread that talks to the broker.
+//! One file: what is sent, when, and what happens to it over a lost connection depend on each other.
 
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write as _};
@@ -21,27 +21,27 @@ use crate::output::{Command, TrackingState};
 /// Presence changes that may wait for a broker.
 pub(super) const QUEUE: usize = 64;
 
-/// Seconds without a word after which the broker takes the client for dead, half as long again; and we it.
+/// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
 const KEEP_ALIVE_S: u16 = 10;
 /// How long a connection, or what is written, may take.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// First and longest pause before a broker is tried again.
+/// First and longest pause before reconnecting.
 const PAUSES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
-/// Bytes that may wait to be taken, before weights are left out, and at all.
+/// Bytes that may be queued before weights are dropped, and at all.
 const WAITING: [usize; 2] = [16 * 1024, 32 * 1024];
-/// How long a message may go unacknowledged.
+/// Longest time a message may stay unacknowledged.
 const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
-/// Commands at once, and one more after each of these.
+/// Burst of commands allowed, and the time after which one more is.
 const AT_ONCE: u32 = 16;
 const EACH: Duration = Duration::from_millis(250);
-/// A sensor that has given no frame for so long is away.
+/// A sensor without frames for this long is reported as gone.
 const NO_FRAMES: Duration = Duration::from_secs(2);
 
-/// Something that the broker must have.
+/// A message that must reach the broker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Item {
     Online,
-    /// Index among what Home Assistant is told.
+    /// Index of a Home Assistant message.
     Discovery(usize),
     Faces(usize),
     State {
@@ -52,7 +52,7 @@ enum Item {
     },
 }
 
-/// What is said, and to whom.
+/// What is published, and to which broker.
 pub(super) struct Talk {
     broker: String,
     trust: Trust,
@@ -68,7 +68,7 @@ pub(super) struct Talk {
     /// Topics and payloads for Home Assistant.
     discovery: Box<[(String, String)]>,
     commands: bool,
-    /// Where commands are heard.
+    /// Topic of the commands.
     heard: String,
     weights_each: Option<Duration>,
     health_each: Duration,
@@ -144,7 +144,7 @@ impl Talk {
         };
     }
 
-    /// What a message on one of our topics asks for.
+    /// The command in a message on one of our topics.
     fn command(&self, topic: &[u8], payload: &[u8]) -> Option<Command> {
         let topic = std::str::from_utf8(topic).ok()?;
         let what = topic
@@ -169,7 +169,7 @@ impl Talk {
     }
 }
 
-/// What Home Assistant is told of the box: topics and payloads.
+/// Home Assistant discovery messages: topics and payloads.
 fn discovery(base: &str, name: &str, commands: bool) -> Vec<(String, String)> {
     let device = format!(
         "\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{}\"}}",
@@ -227,7 +227,7 @@ fn discovery(base: &str, name: &str, commands: bool) -> Vec<(String, String)> {
         ),
     ];
     if commands {
-        for (id, shown) in [("forget", "Forget"), ("neutral", "Take as neutral")] {
+        for (id, shown) in [("forget", "Forget"), ("neutral", "Set neutral")] {
             all.push(one(
                 "button",
                 id,
@@ -238,7 +238,7 @@ fn discovery(base: &str, name: &str, commands: bool) -> Vec<(String, String)> {
     all
 }
 
-/// What has become of the users since the start.
+/// State of the users since the start.
 struct Watch {
     board: Board,
     states: [TrackingState; USERS],
@@ -247,7 +247,7 @@ struct Watch {
     queue: heapless::Deque<Item, QUEUE>,
     /// The newest frame and when it came.
     frame: (u64, Instant),
-    /// Frames and time at the last report of health.
+    /// Frames and time at the last health message.
     told: (u64, Instant),
     start: Instant,
 }
@@ -285,7 +285,7 @@ impl Watch {
         }
     }
 
-    /// Looks at what is new.
+    /// Processes new reports.
     fn look(&mut self, shared: &Shared) {
         shared.take(&mut self.board);
         let users = self.board.users.iter().chain([&self.board.nobody]);
@@ -339,7 +339,7 @@ impl Watch {
     }
 }
 
-/// Buffers, taken once.
+/// Buffers, allocated once.
 struct Buffers {
     out: Vec<u8>,
     heard: Box<[u8; LONGEST]>,
@@ -347,7 +347,7 @@ struct Buffers {
     payload: String,
 }
 
-/// Why a connection has ended.
+/// Why a connection ended.
 #[derive(Debug)]
 enum End {
     Stopped,
@@ -364,15 +364,15 @@ impl std::fmt::Display for End {
             Self::Lost(error) => write!(f, "{error}"),
             Self::Refused(code) => write!(
                 f,
-                "it refuses with code {code}; are mqtt.user and mqtt.password_file right?"
+                "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
             ),
-            Self::Nonsense => f.write_str("what it says is not MQTT; is it a broker?"),
-            Self::Slow => f.write_str("it does not answer"),
+            Self::Nonsense => f.write_str("the reply is not MQTT; is it a broker?"),
+            Self::Slow => f.write_str("no reply"),
         }
     }
 }
 
-/// Talks until told to stop.
+/// Runs until told to stop.
 pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
     let mut watch = Watch::new();
     let mut buffers = Buffers {
@@ -409,7 +409,7 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
         }
         if !std::mem::replace(&mut told, true) {
             tracing::warn!(
-                "MQTT broker {}: {end}; trying again until it is there",
+                "MQTT broker {}: {end}; retrying until it is back",
                 talk.broker
             );
         }
@@ -435,23 +435,23 @@ struct Connection<'a> {
     stream: Stream,
     talk: &'a Talk,
     shared: &'a Shared,
-    /// Whether the broker has let us in.
+    /// Whether the broker has accepted the connection.
     settled: bool,
     begun: Instant,
-    /// When something was last heard, and written.
+    /// When something was last received, and sent.
     heard: Instant,
     wrote: Instant,
     pinged: Instant,
     length: usize,
     written: usize,
-    /// What waits for its acknowledgement, its number, and since when.
+    /// The message waiting for its acknowledgement, its number, and since when.
     asked: Option<(Item, u16, Instant)>,
     number: u16,
-    /// What is told after connecting: online, then discovery.
+    /// Messages after connecting: online, then discovery.
     introduced: usize,
     weights_due: Instant,
     health_due: Instant,
-    /// When the allowance for commands will be whole.
+    /// When the allowance for commands is full again.
     whole: Instant,
 }
 
@@ -588,7 +588,7 @@ impl<'a> Connection<'a> {
             Told::Connected(0) if !self.settled => {
                 self.settled = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
-                tracing::info!("MQTT broker {} is there", self.talk.broker);
+                tracing::info!("connected to MQTT broker {}", self.talk.broker);
                 if self.talk.commands {
                     let number = self.next_number();
                     packet::subscribe(self.talk.version, number, &self.talk.heard, out);
@@ -605,7 +605,7 @@ impl<'a> Connection<'a> {
             }
             Told::Subscribed(code) if code >= 0x80 => {
                 tracing::warn!(
-                    "MQTT broker {} does not let us hear commands",
+                    "MQTT broker {} refuses the subscription to commands",
                     self.talk.broker
                 );
                 count(&self.shared.refused);
@@ -646,7 +646,7 @@ impl<'a> Connection<'a> {
         self.number
     }
 
-    /// Writes what is due.
+    /// Sends what is due.
     fn speak(&mut self, watch: &mut Watch, buffers: &mut Buffers, now: Instant) {
         if self.asked.is_none() {
             let discovery = self.talk.discovery.len();
@@ -731,7 +731,7 @@ impl<'a> Connection<'a> {
         packet::publish(self.talk.version, &message, &mut buffers.out);
     }
 
-    /// Everybody is gone, and so are we; as far as the broker takes it in a moment.
+    /// Publishes that everybody and the box are gone, as far as the broker accepts it in a moment.
     fn goodbye(&mut self, watch: &mut Watch, buffers: &mut Buffers) {
         if !self.settled {
             return;

@@ -8,14 +8,14 @@
 //! | `<slot>/state` | `{"state":"tracking","present":true,"changes":7,"time_us":400000}` | on change; retained |
 //! | `health` | `{"sensor":true,"rate_hz":30.0,"latency_ms":9.1,"faces":1,"frames":900,"uptime_s":30.1,"dropped":0}` | every `health_s`; retained |
 //! | `<slot>/weights` | `{"time_us":400000,"AU26":0.2500,…}` | at `rate_hz` while somebody is there |
-//! | `cmd/forget`, `cmd/neutral` | slot | heard, if commands are on |
+//! | `cmd/forget`, `cmd/neutral` | slot | received, if commands are enabled |
 //! | `cmd/freeze` | slot, and 0 or 1 | |
 //!
-//! Presence, faces and states are sent with quality of service 1, one after the other, each until the broker has it, also
-//! over a lost connection: of up to [`client::QUEUE`] that wait the oldest goes first. Weights and health are sent once; while the
-//! broker takes less than there is, weights are left out and counted. A thread of its own does all of it: a broker that is
-//! away, slow, refuses or talks nonsense is tried again after 1, 2, 4, … at most 30 s, and nothing else notices. Commands
-//! that are retained are refused: they would be obeyed anew at every connection. With TLS ([`stream`]) the broker's thread asks for memory as it goes.
+//! Presence, faces and states are sent with QoS 1, one after the other, each until the broker acknowledges it, also across
+//! reconnects; when [`client::QUEUE`] of them wait, the oldest is dropped. Weights and health are sent once; weights that a slow
+//! broker does not accept are dropped and counted. All of it runs in a separate thread: a broker that is unreachable, slow,
+//! refuses or sends garbage is retried after 1, 2, 4, … at most 30 s, without affecting anything else. Retained commands are
+//! ignored, since they would be repeated at every connection. With TLS ([`stream`]) that thread allocates while running.
 
 mod client;
 mod packet;
@@ -29,10 +29,10 @@ use super::{Command, Output, OutputError, Report, Tally, identity};
 pub struct Mqtt(Front);
 
 impl Mqtt {
-    /// Starts looking for the broker. `units` are the names in the order of the weights, `name` is the box's.
+    /// Starts connecting to the broker. `units` are the names in the order of the weights, `name` is the box's.
     ///
     /// # Errors
-    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is away.
+    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
     pub fn new(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Self, OutputError> {
         let trust = stream::Trust::new(settings)?;
         let password = (!settings.password_file.is_empty()).then(|| {

@@ -1,36 +1,35 @@
-//! Packets of MQTT 3.1.1 (OASIS, 2014) and 5.0 (2019), those that a client that publishes and takes commands needs: written
-//! into a buffer that is taken at the start, read from another. The two versions differ by the properties of 5, of which we
-//! send none and pass over all.
+//! The packets of MQTT 3.1.1 (OASIS, 2014) and 5.0 (2019) needed by a client that publishes and accepts commands, written to
+//! and read from preallocated buffers. Version 5 adds properties; we send none and skip all we receive.
 
-/// Longest packet that is read, bytes; a broker has nothing longer to tell us.
+/// Longest packet accepted, bytes; a broker has no longer ones for us.
 pub(super) const LONGEST: usize = 2048;
 
-/// How a client says who it is.
+/// The CONNECT packet's contents.
 pub(super) struct Hello<'a> {
     /// 4 is 3.1.1, 5.
     pub(super) version: u8,
     pub(super) client: &'a str,
     /// Seconds.
     pub(super) keep_alive: u16,
-    /// Published by the broker, retained, when the client is gone without a word: topic and payload.
+    /// Last will, published by the broker when the client disappears: topic and payload.
     pub(super) will: (&'a str, &'a str),
     pub(super) user: Option<&'a str>,
     pub(super) password: Option<&'a str>,
 }
 
-/// What a client publishes.
+/// A PUBLISH packet from the client.
 pub(super) struct Message<'a> {
     pub(super) topic: &'a str,
     pub(super) payload: &'a [u8],
     pub(super) retain: bool,
-    /// Number, if it is to be acknowledged (quality of service 1), and whether it has been sent before.
+    /// Packet number for QoS 1, and whether it is sent again.
     pub(super) number: Option<(u16, bool)>,
 }
 
-/// What a broker tells.
+/// A packet from the broker.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Told<'a> {
-    /// 0 if it lets the client in.
+    /// 0 if the client is accepted.
     Connected(u8),
     /// A message has arrived.
     Acknowledged(u16),
@@ -40,13 +39,13 @@ pub(super) enum Told<'a> {
         topic: &'a [u8],
         payload: &'a [u8],
         retained: bool,
-        /// To be acknowledged.
+        /// Packet number to acknowledge.
         number: Option<u16>,
     },
     Goodbye,
 }
 
-/// Not MQTT, or longer than anything that is awaited.
+/// Not MQTT, or longer than any packet we expect.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Nonsense;
 
@@ -111,7 +110,7 @@ pub(super) fn publish(version: u8, message: &Message, into: &mut Vec<u8>) {
     });
 }
 
-/// SUBSCRIBE with quality of service 1.
+/// SUBSCRIBE with QoS 1.
 pub(super) fn subscribe(version: u8, number: u16, topic: &str, into: &mut Vec<u8>) {
     packet(0x82, into, |into| {
         into.extend_from_slice(&number.to_be_bytes());
@@ -138,7 +137,7 @@ pub(super) fn disconnect(into: &mut Vec<u8>) {
     packet(0xe0, into, |_| {});
 }
 
-/// A number of one to four bytes, and the rest; `None` while it is not whole.
+/// A variable-length number of one to four bytes, and the rest; `None` while incomplete.
 fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
     let mut value = 0;
     for at in 0..4 {
@@ -153,10 +152,10 @@ fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
     Err(Nonsense)
 }
 
-/// The first packet in `bytes` and its length; `None` while it is not whole.
+/// The first packet in `bytes` and its length; `None` while incomplete.
 ///
 /// # Errors
-/// If it is none that a broker sends.
+/// If it is not a packet that a broker sends.
 pub(super) fn read(version: u8, bytes: &[u8]) -> Result<Option<(Told<'_>, usize)>, Nonsense> {
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);

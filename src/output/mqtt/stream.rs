@@ -1,6 +1,6 @@
-//! What carries MQTT to the broker: TCP, or TLS over it (RFC 8446, RFC 5246; by `rustls`).
+//! The connection to the broker: TCP, or TLS over it (RFC 8446, RFC 5246; by `rustls`).
 //!
-//! Neither ever waits, except in [`Stream::finish`]. TLS asks for memory with every record, on the broker's thread alone.
+//! Neither ever blocks, except in [`Stream::finish`]. TLS allocates for every record, on the broker's thread only.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
@@ -10,21 +10,21 @@ use std::time::Duration;
 use crate::output::OutputError;
 use crate::output::features::MqttSettings;
 
-/// How long a connection may take to come about.
+/// Connection timeout.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Bytes of a file of certificates, at most; a system's bundle has .2 MB.
+/// Largest certificate file, bytes; a system's bundle has 0.2 MB.
 #[cfg(feature = "mqtt-tls")]
 const CERTIFICATES_MOST: usize = 4 << 20;
-/// How long the last words may take.
+/// Time limit for the last messages.
 const FAREWELL: Duration = Duration::from_millis(300);
 
-/// Whom the broker's certificate must be signed by; nothing without TLS.
+/// The CAs that may sign the broker's certificate; nothing without TLS.
 #[derive(Clone)]
 pub(super) struct Trust(#[cfg(feature = "mqtt-tls")] Option<std::sync::Arc<rustls::ClientConfig>>);
 
 impl Trust {
     /// # Errors
-    /// If the certificates cannot be read, or TLS is asked for that this build has not.
+    /// If the certificates cannot be read, or TLS is requested but not built in.
     pub(super) fn new(settings: &MqttSettings) -> Result<Self, OutputError> {
         if !settings.tls {
             return Ok(Self(
@@ -82,7 +82,8 @@ pub(super) enum Stream {
 }
 
 impl Stream {
-    /// Reaches `host:port`. With TLS the certificate must be the host's; it is looked at with the first words.
+    /// Connects to `host:port`. With TLS the certificate must be the host's; it is checked during the handshake, with the first
+    /// data.
     pub(super) fn connect(broker: &str, trust: &Trust) -> io::Result<Self> {
         let socket = reach(broker)?;
         #[cfg(feature = "mqtt-tls")]
@@ -108,7 +109,7 @@ impl Stream {
         }
     }
 
-    /// Whether to wait until the socket takes more, `pending` being what the caller could not write.
+    /// Whether to wait until the socket accepts more; `pending` is whether the caller has unsent data.
     pub(super) fn waits_to_write(&self, pending: bool) -> bool {
         match self {
             Self::Plain(_) => pending,
@@ -120,7 +121,7 @@ impl Stream {
         }
     }
 
-    /// The last words, for a moment, and the end.
+    /// Sends the last messages, for a moment, and closes.
     pub(super) fn finish(&mut self, words: &[u8]) {
         let _ = self.socket().set_nonblocking(false);
         let _ = self.socket().set_write_timeout(Some(FAREWELL));

@@ -1,20 +1,19 @@
-//! Commands over OSC, for receivers that may ask for something. Off by default, and on this machine only unless the
-//! configuration names another address.
+//! Commands over OSC. Off by default, and accepted from this machine only unless the configuration names another address.
 //!
 //! | address | arguments | what it does |
 //! | --- | --- | --- |
-//! | `/face/cmd/forget` | slot | forgets what was learned of the user |
-//! | `/face/cmd/freeze` | slot, 0 or 1 | stops learning of the user, or goes on with it |
-//! | `/face/cmd/neutral` | slot | takes the user's present face for rest |
-//! | `/face/cmd/schema` | | sends the schema now: to the targets on the asker's host, without any back where it came from |
+//! | `/face/cmd/forget` | slot | forgets what was learned about the user |
+//! | `/face/cmd/freeze` | slot, 0 or 1 | resumes or stops learning for the user |
+//! | `/face/cmd/neutral` | slot | takes the user's current face as rest |
+//! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
-//! What comes in is not trusted: a datagram is read into a fixed buffer, bundles may be nested twice, and of each frame's
-//! time only so many datagrams are looked at; the rest waits in the socket, which the system bounds. Every sender has an
-//! allowance of [`AT_ONCE`] requests, and one more each [`EACH`]; what is beyond, what is malformed, unknown, has other
-//! arguments or names a slot that does not exist is counted and otherwise ignored, with the rest of its datagram if that
-//! cannot be told apart. An answer goes to who asked only. Nothing allocates. Limits: of more than [`SENDERS`] senders the
-//! one unheard for longest is taken for new when it comes again.
-//! One file: every command beside what it may do, and who may send it how often.
+//! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and only so many datagrams are
+//! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make [`AT_ONCE`] requests, and
+//! one more every [`EACH`]. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
+//! not exist are counted and otherwise ignored, with the rest of their datagram if that cannot be separated. Replies go to the
+//! requester only. Nothing allocates. Limits: with more than [`SENDERS`] senders, the one silent for longest counts as new when
+//! it returns.
+//! One file: every command, what it may do, and who may send it how often.
 
 #[cfg(feature = "std")]
 use std::net::{IpAddr, SocketAddr, UdpSocket};
@@ -29,51 +28,51 @@ use crate::output::Command;
 #[cfg(feature = "std")]
 use crate::output::OutputError;
 
-/// Longest datagram looked at; a longer one is cut by the system and then found malformed.
+/// Longest datagram accepted; the system truncates longer ones, which are then malformed.
 #[cfg(feature = "std")]
 const LARGEST: usize = 1472;
-/// What is done between two frames, in datagrams taken; one that is read costs as much as [`READING`].
+/// Work allowed between two frames, in datagrams received; parsing one costs as much as [`READING`].
 #[cfg(feature = "std")]
 const DATAGRAMS: usize = 64;
 #[cfg(feature = "std")]
 const READING: usize = 8;
-/// Senders whose allowances are kept.
+/// Senders tracked by the rate limit.
 #[cfg(feature = "std")]
 const SENDERS: usize = 8;
-/// Requests that a sender may make at once.
+/// Burst size: requests that a sender may make at once.
 #[cfg(feature = "std")]
 const AT_ONCE: u32 = 16;
-/// After which time another one.
+/// Time after which it may make another one.
 #[cfg(feature = "std")]
 const EACH: Duration = Duration::from_millis(250);
-/// Commands of one datagram that are kept; further ones are refused.
+/// Commands accepted from one datagram; further ones are refused.
 #[cfg(feature = "std")]
 const REQUESTS: usize = 16;
-/// First and longest pause before an address that is taken is tried again.
+/// First and longest pause before retrying an address that is in use.
 #[cfg(feature = "std")]
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-/// Bundles in bundles in bundles are refused.
+/// Nesting depth at which bundles are refused.
 const DEPTH: usize = 3;
-/// Arguments a command has at most.
+/// Most arguments of a command.
 const ARGUMENTS: usize = 2;
 
-/// What a message asks for.
+/// What a message requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Send the names of the units now.
     Schema,
-    /// Something for the pipeline.
+    /// A command for the pipeline.
     Command(Command),
 }
 
-/// Who sends, and when the allowance will be whole again.
+/// A sender, and when its allowance is full again.
 #[cfg(feature = "std")]
 struct Sender {
     host: IpAddr,
     whole: Instant,
 }
 
-/// The allowances.
+/// The rate limits.
 #[cfg(feature = "std")]
 #[derive(Default)]
 struct Senders(heapless::Vec<Sender, SENDERS>);
@@ -110,7 +109,7 @@ impl Sender {
         self.whole.saturating_duration_since(now) <= EACH * (AT_ONCE - 1)
     }
 
-    /// One request; whether it is allowed.
+    /// Counts one request; whether it is allowed.
     fn takes_one(&mut self, now: Instant) -> bool {
         let may = self.may(now);
         if may {
@@ -123,7 +122,7 @@ impl Sender {
 /// The listening socket.
 #[cfg(feature = "std")]
 pub struct Commands {
-    /// None while the address is taken, or not this machine's.
+    /// `None` while the address is in use, or not this machine's.
     socket: Option<UdpSocket>,
     address: SocketAddr,
     /// When to try again, and how long to wait after that.
@@ -140,11 +139,11 @@ pub struct Commands {
 
 #[cfg(feature = "std")]
 impl Commands {
-    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. While the address is taken, or not
-    /// this machine's, it is tried again and again.
+    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. Retries while the address is in use, or not
+    /// this machine's.
     ///
     /// # Errors
-    /// If it is no address with a port.
+    /// If it is not an address with a port.
     pub fn listen(address: &str, prefix: &str) -> Result<Self, OutputError> {
         let parsed = address.parse();
         let address = parsed.map_err(|_| OutputError::Listen {
@@ -192,19 +191,19 @@ impl Commands {
         self.socket.as_ref()
     }
 
-    /// Commands taken and refused.
+    /// Commands accepted and refused.
     #[must_use]
     pub fn counts(&self) -> [u64; 2] {
         [self.taken, self.refused]
     }
 
-    /// Sends an answer to who asked.
+    /// Sends a reply to the requester.
     pub(super) fn answer(&self, datagram: &[u8], to: SocketAddr) -> bool {
         let socket = self.socket.as_ref();
         socket.is_some_and(|socket| socket.send_to(datagram, to).is_ok())
     }
 
-    /// The next request and who asks; `None` ends a round, after which the limit of datagrams starts anew.
+    /// The next request and its sender; `None` ends a round, after which the datagram limit is reset.
     pub fn next_request(&mut self) -> Option<(Request, SocketAddr)> {
         let mut bytes = [0; LARGEST];
         loop {
@@ -242,7 +241,7 @@ fn bind(address: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Hands the requests of a datagram to `take`, which tells whether it had room; how many messages were refused.
+/// Passes the requests of a datagram to `take`, which returns whether it had room; returns how many messages were refused.
 pub fn requests(datagram: &[u8], prefix: &str, take: &mut dyn FnMut(Request) -> bool) -> u64 {
     packet(datagram, prefix, DEPTH, take)
 }
@@ -307,7 +306,7 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
     Some(Request::Command(command))
 }
 
-/// A float that is a whole number.
+/// An integer sent as a float.
 fn whole(number: f32) -> Option<i32> {
     (number.fract() == 0.0 && number.abs() < 1e6).then_some(number as i32)
 }

@@ -1,10 +1,10 @@
 //! OSC preset `faceosc`: the raw distances of FaceOSC, which many sketches in Processing, Max and Pd expect.
 //!
 //! `/found` alone, then one bundle per frame: `/pose/position` in pixels, `/pose/scale`, `/pose/orientation` in radians
-//! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face, the head's turning taken out, in FaceOSC's
+//! (pitch, yaw, roll), and `/gesture/…`. Gestures are distances on the face with the head pose removed, in FaceOSC's
 //! unit of about 3.6 mm (a mouth is about 14 wide); the scale is pixels per unit. Left and right are the subject's own;
-//! mirrored, they change places, and the picture is reflected. One face: the first seen, until lost. A lost face is held for
-//! a while, then not found: distances have no neutral to fade to.
+//! mirroring swaps them and reflects the image. One face: the first seen, until lost. A lost face is held for a while, then
+//! reported as not found: distances have no neutral value to fade to.
 
 use super::packet::Argument;
 use super::wire::{Targets, Wire};
@@ -24,11 +24,11 @@ const FOUND_S: f64 = 1.0;
 /// Where it goes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// Whether left and right change places.
+    /// Whether left and right are swapped.
     pub mirror: bool,
     /// How long a lost face is held, seconds.
     pub hold_s: f32,
@@ -84,14 +84,14 @@ impl FaceOsc {
     /// Opens the sockets.
     ///
     /// # Errors
-    /// If a target is unusable, or there is no socket to be had.
+    /// If a target is unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings) -> Result<Self, OutputError> {
         let targets = super::udp::open(&settings.targets)?;
         Ok(Self::over(targets, settings))
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings.
+    /// As [`Self::new`], but to these targets instead of the configured ones.
     #[must_use]
     pub fn over(targets: Targets, settings: Settings) -> Self {
         Self {

@@ -1,9 +1,9 @@
-//! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings end in 1 to 4 zeros, up to a
-//! multiple of four; numbers are 32 bits, big endian; each message stands behind its length. Nothing allocates.
+//! One OSC datagram: a bundle of messages in a fixed buffer (Open Sound Control 1.0). Strings are padded with 1 to 4 zeros to a
+//! multiple of four; numbers are 32 bits, big endian; each message is preceded by its length. Nothing allocates.
 
 use core::fmt::Write;
 
-/// Bytes a datagram may have to cross an Ethernet in one piece: 1500 less the headers of IP and UDP.
+/// Largest datagram that crosses an Ethernet unfragmented: 1500 bytes minus the IP and UDP headers.
 pub(super) const LARGEST: usize = 1472;
 /// What every bundle starts with; the time tag 1 means "immediately": clocks need not agree.
 const HEADER: [u8; 16] = *b"#bundle\0\0\0\0\0\0\0\0\x01";
@@ -127,13 +127,13 @@ impl Write for Packet {
     }
 }
 
-/// The first element of a bundle behind its length, and what follows.
+/// The first element of a bundle, after its length, and the rest.
 pub(super) fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     rest.split_at_checked(usize::try_from(u32::from_be_bytes(*length)).ok()?)
 }
 
-/// A string and what follows its padding.
+/// A string, and the rest after its padding.
 pub(super) fn string(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let end = bytes.iter().position(|&byte| byte == 0)?;
     let (text, rest) = bytes.split_at_checked(end / 4 * 4 + 4)?;

@@ -1,6 +1,6 @@
-//! Other programs' parameters as sums of our units: `config/rigs.toml`, resolved against the units there are at the start.
+//! Other programs' parameters as sums of our units: `config/rigs.toml`, resolved at start-up against the available units.
 //!
-//! The table is built in; the file says how it is written. One that cannot be read is refused with one sentence.
+//! The table is built in; the file documents its format.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;

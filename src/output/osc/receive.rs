@@ -1,15 +1,15 @@
 //! Receives the native schema that [`super`] sends.
 //!
-//! Any prefix is understood: `…/<user>/frame` is what counts. Nothing that comes in is trusted: a message that is malformed,
-//! unknown, has other arguments, names a slot or a unit that cannot be, or holds a number that is none is counted and
-//! otherwise ignored. Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
+//! Any prefix is accepted: `…/<user>/frame` is what counts. Input is untrusted: a message that is malformed or unknown, has
+//! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
+//! Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
 
 use super::packet::{element, string};
 use crate::base::capacity::USERS;
 use crate::output::is_name;
 use crate::output::received::{Listener, Sample, UnitRange};
 
-/// Bundles in bundles in bundles are refused.
+/// Nesting depth at which bundles are refused.
 const DEPTH: usize = 3;
 /// Units a schema may name.
 const MOST_UNITS: usize = 256;

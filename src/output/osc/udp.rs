@@ -1,9 +1,8 @@
-//! The sockets OSC goes out of, one for each target, so that what waits for one (an absent host's address is asked for on
-//! the local net while the system keeps the datagram) takes no room from the others. They do not block: what one cannot
-//! take is dropped and counted. A receiver that is not there changes nothing. Targets may be hosts, broadcast addresses
-//! (as 192.168.1.255) or multicast groups (as 239.255.91.30; sent with a reach of one network, as the system has it). A
-//! target given by name is looked up on a thread of its own, again and again until it is found, and anew when sending
-//! there fails.
+//! The UDP sockets of OSC, one per target, so that datagrams queued for one (while the system resolves an absent host's
+//! hardware address) take no space from the others. They do not block: what a socket cannot take is dropped and counted, and
+//! an absent receiver changes nothing. Targets may be hosts, broadcast addresses (192.168.1.255) or multicast groups
+//! (239.255.91.30; with the system's default reach of one network). Host names are resolved on a separate thread, which
+//! retries until it succeeds and resolves again when sending fails.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
@@ -23,7 +22,7 @@ const LOOK_UP_PAUSE: Duration = Duration::from_secs(5);
 /// Opens a socket for each of `targets` (`host:port`).
 ///
 /// # Errors
-/// If a target is unusable, or there is no socket to be had.
+/// If a target is unusable or no socket can be opened.
 pub(in crate::output) fn open(targets: &[String]) -> Result<Targets, OutputError> {
     let open = |target: &String| -> Result<Box<dyn Datagrams>, OutputError> {
         Ok(Box::new(Target::open(target)?))
@@ -126,7 +125,7 @@ impl Target {
 }
 
 impl Name {
-    /// Held for a copy only, by either side.
+    /// Locked by either side for no longer than a copy.
     fn address(&self) -> MutexGuard<'_, Option<SocketAddr>> {
         self.address.lock().unwrap_or_else(PoisonError::into_inner)
     }

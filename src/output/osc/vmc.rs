@@ -20,17 +20,17 @@ use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, Vie
 /// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
 const CALIBRATED: [i32; 2] = [3, 0];
 
-/// What this program is to the receiver.
+/// This program's role, as the receiver sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Role {
-    /// Sends all a marionette needs.
+    /// Sends everything a marionette needs.
     #[default]
     Performer,
     /// Helps a performer with the face.
     Assistant,
 }
 
-/// Whose names the blend shapes have.
+/// Naming scheme of the blend shapes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Names {
     /// Apple's ARKit.
@@ -40,24 +40,24 @@ pub enum Names {
     Vrm0,
     /// Avatars of VRM 1.
     Vrm1,
-    /// The units' own, as the configuration has them.
+    /// The units' own, as configured.
     Units,
 }
 
-/// Where and how it goes.
+/// Settings of the VMC output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
-    /// What this program is to the receiver.
+    /// This program's role, as the receiver sees it.
     pub role: Role,
-    /// Whose names the blend shapes have.
+    /// Naming scheme of the blend shapes.
     pub names: Names,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -89,14 +89,14 @@ impl Vmc {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If a target is unusable, or there is no socket to be had.
+    /// If a target is unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let targets = super::udp::open(&settings.targets)?;
         Ok(Self::over(targets, settings, units))
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings.
+    /// As [`Self::new`], but to these targets instead of the configured ones.
     #[must_use]
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
@@ -158,7 +158,7 @@ impl Vmc {
     }
 }
 
-/// A name, a place and a rotation.
+/// A name, a position and a rotation.
 fn placed(
     name: &str,
     place: [f32; 3],

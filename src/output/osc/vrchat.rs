@@ -1,12 +1,12 @@
 //! OSC preset `vrchat`: avatar parameters of VRChat, with the names of Unified Expressions v2.
 //!
-//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only what is
-//! measured is sent, and only what has changed; everything once a second, for avatars that were loaded meanwhile. The
-//! switches `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` tell whether there is a face. One face: the first
-//! seen, until lost.
+//! Addresses are `/avatar/parameters/<prefix>v2/<Name>`; the prefix is the avatar author's, `FT/` is common. Only
+//! measured parameters are sent, and only when they change; all of them once a second, for avatars loaded in the meantime. The
+//! switches `EyeTrackingActive`, `ExpressionTrackingActive` and `LipTrackingActive` tell whether there is a face. One face: the
+//! first seen, until lost.
 //!
-//! An avatar has few bits for its parameters, so authors make them of switches: a value v of n bits is the whole number
-//! |v| × (2ⁿ − 1), cut, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
+//! An avatar has few bits for its parameters, so authors use binary switches: a value v of n bits is the integer
+//! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};
@@ -42,10 +42,10 @@ pub enum Values {
     Both,
 }
 
-/// Where and how it goes.
+/// Settings of the VMC output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether anything is sent.
+    /// Whether this output is enabled.
     pub enabled: bool,
     /// Each `host:port`.
     pub targets: Vec<String>,
@@ -53,11 +53,11 @@ pub struct Settings {
     pub values: Values,
     /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
     pub bits: u32,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
     /// What the avatar's author put before the names; empty, or ending in a slash.
     pub prefix: String,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 
@@ -100,13 +100,13 @@ impl VrChat {
     /// Opens the sockets. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the settings are unusable, or there is no socket to be had.
+    /// If the settings are unusable or no socket can be opened.
     #[cfg(feature = "std")]
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         Self::over(super::udp::open(&settings.targets)?, settings, units)
     }
 
-    /// As [`Self::new`], to these targets instead of those of the settings.
+    /// As [`Self::new`], but to these targets instead of the configured ones.
     ///
     /// # Errors
     /// If the prefix is unusable.

@@ -1,4 +1,4 @@
-//! The datagram that is being filled, and where it goes when it is full.
+//! The datagram being filled, and where it is sent when it is full.
 
 use core::net::IpAddr;
 
@@ -7,12 +7,12 @@ use super::packet::{Argument, Packet};
 use crate::base::prelude::*;
 use crate::output::OutputError;
 
-/// Somewhere datagrams go.
+/// A destination of datagrams.
 pub trait Datagrams: Send {
-    /// Hands one on, without waiting; whether it was taken.
+    /// Sends one without blocking; whether it was accepted.
     fn send(&mut self, datagram: &[u8]) -> bool;
 
-    /// The host they go to, if it is one and known.
+    /// The destination host, if there is a single one and it is known.
     fn host(&self) -> Option<IpAddr> {
         None
     }
@@ -21,7 +21,7 @@ pub trait Datagrams: Send {
 /// All receivers of one schema; each gets every datagram.
 pub type Targets = Box<[Box<dyn Datagrams>]>;
 
-/// Longest prefix, so that an address always leaves room for what it carries.
+/// Longest prefix, so that an address always leaves room for its arguments.
 const LONGEST_PREFIX: usize = 64;
 
 /// The targets and the datagram being filled.
@@ -33,7 +33,7 @@ pub(super) struct Wire {
     dropped: u64,
 }
 
-/// The prefix, if addresses may start with it.
+/// The prefix, if it is valid in addresses.
 pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
     let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
@@ -43,7 +43,7 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     Ok(prefix)
 }
 
-/// One datagram more that was taken, or dropped.
+/// Counts a datagram as sent or dropped.
 fn count(taken: bool, sent: &mut u64, dropped: &mut u64) {
     *(if taken { sent } else { dropped }) += 1;
 }
@@ -60,7 +60,7 @@ impl Wire {
         }
     }
 
-    /// Whether anybody was told anything; else there is nothing to take leave of.
+    /// Whether anything was sent; otherwise there is nothing to close.
     pub(super) fn is_used(&self) -> bool {
         self.sent + self.dropped > 0
     }
@@ -70,13 +70,13 @@ impl Wire {
         self.sent
     }
 
-    /// Datagrams the system did not take, or for which the target's name is not found yet.
+    /// Datagrams the system did not accept, or whose target is not resolved yet.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Puts a message in the datagram; sends what is there before, if there is no room. One that does not fit an empty
-    /// datagram is dropped and counted; the check of the names at the start leaves none such.
+    /// Appends a message to the datagram, sending it first if there is no room. A message that does not fit an empty datagram is
+    /// dropped and counted; the check of the names at start-up rules that out.
     pub(super) fn message<'a>(
         &mut self,
         address: core::fmt::Arguments,
@@ -91,7 +91,7 @@ impl Wire {
         }
     }
 
-    /// Sends the datagram to every target, if there is anything in it.
+    /// Sends the datagram to every target, unless it is empty.
     pub(super) fn flush(&mut self) {
         if self.packet.is_empty() {
             return;

@@ -1,9 +1,9 @@
-//! What a line can carry: how many frames a second, of how many units.
+//! What a line can carry: how many frames per second, of how many units.
 //!
-//! A byte takes ten bits on the line, and a little of the line is kept free, because clocks of both ends differ. Of the
-//! bytes a second that leaves, the repeated names come off; the longest possible frame says how many frames a second fit.
-//! Are those fewer than are wanted at least, units are left out, the least telling first, until the rate is reached or one
-//! unit is left. A binary frame is kept to what an AVR's receive ring holds in the same way.
+//! A byte takes ten bits on the line, and some capacity is reserved because the clocks at both ends differ. From the
+//! remaining bytes per second the repeated names are subtracted; the longest possible frame then determines the frame rate.
+//! If that is below the minimum rate, units are left out, least important first, until the rate is reached or one unit is
+//! left. Binary frames are likewise limited to what an AVR's receive buffer holds.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -14,13 +14,12 @@ const USED: f32 = 0.95;
 const BITS_PER_BYTE: f32 = 10.0;
 /// Frames a second that come from the sensor.
 pub(super) const FRAMES_HZ: f32 = 30.0;
-/// How often the names of the units are repeated, seconds.
+/// Interval at which the names of the units are repeated, seconds.
 pub(super) const HEADER_PERIOD_S: f32 = 5.0;
-/// Bytes an AVR keeps of what its sketch has not read yet.
+/// Size of an AVR's receive buffer, bytes.
 pub(super) const AVR_RING: usize = 63;
 
-/// Units in the order in which they are kept when a line is slow: what carries speech and mood first. Others follow in the
-/// order of the table.
+/// Units in the order of importance on a slow line: speech and mood first. Others follow in the order of the table.
 const PRIORITY: [&str; 21] = [
     "AU26", "AU25", "AU43L", "AU43R", "AU12L", "AU12R", "AU2L", "AU2R", "AU20", "AU18", "AU4L",
     "AU4R", "AU30L", "AU30R", "AU9L", "AU9R", "AU22", "AU28", "AU29", "AU5L", "AU5R",
@@ -36,7 +35,7 @@ pub(super) fn bytes_per_second(baud: u32) -> f32 {
 pub(super) struct Plan {
     /// Indices of the units that are sent, in the order on the wire.
     pub(super) units: Vec<usize>,
-    /// Frames a second the line takes, at most those of the sensor.
+    /// Frames per second that the line carries, at most the sensor's.
     pub(super) rate_hz: f32,
     /// The longest frame.
     pub(super) frame_bytes: usize,

@@ -8,8 +8,8 @@
 //! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
 //! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
-//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is longer than what
-//! an AVR keeps of what it has not read yet: weights of up to 52 units, and as many names as fit.
+//! Flags: bit 0 tracked, 1 ranges frozen, 2 warming, 3 held or fading, 4 and 5 the user's slot, 6 (with 3) posed. No frame is
+//! longer than an AVR's receive buffer: weights of up to 52 units, and as many names as fit.
 
 use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
@@ -19,7 +19,7 @@ use crate::base::geometry::Rigid;
 use crate::base::prelude::*;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
-/// A frame before it is stuffed; leaves room for the stuffing in a line.
+/// A frame before stuffing; leaves room for the stuffing in a line.
 type Payload = heapless::Vec<u8, { LARGEST / 2 }>;
 
 /// Appends the payload with its checksum, stuffed; `false` if there is no room.
@@ -36,7 +36,7 @@ fn append(mut payload: Payload, line: &mut Line) -> bool {
     line.put(&stuffed[..=length]).is_ok()
 }
 
-/// Undoes the stuffing; the closing zero is gone already.
+/// Removes the stuffing; the closing zero is already removed.
 #[cfg(feature = "studio")]
 pub(super) fn unstuffed(frame: &[u8]) -> Option<Vec<u8>> {
     let mut out = vec![0; frame.len()];
@@ -47,7 +47,7 @@ pub(super) fn unstuffed(frame: &[u8]) -> Option<Vec<u8>> {
 
 /// Bytes of a pose on the wire.
 pub(super) const POSE_BYTES: usize = 22;
-/// Bytes a payload may have: the ring less the checksum, the code of the stuffing and the zero.
+/// Largest payload, bytes: the receive buffer minus the checksum, the stuffing's code byte and the zero.
 const LONGEST_PAYLOAD: usize = AVR_RING - 4;
 
 /// The names of the units, in as many frames as they need; `false` if there is no room.
@@ -83,7 +83,7 @@ pub(super) fn flags(state: TrackingState, report: &Report) -> u8 {
         | u8::from(state == TrackingState::Posed) << 6
 }
 
-/// The state that [`flags`] tell. What is lost is sent as held, as it fades.
+/// The state in [`flags`]. A lost face is sent as held while it fades.
 #[cfg(feature = "studio")]
 pub(super) fn state(flags: u8) -> TrackingState {
     match flags & 0b100_1101 {

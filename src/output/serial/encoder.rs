@@ -1,4 +1,4 @@
-//! Reports to the bytes of a line, one face at a time, in what the line can carry.
+//! Encodes reports to the bytes of a line, one face at a time, within what the line can carry.
 
 use core::fmt::Write;
 
@@ -12,13 +12,13 @@ use crate::output::{
     OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
 };
 
-/// Reports to the bytes of a line, one face at a time.
+/// Encodes reports to the bytes of a line, one face at a time.
 pub struct Encoder {
     line: Line,
     count: u16,
     scale: Scale,
     style: Style,
-    /// Names of the units that are sent, as shown.
+    /// Output names of the units sent.
     units: Box<[String]>,
     pose: bool,
     view: View,
@@ -30,7 +30,7 @@ impl Encoder {
     /// Plans what the line can carry. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If a unit is asked for that there is not, or the names do not fit a line.
+    /// If an unknown unit is requested, or the names do not fit a line.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
         Ok(Self::planned(settings, units)?.0)
     }
@@ -64,26 +64,26 @@ impl Encoder {
         Ok((encoder, plan))
     }
 
-    /// Names of the units that are sent, as shown.
+    /// Output names of the units sent.
     #[must_use]
     pub fn units(&self) -> &[String] {
         &self.units
     }
 
-    /// What is to be sent on opening and every five seconds.
+    /// What to send on opening and every five seconds.
     #[must_use]
     pub fn header(&self) -> Line {
         header(self.style, &self.units).expect("the same names fitted before")
     }
 
-    /// The next frame; `None` if the report is of a face that is not shown.
+    /// The next frame; `None` if the report is of a face that this line does not show.
     pub fn encode(&mut self, report: &Report) -> Option<&Line> {
         let state = self.face.follow(report)?;
         self.last_ms = (report.at.as_us() / 1000) as u32;
         Some(self.frame(state, report))
     }
 
-    /// A frame that leaves the receiver with nobody, for the end.
+    /// The closing frame, which reports nobody.
     pub fn neutral(&mut self) -> &Line {
         self.face.weights.reset();
         self.frame(TrackingState::Absent, &Report::default())

@@ -45,7 +45,7 @@ impl Scale {
     }
 }
 
-/// What a frame says besides its weights.
+/// Everything in a frame except its weights.
 pub(super) struct Frame {
     pub(super) count: u16,
     /// How a weight is written in the styles `text` and `plot`.

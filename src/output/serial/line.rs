@@ -1,11 +1,11 @@
-//! What waits to be sent, in a fixed buffer: sentences with checksums, or bytes.
+//! A fixed buffer of what waits to be sent: lines with checksums, or bytes.
 
 use core::fmt::Write;
 
-/// Bytes there is room for: twice what 60 units take in the longest style.
+/// Capacity, bytes: twice what 60 units need in the longest style.
 pub(super) const LARGEST: usize = 2048;
 
-/// Bytes waiting to be sent. A sentence that does not fit leaves no trace.
+/// Bytes waiting to be sent. A line that does not fit leaves no trace.
 #[derive(Clone)]
 pub struct Line {
     bytes: [u8; LARGEST],
@@ -42,7 +42,7 @@ impl Line {
         Ok(())
     }
 
-    /// Appends all that `write` writes, or nothing; which, it tells.
+    /// Appends everything that `write` writes, or nothing; returns whether it did.
     pub(super) fn all_or_nothing(
         &mut self,
         write: impl FnOnce(&mut Self) -> core::fmt::Result,

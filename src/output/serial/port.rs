@@ -1,7 +1,7 @@
 //! The thread between the pipeline and a serial port.
 //!
-//! A USB adapter's `/dev/ttyUSB0` may be another adapter's tomorrow. So the first time a port is open, the name that the
-//! system keeps for that very device (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
+//! `/dev/ttyUSB0` may be another adapter tomorrow. So when a port is first opened, the system's stable name for that device
+//! (a link in `/dev/serial/by-id`) is looked up, and from then on only that is opened.
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -16,17 +16,17 @@ use super::line::Line;
 use super::settings::{Settings, Style};
 use crate::output::OutputError;
 
-/// How often the names of the units are repeated.
+/// Interval at which the names of the units are repeated.
 const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
-/// Where the system keeps stable names of serial devices.
+/// Where the system has stable names of serial devices.
 const STABLE_NAMES: &str = "/dev/serial/by-id";
-/// How long a serial server may take to answer.
+/// Timeout for connecting to a serial server.
 const CONNECTING: Duration = Duration::from_secs(1);
-/// First and longest pause before an absent port is tried again.
+/// First and longest pause before reopening an absent port.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-/// How long one write may take: less than a frame.
+/// Timeout of one write: less than a frame.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(20);
-/// A port that takes nothing for so long is given up and opened again.
+/// A port that accepts nothing for this long is closed and reopened.
 const STUCK: Duration = Duration::from_secs(2);
 /// The same when the program is ending.
 const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
@@ -34,7 +34,7 @@ const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
 /// Whether a port is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PortState {
-    /// Not yet, or not any more; it is tried again and again.
+    /// Absent; it is retried.
     #[default]
     Absent,
     /// Open and written to.
@@ -51,7 +51,7 @@ pub(super) struct Shared {
 }
 
 struct Waiting {
-    /// The newest frame that was not sent yet; empty if there is none.
+    /// The newest unsent frame; empty if there is none.
     line: Line,
     state: PortState,
     stop: bool,
@@ -71,7 +71,7 @@ impl Shared {
         }
     }
 
-    /// Held for a copy of a line at most, by either side.
+    /// Locked by either side for no longer than copying a line.
     fn lock(&self) -> MutexGuard<'_, Waiting> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -108,7 +108,7 @@ impl Shared {
         self.lock().state = state;
     }
 
-    /// Waits at most `time`, or until told to stop; whether it was.
+    /// Waits at most `time`, or until told to stop; returns whether it was.
     fn pause(&self, time: Duration) -> bool {
         let waited = self
             .changed
@@ -116,7 +116,7 @@ impl Shared {
         waited.unwrap_or_else(PoisonError::into_inner).0.stop
     }
 
-    /// Waits at most `time` for a frame and moves it to `line`; whether to stop after it.
+    /// Waits at most `time` for a frame and moves it to `line`; returns whether to stop after it.
     fn take(&self, time: Duration, line: &mut Line) -> bool {
         let idle = |waiting: &mut Waiting| waiting.line.bytes().is_empty() && !waiting.stop;
         let waited = self.changed.wait_timeout_while(self.lock(), time, idle);
@@ -203,7 +203,7 @@ fn open(path: &str, baud: u32, dtr: bool) -> std::io::Result<Box<dyn Write>> {
     Ok(Box::new(port.open_native()?))
 }
 
-/// The name in `names` that leads to the same device as `path`; `None` if there is none, or `path` is one already.
+/// The link in `names` to the same device as `path`; `None` if there is none, or `path` is one already.
 fn stable_name(path: &Path, names: &Path) -> Option<String> {
     if path.starts_with(names) {
         return None;
@@ -224,7 +224,7 @@ struct Writer<'a> {
     port: &'a mut dyn Write,
     baud: u32,
     shared: &'a Shared,
-    /// Whether the receiver was left with a part of a frame.
+    /// Whether the receiver has received a partial frame.
     cut: bool,
 }
 
@@ -252,8 +252,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes all bytes and waits for as long as the line needs for them. A part of a frame is never left behind on
-    /// purpose: what the port does not take in time is tried again.
+    /// Writes all bytes and waits as long as the line needs for them. Never leaves a partial frame deliberately: what the
+    /// port does not accept in time is retried.
     fn paced(&mut self, mut bytes: &[u8]) -> std::io::Result<()> {
         let start = Instant::now();
         let line_s = bytes.len() as f32 / budget::bytes_per_second(self.baud);

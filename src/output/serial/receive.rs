@@ -1,7 +1,7 @@
 //! Receives what [`super`] sends in any of its three styles, told apart by what arrives.
 //!
-//! A text line is believed with its checksum, a binary frame with its CRC; a plot line has none and must be all of
-//! `name:number`. Whatever else comes is counted. Weights of a text or plot line are shares of `full` (100 unless
+//! A text line needs a valid checksum, a binary frame a valid CRC; a plot line has neither and must consist of `name:number`
+//! only. Anything else is counted. Weights of a text or plot line are numbers from 0 to `full` (100 unless
 //! `serial.full` of the sender says otherwise). Memory: 4 kB.
 
 use super::cobs;
@@ -11,10 +11,10 @@ use crate::base::geometry::rotation_from_yaw_pitch_roll;
 use crate::output::is_name;
 use crate::output::received::{Listener, Sample};
 
-/// No line or frame is longer.
+/// Longest line or frame.
 const LONGEST: usize = 4096;
 
-/// Bytes so far, and what was understood of them.
+/// Bytes so far, and what was parsed from them.
 pub struct Receiver {
     full: f32,
     line: Vec<u8>,
@@ -23,7 +23,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Nothing yet.
+    /// Empty.
     #[must_use]
     pub fn new(full: f32) -> Self {
         Self {
@@ -34,7 +34,7 @@ impl Receiver {
         }
     }
 
-    /// Takes bytes as they come.
+    /// Takes received bytes.
     pub fn take(&mut self, bytes: &[u8], to: &dyn Listener) {
         for &byte in bytes {
             if byte != 0 && byte != b'\n' {
@@ -82,7 +82,7 @@ impl Receiver {
         Some(())
     }
 
-    /// A line of the styles text and plot.
+    /// Parses a line of the styles text and plot.
     fn text(&mut self, line: &str, to: &dyn Listener) -> Option<()> {
         // What stands before a dollar is the rest of something that was cut.
         let Some(at) = line.rfind('$') else {
@@ -146,7 +146,7 @@ impl Receiver {
         Some(())
     }
 
-    /// A binary frame without its stuffing.
+    /// Parses a binary frame after unstuffing.
     fn frame(&mut self, payload: &[u8], to: &dyn Listener) -> Option<()> {
         let (body, crc) = payload.split_last_chunk::<2>()?;
         if crc16(body) != u16::from_le_bytes(*crc) {
@@ -208,7 +208,7 @@ fn numbers(words: &[&str]) -> Option<Vec<f64>> {
     words.iter().map(number).collect()
 }
 
-/// Names, each behind its length.
+/// Names, each preceded by its length.
 fn spelt(mut bytes: &[u8]) -> Option<Vec<String>> {
     let mut names = Vec::new();
     while let Some((&length, rest)) = bytes.split_first() {

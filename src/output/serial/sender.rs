@@ -21,8 +21,7 @@ impl Serial {
     /// Starts feeding the port. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If a unit is asked for that there is not, the names do not fit a line, or no thread can be started. Not if the port
-    /// is absent.
+    /// If an unknown unit is requested, the names do not fit a line, or no thread can be started. Not if the port is absent.
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
         let (encoder, plan) = Encoder::planned(settings, units)?;
         tell(settings, units, &plan);
@@ -35,26 +34,26 @@ impl Serial {
         })
     }
 
-    /// Whether the port is there.
+    /// Whether the port is open.
     #[must_use]
     pub fn state(&self) -> PortState {
         self.shared.state()
     }
 
-    /// Frames that were replaced by a newer one before the port could take them.
+    /// Frames replaced by a newer one before the port accepted them.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.shared.dropped()
     }
 
-    /// Names of the units that are sent, as shown.
+    /// Output names of the units sent.
     #[must_use]
     pub fn units(&self) -> &[String] {
         self.encoder.units()
     }
 }
 
-/// Says what the line cannot carry.
+/// Logs what the line cannot carry.
 fn tell(settings: &Settings, units: &[&str], plan: &Plan) {
     let Settings { port, baud, .. } = settings;
     let wanted = |unit: &str| {
@@ -102,7 +101,7 @@ impl Output for Serial {
 }
 
 impl Drop for Serial {
-    /// Neutral and absent, as far as the port takes it in half a second.
+    /// Sends neutral and absent, as far as the port accepts it within half a second.
     fn drop(&mut self) {
         self.shared.put(self.encoder.neutral());
         self.shared.stop();

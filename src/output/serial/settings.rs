@@ -1,4 +1,4 @@
-//! Which port, how it is used, and what is written.
+//! Settings of the serial output: which port, how it is used, and what is written.
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -25,20 +25,20 @@ pub struct Settings {
     pub baud: u32,
     /// What is written.
     pub style: Style,
-    /// The number of a weight of 1 in the styles `text` and `plot`: 100 are percents. Below 128 tenths are added where the line
-    /// is fast enough.
+    /// Value of a weight of 1 in the styles `text` and `plot`: 100 gives percentages. Below 128, tenths are added if the line is
+    /// fast enough.
     pub full: u32,
     /// Whether poses are sent too.
     pub pose: bool,
     /// FACS names of the units to send, the most important first; empty = all.
     pub units: Vec<String>,
-    /// Frames a second below which units are left out, Hz.
+    /// Frame rate below which units are left out, Hz.
     pub min_rate_hz: f32,
-    /// Whether the line DTR is raised on opening; else it stays as the system has it.
+    /// Whether DTR is raised on opening; otherwise it is left unchanged.
     pub dtr: bool,
-    /// How the units are shown.
+    /// Names, gains and mirroring of the units.
     pub view: View,
-    /// What is sent of a face that is lost.
+    /// What is sent when a face is lost.
     pub loss: LossPolicy,
 }
 

@@ -1,5 +1,5 @@
-//! The answer to a WebSocket's key (RFC 6455, 4.2.2): SHA-1 (FIPS 180-4) of the key and a fixed text, in base 64 (RFC 4648).
-//! Not for secrets: the protocol wants it to tell its servers from others.
+//! The reply to a WebSocket key (RFC 6455, 4.2.2): SHA-1 (FIPS 180-4) of the key and a fixed text, in base 64 (RFC 4648).
+//! Not used for security: the protocol uses it to tell WebSocket servers from others.
 
 const GUID: &[u8] = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 /// Bytes of a key: 16 in base 64.

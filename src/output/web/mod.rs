@@ -1,6 +1,6 @@
-//! Servers for pages and programs: JSON over WebSocket ([`websocket`]) and OSCQuery over HTTP ([`oscquery`]), each with a
-//! thread and a port of its own ([`server`]). Nothing that comes in reaches the pipeline, and nobody who connects can hold it
-//! up: connections, what is read of each and what waits to be written are bounded.
+//! Servers for pages and programs: JSON over WebSocket ([`websocket`]) and OSCQuery over HTTP ([`oscquery`]), each with its
+//! own thread and port ([`server`]). Nothing received reaches the pipeline, and no client can block it: connections and
+//! their read and write buffers are bounded.
 
 mod handshake;
 pub mod oscquery;

@@ -1,16 +1,16 @@
-//! OSCQuery (the proposal's HTTP part): the tree of the addresses that `[osc]` sends and hears, as JSON, with types, access,
-//! ranges, descriptions and the newest values. `GET /` is the whole tree, `GET /face/0/pose` a part of it,
-//! `GET /face/0/pose?VALUE` one attribute of it, `GET /?HOST_INFO` what the box is. Limits: no LISTEN over WebSocket: values
-//! come over OSC itself, or over `[websocket]`.
+//! OSCQuery (the HTTP part of the proposal): the tree of addresses that `[osc]` sends and receives, as JSON, with types,
+//! access, ranges, descriptions and the newest values. `GET /` returns the whole tree, `GET /face/0/pose` a subtree,
+//! `GET /face/0/pose?VALUE` one attribute, `GET /?HOST_INFO` information about the box. Limits: no LISTEN over WebSocket;
+//! values come over OSC itself, or over `[websocket]`.
 //!
 //! One file: every node with its types, ranges and values.
 //!
 //! | status | when |
 //! | --- | --- |
-//! | 200 | the node or attribute is there |
+//! | 200 | the node or attribute exists |
 //! | 204 | the node has no such attribute |
-//! | 400 | no attribute of that name is known |
-//! | 404 | there is no such node |
+//! | 400 | unknown attribute |
+//! | 404 | no such node |
 
 use std::fmt::{Result as Written, Write as _};
 use std::net::SocketAddr;
@@ -24,11 +24,11 @@ use crate::output::features::ServerSettings;
 use crate::output::osc::{self, Style};
 use crate::output::{Output, OutputError, Report, SCHEMA_VERSION, Tally, identity};
 
-/// Bytes of the whole tree, with four users and the longest names.
+/// Size of the whole tree with four users and the longest names, bytes.
 const TREE: usize = 96 * 1024;
 /// Bytes of the longest address.
 const PATH: usize = 160;
-/// Steps of the longest address.
+/// Parts of the longest address.
 const DEPTH: usize = 24;
 
 /// Attributes a node may be asked for.
@@ -45,7 +45,7 @@ const ATTRIBUTES: [&str; 7] = [
 /// A node of the tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Node {
-    /// So many parts of the prefix have been gone down; the last of them holds everything.
+    /// This many parts of the prefix down; the last of them contains everything.
     Prefix(usize),
     Alive,
     Schema,
@@ -60,22 +60,22 @@ enum Node {
     Present(usize),
 }
 
-/// Name, types, what it does.
+/// Name, types, description.
 const COMMANDS: [(&str, &str, &str); 4] = [
     (
         "forget",
         "i",
-        "forgets what was learned of the user in a slot",
+        "forgets what was learned about the user in a slot",
     ),
     (
         "freeze",
         "ii",
-        "stops learning of the user in a slot (1), or goes on with it (0)",
+        "stops (1) or resumes (0) learning for the user in a slot",
     ),
     (
         "neutral",
         "i",
-        "takes the present face of the user in a slot for rest",
+        "takes the current face of the user in a slot as neutral",
     ),
     ("schema", "", "sends the schema now"),
 ];
@@ -88,7 +88,7 @@ struct Tree {
     /// The vector's types.
     floats: String,
     style: Style,
-    /// Where commands are heard, if they are.
+    /// The command port, if open.
     listens: Option<SocketAddr>,
 }
 
@@ -161,19 +161,19 @@ impl Tree {
 
     fn description(node: Node) -> &'static str {
         match node {
-            Node::Prefix(_) => "faces before the sensor",
+            Node::Prefix(_) => "faces in front of the sensor",
             Node::Alive => "every second: number, version, seconds since the start",
             Node::Schema => "version and names of the units, every 5 s",
-            Node::Commands => "what may be asked for",
+            Node::Commands => "commands",
             Node::Command(i) => COMMANDS[i].2,
             Node::User(_) => "the user in a slot",
             Node::Frame(_) => {
                 "number, time in ms, state (0 absent, 1 warming, 2 tracking, 3 held, 4 lost, 5 posed), confidence, latency in ms"
             }
-            Node::Units(_) => "weights of all units in the order of the schema",
-            Node::Unit(..) => "weight of a FACS action unit: 0 rest, 1 the most this person does",
+            Node::Units(_) => "weights of all units in schema order",
+            Node::Unit(..) => "weight of a FACS action unit: 0 at rest, 1 fully expressed",
             Node::Pose(_) => {
-                "head in the sensor's frame: x right, y down, z forward in metres, rotation x y z w"
+                "head pose, sensor frame: x right, y down, z forward in metres, rotation x y z w"
             }
             Node::Present(_) => "whether somebody is there",
         }
@@ -399,10 +399,11 @@ impl Service for Tree {
 pub struct OscQuery(Front);
 
 impl OscQuery {
-    /// Starts serving what `osc` sends and hears. `units` are the names in the order of the weights, `name` is the box's.
+    /// Starts serving the tree of what `osc` sends and receives. `units` are the names in the order of the weights, `name` is the
+    /// box's.
     ///
     /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is taken.
+    /// If the address is unusable or no thread can be started; not if it is in use.
     pub fn new(
         settings: &ServerSettings,
         osc: &osc::Settings,

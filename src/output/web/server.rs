@@ -1,10 +1,10 @@
-//! A small server: HTTP/1.1 requests without bodies, each answered once and closed, or turned into a WebSocket.
+//! A small server: HTTP/1.1 requests without bodies, each answered and closed, or upgraded to a WebSocket.
 //!
-//! Whoever connects gets one of [`SLOTS`] places. When all are taken, one who has not asked for anything in a quarter of a second
-//! makes room; else the newcomer is turned away. Whoever goes without is counted. A request must be whole after [`PATIENCE`] and at most [`REQUEST`] bytes long; who does
-//! not read what is written for [`STUCK`] is let go. A page that reads slower than frames come gets the newest that it can.
-//! Memory: what a place reads and what waits for it, taken at the start.
-//! One file: requests, frames and places are small, and of use to nobody else.
+//! There are [`SLOTS`] connections. When all are in use, one that has sent no request within a quarter of a second is dropped;
+//! otherwise the new one is rejected. Either case is counted. A request must be complete within [`PATIENCE`], at most [`REQUEST`]
+//! bytes long; a client that reads nothing for [`STUCK`] is disconnected. A page that reads slower than frames arrive skips to
+//! the newest. Memory: read and write buffers per connection, allocated at start-up.
+//! One file: requests, frames and connections are small, and used nowhere else.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -24,33 +24,33 @@ const SLOTS: usize = 8;
 const REQUEST: usize = 2048;
 /// How long a request may take.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How long nobody is sent away for another.
+/// How long a silent connection is kept when another one arrives.
 const GRACE: Duration = Duration::from_millis(250);
-/// How long what is written may wait to be read.
+/// How long a client may leave data unread.
 const STUCK: Duration = Duration::from_secs(10);
-/// Connections taken between two frames.
+/// Connections accepted between two frames.
 const NEWCOMERS: usize = 32;
-/// Longest wait: to notice who is too slow.
+/// Longest wait, so that timeouts are noticed.
 const TICK_MS: i32 = 250;
-/// First and longest pause before an address that is taken is tried again.
+/// First and longest pause before retrying an address that is in use.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
 
 /// What is served.
 pub(super) trait Service {
-    /// Bytes that may wait for a connection.
+    /// Bytes that may be queued for a connection.
     const WAITING: usize;
 
     /// Whether pages may stay connected.
     const STAYS: bool;
 
-    /// Answers a request for `path` and what follows its `?`, into `body`; the status.
+    /// Answers a request for `path` and its query (after `?`) in `body`; returns the status.
     fn answer(&mut self, path: &str, query: Option<&str>, board: &Board, body: &mut String) -> u16;
 
     /// Writes the next message for all pages into `message`; false if there is none.
     fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool;
 }
 
-/// What a connection is about.
+/// State of a connection.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Request,
@@ -61,7 +61,7 @@ enum Stage {
 struct Place {
     stream: Option<TcpStream>,
     stage: Stage,
-    /// When the request began, or something was last written.
+    /// When the request began, or data was last written.
     since: Instant,
     heard: Box<[u8; REQUEST]>,
     length: usize,
@@ -69,7 +69,7 @@ struct Place {
     written: usize,
 }
 
-/// What a request asks for.
+/// A parsed request.
 #[derive(Debug, PartialEq, Eq)]
 enum Asked<'a> {
     Page(&'a [u8; handshake::KEY]),
@@ -77,7 +77,7 @@ enum Asked<'a> {
     Refused(u16),
 }
 
-/// Reads a request; `None` while it is not whole.
+/// Parses a request; `None` while incomplete.
 fn request(bytes: &[u8]) -> Option<Asked<'_>> {
     let end = bytes.windows(4).position(|four| four == b"\r\n\r\n")?;
     let Ok(text) = std::str::from_utf8(&bytes[..end]) else {
@@ -116,15 +116,15 @@ fn request(bytes: &[u8]) -> Option<Asked<'_>> {
 /// What a page sends.
 #[derive(Debug, PartialEq, Eq)]
 enum Sent {
-    /// To be answered with the same bytes.
+    /// A ping, answered with the same bytes.
     Ping(heapless::Vec<u8, 125>),
-    /// Nothing for us.
+    /// Ignored.
     Other,
     Close,
 }
 
-/// The first frame in `bytes`, unmasked, and its length; `None` while it is not whole. What is no frame of a page, or too
-/// long for us, closes.
+/// The first frame in `bytes`, unmasked, and its length; `None` while incomplete. An invalid or overlong frame closes the
+/// connection.
 fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     let (&first, &second) = (bytes.first()?, bytes.get(1)?);
     let (length, at) = match second & 0x7f {
@@ -160,7 +160,7 @@ fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
     Some((sent, at + 4 + length))
 }
 
-/// Header of a frame that we send, whole and unmasked.
+/// Header of a frame that we send, unfragmented and unmasked.
 fn header(kind: u8, length: usize, into: &mut Vec<u8>) {
     into.push(0x80 | kind);
     if length < 126 {
@@ -203,7 +203,7 @@ impl Place {
         self.written < self.waiting.len()
     }
 
-    /// Writes what waits, as far as it is taken.
+    /// Writes queued data, as far as the socket accepts it.
     fn write(&mut self) {
         let Some(stream) = &mut self.stream else {
             return;
@@ -228,7 +228,7 @@ impl Place {
         }
     }
 
-    /// Reads what there is; false if the other end is gone.
+    /// Reads what is available; false if the other end is gone.
     fn read(&mut self) -> bool {
         let Some(stream) = &mut self.stream else {
             return false;
@@ -243,7 +243,7 @@ impl Place {
         }
     }
 
-    /// Sends a frame if nothing waits; whether it does.
+    /// Sends a frame if nothing is queued; whether it did.
     fn send(&mut self, kind: u8, payload: &[u8]) -> bool {
         if self.is_waiting() {
             return false;
@@ -256,7 +256,7 @@ impl Place {
     }
 }
 
-/// Where newcomers come in. An address that is taken is tried again and again.
+/// The listening socket. Retries while the address is in use.
 struct Door {
     address: SocketAddr,
     listener: Option<TcpListener>,
@@ -273,7 +273,7 @@ impl Door {
             Err(error) => {
                 if self.pause == PAUSES[1] {
                     tracing::warn!(
-                        "cannot listen at {} ({error}), trying again until it is free",
+                        "cannot listen at {} ({error}), retrying until it is free",
                         self.address
                     );
                 }
@@ -348,14 +348,15 @@ pub(super) fn serve<S: Service>(
     }
 }
 
-/// Those who get messages.
+/// The connected pages.
 fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
     places
         .iter_mut()
         .filter(|place| place.stage == Stage::Page && place.stream.is_some())
 }
 
-/// Waits until there is something to do, or a tick has gone by: what is ready of the bell, the door and the places.
+/// Waits until there is something to do, or a tick has passed: which of the wake-up socket, the listener and the connections are
+/// ready.
 fn wait(
     bell: &Bell,
     listener: Option<&TcpListener>,
@@ -387,7 +388,7 @@ fn wait(
     asked.map(|one| one.revents().unwrap_or(PollFlags::empty()))
 }
 
-/// Reads from who is ready, answers, writes what waits, and closes who takes too long.
+/// Reads from a connection if ready, answers, writes queued data, and closes it after a timeout.
 fn attend<S: Service>(
     place: &mut Place,
     ready: PollFlags,
@@ -417,7 +418,7 @@ fn attend<S: Service>(
     }
 }
 
-/// Gives a newcomer a place: a free one, or that of who has been silent for longest. False if somebody goes without.
+/// Gives a new connection a slot: a free one, or that of the one silent for longest. False if one is turned away.
 fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
     if stream.set_nonblocking(true).is_err() {
         return false;
@@ -437,7 +438,7 @@ fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
     false
 }
 
-/// Looks at what was read.
+/// Handles what was read.
 fn hear<S: Service>(
     place: &mut Place,
     service: &mut S,

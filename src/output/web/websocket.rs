@@ -1,11 +1,11 @@
-//! JSON over WebSocket: every report as one text message, to every page that is connected.
+//! JSON over WebSocket: every report as one text message, to every connected page.
 //!
 //! ```json
 //! {"frame":12,"time_us":400000,"user":0,"state":"tracking","confidence":0.9310,"frozen":false,"latency_us":9100,
 //!  "pose":[0.01,0.02,0.8,0.0,0.0,0.0,1.0],"weights":{"AU26":0.2500,"AU25":0.1200}}
 //! ```
 //! `pose` is the place in metres and the rotation (x, y, z, w) in the sensor's frame, or null; weights are 0…1 with four
-//! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. What pages send is not looked at.
+//! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. Whatever pages send is ignored.
 
 use std::fmt::Write as _;
 use std::net::SocketAddr;
@@ -20,7 +20,7 @@ use crate::output::{Output, OutputError, Report, Tally};
 const MESSAGE: usize = 4096;
 
 struct Pages {
-    /// As JSON has them, with a colon.
+    /// Names as JSON keys, with a colon.
     units: Box<[String]>,
 }
 
@@ -90,7 +90,7 @@ impl WebSocket {
     /// Starts serving. `units` are the names in the order of the weights.
     ///
     /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is taken.
+    /// If the address is unusable or no thread can be started; not if it is in use.
     pub fn new(settings: &ServerSettings, units: &[&str]) -> Result<Self, OutputError> {
         let address = address(settings)?;
         let names = units.iter().map(|unit| settings.view.name(unit));

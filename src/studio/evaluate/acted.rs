@@ -1,7 +1,7 @@
-//! What each unit's weight should be while a drawn head acts: the expressions that are the unit, by name.
+//! Ground truth of each unit's weight while a rendered head acts: the expressions that make up the unit, by name.
 //!
-//! AU25 parts the lips whatever parts them, so its truth is the true lip gap over that of a fully open jaw. The others are the
-//! weight of an expression, or the mean of those it takes together.
+//! AU25 parts the lips for any reason, so its truth is the true lip gap relative to that of a fully open jaw. For the others it is
+//! the weight of an expression, or the mean of several.
 
 use crate::expression::measures::{self, Measure};
 use crate::simulator::virtual_head::{HeadAsset, Truth};

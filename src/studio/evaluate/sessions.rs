@@ -1,8 +1,8 @@
 //! Rendered sessions of people the face model has never seen, through the whole pipeline, against exact truth.
 //!
-//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under a light of their own: all
-//! expressions in turn and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also with one
-//! fixed offset per person taken out, because where a head's frame sits on a face is a convention. Landmarks: mean
+//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under different lighting: all
+//! expressions one after the other and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also after
+//! removing one fixed offset per person, because where a head's frame sits on a face is a convention. Landmarks: mean
 //! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against what is
 //! acted ([`super::acted`]), and the matrix of every acted expression against every emitted weight. All figures over every
 //! frame with a face that is reported `warming` or `tracking`.
@@ -643,7 +643,7 @@ impl Table {
     fn fmt_units(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
+            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are acted | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
         )?;
         for one in &self.following {
             writeln!(
@@ -668,7 +668,7 @@ impl Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} people never trained on, {} frames; errors are mean / 95th percentile, in brackets the mean of the person it is worst for",
+            "{} people never trained on, {} frames; errors are mean / 95th percentile, with the worst person's mean in parentheses",
             self.people, self.frames
         )?;
         let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
@@ -678,7 +678,7 @@ impl Display for Table {
         });
         let [turn, turn_rest] = self.rotation_deg;
         let [shift, shift_rest] = self.translation_mm;
-        let out = "… one offset per person taken out";
+        let out = "… after removing one offset per person";
         writeln!(f, "| what | figure (worst person) |\n| --- | --- |")?;
         let tracked = self.tracked * 100.0;
         let least = worst(lost, 2, " %");
@@ -714,14 +714,14 @@ impl Display for Table {
         let [turn, points] = &self.turned;
         writeln!(
             f,
-            "| head turned by over {}° or nodding by over {}°: rotation with the offset out, landmarks | {turn:.2}°, {points:.2} % |",
+            "| head turned by over {}° or nodding by over {}°: rotation after removing the offset, landmarks | {turn:.2}°, {points:.2} % |",
             TURNED_DEG[0], TURNED_DEG[1]
         )?;
         writeln!(f, "| weights while nothing is acted | {:.3} |", self.rest)?;
         let [shut, open] = &self.winks;
         writeln!(
             f,
-            "| winks: weight of the shut eye, of the open one | {:.2}, {open:.2} |",
+            "| winks: weight of the closed eye, of the open one | {:.2}, {open:.2} |",
             shut.mean
         )?;
         self.fmt_units(f)?;

@@ -1,7 +1,7 @@
-//! What an inspection shows, and the two forms it takes: one HTML page that needs nothing else, or one PNG contact sheet.
+//! The result of an inspection, as one self-contained HTML page or one PNG contact sheet.
 //!
-//! The page holds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no script, no network.
-//! One file: both forms are made of the same parts.
+//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no script, no network.
+//! One file: both forms share their parts.
 
 use std::fmt::Write;
 use std::io::Cursor;

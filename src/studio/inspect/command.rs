@@ -1,8 +1,7 @@
-//! What a path is, and its page or sheet.
+//! Recognises what a path is, and writes its page or sheet.
 //!
-//! What PATH is, is seen from the path itself: a directory is a recording, a file that starts like a model or like saved
-//! people is one, `.csv` is a run, `.obj` and `.glb` a mesh, `.json` the status of a running `mien`. The page needs nothing but a browser.
-//! Nothing is written unless all went well.
+//! A directory is a recording; a file that starts like a model or like saved people is one; `.csv` is a run, `.obj` and `.glb` a
+//! mesh, `.json` the status of a running `mien`. The page needs only a browser. Nothing is written unless everything succeeded.
 
 use std::path::{Path, PathBuf};
 

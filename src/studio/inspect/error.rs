@@ -1,4 +1,4 @@
-//! Why nothing could be shown: one sentence each.
+//! Errors of `mien-studio inspect`.
 
 use std::path::PathBuf;
 
@@ -49,7 +49,7 @@ pub enum InspectError {
     Picture(#[from] image::ImageError),
     /// A CSV of something else.
     #[error(
-        "{path} is no run of mien: expected a header with a column {missing}, which `mien run --csv` writes"
+        "{path} is not a CSV from mien: expected a header with a column {missing}, which `mien run --csv` writes"
     )]
     NotARun {
         /// The path.
@@ -106,7 +106,7 @@ pub enum InspectError {
         source: GlbError,
     },
     /// Saved people that are damaged.
-    #[error("{path}: {source}; mien sets such a file aside and starts anew")]
+    #[error("{path}: {source}; mien moves such a file aside and starts over")]
     People {
         /// The path.
         path: PathBuf,
@@ -114,7 +114,9 @@ pub enum InspectError {
         source: PeopleError,
     },
     /// JSON of something else.
-    #[error("{path} is no status of mien: expected the file that `mien run` writes to status.path")]
+    #[error(
+        "{path} is not a status file of mien: expected the file that `mien run` writes to status.path"
+    )]
     NotAStatus {
         /// The path.
         path: PathBuf,

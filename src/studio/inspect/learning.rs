@@ -1,5 +1,5 @@
-//! How a person was learnt in a recording: for each measure its value with low, rest and high over time, and at the end what
-//! its store holds: one line a node, as high as the time it stands for (root of it, so that rare ends can be seen).
+//! How a person's ranges were learned in a recording: each measure's value with low, rest and high over time, and the final
+//! contents of its store: one line per node, its height the square root of its time, so that rare ends are visible.
 //!
 //! Units: inner-eye-corner distances, seconds.
 
@@ -64,7 +64,7 @@ impl Learning {
         album.pictures.push((caption.into(), self.stores()));
         for (measure, curves) in Measure::ALL.iter().zip(self.curves) {
             album.plots.push(Plot {
-                title: format!("{}, with its learnt range", measure.name()),
+                title: format!("{}, with its learned range", measure.name()),
                 x: self.t.clone(),
                 x_name: "s".into(),
                 curves: CURVES

@@ -74,7 +74,7 @@ const LARGEST: usize = (67 * 12) << 20;
 
 fn too_many(most: usize) -> GlbError {
     GlbError::Content {
-        expected: "no more morph targets than can be drawn",
+        expected: "at most as many morph targets as can be drawn",
         found: format!("more than {most}"),
     }
 }
@@ -87,7 +87,7 @@ fn order(glb: &Glb, primitive: &serde_json::Value, count: usize) -> Result<Vec<u
     };
     if order.iter().any(|&k| k as usize >= count) {
         return Err(GlbError::Content {
-            expected: "indices of vertices that exist",
+            expected: "indices of existing vertices",
             found: format!("one beyond {count}"),
         });
     }
@@ -106,8 +106,8 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
     let rows = |accessor: u64| {
         let bytes = 12 * glb.count(accessor as usize)?;
         left.set(left.get().checked_sub(bytes).ok_or(GlbError::Content {
-            expected: "targets that the size of the file accounts for",
-            found: "more, of data used over and over".to_owned(),
+            expected: "targets that fit into the file's size",
+            found: "more, from data used repeatedly".to_owned(),
         })?);
         let values = glb.floats(accessor as usize, 3)?;
         let rows = values
@@ -197,7 +197,7 @@ pub(super) fn inspect_glb(path: &Path, bytes: &[u8]) -> Result<Album, InspectErr
     let mut album = views(path, &mesh);
     album.fact("morph targets", targets.len().to_string());
     if !targets.is_empty() {
-        let header = ["morph target", "unit", "vertices that move", "largest, mm"];
+        let header = ["morph target", "unit", "vertices moved", "largest, mm"];
         album.table.push(header.map(str::to_owned).to_vec());
     }
     for Target { name, unit, moves } in targets {
@@ -270,7 +270,7 @@ mod tests {
         assert_eq!(refused(3, 1024), None);
         // Three hundred large ones, all of the same data; and more than anybody draws.
         let large = refused(120_000, 300).expect("refused");
-        assert!(large.contains("size of the file accounts for"), "{large}");
+        assert!(large.contains("fit into the file's size"), "{large}");
         let many = refused(3, 1025).expect("refused");
         assert!(many.contains("more than 1024"), "{many}");
     }

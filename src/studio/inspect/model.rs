@@ -122,7 +122,7 @@ pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     album.fact(
         "cascade",
         format!(
-            "{} stages from a cold start, {} from the last frame, {} values a patch",
+            "{} stages from a cold start, {} from the last frame, {} values per patch",
             model.cold.len(),
             model.warm.len(),
             PATCH
@@ -140,7 +140,7 @@ pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     let mut mean = [Point::origin(); LANDMARKS];
     model.shape.shape(&[], &mut mean);
     album.pictures.push((
-        "mean face; orange: points that carry the head frame".into(),
+        "mean face; orange: points that define the head frame".into(),
         numbered(&mean),
     ));
     album.pictures.push((

@@ -1,8 +1,8 @@
-//! What was learnt of people: those who are remembered, as they were saved ([`crate::users::saved`]), or the `status.json` of a
-//! running `mien`, as a picture of each range beside the population's, and as a table.
+//! Learned ranges of people, from the file of remembered people ([`crate::users::saved`]) or the `status.json` of a running
+//! `mien`, as a picture of each range next to the population's, and as a table.
 //!
-//! Units: inner-eye-corner distances. A picture has one row a measure: grey from the population's low to its high, blue the
-//! person's, a mark at either rest; each row is scaled to what it shows. A unit of the status has the row of its measure.
+//! Units: inner-eye-corner distances. A picture has one row per measure: the population's range in grey, the person's in blue, a
+//! mark at each rest; each row has its own scale. A unit of the status has the row of its measure.
 
 use std::path::Path;
 use std::time::SystemTime;
@@ -123,11 +123,11 @@ pub(super) fn people(path: &Path, text: &str) -> Result<Album, InspectError> {
         let who = format!("person {number}");
         let eyes_mm = learned.eye_distance_m * 1e3;
         let gone = format!(
-            "slot {}, gone for {:.0} s, inner eye corners {eyes_mm:.1} mm apart",
+            "slot {}, gone for {:.0} s, interocular distance {eyes_mm:.1} mm",
             person.slot, person.before_s
         );
         album.fact(&who, gone);
-        let caption = format!("{who}: grey the population's range, blue theirs; marks are rest");
+        let caption = format!("{who}: population range grey, this person's blue; marks show rest");
         album.pictures.push((caption, picture(&rows)));
         let skip = usize::from(!album.table.is_empty());
         let cells = table(&rows).into_iter().enumerate().skip(skip);
@@ -197,7 +197,7 @@ pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
             .collect();
         let rows = rows.ok_or_else(not)?;
         let caption = format!(
-            "User {slot}, measure behind each unit: grey the population's, blue theirs; marks are rest"
+            "User {slot}, the measure behind each unit: population grey, this person blue; marks show rest"
         );
         album.pictures.push((caption, picture(&rows)));
         let mut cells = table(&rows);

@@ -1,6 +1,6 @@
-//! A recording as pictures: depth in false colour with every head found in it and the state of whose it is, the colour picture,
-//! if there is one, with landmarks and the axes of the heads, and pose, confidence and states over time. All frames pass the
-//! stages, as in a run; some are drawn. Curves of the pose are those of the user whom wires show that have room for one.
+//! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
+//! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
+//! run; some are drawn. Pose curves are those of the user that single-person outputs show.
 
 use std::ops::Range;
 

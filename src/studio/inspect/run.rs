@@ -1,7 +1,7 @@
 //! A run's CSV as curves over time: weights, measures, pose, confidence, states, and what range each measure covered.
 //!
 //! Columns are found by name; unknown ones are ignored. Rows of each user make their own curves. Frames without a value are
-//! gaps. A broken number is refused with its line and column.
+//! gaps. A malformed number is an error with its line and column.
 
 use std::collections::BTreeMap;
 use std::path::Path;

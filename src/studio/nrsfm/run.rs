@@ -89,7 +89,7 @@ fn print_errors(tracks: &Tracks, shapes: &Shapes, truth: &Shapes) {
     );
     let of = |shapes: &Shapes| shape_error(shapes, truth).unwrap_or(f64::NAN);
     println!(
-        "error, mean of |S - truth| / |truth|, each frame rigidly aligned, the whole mirrored in depth if that fits better:"
+        "error: mean of |S - truth| / |truth|, each frame rigidly aligned, all mirrored in depth if that fits better:"
     );
     println!("  recovered                           {:.4}", of(shapes));
     println!(

@@ -1,5 +1,5 @@
-//! Forget, neutral and freeze, asked for on the page: done here where this process tracks, else sent to the box whose stream is
-//! shown, as [`crate::output::osc::commands`] has them.
+//! The page's commands forget, neutral and freeze: executed here if this process does the tracking, otherwise sent to the box
+//! whose stream is shown, in the format of [`crate::output::osc::commands`].
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::mpsc::SyncSender;
@@ -47,19 +47,19 @@ impl Obeys {
         sender: Option<std::net::IpAddr>,
     ) -> Result<String, String> {
         match self {
-            Self::Nobody => Err(
-                "what is shown was recorded or comes over a one-way line: there is nobody to ask"
-                    .into(),
-            ),
+            Self::Nobody => {
+                Err("this is a recording or a one-way line, which cannot take commands".into())
+            }
             Self::Here(pipeline) => {
                 let pipeline = pipeline.lock().unwrap_or_else(PoisonError::into_inner);
                 let given = pipeline.try_send(command);
-                given.map_err(|_| "the tracker has ended or is too busy; try again".to_owned())?;
+                given
+                    .map_err(|_| "the tracker has stopped or is too busy; try again".to_owned())?;
                 Ok(done(command).to_owned())
             }
             Self::Box(named) => {
                 let found = named.or_else(|| Some(SocketAddr::new(sender?, PORT)));
-                let address = found.ok_or("nothing has come from the box yet, so its address is not known; name it with --box ADDRESS:PORT")?;
+                let address = found.ok_or("nothing has arrived from the box yet, so its address is unknown; give it with --box ADDRESS:PORT")?;
                 send(command, address)?;
                 Ok(format!("asked {address}: {}", done(command)))
             }
@@ -69,10 +69,10 @@ impl Obeys {
 
 fn done(command: Command) -> &'static str {
     match command {
-        Command::Forget(_) => "what was learned is forgotten",
-        Command::Neutral(_) => "the present face is the neutral one",
+        Command::Forget(_) => "learned ranges are forgotten",
+        Command::Neutral(_) => "the current face is now neutral",
         Command::Freeze(_, true) => "learning is frozen",
-        Command::Freeze(_, false) => "learning goes on",
+        Command::Freeze(_, false) => "learning is resumed",
     }
 }
 
@@ -107,7 +107,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     // Commands are not answered; where nobody listens, the system says so.
     match socket.recv(&mut [0]) {
         Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(
-            "nobody hears commands at {to}: put commands = true and listen = \"0.0.0.0:{}\" under [osc] in the box's configuration",
+            "nothing accepts commands at {to}: put commands = true and listen = \"0.0.0.0:{}\" under [osc] in the box's configuration",
             to.port()
         )),
         _ => Ok(()),

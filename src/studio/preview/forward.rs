@@ -1,7 +1,7 @@
-//! Sends what a live page shows on to other receivers, with the outputs of `mien run`, and a test face to see whether one hears.
+//! Forwards what a live page shows to other receivers, with the outputs of `mien run`, and sends a test face.
 //!
-//! One thread has all receivers. Landmarks are not known of a stream, so receivers that want them are not in the table. The
-//! page names a host and a port; what it says becomes a configuration as one would write it, and is checked as that.
+//! One thread handles all receivers. A received stream has no landmarks, so receivers that need them are not in the table. The
+//! page names a host and a port, which are turned into a configuration and validated like one.
 //! Times in seconds; at most one receiver of each name in [`RECEIVERS`].
 
 use std::collections::BTreeMap;
@@ -51,7 +51,7 @@ pub const RECEIVERS: [Known; 7] = [
         section: "vmc",
         more: "names = \"arkit\"\n",
         port: 39539,
-        hint: "In Warudo: add a VMC receiver and take its port; the avatar needs ARKit shapes.",
+        hint: "In Warudo: add a VMC receiver and use its port; the avatar needs ARKit shapes.",
     },
     Known {
         id: "vrchat",
@@ -67,7 +67,7 @@ pub const RECEIVERS: [Known; 7] = [
         section: "live_link",
         more: "",
         port: 11111,
-        hint: "In Unreal: enable the plug-in Apple ARKit Face Support; the face then appears under Live Link.",
+        hint: "In Unreal: enable the plugin Apple ARKit Face Support; the face then appears under Live Link.",
     },
     Known {
         id: "max",
@@ -129,7 +129,7 @@ const WAITING: usize = 64;
 const FRAME: Duration = Duration::from_millis(33);
 /// Units of a test, a second each.
 const TESTED: [&[&str]; 3] = [&["AU26"], &["AU12L", "AU12R"], &["AU43L", "AU43R"]];
-/// After which time without the person shown another is shown to receivers with room for one.
+/// Time without the person shown after which single-person receivers get another.
 const GONE: Duration = Duration::from_secs(1);
 
 /// The thread's other end.
@@ -157,7 +157,7 @@ impl Forwarder {
     /// If no such receiver is known or the address is none.
     pub fn ask(&self, id: &str, host: &str, port: &str, wish: Wish) -> Result<String, String> {
         let known = RECEIVERS.iter().find(|known| known.id == id);
-        let known = known.ok_or("that receiver is not known")?;
+        let known = known.ok_or("unknown receiver")?;
         let target = target(host, port)?;
         let settings = settings(known, &target)?;
         let order = Order {
@@ -168,12 +168,12 @@ impl Forwarder {
         };
         self.orders
             .try_send(order)
-            .map_err(|_| "too much was asked at once; try again".to_owned())?;
+            .map_err(|_| "too many requests at once; try again".to_owned())?;
         let name = known.name;
         Ok(match wish {
             Wish::Connect => format!("sending to {name} at {target}"),
             Wish::Test => format!("testing {name} at {target}: jaw, smile, blink"),
-            Wish::Stop => format!("nothing is sent to {name} any more"),
+            Wish::Stop => format!("stopped sending to {name}"),
         })
     }
 }
@@ -224,7 +224,7 @@ struct Thread {
     hub: Arc<Hub>,
     units: Vec<String>,
     lines: BTreeMap<&'static str, Line>,
-    /// Who is shown where there is room for one, and when they were last seen.
+    /// The person sent to single-person receivers, and when they were last seen.
     main: Option<(usize, Instant)>,
     start: Instant,
     tests: u64,
@@ -308,7 +308,7 @@ impl Thread {
         }
     }
 
-    /// Whether this is the person for receivers with room for one.
+    /// Whether this is the person for single-person receivers.
     fn is_main(&mut self, slot: usize) -> bool {
         let free = self
             .main
@@ -386,9 +386,9 @@ impl Thread {
                 sum(|wire| wire.tally().dropped),
             );
             let why = if line.wires.is_empty() {
-                "cannot open a socket, or this build cannot send it"
+                "cannot open a socket, or this build does not support it"
             } else if sent == 0 && dropped > 0 {
-                "the host name is not found yet, or there is no way to it"
+                "the host name does not resolve yet, or the host is unreachable"
             } else {
                 ""
             };

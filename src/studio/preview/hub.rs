@@ -1,8 +1,8 @@
 //! Between one source and any number of pages: events are kept in order, and each page reads them at its own pace.
 //!
 //! A live source keeps the newest [`LIVE_LINES`]; a page that reads too slowly misses the oldest. A session (CSV, recording)
-//! keeps all, up to [`SESSION_LINES`], so that a page that comes later has it whole. Facts that hold until told anew (schema,
-//! source, ranges) are told to every page that comes.
+//! keeps everything, up to [`SESSION_LINES`], so that a page that connects later gets all of it. State that holds until it is
+//! replaced (schema, source, ranges) is sent to every new page.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::net::IpAddr;

@@ -138,7 +138,7 @@ pub enum PreviewError {
     },
     /// OSC's address.
     #[error(
-        "cannot receive OSC at {address}: {source}; another receiver may have the port: choose one with --osc, and name it in osc.targets of mien"
+        "cannot receive OSC at {address}: {source}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
     )]
     Osc {
         /// What was given.
@@ -206,7 +206,7 @@ impl Preview {
     fn picture(&self, asked: &Asked) -> Answer {
         if !asked.peer.ip().to_canonical().is_loopback() || asked.elsewhere {
             return Answer::Forbidden(
-                "pictures of the sensor are shown on its own machine, by this page only\n",
+                "sensor pictures are served on this machine and to this page only\n",
             );
         }
         let wanted = asked.query.strip_prefix("n=");
@@ -241,11 +241,11 @@ impl Preview {
         };
         let said = match &*asked.path {
             "/command" => commands::read(word("what"), word("user"), word("on"))
-                .ok_or_else(|| "that command is not known".to_owned())
+                .ok_or_else(|| "unknown command".to_owned())
                 .and_then(|command| self.obeys.obey(command, self.hub.sender())),
             // Packets to an address of a stranger's choice are this machine's own business.
             "/receiver" if !asked.peer.ip().to_canonical().is_loopback() => Err(
-                "receivers are connected on the machine that shows the page; put the lines below into the box's configuration instead".into(),
+                "receivers can be connected only on the machine that serves the page; put the lines below into the box's configuration instead".into(),
             ),
             "/receiver" => {
                 let wish = match word("do") {
@@ -295,7 +295,7 @@ impl Site for Preview {
             return Answer::File(kind, text.as_bytes().into());
         }
         match &*asked.path {
-            "/events" if asked.elsewhere => Answer::Forbidden("for this page only\n"),
+            "/events" if asked.elsewhere => Answer::Forbidden("allowed for this page only\n"),
             "/events" => Answer::Events,
             "/units.json" => Answer::File("application/json", Arc::clone(&self.units)),
             "/words.json" => Answer::File("application/json", Arc::clone(&self.words)),

@@ -23,7 +23,7 @@ pub fn listen(socket: &UdpSocket, hub: &Hub) {
             }
             // Such as an ICMP refusal that is not ours; never at full speed.
             Err(error) => {
-                hub.note(&format!("the socket says: {error}"));
+                hub.note(&format!("socket error: {error}"));
                 std::thread::sleep(std::time::Duration::from_millis(100));
             }
         }

@@ -1,4 +1,4 @@
-//! What receivers of wires understand goes to the hub.
+//! Passes what the receivers parse to the hub.
 
 use super::hub::Hub;
 use crate::output::received::{Listener, Sample, UnitRange};

@@ -1,6 +1,6 @@
-//! What the page is told: one user at one frame, and what is known of their ranges, as JSON.
+//! The page's data: one user at one frame, and their ranges, as JSON.
 //!
-//! Numbers from outside come through here: what is not finite is left out, weights are kept to what a page can draw. Units:
+//! Untrusted numbers are filtered here: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
 //! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour picture, milliseconds of latency.
 
 use std::fmt::Write;

@@ -1,10 +1,10 @@
-//! A source that this computer sees itself: a recording, a sensor or the simulated one, followed by the pipeline in this
-//! process, so that pictures, landmarks, ranges and readiness are there to be shown.
+//! A source on this computer: a recording, a sensor or the simulated one, tracked by the pipeline in this process, so that
+//! pictures, landmarks, ranges and readiness can be shown.
 //!
-//! Where there is no colour, depth is shown in its place, and the heads in it.
+//! Without colour, depth is shown instead, with the heads found in it.
 //!
-//! A recording is followed as fast as it goes and every frame is kept; its pictures are read again when the page asks. A live
-//! source is followed at its pace.
+//! A recording is processed as fast as possible and every frame is kept; its pictures are read again on request. A live
+//! source is processed in real time.
 
 use std::io::Cursor;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Receives a serial line in any of the three styles ([`crate::output::serial`]) at a port. One that is absent is tried again
+//! Receives a serial line in any of the three styles ([`crate::output::serial`]) at a port. An absent port is retried
 //! every second.
 
 use std::io::Read;
@@ -63,7 +63,7 @@ pub fn listen(port: &Port, hub: &Hub) {
                         Err(_) => break,
                     }
                 }
-                hub.note(&format!("{} is gone; waiting for it", port.name));
+                hub.note(&format!("{} was disconnected; waiting for it", port.name));
             }
             Err(error) => hub.note(&format!("waiting for {}: {error}", port.name)),
         }

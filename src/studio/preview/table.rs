@@ -1,7 +1,7 @@
-//! Plays the CSV of a run, or a table from elsewhere with the columns that are needed ([`crate::output::csv`]).
+//! Plays the CSV of a run, or any table with the columns needed ([`crate::output::csv`]).
 //!
-//! Every row is told as it is read and kept by the hub, so that the page can go back. A row that is damaged is counted and
-//! skipped. From standard input (`-`) rows are shown as they come.
+//! Every row is sent as it is read and kept by the hub, so that the page can scrub back. Damaged rows are counted and skipped.
+//! From standard input (`-`) rows are shown as they arrive.
 
 use std::io::{BufRead, Read as _};
 use std::path::{Path, PathBuf};
@@ -79,7 +79,7 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
                 None => hub.count(0, 1),
             },
             Err(error) => {
-                hub.note(&format!("the table ends early: {error}"));
+                hub.note(&format!("the CSV ends early: {error}"));
                 break;
             }
         }

@@ -33,7 +33,7 @@ pub enum DatasetError {
     },
     /// The table has the wrong columns or a row is not readable.
     #[error(
-        "{path}, line {line}: expected {expected}, found {found:?}; mend the line or remove it"
+        "{path}, line {line}: expected {expected}, found {found:?}; correct the line or remove it"
     )]
     Malformed {
         /// The file.

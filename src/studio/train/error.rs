@@ -46,7 +46,7 @@ pub enum TrainError {
     Pipeline(#[from] PipelineError),
     /// Too little of a face in it.
     #[error(
-        "expected at least {expected} frames of one face that is surely found, found {found}; record for longer, near and facing the sensor"
+        "expected at least {expected} frames with one face tracked confidently, found {found}; record longer, close to the sensor and facing it"
     )]
     TooShort {
         /// Least number.

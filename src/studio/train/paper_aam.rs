@@ -106,7 +106,7 @@ pub fn paper_aam_block(
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
     let drawn = renderer.samples(0..practice.pictures as u64, practice.seed);
     say(&format!(
-        "{} drawn faces of {} people",
+        "{} rendered faces of {} people",
         drawn.len(),
         renderer.heads().len()
     ));
@@ -136,7 +136,7 @@ pub fn paper_aam_block(
         &settings,
     )?;
     say(&format!(
-        "{} shape bases, deviations {:.1} to {:.1} mm a point",
+        "{} shape bases, deviations {:.1} to {:.1} mm per point",
         bases.modes.len(),
         per_point_mm(bases.deviations.first()),
         per_point_mm(bases.deviations.last())
@@ -456,7 +456,7 @@ pub(super) fn person_block(
     model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
     let figures = PaperAamFigures::of(&model, &fits, &others);
     say(&format!(
-        "{} shape and {} appearance modes; frames between, against the default's points: {figures}",
+        "{} shape and {} appearance modes; frames in between, against the default's points: {figures}",
         model.head_modes.len(),
         model.appearance_modes.len()
     ));

@@ -90,7 +90,7 @@ pub fn learn_frames(
         }
     }
     say(&format!(
-        "{frames} frames, {} of them to learn from",
+        "{frames} frames, {} of them for training",
         seen.len()
     ));
     if seen.len() < TRACK_FRAMES {

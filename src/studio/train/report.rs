@@ -116,7 +116,7 @@ pub fn page(
     header.extend(scheme::REGIONS.map(|(name, _)| name.to_owned()));
     header.push("mean confidence".into());
     let mut album = Album {
-        title: "A face model and the people it has not learnt from".into(),
+        title: "The face model on held-out people".into(),
         facts,
         table: vec![header],
         ..Album::default()
@@ -212,12 +212,10 @@ fn add_groups(fitted: &[Fitted], table: &mut Vec<Vec<String>>) {
     });
     group("pitch beyond 15°", &|f| f.turned_deg().1 > 15.0);
     group("dark", &|f| f.grey() < 60.0);
-    group("neither dark nor bright", &|f| {
-        (60.0..=140.0).contains(&f.grey())
-    });
+    group("medium brightness", &|f| (60.0..=140.0).contains(&f.grey()));
     group("bright", &|f| f.grey() > 140.0);
-    group("nothing before the face", &|f| !f.is_covered());
-    group("something before it", &|f| f.is_covered());
+    group("uncovered", &|f| !f.is_covered());
+    group("partly covered", &|f| f.is_covered());
     let mut strongest: Vec<&str> = fitted.iter().map(|f| f.strongest).collect();
     strongest.sort_unstable();
     strongest.dedup();

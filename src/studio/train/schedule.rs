@@ -304,10 +304,10 @@ fn learn_shape(
         }
         let line = floor.line();
         log.figure(&format!(
-            "{count} modes leave of drawn faces, seen from the front: {line}"
+            "residual of {count} modes on rendered faces, frontal view: {line}"
         ));
         log.told
-            .push((format!("{count} modes leave of drawn faces"), line));
+            .push((format!("residual of {count} modes on rendered faces"), line));
     }
     Ok(shape)
 }
@@ -332,7 +332,7 @@ fn read_portraits(
         floor.add(&differences(&solver.window, &picture.points));
     }
     log.figure(&format!(
-        "what the shape model leaves of the test portraits: {}",
+        "residual of the shape model on the test portraits: {}",
         floor.line()
     ));
     Ok(pictures)
@@ -346,7 +346,7 @@ fn learn_stages(
     log: &mut Log,
 ) -> Result<[Vec<CascadeStage>; 2], TrainError> {
     let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
-    log.done(&format!("{} drawn faces", drawn.len()));
+    log.done(&format!("{} rendered faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
     samples.extend(disturbed(&drawn, 1, &STARTS, false, args.seed + 3));
     pictures.train.extend(drawn);
@@ -369,7 +369,7 @@ fn learn_stages(
         let this = std::slice::from_ref(&stage);
         advance(&watched, &mut watched_progress, shape, this);
         let figure = format!(
-            "{:.2} % on the training starts, {:.2} % on strangers (points 17–67)",
+            "{:.2} % on the training starts, {:.2} % on held-out people (points 17–67)",
             inner_error_percent(&samples, &progress, shape),
             inner_error_percent(&watched, &watched_progress, shape)
         );
@@ -406,7 +406,7 @@ fn tell_portraits(args: &TrainArgs, model: &FaceModel, pictures: &Pictures, log:
         for d in &all {
             clean.add(&super::evaluate::without(d, &offsets));
         }
-        log.figure(&format!("with mean offsets taken out: {}", clean.line()));
+        log.figure(&format!("with mean offsets removed: {}", clean.line()));
         log.figure(&calibration(model, &samples, &ends));
     }
 }
@@ -600,7 +600,7 @@ fn write_paper(
         .filter(|(before, after)| before == after)
         .count();
     say(&format!(
-        "wrote {}: {} bytes; {kept} other sections as they were, byte for byte",
+        "wrote {}: {} bytes; {kept} other sections unchanged, byte for byte",
         out.display(),
         grafted.len()
     ));

@@ -1,4 +1,4 @@
-//! What is learnt from: departures of all inputs in one frame, and the truth of all units; as text to be kept, and mirrored.
+//! Training examples: deviations of all inputs in one frame and the true units; saved as text, and mirrored.
 
 use std::fmt::Write;
 

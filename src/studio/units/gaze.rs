@@ -1,8 +1,8 @@
-//! Learns where eyes look from how they are seen while people look about ([`crate::expression::gaze`]).
+//! Learns gaze from images of the eyes while people look around ([`crate::expression::gaze`]).
 //!
-//! Ridge regression over people of the departures of both eyes' cells from the person's mean: across from the difference of the
-//! mirrored eyes, up from their sum, each with the turn of the head. The reading of the expressions then knows, beside all
-//! lengths, how far the lids follow a glance.
+//! Ridge regression over people, on the deviations of both eyes' cells from the person's mean: horizontal gaze from the difference
+//! of the mirrored eyes, vertical gaze from their sum, each with the head's rotation. The readings of the expressions can then
+//! account for lids that follow the gaze.
 
 use std::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! `mien-studio units`: what is learned of units before anybody is seen, as tables for `config/units.toml`.
+//! `mien-studio units`: priors and readings of the units, learned in advance, as tables for `config/units.toml`.
 //!
 //! ```text
 //! priors    rest and range of every measure, over people

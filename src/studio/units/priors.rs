@@ -1,5 +1,5 @@
-//! What the ICT head says about each measure before anyone has been seen: rest over random identities, and how far each
-//! expression at full weight moves it. `config/units.toml` holds the rounded numbers.
+//! Priors of each measure from the ICT head: rest over random identities, and how far each expression at full weight moves it.
+//! `config/units.toml` has the rounded numbers.
 //!
 //! Identities are drawn as neutral + Σ c_n mode_n, c_n ~ N(0, 1). Units: the inner-eye-corner distance w, of the neutral.
 //! Limitation: the head has no pucker, stretch, jaw sideways or jaw forward, no wide eyes; those come from

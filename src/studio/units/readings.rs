@@ -1,8 +1,8 @@
 //! `mien-studio units`: learns how each unit is read from all measures together, on tracked faces whose expressions are known.
 //!
-//! People the face model may learn from act random mixtures (`Scene::Mixed`) before the simulated sensor, some of them
-//! with hair and things; the whole pipeline follows them. Of every frame in which a face is believed and rest has been
-//! learnt, the departures of all inputs and the truth of all units ([`crate::studio::evaluate::acted`]) make an example, and its mirror image
+//! People the face model may learn from act random mixtures (`Scene::Mixed`) in front of the simulated sensor, some of
+//! them with hair and accessories, through the whole pipeline. From every frame with a confident face and a learned rest,
+//! the deviations of all inputs and the true units ([`crate::studio::evaluate::acted`]) make an example, and its mirror image
 //! another; real smiles ([`super::smiles`]) are added. Ridge regression on rises and falls gives the shares. A unit is read
 //! from inputs of its own part of the face ([`tells_of`]): others that seem to tell of it in one world do not in another.
 //! Last, a reading is stretched, by [`MOST`] at most, so that the median of full expressions comes to [`FULL`]: what is

@@ -193,7 +193,7 @@ impl Cast<'_> {
                 }
             }
             format!(
-                "after {frames} frames {} of {} known, {} of {} taken for another",
+                "after {frames} frames {} of {} recognised, {} of {} mistaken for another",
                 same[0], same[1], other[0], other[1]
             )
         });

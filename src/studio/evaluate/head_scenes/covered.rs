@@ -104,7 +104,7 @@ pub(super) fn figure(films: &[Errors]) -> String {
     let free = sum(&|film| film.free[0]) / sum(&|film| film.free[1]);
     let [frames, seen] = [0, 1].map(|k| films.iter().map(|film| film.frames[k]).sum::<usize>());
     format!(
-        "{:.3}, held {:.3}, at rest {:.3} (free: {free:.3}): {:.2} of holding's, {:.2} while brows, lids or nose act; better for {better} of {} people, at worst {worst:.2}; {seen} of {frames} frames",
+        "{:.3}, held {:.3}, at rest {:.3} (free: {free:.3}): {:.2} of holding, {:.2} while brows, lids or nose act; better for {better} of {} people, at worst {worst:.2}; {seen} of {frames} frames",
         reported / count,
         held / count,
         rest / count,

@@ -126,7 +126,7 @@ pub fn play(
             "first" => first_poses(&cast, &mut rows)?,
             "several" => several_people(&cast, sessions.seconds, &mut rows)?,
             "known" => rows.add(
-                "people who left, known again by the head",
+                "people who left, re-identified by the head",
                 "right",
                 cast.known_again()?,
             ),
@@ -252,7 +252,7 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Rows) -> Result<(),
                 name,
                 "ids 99 %, new user in 10 frames",
                 format!(
-                    "ids right {ids:.2} %, new user in {late} frames at most, lost {lost:.2} %, {ghosts} frames with a ghost"
+                    "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
                 ),
             );
     }
@@ -267,9 +267,9 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsErro
         .max()
         .unwrap_or(0);
     rows.add(
-        "hand before the face",
+        "hand in front of the face",
         "held, lost, back in 5 frames",
-        format!("{}; back in {worst} frames at most", uncovered(&hands[0]).1),
+        format!("{}; back within {worst} frames", uncovered(&hands[0]).1),
     );
     Ok(())
 }
@@ -280,7 +280,7 @@ fn hand_over_the_mouth(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError
         .map(|k| covered::play(cast, k))
         .collect::<Result<_, _>>()?;
     rows.add(
-        "hand over the mouth for 1 s: error of its units against holding's",
+        "hand over the mouth for 1 s: error of its units relative to holding them",
         "half",
         covered::figure(&films),
     );
@@ -339,7 +339,9 @@ fn frame_times(cast: &Cast, wanted: [bool; 2], rows: &mut Rows) -> Result<(), Se
             let (times, _) = cast.times(scene, 480)?;
             let largest = times[5..].iter().copied().fold(0.0, f64::max);
             rows.add(
-                &format!("largest frame time per head over the median of one head, {name}"),
+                &format!(
+                    "longest frame time per head, relative to the median of a single head, {name}"
+                ),
                 "2",
                 format!(
                     "{:.2} ({largest:.2} ms, median {:.2} ms; one head {:.2} ms)",

@@ -247,12 +247,12 @@ impl Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} people never trained on; errors are mean / 95th percentile, one offset per person out",
+            "{} people never trained on; errors are mean / 95th percentile, after removing one offset per person",
             self.rows.len()
         )?;
         writeln!(
             f,
-            "| person | wears, is seen | lost, % | into or out of held, per 10 s | rotation | position | landmarks |\n| --- | --- | --- | --- | --- | --- | --- |"
+            "| person | wears, conditions | lost, % | into or out of held, per 10 s | rotation | position | landmarks |\n| --- | --- | --- | --- | --- | --- | --- |"
         )?;
         for (number, row) in self.rows.iter().enumerate() {
             writeln!(f, "| {number} | {row} |")?;

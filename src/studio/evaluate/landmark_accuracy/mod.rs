@@ -53,7 +53,7 @@ pub fn measure(
         "1.4 / 2.5",
     );
     row(
-        "… of it one offset per person and point",
+        "… of which one offset per person and point",
         format!("{}", percent(&seen.offset)),
         "",
     );
@@ -69,7 +69,7 @@ pub fn measure(
         "2.5",
     );
     row(
-        "a fifth of the points covered: the others",
+        "a fifth of the points covered: error of the others",
         format!("{}", percent(&seen.covered)),
         "3",
     );
@@ -87,7 +87,7 @@ pub fn measure(
         .iter()
         .fold(0.0, |most: f64, frames| most.max(*frames));
     row(
-        "whole face hidden: frames called lost; clear again: frames until it is followed, mean, most",
+        "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
         format!(
             "{:.0} %; {:.1}, {most:.0}",
             seen.unseen.percent(),
@@ -102,7 +102,7 @@ pub fn measure(
         "15 %",
     );
     row(
-        "lamp going round: error grows by",
+        "moving lamp: error grows by",
         format!("{:.0} %", grown(&seen.lamp, &seen.same_as_lamp)),
         "15 %",
     );

@@ -102,11 +102,7 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
             .collect();
         let [given, clean] = both(&fitted(model, &wanted)?).map(Spread::of);
         rows.push(("portraits of held-out people", format!("{given}"), "2.8"));
-        rows.push((
-            "… offsets per landmark taken out",
-            format!("{clean}"),
-            "2.1",
-        ));
+        rows.push(("… offsets per landmark removed", format!("{clean}"), "2.1"));
     }
     if let Ok(entries) = read_folder(&data.join("faces_ytfaces68")) {
         // A part for choosing settings, all for the table.
@@ -119,11 +115,7 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
             format!("{:.2}", median(&given)),
             "6",
         ));
-        rows.push((
-            "… offsets taken out",
-            format!("{:.2}", median(&clean)),
-            "4.3",
-        ));
+        rows.push(("… offsets removed", format!("{:.2}", median(&clean)), "4.3"));
         rows.push(("… beyond 10 %", format!("{:.1} %", 100.0 * failed), "5 %"));
     }
     if let Some(row) = talking(&data.join("video_talkingface/img"), model)? {
@@ -174,5 +166,5 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, DatasetError
         "{followed} of {}; moves by {steps} % per frame",
         paths.len()
     );
-    Ok(Some(("talking face: frames followed", figure, "all 600")))
+    Ok(Some(("talking face: frames tracked", figure, "all 600")))
 }

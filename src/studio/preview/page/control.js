@@ -15,7 +15,7 @@ async function ask(path, words) {
     say(said, !ok);
     return ok;
   } catch {
-    say("mien-studio does not answer; is it still running?", true);
+    say("no reply from mien-studio; is it still running?", true);
     return false;
   }
 }
@@ -208,7 +208,7 @@ export class Gains {
     });
     byId("gains-save").addEventListener("click", () => {
       save("gains.toml", [this.toml()]);
-      say("saved gains.toml: put its lines into the configuration of mien");
+      say("saved gains.toml: put its lines into mien's configuration");
     });
     byId("gains-reset").addEventListener("click", () => {
       this.of.clear();
@@ -259,7 +259,7 @@ export class Receivers {
         say("copied");
       } catch {
         getSelection().selectAllChildren(byId("lines"));
-        say("the browser does not let the page copy: the lines are selected, copy them");
+        say("the browser does not allow copying from the page; the lines are selected, press Ctrl-C");
       }
     });
     this.choose();
@@ -286,7 +286,7 @@ export class Receivers {
   draw() {
     const told = this.stream.receivers;
     byId("receiver-connect").disabled = Boolean(this.stream.source?.session);
-    byId("receiver-connect").title = this.stream.source?.session ? "what was recorded is sent by mien run --source" : "";
+    byId("receiver-connect").title = this.stream.source?.session ? "to send a recording, use mien run --source" : "";
     if (told === this.told) return;
     this.told = told;
     // Lines stay while their receivers do: a button that is being pressed must not be made anew with every count.

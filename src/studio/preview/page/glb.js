@@ -65,7 +65,7 @@ class Reader {
   sparse(a, width) {
     const { count, indices, values } = a.sparse;
     const at = this.rows(indices.bufferView, indices.byteOffset ?? 0, indices.componentType, 1, count);
-    if (at.some((row) => row >= a.count)) throw new Error("a sparse index beyond its accessor");
+    if (at.some((row) => row >= a.count)) throw new Error("a sparse index is outside its accessor");
     return { at, values: this.rows(values.bufferView, values.byteOffset ?? 0, a.componentType, width, count, a.normalized) };
   }
 }
@@ -277,7 +277,7 @@ export function readGlb(buffer, units) {
       const part = { material: primitive.material, indices: [] };
       for (let k = 0; k + 2 < indices.length; k += 3) {
         const t = [first + indices[k], first + indices[k + 1], first + indices[k + 2]];
-        if (indices[k] >= count || indices[k + 1] >= count || indices[k + 2] >= count) throw new Error("an index beyond the vertices");
+        if (indices[k] >= count || indices[k + 1] >= count || indices[k + 2] >= count) throw new Error("an index is outside the vertices");
         geometry.triangles.push(t);
         part.indices.push(...t);
       }

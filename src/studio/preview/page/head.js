@@ -116,7 +116,7 @@ class Head {
       total += sizes[v];
     }
     const height = Math.max(1, Math.ceil((2 * total) / ROW));
-    if (height > gl.getParameter(gl.MAX_TEXTURE_SIZE)) throw new Error("the targets move more vertices than this graphics card takes");
+    if (height > gl.getParameter(gl.MAX_TEXTURE_SIZE)) throw new Error("the targets move more vertices than this graphics card supports");
     const data = new Float32Array(ROW * height * 4);
     targets.forEach((target, k) => {
       for (const [v, d] of target.entries) {

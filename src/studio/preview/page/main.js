@@ -22,7 +22,7 @@ let view = null;
 try {
   view = new View(byId("view"));
 } catch (error) {
-  say(`${error.message}; bars and curves work without`);
+  say(`${error.message}; bars and curves still work`);
 }
 
 // A target's unit by its name in lower case, for heads that do not say.
