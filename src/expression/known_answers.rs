@@ -3,8 +3,8 @@
 use super::measures::tests::toy_face;
 use super::nodes::Nodes;
 use super::units::{Kind, Prior};
-use super::{Expression, Settings, Units, rest};
-use crate::base::capacity::LANDMARKS;
+use super::{Expression, Settings, Units, is_warming, rest};
+use crate::base::capacity::{LANDMARKS, LEARNT_MEASURES};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
@@ -105,4 +105,17 @@ fn what_a_face_did_before_its_weights_are_shown_has_no_part_in_them() {
         calm[59]
     );
     assert_eq!(grinning, calm);
+}
+
+#[test]
+fn warming_ends_with_half_of_the_rests_known_by_half() {
+    // Every other rest is unknown: as many as there may be.
+    let known = |readiness: f64| -> [f64; LEARNT_MEASURES] {
+        core::array::from_fn(|m| if m % 2 == 1 { 0.0 } else { readiness })
+    };
+    assert!(!is_warming(known(0.5)));
+    assert!(is_warming(known(0.5_f64.next_down())));
+    let mut too_few = known(1.0);
+    too_few[0] = 0.0;
+    assert!(is_warming(too_few));
 }

@@ -583,9 +583,14 @@ impl Expression {
                 self.weights.readiness[column] = readiness as f32;
             }
         }
-        rests.sort_unstable_by(f64::total_cmp);
-        self.weights.warming = rests[LEARNT_MEASURES / 2] < WARM;
+        self.weights.warming = is_warming(rests);
     }
+}
+
+/// Whether ranges are still mostly the population's, by how well each measure's rest is known, 0…1.
+fn is_warming(mut rests: [f64; LEARNT_MEASURES]) -> bool {
+    rests.sort_unstable_by(f64::total_cmp);
+    rests[LEARNT_MEASURES / 2] < WARM
 }
 
 #[cfg(test)]

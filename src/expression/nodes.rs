@@ -265,4 +265,18 @@ mod tests {
             "half-life 0 never forgets"
         );
     }
+
+    #[test]
+    fn all_is_divided_when_the_growth_passes_a_million_and_not_at_it() {
+        // The next power of two is more than a million, and divides exactly.
+        for (grown, left) in [(1e6, 1e6), (1_048_576.0, 1.0)] {
+            let mut nodes = Nodes::<8>::new();
+            nodes.growth = grown;
+            nodes.push(1.0, 2.0, 4.0);
+            nodes.advance(0.0, 300.0);
+            let node = nodes.as_slice()[0];
+            assert_eq!((node.rest, node.range), (2.0 * left, 4.0 * left));
+            assert_eq!((nodes.growth(), nodes.totals()), (left, (2.0, 4.0)));
+        }
+    }
 }

@@ -207,4 +207,18 @@ mod tests {
         assert_eq!(interval(&samples(&[(2.0, 5.0)]), SCAN), None);
         assert_eq!(interval(&samples(&[(2.0, 5.0), (2.0, 5.0)]), SCAN), None);
     }
+
+    #[test]
+    fn a_scan_of_all_ends_with_the_last_sample_however_the_sum_rounds() {
+        // From the right these add up to 0.6, from the left to a little more: all of it is never reached.
+        let three = samples(&[(0.0, 0.1), (1.0, 0.2), (2.0, 0.3)]);
+        let all = Scan {
+            gap: 100.0,
+            count: 100.0,
+            scanned: 100.0,
+            rest: 0.0,
+        };
+        assert!(0.3 + 0.2 + 0.1 < 0.1 + 0.2 + 0.3);
+        assert_eq!(interval(&three, all), Some((0.0, 2.0)));
+    }
 }

@@ -32,6 +32,7 @@ pub struct Mode {
 }
 
 /// Finds the mode of `nodes` (weights divided by `growth` are seconds) with window half-width `h`, from the present rest.
+/// Of equal scores the population's rest counts for more, then the lower node.
 #[must_use]
 pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) -> Mode {
     let weight_within = |v: f64| {
@@ -170,5 +171,15 @@ mod tests {
                 seconds: 6.0
             }
         );
+    }
+
+    #[test]
+    fn of_equals_the_lower_is_rest() {
+        // All of it exact in binary: a quarter below and above what people have, so that their scores are the same.
+        let mut nodes: Nodes<64> = Nodes::new();
+        nodes.push(0.75, 2.0, 2.0);
+        nodes.push(1.25, 2.0, 2.0);
+        let mode = mode(nodes.as_slice(), nodes.growth(), 0.125, &PRIOR, 1.0);
+        assert_eq!((mode.value, mode.seconds), (0.75, 2.0));
     }
 }

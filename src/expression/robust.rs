@@ -470,4 +470,35 @@ mod tests {
         assert!(last.is_some_and(|value| value > 1.9), "{last:?}");
         assert_eq!(learner.frames, 1);
     }
+
+    #[test]
+    fn every_frame_of_the_free_start_brings_an_estimate_and_its_end_is_not_one_of_them() {
+        for (first_s, brings) in [(0.29, true), (0.3, false)] {
+            let mut learner = RobustLearner::new(SETTINGS, PRIOR, 0.0);
+            learner.observe(1.5, 1.0, first_s);
+            let before = learner.rest_seconds();
+            learner.observe(1.5, 1.0, 0.005);
+            assert_eq!(learner.rest_seconds() != before, brings, "{first_s} s");
+            // A twentieth of a second after the last there is one in any case.
+            learner.observe(1.5, 1.0, 0.05);
+            assert!(learner.rest_seconds() != before);
+        }
+    }
+
+    #[test]
+    fn a_phase_puts_the_estimates_after_two_seconds_off() {
+        // Frames of a quarter of a second: exact in binary. Half of half a second is one of them.
+        for (phase, expected) in [(0.0, [2.0, 2.5, 3.0]), (0.5, [2.0, 2.75, 3.25])] {
+            let mut learner = RobustLearner::new(SETTINGS, PRIOR, phase);
+            let mut estimates = Vec::new();
+            for frame in 1..=13 {
+                let before = learner.rest_seconds();
+                learner.observe(1.5, 1.0, 0.25);
+                if frame >= 8 && learner.rest_seconds() != before {
+                    estimates.push(0.25 * f64::from(frame));
+                }
+            }
+            assert_eq!(estimates, expected, "phase {phase}");
+        }
+    }
 }

@@ -1,8 +1,8 @@
 //! Weight ω of a sample: how close the face is to the best distance and how squarely it faces the camera.
 //!
 //! Method: Jiang Na et al., section 2.2, equations (4) and (5). Units: metres in, 0…1 out. No state, no memory.
-//! Degenerate: a face at the camera's own position has no line of sight and weighs 0; further than 5 m from the best
-//! distance equation (4) becomes negative and is clamped to 0.
+//! Degenerate: a face less than a millimetre from the camera's own position has no line of sight and weighs 0; further
+//! than 5 m from the best distance equation (4) becomes negative and is clamped to 0.
 //! Our interpretation: n_f, "the unit normal when facing the camera", points from the face to the camera, so a face at the
 //! image's edge that looks at the camera counts as facing it.
 
@@ -103,5 +103,12 @@ mod tests {
     fn degenerate_poses_weigh_nothing() {
         assert_eq!(sample_weight(&pose(0.0, 0.0), 0.5), 0.0);
         assert_eq!(sample_weight(&pose(f32::NAN, 0.0), 0.5), 0.0);
+    }
+
+    #[test]
+    fn a_face_a_millimetre_before_the_camera_is_seen_and_a_nearer_one_is_not() {
+        // 1 - 0.2 * 0.499 for its distance.
+        assert!((sample_weight(&pose(1e-3, 0.0), 0.5) - 0.9002).abs() < 1e-6);
+        assert_eq!(sample_weight(&pose(1e-3_f32.next_down(), 0.0), 0.5), 0.0);
     }
 }

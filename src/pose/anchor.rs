@@ -217,6 +217,7 @@ fn normal_matrix_inverse(points: &[Point], motions: &[[f32; 7]]) -> Option<SMatr
             }
         }
     }
+    // Of a head as round as a ball turns cannot be told from shifts: so little of each is left to itself.
     for k in 0..7 {
         h[(k, k)] *= 1.0 + 1e-6;
     }
@@ -450,5 +451,19 @@ pub(crate) mod tests {
         };
         assert!(Anchor::new(&spread(12)).is_some());
         assert!(Anchor::new(&spread(11)).is_none());
+    }
+
+    #[test]
+    fn a_ball_is_a_head_though_its_turns_are_shifts() {
+        let middle = Vector::new(0.01, 0.02, 0.03);
+        let mut rng = fastrand::Rng::with_seed(6);
+        let ball: Vec<(Point, Vector)> = (0..200)
+            .map(|_| {
+                let n = Vector::from_fn(|_, _| rng.f32() - 0.5).normalize();
+                (Point::from(middle + n * 0.05), n)
+            })
+            .collect();
+        let anchor = Anchor::new(&ball).expect("a head");
+        assert!(anchor.motions_inverse.iter().all(|c| c.is_finite()));
     }
 }

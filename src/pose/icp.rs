@@ -476,4 +476,31 @@ mod tests {
             "{half} {most} {all}"
         );
     }
+
+    /// Iterations with the default settings if `motion` is all that has to be put back: the first step does it.
+    fn iterations_for(points: &[Point], motion: Rigid) -> u32 {
+        let target = Target::new(points).unwrap();
+        let moving: Vec<Point> = points.iter().map(|p| motion.inverse() * p).collect();
+        let (settings, mut scratch) = (Settings::default(), Scratch::default());
+        let found = align(&target, &moving, Rigid::identity(), &settings, &mut scratch);
+        found.expect("an alignment").iterations
+    }
+
+    #[test]
+    fn a_step_below_a_hundredth_of_a_millimetre_is_the_last() {
+        for (shift_m, iterations) in [(7e-6, 1), (1.4e-5, 2)] {
+            let motion = Rigid::translation(shift_m, 0.0, 0.0);
+            assert_eq!(iterations_for(&scattered(), motion), iterations);
+        }
+    }
+
+    #[test]
+    fn a_turn_counts_as_the_path_of_a_point_a_tenth_of_a_metre_out() {
+        // A cloud of a centimetre: its own points move by a tenth of that path at most.
+        let small: Vec<Point> = scattered().iter().map(|p| p * 0.06).collect();
+        for (turn_rad, iterations) in [(7e-5, 1), (1.4e-4, 2)] {
+            let motion = Rigid::rotation(Vector::y() * turn_rad);
+            assert_eq!(iterations_for(&small, motion), iterations);
+        }
+    }
 }

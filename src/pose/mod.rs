@@ -1239,4 +1239,54 @@ mod tests {
         let kept: Vec<f32> = best.0.iter().map(|fit| fit.agreement).collect();
         assert_eq!(kept, [2.0, 4.0, 1.0]);
     }
+
+    #[test]
+    fn a_followed_head_that_agrees_just_enough_is_proven() {
+        let here = placed(5.0, 0.0, 0.0);
+        let (smooth, rough) = (cloud(&here, 0.0, 1), cloud(&here, 0.012, 2));
+        let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+        let mut followed = |min_agreement: f32| {
+            tracker.settings = Settings {
+                learn_shape: false,
+                min_agreement,
+                ..Settings::default()
+            };
+            tracker.reset();
+            tracker
+                .track(&smooth, Timestamp::default())
+                .expect("a head");
+            let pose = tracker.follow(&rough, Timestamp::from_us(33_333));
+            let pose = pose.expect("a head");
+            (pose.confidence, pose.proven)
+        };
+        // The whole egg is seen: the confidence is the agreement.
+        let (agreement, _) = followed(0.45);
+        assert_eq!(followed(agreement), (agreement, true));
+        assert_eq!(followed(agreement.next_up()), (agreement, false));
+    }
+
+    #[test]
+    fn a_hundred_and_twenty_live_points_that_agree_are_enough_to_follow() {
+        let here = placed(0.0, 0.0, 0.0);
+        let mut tracker = PoseTracker::new(Settings::default(), &half_egg()).unwrap();
+        let whole = cloud(&here, 0.0, 1);
+        tracker.track(&whole, Timestamp::default()).expect("a head");
+        // Well within the bare face and seen from before: there every point agrees.
+        let face: Vec<Point> = half_egg()
+            .iter()
+            .filter(|(p, n)| {
+                p.x.abs() < 0.05 && (-0.045..0.05).contains(&p.y) && p.z < 0.03 && n.z < -0.4
+            })
+            .map(|(p, _)| here * p)
+            .collect();
+        let mut follows = |count: usize| {
+            let mut few = HeadCloud::default();
+            for k in 0..count {
+                few.points.push(face[k * face.len() / count]).unwrap();
+            }
+            let pose = tracker.follow(&few, Timestamp::from_us(33_333));
+            pose.is_some_and(|pose| pose.confidence > 0.9)
+        };
+        assert!(!follows(119) && follows(120));
+    }
 }

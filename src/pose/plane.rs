@@ -342,9 +342,9 @@ mod tests {
     use super::*;
     use crate::pose::anchor::tests::half_egg;
 
-    /// The sums over one point of the middle of the face, as deep as `z`, laid on the head `off` metres before its surface.
-    fn one_point(anchor: &Anchor, z: f32, off: f32, middle: f32) -> Sums {
-        let shape = HeadShape::standard(anchor.points.len());
+    /// A live point of the middle of the face, as deep as `z`, and the pose that lays it on the head `off` metres before its
+    /// surface.
+    fn seen(anchor: &Anchor, z: f32, off: f32) -> (Point, HeadFromSensor) {
         let i = (0..anchor.points.len())
             .filter(|&i| anchor.bare[i] && !anchor.rim[i])
             .min_by(|&a, &b| {
@@ -355,7 +355,13 @@ mod tests {
         // The head as the camera at its z sees it, not turned.
         let q = anchor.points[i] + anchor.normals[i] * off;
         let pose = HeadFromSensor::of(Rigid::translation(0.0, 0.0, q.z - z));
-        let p = pose.inverse() * q;
+        (pose.inverse() * q, pose)
+    }
+
+    /// The sums over that point alone.
+    fn one_point(anchor: &Anchor, z: f32, off: f32, middle: f32) -> Sums {
+        let shape = HeadShape::standard(anchor.points.len());
+        let (p, pose) = seen(anchor, z, off);
         let place = (&pose, 1.0);
         Sums::of(
             anchor,
@@ -464,5 +470,24 @@ mod tests {
         assert!(hair.support > 0.5, "{}", hair.support);
         let face = fit(|p| p.y.abs() < 0.04 && p.x.abs() < 0.05);
         assert!(face.agreement > 0.9, "{}", face.agreement);
+    }
+
+    #[test]
+    fn forty_points_of_full_weight_fix_a_pose_or_one_of_every_forty() {
+        let anchor = Anchor::new(&half_egg()).expect("a head");
+        let shape = HeadShape::standard(anchor.points.len());
+        // On the surface, where trust is whole, and as deep as the cloud's middle.
+        assert_eq!(one_point(&anchor, 0.6, 0.0, 0.6).total, 1.0);
+        let (p, pose) = seen(&anchor, 0.6, 0.0);
+        let is_enough = |stride: usize| {
+            let effort = Effort {
+                cutoffs_m: &[0.02],
+                stride,
+                beside: 0.5,
+                scale_sigma: 0.0,
+            };
+            align(&anchor, &shape, &[p], pose, &effort).is_some()
+        };
+        assert!(!is_enough(39) && is_enough(40));
     }
 }

@@ -30,7 +30,7 @@ pub enum Smoothing {
     Window(usize),
     /// Low-pass with speed-dependent cut-off.
     Adaptive {
-        /// Cut-off of a head at rest, hertz.
+        /// Cut-off of a head at rest, hertz; less than a thousandth counts as that, so that the filter never stands still.
         rest_hz: f32,
         /// Rise of the cut-off, hertz per (m/s) of the face's surface.
         rise: f32,
@@ -296,5 +296,18 @@ mod tests {
         filter.smooth(pose(0.0, 0.0), Timestamp::from_us(1_000_000));
         let out = filter.smooth(pose(0.0, 0.3), Timestamp::from_us(1_000_000));
         assert!((out.translation.vector.x - 0.3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn without_a_cut_off_it_is_a_millihertz() {
+        // 0.2 s of a time constant of 1/(2 pi 0.001 Hz) = 159.155 s.
+        let mut filter = PoseFilter::new(Smoothing::Adaptive {
+            rest_hz: 0.0,
+            rise: 0.0,
+        });
+        filter.smooth(pose(0.0, 0.0), Timestamp::from_us(0));
+        let out = filter.smooth(pose(0.0, 1.0), Timestamp::from_us(200_000));
+        let share = out.translation.vector.x;
+        assert!((share - 0.2 / 159.355).abs() < 1e-6, "{share}");
     }
 }

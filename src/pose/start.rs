@@ -21,6 +21,7 @@ pub(crate) fn starts<'a>(
     cloud: &[Point],
 ) -> impl Iterator<Item = HeadFromSensor> + use<'a> {
     let middle = mean(cloud.iter().copied());
+    // Of a cloud around the camera itself, closer than a micrometre, any ray is one: straight ahead.
     let ray = middle.coords.try_normalize(1e-6).unwrap_or(Vector::z());
     PITCHES_DEG.into_iter().flat_map(move |pitch| {
         YAWS_DEG.into_iter().map(move |yaw| {
@@ -44,4 +45,22 @@ fn mean(points: impl Iterator<Item = Point>) -> Point {
         (s + p.coords.cast::<f64>(), n + 1.0)
     });
     Point::from((sum / count.max(1.0)).cast::<f32>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::anchor::tests::half_egg;
+
+    #[test]
+    fn a_cloud_within_a_micrometre_of_the_camera_is_looked_at_straight_ahead() {
+        let anchor = Anchor::new(&half_egg()).expect("a head");
+        let first = |x: f32| {
+            let start = starts(&anchor, &[Point::new(x, 0.0, 0.0)]).next();
+            start.expect("a start").translation.vector
+        };
+        assert!((first(7.5e-7) - first(0.0)).norm() < 1e-5);
+        // From the side half of the head is seen, and its middle is elsewhere.
+        assert!((first(1.5e-6) - first(0.0)).norm() > 0.01);
+    }
 }
