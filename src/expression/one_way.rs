@@ -218,7 +218,8 @@ mod tests {
             scanned: 100.0,
             rest: 0.0,
         };
-        assert!(0.3 + 0.2 + 0.1 < 0.1 + 0.2 + 0.3);
+        let sum = |sum: f64, sample: &Sample| sum + sample.weight;
+        assert!(three.iter().rev().fold(0.0, sum) < three.iter().fold(0.0, sum));
         assert_eq!(interval(&three, all), Some((0.0, 2.0)));
     }
 }
