@@ -7,6 +7,7 @@
 mod common;
 
 mod bakes_local_shapes;
+mod checks_the_wiring;
 mod comes_and_goes;
 mod docs_commands;
 mod drives_a_kinect;

@@ -2,12 +2,10 @@
 //! One file: all wires share one recording and its run.
 
 use std::net::{Ipv4Addr, UdpSocket};
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use mien::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use mien::base::time::Timestamp;
-use mien::expression::Units;
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
@@ -29,7 +27,7 @@ fn report(ms: u64, weights: &[f32]) -> Report<'_> {
     }
 }
 
-fn receiver(address: &str) -> UdpSocket {
+pub(crate) fn receiver(address: &str) -> UdpSocket {
     let socket = UdpSocket::bind(address).unwrap();
     socket
         .set_read_timeout(Some(Duration::from_millis(300)))
@@ -37,7 +35,7 @@ fn receiver(address: &str) -> UdpSocket {
     socket
 }
 
-fn messages(socket: &UdpSocket) -> Vec<OscMessage> {
+pub(crate) fn messages(socket: &UdpSocket) -> Vec<OscMessage> {
     let (mut all, mut bytes) = (Vec::new(), vec![0; 65_536]);
     while let Ok(length) = socket.recv(&mut bytes) {
         let (_, packet) = rosc::decoder::decode_udp(&bytes[..length]).unwrap();
@@ -373,112 +371,4 @@ fn ports_open_at_every_speed() {
         }
         assert_eq!(port.baud_rate().unwrap(), baud);
     }
-}
-
-/// What a serial port sends until the line of nobody.
-fn lines_until_nobody(mut reader: TTYPort) -> String {
-    let (mut text, mut bytes) = (String::new(), [0; 4096]);
-    let mut quiet = 0;
-    // It is over when the line of nobody has come: state and user are 0 there too.
-    let nobody = ",0".repeat(2 + Units::shipped().columns(false).len()) + "*";
-    while quiet < 400 && !text.lines().any(|line| line.contains(&nobody)) {
-        match std::io::Read::read(&mut reader, &mut bytes) {
-            Ok(length) => text.push_str(&String::from_utf8_lossy(&bytes[..length])),
-            Err(_) => quiet += 1,
-        }
-    }
-    text
-}
-
-/// What a socket receives until nobody is present.
-fn messages_until_nobody(socket: &UdpSocket) -> Vec<OscMessage> {
-    let mut all = Vec::new();
-    let mut quiet = 0;
-    while quiet < 20 {
-        let some = messages(socket);
-        quiet = if some.is_empty() { quiet + 1 } else { 0 };
-        let last = some
-            .last()
-            .is_some_and(|m| m.addr == "/face/0/present" && m.args == [OscType::Int(0)]);
-        all.extend(some);
-        if last {
-            break;
-        }
-    }
-    all
-}
-
-#[test]
-fn send_test_sweeps_every_unit_and_names_it() {
-    let socket = receiver("127.0.0.1:0");
-    let (mut reader, port) = TTYPort::pair().unwrap();
-    reader.set_timeout(Duration::from_millis(50)).unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("mien.toml");
-    let configuration = format!(
-        "[osc]\ntarget = \"{}\"\n[serial]\nport = \"{}\"\n[units]\nAU26.name = \"jaw\"\n[log]\nlevel = \"error\"\n",
-        socket.local_addr().unwrap(),
-        port.name().unwrap()
-    );
-    std::fs::write(&path, configuration).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_mien"))
-        .arg("send-test")
-        .arg("--config")
-        .arg(&path)
-        .stderr(Stdio::piped())
-        .stdin(Stdio::null())
-        .spawn()
-        .unwrap();
-    let lines = std::thread::spawn(move || lines_until_nobody(reader));
-    let heard = std::thread::spawn(move || messages_until_nobody(&socket));
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success());
-    let log = String::from_utf8(output.stderr).unwrap();
-    let (heard, text) = (heard.join().unwrap(), lines.join().unwrap());
-    let schema = heard.iter().find(|m| m.addr == "/face/schema").unwrap();
-    let names: Vec<String> = schema.args[1..]
-        .iter()
-        .map(|name| name.clone().string().unwrap())
-        .collect();
-    assert!(names.len() >= 19 && names.contains(&"jaw".to_owned()));
-    let vectors: Vec<Vec<f32>> = heard
-        .iter()
-        .filter(|m| m.addr == "/face/0/au")
-        .map(|m| {
-            m.args
-                .iter()
-                .map(|arg| arg.clone().float().unwrap())
-                .collect()
-        })
-        .collect();
-    let mut at = 0;
-    for (i, name) in names.iter().enumerate() {
-        let logged = if name == "jaw" {
-            "AU26 jaw drop as jaw ("
-        } else {
-            &format!("{name} ")
-        };
-        assert!(log.contains(logged), "{logged} not in {log}");
-        // Up to 1 and down again, all others at rest, one unit after the other.
-        let peak = vectors[at..].iter().position(|vector| vector[i] == 1.0);
-        at += peak.unwrap_or_else(|| panic!("{name} does not come to 1 in its turn"));
-        let others = vectors[at].iter().enumerate();
-        assert!(
-            others
-                .filter(|&(j, _)| j != i)
-                .all(|(_, &weight)| weight == 0.0)
-        );
-        assert!(
-            vectors[at..]
-                .iter()
-                .any(|vector| vector.iter().all(|&weight| weight == 0.0))
-        );
-    }
-    assert!(vectors.last().unwrap().iter().all(|&weight| weight == 0.0));
-    let full = text
-        .lines()
-        .filter(|line| line.starts_with("$AU,") && (line.contains(",100") || line.contains(",93")));
-    // A port that is late shows the newest frame: of the three around a peak one may be left out.
-    let full = full.count();
-    assert!(full >= names.len(), "{full} peaks on the serial port");
 }
