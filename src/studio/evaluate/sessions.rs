@@ -31,6 +31,7 @@ use crate::studio::fit::FitError;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 use crate::studio::train::dataset::DatasetError;
 use crate::users::TrackingState;
 
@@ -263,9 +264,10 @@ pub fn play(
     if heads.is_empty() {
         return Err(SessionsError::Nobody(data.display().to_string()));
     }
+    let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let played: Vec<Played> = heads
         .into_par_iter()
-        .map(|head| play_one(head, model, settings, sessions))
+        .map(|head| play_one(head, model, settings, sessions, &progress))
         .collect::<Result<_, _>>()?;
     Ok(table(&played))
 }
@@ -291,6 +293,7 @@ fn play_one(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
+    progress: &Progress,
 ) -> Result<Played, PipelineError> {
     let seed = seed_of(sessions.seed, head.person);
     let truth = Measured::new(&head.asset);
@@ -313,6 +316,9 @@ fn play_one(
         ..Played::default()
     };
     for index in 0..(sessions.seconds * 30.0) as i64 {
+        if index % 30 == 29 {
+            progress.step();
+        }
         let at = frame_time(index);
         let Some(shown) = simulator.draw(at, &mut frame) else {
             continue;

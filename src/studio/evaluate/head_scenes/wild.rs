@@ -24,6 +24,7 @@ use crate::studio::evaluate::sessions::{
 };
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 
 /// Length of a session without `--seconds`.
 pub const SECONDS: f64 = 20.0;
@@ -126,12 +127,16 @@ fn play_one(
     settings: &Settings,
     sessions: &Sessions,
     pictures: Option<&Path>,
+    progress: &Progress,
 ) -> Result<Row, SessionsError> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
     let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera().registration(), model)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in 0..(sessions.seconds * 30.0) as usize {
+        if n % 30 == 29 {
+            progress.step();
+        }
         let Some(truth) = simulator.draw(at(n), &mut frame) else {
             continue;
         };
@@ -225,10 +230,13 @@ pub fn play(
     if heads.is_empty() {
         return Err(SessionsError::Nobody(data.display().to_string()));
     }
+    let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let rows = heads
         .into_par_iter()
         .enumerate()
-        .map(|(number, head)| play_one(head, number, model, settings, sessions, pictures))
+        .map(|(number, head)| {
+            play_one(head, number, model, settings, sessions, pictures, &progress)
+        })
         .collect::<Result<_, _>>()?;
     Ok(Table { rows })
 }

@@ -25,6 +25,7 @@ use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
 /// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
@@ -152,9 +153,14 @@ pub(super) fn play(
     if heads.is_empty() {
         return Err(SessionsError::Nobody(data.display().to_string()));
     }
+    let progress = Progress::new("evaluate", heads.len());
     let played: Vec<Seen> = heads
         .into_par_iter()
-        .map(|head| Player::new(head, model, settings, sessions).map(Player::play))
+        .map(|head| {
+            let seen = Player::new(head, model, settings, sessions).map(Player::play);
+            progress.step();
+            seen
+        })
         .collect::<Result<_, PipelineError>>()?;
     let mut all = Seen::default();
     for one in played {
