@@ -1,45 +1,48 @@
-//! How far long work is: a bar with the time left on a terminal, a line now and then where standard error is a file or a pipe.
+//! Progress of long work: a bar with the time left on a terminal (indicatif), a line now and then where standard error is a file or
+//! a pipe. Short work shows neither.
 //!
-//! Standard output is the command's own. Counts may come from several threads; what is written is written by whichever of them
-//! finds it due. Seconds of the wall.
+//! Standard output is the command's own. Steps may come from several threads.
 
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Between two drawings on a terminal.
-const DRAWN_EVERY: Duration = Duration::from_millis(100);
-/// Between two lines elsewhere, so that short work writes none.
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Between two lines where there is no terminal, and before the first.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
-/// Cells of the bar.
-const CELLS: usize = 24;
+/// Drawings a second on a terminal.
+const DRAWN_HZ: u8 = 10;
+/// indicatif cuts what does not fit the terminal's width.
+const BAR: &str = "{prefix} {bar:24} {pos}/{len}, {eta} left{wide_msg}";
 
 /// How far one piece of work is.
 pub struct Progress {
     what: String,
-    total: u64,
-    done: AtomicU64,
-    start: Instant,
-    next: Mutex<Instant>,
-    terminal: bool,
-    drawn: AtomicBool,
+    bar: ProgressBar,
+    /// When the next line is due; none on a terminal.
+    next: Option<Mutex<Instant>>,
 }
 
 impl Progress {
     /// Work of `total` equal steps.
     #[must_use]
     pub fn new(what: &str, total: usize) -> Self {
-        let start = Instant::now();
-        let terminal = std::io::stderr().is_terminal();
+        let total = Some(total.max(1) as u64);
+        let (target, next) = if std::io::stderr().is_terminal() {
+            (ProgressDrawTarget::stderr_with_hz(DRAWN_HZ), None)
+        } else {
+            let first = Instant::now() + TOLD_EVERY;
+            (ProgressDrawTarget::hidden(), Some(Mutex::new(first)))
+        };
+        let style = ProgressStyle::with_template(BAR).expect("the template is a valid one");
+        let bar = ProgressBar::with_draw_target(total, target)
+            .with_style(style.progress_chars("█▉▊▋▌▍▎▏░"))
+            .with_prefix(what.to_owned());
         Self {
             what: what.to_owned(),
-            total: total.max(1) as u64,
-            done: AtomicU64::new(0),
-            start,
-            next: Mutex::new(start + if terminal { DRAWN_EVERY } else { TOLD_EVERY }),
-            terminal,
-            drawn: AtomicBool::new(false),
+            bar,
+            next,
         }
     }
 
@@ -48,31 +51,27 @@ impl Progress {
         self.step_with(String::new);
     }
 
-    /// The same, with what else is to be known.
+    /// The same, with more to show.
     pub fn step_with(&self, more: impl FnOnce() -> String) {
-        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        self.bar.inc(1);
+        let Some(next) = &self.next else {
+            let more = more();
+            if !more.is_empty() {
+                self.bar.set_message(format!(", {more}"));
+            }
+            return;
+        };
         let now = Instant::now();
-        // Who finds another at it goes on working.
-        let Ok(mut next) = self.next.try_lock() else {
+        // A thread that finds another at it goes on working.
+        let Ok(mut next) = next.try_lock() else {
             return;
         };
         if now < *next {
             return;
         }
-        *next = now
-            + if self.terminal {
-                DRAWN_EVERY
-            } else {
-                TOLD_EVERY
-            };
-        let line = line(
-            &self.what,
-            [done, self.total],
-            self.start.elapsed(),
-            &more(),
-            self.terminal,
-        );
-        self.drawn.store(self.terminal, Ordering::Relaxed);
+        *next = now + TOLD_EVERY;
+        let steps = [self.bar.position(), self.bar.length().unwrap_or_default()];
+        let line = line(&self.what, steps, self.bar.eta(), &more());
         // That nobody reads it must not end the work.
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
@@ -80,24 +79,13 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        let _next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
-        if self.drawn.load(Ordering::Relaxed) {
-            let _ = std::io::stderr().write_all(b"\r\x1b[K");
-        }
+        self.bar.finish_and_clear();
     }
 }
 
-/// `[done, total]` of the work, with the time left as it has gone so far.
-fn line(
-    what: &str,
-    [done, total]: [u64; 2],
-    passed: Duration,
-    more: &str,
-    terminal: bool,
-) -> String {
-    let done = done.min(total);
-    let left = passed.as_secs_f64() * (total - done) as f64 / done.max(1) as f64;
-    let left = left.ceil() as u64;
+/// The line where there is no terminal: `[done, total]` steps and the time left.
+fn line(what: &str, [done, total]: [u64; 2], left: Duration, more: &str) -> String {
+    let left = left.as_secs();
     let time = if left >= 3600 {
         format!("{} h {:02} min", left / 3600, left / 60 % 60)
     } else if left >= 60 {
@@ -106,13 +94,7 @@ fn line(
         format!("{left} s")
     };
     let comma = if more.is_empty() { "" } else { ", " };
-    if terminal {
-        let full = (done as usize * CELLS) / total as usize;
-        let bar = format!("{}{}", "█".repeat(full), "░".repeat(CELLS - full));
-        format!("\r\x1b[K{what} {bar} {done}/{total}, {time} left{comma}{more}")
-    } else {
-        format!("{what}: {done} of {total}, {time} left{comma}{more}\n")
-    }
+    format!("{what}: {done} of {total}, {time} left{comma}{more}\n")
 }
 
 #[cfg(test)]
@@ -120,22 +102,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_time_left_is_that_of_the_steps_to_come() {
-        let said = |done, terminal| line("fit", [done, 40], Duration::from_secs(60), "", terminal);
-        assert_eq!(said(10, false), "fit: 10 of 40, 3 min 00 s left\n");
-        assert_eq!(said(40, false), "fit: 40 of 40, 0 s left\n");
-        assert_eq!(said(1, false), "fit: 1 of 40, 39 min 00 s left\n");
-        let bar = said(20, true);
-        assert_eq!(bar.matches('█').count(), CELLS / 2, "{bar}");
+    fn what_is_piped_is_a_plain_line() {
+        let said = |left| line("fit", [10, 40], Duration::from_secs(left), "");
+        assert_eq!(said(180), "fit: 10 of 40, 3 min 00 s left\n");
+        assert_eq!(said(3720), "fit: 10 of 40, 1 h 02 min left\n");
+        let said = line("record", [3, 9], Duration::ZERO, "1.0 MB");
+        assert_eq!(said, "record: 3 of 9, 0 s left, 1.0 MB\n");
     }
 
     #[test]
-    fn what_is_piped_has_no_control_characters_but_its_line_end() {
-        let said = line("record", [3, 9], Duration::from_secs(2), "1.0 MB", false);
-        assert!(
-            said.trim_end_matches('\n').chars().all(|c| !c.is_control()),
-            "{said:?}"
-        );
-        assert!(said.ends_with("1.0 MB\n"));
+    fn steps_of_several_threads_are_all_counted() {
+        let progress = Progress::new("fit", 400);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..100).for_each(|_| progress.step()));
+            }
+        });
+        assert_eq!(progress.bar.position(), 400);
     }
 }
