@@ -1,7 +1,8 @@
 //! `mien-studio animate`: the weights of a recorded run become an animation of a head's morph targets.
 //!
 //! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
-//! in files from elsewhere, by the unit the shipped recipe gives to its name. Rows without weights (nobody there, lost)
+//! in files from elsewhere, by the unit the shipped recipe gives to its name. The corrective of two targets has the product of
+//! their weights. Rows without weights (nobody there, lost)
 //! are neutral. The head turns as the pose says ([`super::head_turn`]) and stays as it was while there is none. Times count
 //! from the first row of the chosen user.
 
@@ -13,6 +14,7 @@ use super::bake::error::BakeError;
 use super::bake::files::write;
 use super::bake::glb::{Glb, GlbError};
 use super::bake::recipe::{Recipe, SHIPPED};
+use super::bake::shape::pair;
 use super::head_turn::Turned;
 use crate::base::bounded_read;
 use crate::studio::csv;
@@ -124,13 +126,15 @@ fn slots(table: &csv::Table, slot: usize) -> String {
     }
 }
 
-/// Reads the rows of one user; `columns` are the CSV names wanted per target.
+/// Reads the rows of one user; `columns` are the CSV names wanted per target, `pairs` the two targets that one is
+/// the corrective of.
 /// Long because it is one loop over the table that fills weights and pose together.
 fn track(
     text: &str,
     path: &Path,
     user: Option<&str>,
     columns: &[Vec<String>],
+    pairs: &[Option<[usize; 2]>],
 ) -> Result<(Track, usize), AnimateError> {
     let refuse = |line, expected, found: &str| AnimateError::Table {
         path: path.into(),
@@ -192,6 +196,11 @@ fn track(
                     .ok_or_else(|| refuse(line, "a finite weight", cell))?
             };
             weights.push(weight);
+        }
+        for (k, pair) in pairs.iter().enumerate() {
+            if let Some([a, b]) = *pair {
+                weights[k] = weights[a] * weights[b];
+            }
         }
         if let Some(columns) = &turned {
             let before = out.poses.last().copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
@@ -257,7 +266,16 @@ fn animated(
                     .collect()
             })
             .collect();
-        let (track, driven) = track(csv, path, user, &columns)?;
+        // A corrective counts as much as both of its shapes.
+        let place = |name: &str| names.iter().position(|n| n == name);
+        let pairs: Vec<Option<[usize; 2]>> = names
+            .iter()
+            .map(|name| {
+                let [a, b] = pair(name, |name| place(name).is_some())?;
+                Some([place(a)?, place(b)?])
+            })
+            .collect();
+        let (track, driven) = track(csv, path, user, &columns, &pairs)?;
         if driven == 0 {
             continue;
         }
@@ -411,6 +429,21 @@ mod tests {
             glb.json["animations"][0]["channels"][0]["target"]["path"],
             "weights"
         );
+    }
+
+    #[test]
+    fn a_corrective_counts_as_much_as_both_of_its_shapes() {
+        let mut glb = head();
+        let names = [
+            "jawOpen_eyeBlinkLeft",
+            "jawOpen",
+            "eyeBlinkLeft",
+            "jawOpen_L",
+        ];
+        glb.json["meshes"][0]["extras"] = json!({"targetNames": names});
+        animated(&mut glb, CSV, Path::new("run.csv"), None).unwrap();
+        let weights = glb.floats(1, 1).unwrap();
+        assert_eq!(weights[..8], [0.125, 0.5, 0.25, 0.0, 0.0, 1.5, 0.0, 0.0]);
     }
 
     #[test]

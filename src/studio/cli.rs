@@ -147,7 +147,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "bake",
-        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
+        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--correctives] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
         about: "bakes 67 blendshapes onto a neutral head",
         example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
         options: &[
@@ -161,7 +161,7 @@ const COMMANDS: &[Command] = &[
             "obj",
             "report",
         ],
-        flags: &["derive-controls", "dense"],
+        flags: &["derive-controls", "correctives", "dense"],
         words: 0,
         run: run_bake,
     },
@@ -687,6 +687,7 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
             })?,
         },
         derive: words.flag("derive-controls"),
+        correctives: words.flag("correctives"),
         dense: words.flag("dense"),
     };
     bake::command::run(&request)?;

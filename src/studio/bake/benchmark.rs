@@ -111,6 +111,7 @@ impl Truth {
             jaw: None,
             tongue: None,
             undo: None,
+            corrects: None,
         }
     }
 

@@ -5,6 +5,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::benchmark::Truth;
 use super::error::BakeError;
 use super::files::{read, read_bytes, write};
@@ -12,8 +14,10 @@ use super::glb::Glb;
 use super::head::Head;
 use super::learn::{Lesson, means};
 use super::locate::locate;
+use super::measure::Figures;
 use super::mesh::{Mesh, Vec3};
 use super::obj;
+use super::order::Ordered;
 use super::patch::Foreign;
 use super::recipe::{Recipe, SHIPPED, Target};
 use super::request::Request;
@@ -114,9 +118,9 @@ fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), BakeErro
 }
 
 /// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
-fn targets(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
+fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>, BakeError> {
     let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => table(path, head, request.derive)?,
+        (Some(path), _) => table(path, head, vertex, request.derive)?,
         (None, path) => {
             let text = path
                 .as_ref()
@@ -126,7 +130,11 @@ fn targets(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
                 source,
             };
             let recipe = Recipe::read(&text).map_err(named)?;
-            recipe.targets(head).map_err(named)?
+            let mut targets = recipe.targets(head).map_err(named)?;
+            if request.correctives {
+                targets.extend(recipe.correctives(&targets));
+            }
+            targets
         }
     };
     let vertices = head.mesh.positions.len();
@@ -174,16 +182,25 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
     let source = Source::read(request)?;
     let numbers = source.landmarks(request)?;
-    let head = Head::new(source.mesh, &numbers)?;
+    let mut ordered = Ordered::new(&source.mesh);
+    let numbers = ordered.landmarks(&numbers)?;
+    let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
     let (metres, how) = scale(request, &head)?;
     println!(
         "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
         request.mesh.display(),
-        head.mesh.positions.len(),
-        head.mesh.faces(),
+        source.mesh.positions.len(),
+        source.mesh.faces(),
         head.eye_distance * metres * 1e3
     );
-    let shapes = baked(request, &head, &targets(request, &head)?)?;
+    let shapes = baked(request, &head, &targets(request, &head, ordered.vertex())?)?;
+    let report = request.report.as_ref();
+    let report = report.map(|path| Report::of(path, request, &head, &shapes));
+    // From here on in the order of the file.
+    let shapes: Vec<Shape> = shapes
+        .into_par_iter()
+        .map(|s| ordered.scattered(s))
+        .collect();
     println!(
         "{} shapes baked at {:.2} s",
         shapes.len(),
@@ -191,7 +208,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     );
     let out = match source.foreign {
         Some(foreign) => foreign.patched(&shapes, request.dense),
-        None => morphs::build(&head.mesh, &shapes, metres, request.dense),
+        None => morphs::build(&source.mesh, &shapes, metres, request.dense),
     };
     write(&request.out, &out.emit())?;
     println!(
@@ -200,41 +217,47 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         start.elapsed().as_secs_f64()
     );
     if let Some(folder) = &request.obj {
-        folder_of_obj(folder, &source.obj, &head, &shapes)?;
+        folder_of_obj(folder, &source.obj, &source.mesh, &shapes)?;
         println!("{} written", folder.display());
     }
-    if let Some(path) = &request.report {
-        write_report(path, request, &head, &shapes)?;
+    if let Some(report) = report {
+        report.write()?;
     }
     Ok(shapes)
 }
 
-/// Writes the page about the shapes and prints its worst figures.
-fn write_report(
-    path: &Path,
-    request: &Request,
-    head: &Head,
-    shapes: &[Shape],
-) -> Result<(), BakeError> {
-    let title = format!(
-        "Blendshapes of {}",
-        request
-            .mesh
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-    );
-    let (text, figures) = report::html(head, shapes, &title);
-    write(path, text.as_bytes())?;
-    let inverted: usize = figures.iter().map(|f| f.inverted).sum();
-    let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
-    let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
-    println!(
-        "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
-         lids at most {depth:.5} eye distances deeper in the eye",
-        path.display()
-    );
-    Ok(())
+/// The page about the shapes and its worst figures.
+struct Report<'a> {
+    path: &'a Path,
+    text: String,
+    figures: Vec<Figures>,
+}
+
+impl<'a> Report<'a> {
+    fn of(path: &'a Path, request: &Request, head: &Head, shapes: &[Shape]) -> Self {
+        let name = request.mesh.file_name().unwrap_or_default();
+        let title = format!("Blendshapes of {}", name.to_string_lossy());
+        let (text, figures) = report::html(head, shapes, &title);
+        Self {
+            path,
+            text,
+            figures,
+        }
+    }
+
+    fn write(&self) -> Result<(), BakeError> {
+        let figures = &self.figures;
+        write(self.path, self.text.as_bytes())?;
+        let inverted: usize = figures.iter().map(|f| f.inverted).sum();
+        let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
+        let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
+        println!(
+            "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
+             lids at most {depth:.5} eye distances deeper in the eye",
+            self.path.display()
+        );
+        Ok(())
+    }
 }
 
 /// Learns the prior of the skin from the sculpted shapes under `data` into `out`; prints how close each shape comes by what is
@@ -304,7 +327,7 @@ fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Ve
 fn folder_of_obj(
     folder: &Path,
     source: &str,
-    head: &Head,
+    mesh: &Mesh,
     shapes: &[Shape],
 ) -> Result<(), BakeError> {
     std::fs::create_dir_all(folder).map_err(|source| BakeError::Write {
@@ -313,8 +336,7 @@ fn folder_of_obj(
     })?;
     write(&folder.join("neutral.obj"), source.as_bytes())?;
     for shape in shapes {
-        let moved: Vec<Vec3> = head
-            .mesh
+        let moved: Vec<Vec3> = mesh
             .positions
             .iter()
             .zip(&shape.displacement)

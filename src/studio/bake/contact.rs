@@ -6,6 +6,7 @@
 use super::head::Head;
 use super::measure::lip_gaps;
 use super::mesh::Vec3;
+use super::recipe::Target;
 
 /// Height that moving lid skin keeps above the eyeball, in eye distances: a lid's edge is not thinner.
 pub(super) const LID_MARGIN: f64 = 0.012;
@@ -47,13 +48,17 @@ impl<'a> Contacts<'a> {
         }
     }
 
-    /// Skin vertices that sank into an eyeball deeper than before (or than the margin), with the displacement that cures it.
-    pub(super) fn sunk(&self, d: &[Vec3]) -> Vec<(u32, Vec3)> {
+    /// Skin vertices that sank into an eyeball, turned as the shape turns it, deeper than before (or than the margin), with the
+    /// displacement that cures it.
+    pub(super) fn sunk(&self, d: &[Vec3], target: &Target) -> Vec<(u32, Vec3)> {
         let head = self.head;
         let out = head.axes.column(2);
         let mut found = Vec::new();
-        for (ball, beside) in head.balls.iter().zip(&self.beside) {
-            let Some(ball) = ball else { continue };
+        for (side, beside) in self.beside.iter().enumerate() {
+            let Some(ball) = &head.balls[side] else {
+                continue;
+            };
+            let ball = ball.turned(target.gaze[side].as_ref());
             for &(v, least) in beside {
                 let moved = d[v as usize];
                 if moved == Vec3::zeros() {

@@ -4,7 +4,7 @@
 //! Units and axes: the mesh's; directions are taken in the face frame (left, up, out). Memory: 37 KB a ball.
 //! Limits: only the front of the ball counts, up to 115 degrees from straight out; behind it the radius is the last known.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Rotation3};
 
 use super::mesh::{Mesh, Vec3};
 
@@ -14,6 +14,7 @@ const CELLS: usize = 68;
 const REACH: f64 = 2.0;
 
 /// One eyeball.
+#[derive(Clone)]
 pub struct Ball {
     /// Centre.
     pub center: Vec3,
@@ -58,6 +59,16 @@ impl Ball {
         }
         ball.fill();
         Some(ball)
+    }
+
+    /// The ball as it looks elsewhere: its cornea goes along.
+    #[must_use]
+    pub fn turned(&self, gaze: Option<&Rotation3<f64>>) -> Self {
+        let mut turned = self.clone();
+        if let Some(gaze) = gaze {
+            turned.axes = gaze.matrix() * self.axes;
+        }
+        turned
     }
 
     /// Table coordinates of a direction in the face frame.

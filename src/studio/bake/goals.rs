@@ -37,6 +37,7 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
         let Some(ball) = head.balls[side].as_ref().filter(|_| !target.exact) else {
             continue;
         };
+        let turned = ball.turned(target.gaze[side].as_ref());
         for path in [&seam.upper, &seam.lower] {
             for &v in path {
                 if let Some(d) = goal.get_mut(&v).filter(|d| d.norm() > 0.0) {
@@ -46,8 +47,8 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
                         Some((amount, _)) if amount > 0.99 => 2.0 * LID_MARGIN * head.eye_distance,
                         _ => ball.height(&p).min(LID_MARGIN * head.eye_distance),
                     };
-                    if ball.height(&moved) < least {
-                        *d = ball.lifted(&moved, least) - p;
+                    if turned.height(&moved) < least {
+                        *d = turned.lifted(&moved, least) - p;
                     }
                 }
             }

@@ -1,6 +1,9 @@
 //! What the report says of a baked shape: leakage, inverted and collapsed triangles, symmetry, lids and lips.
 
-use super::head::Head;
+use nalgebra::{Matrix3, Rotation3};
+
+use super::eyeball::Ball;
+use super::head::{Follow, Head};
 use super::mesh::Vec3;
 use super::shape::Shape;
 use super::surroundings::Surroundings;
@@ -52,14 +55,11 @@ impl<'a> Judge<'a> {
         let head = self.head;
         let shape = &shapes[k];
         let w = head.eye_distance;
-        let base = shape
-            .upon
-            .as_ref()
-            .and_then(|upon| shapes.iter().find(|s| s.name == *upon));
+        let base: Vec<&Shape> = shape.beneath(shapes).collect();
         let moved: Vec<Vec3> = (0..shape.displacement.len())
             .map(|v| {
-                let below = base.map_or(Vec3::zeros(), |b| b.displacement[v]);
-                head.mesh.positions[v] + below + shape.displacement[v]
+                let below = base.iter().map(|b| b.displacement[v]);
+                head.mesh.positions[v] + below.sum::<Vec3>() + shape.displacement[v]
             })
             .collect();
         let mut out = Figures::default();
@@ -83,12 +83,13 @@ impl<'a> Judge<'a> {
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
             let Some(ball) = ball else { continue };
+            let turned = ball.turned(gaze(head, side, ball, &moved).as_ref());
             for v in 0..moved.len() {
                 let p = head.mesh.positions[v];
                 let near = head.skin[v] && (p - ball.center).norm() < 0.75 * w;
                 if near && (moved[v] - ball.center).dot(&head.axes.column(2)) > 0.0 {
-                    let depth = |p: &Vec3| (-ball.height(p)).max(0.0);
-                    out.eye_depth = out.eye_depth.max((depth(&moved[v]) - depth(&p)) / w);
+                    let deeper = (-turned.height(&moved[v])).max(0.0) - (-ball.height(&p)).max(0.0);
+                    out.eye_depth = out.eye_depth.max(deeper / w);
                 }
             }
             let closes = if side == 0 {
@@ -97,7 +98,7 @@ impl<'a> Judge<'a> {
                 "eyeBlinkRight"
             };
             if shape.name == closes {
-                out.lid_gap = Some(self.gap(side, &moved) / w);
+                out.lid_gap = Some(lid_gap(head, side, |v| moved[v as usize]) / w);
             }
         }
         let before = lip_gaps(head, |v| head.mesh.positions[v as usize]);
@@ -107,27 +108,6 @@ impl<'a> Judge<'a> {
             out.lips_cross = out.lips_cross.max(crossing / w);
         }
         out
-    }
-
-    /// Largest distance of an upper lid line vertex from the lower lid line.
-    fn gap(&self, side: usize, moved: &[Vec3]) -> f64 {
-        let seam = &self.head.lids[side];
-        let lower: Vec<Vec3> = seam.lower.iter().map(|&v| moved[v as usize]).collect();
-        seam.upper
-            .iter()
-            .map(|&v| {
-                let p = moved[v as usize];
-                lower
-                    .windows(2)
-                    .map(|s| {
-                        let line = s[1] - s[0];
-                        let t = ((p - s[0]).dot(&line) / line.norm_squared().max(1e-300))
-                            .clamp(0.0, 1.0);
-                        (s[0] + line * t - p).norm()
-                    })
-                    .fold(f64::INFINITY, f64::min)
-            })
-            .fold(0.0, f64::max)
     }
 
     fn asymmetry(&self, shapes: &[Shape], k: usize) -> Option<f64> {
@@ -154,6 +134,36 @@ impl<'a> Judge<'a> {
         }
         (size > 0.0).then(|| (miss / size).sqrt())
     }
+}
+
+/// How an eyeball is turned where vertices are at `moved`.
+fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotation3<f64>> {
+    let mut sum = Matrix3::zeros();
+    let mut turns = false;
+    for (v, p) in head.mesh.positions.iter().enumerate() {
+        if head.follow[v] == Follow::Eyeball(side) {
+            turns |= moved[v] != *p;
+            sum += (moved[v] - ball.center) * (p - ball.center).transpose();
+        }
+    }
+    turns.then(|| Rotation3::from_matrix(&sum))
+}
+
+/// Largest distance of a vertex of one lid line from the other line, mesh units; `p` is where vertices are.
+fn lid_gap(head: &Head, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
+    let seam = &head.lids[side];
+    let from = |line: &[u32], other: &[u32]| {
+        let far = |&v: &u32| {
+            let spans = other.windows(2).map(|s| {
+                let (a, line) = (p(s[0]), p(s[1]) - p(s[0]));
+                let along = (p(v) - a).dot(&line) / line.norm_squared().max(1e-300);
+                (a + line * along.clamp(0.0, 1.0) - p(v)).norm()
+            });
+            spans.fold(f64::INFINITY, f64::min)
+        };
+        line.iter().map(far).fold(0.0, f64::max)
+    };
+    from(&seam.upper, &seam.lower).max(from(&seam.lower, &seam.upper))
 }
 
 /// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its

@@ -9,6 +9,7 @@
 //! ```text
 //! request, command      what is asked for, and the order of it; files, error
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
+//! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them
 //! derived_points        ten more on cheeks and forehead, for recipes
@@ -51,6 +52,7 @@ mod mouth;
 pub mod names;
 mod nearest;
 pub mod obj;
+pub mod order;
 mod parts;
 pub mod patch;
 pub mod prior;

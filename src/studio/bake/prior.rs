@@ -50,6 +50,12 @@ impl Place {
         let turned = (self.normal - other.normal) * TURNED;
         ((self.at - other.at).norm_squared() + turned.norm_squared()).sqrt()
     }
+
+    /// The point in six dimensions whose plain distance that is.
+    pub(super) fn point(&self) -> [f64; 6] {
+        let (p, n) = (self.at, self.normal * TURNED);
+        [p.x, p.y, p.z, n.x, n.y, n.z]
+    }
 }
 
 /// Across the middle of the face.

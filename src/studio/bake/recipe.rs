@@ -9,6 +9,7 @@ use serde::Deserialize;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::names::{self, NAMES, mirrored};
+use super::shape::PAIR;
 
 /// The shipped recipe.
 pub const SHIPPED: &str = include_str!("../../../config/blendshapes.toml");
@@ -42,6 +43,12 @@ pub enum RecipeError {
     Order {
         /// Shape.
         shape: String,
+        /// The name it gives.
+        found: String,
+    },
+    /// A corrective of a shape that the recipe does not have.
+    #[error("a corrective: expected the names of two shapes of the recipe, found {found:?}")]
+    Pair {
         /// The name it gives.
         found: String,
     },
@@ -90,11 +97,22 @@ struct Entry {
     tongue: Option<[f64; 2]>,
 }
 
+/// Two shapes that do not simply add.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pair {
+    of: [String; 2],
+    #[serde(rename = "why")]
+    _why: String,
+}
+
 /// The recipe as read.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     shape: Vec<Entry>,
+    #[serde(default)]
+    corrective: Vec<Pair>,
 }
 
 /// One shape measured out on a head: what moves, in the mesh's unit and axes.
@@ -122,6 +140,8 @@ pub struct Target {
     pub tongue: Option<Vec3>,
     /// Shape whose effect on the lip line is taken back, and its share.
     pub undo: Option<(String, f64)>,
+    /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
+    pub corrects: Option<[String; 2]>,
 }
 
 /// The unit of the other side: a trailing L becomes R and the other way round.
@@ -153,6 +173,13 @@ impl Recipe {
                 if !seen.insert(name.as_str()) {
                     return Err(RecipeError::Twice { name: name.clone() });
                 }
+            }
+        }
+        for name in recipe.corrective.iter().flat_map(|pair| &pair.of) {
+            if !seen.contains(name.as_str()) {
+                return Err(RecipeError::Pair {
+                    found: name.clone(),
+                });
             }
         }
         Ok(recipe)
@@ -196,6 +223,66 @@ impl Recipe {
             }
         }
         Ok(targets)
+    }
+
+    /// The pairs that do not simply add, both sides of each, as shapes of their own; `targets` are all of the recipe's.
+    #[must_use]
+    pub fn correctives(&self, targets: &[Target]) -> Vec<Target> {
+        let other_side = |name: &String| {
+            let entries = self.shape.iter();
+            let mut sides = entries.filter_map(|e| Some((&e.name, e.mirror.as_ref()?)));
+            let other = sides.find_map(|(left, right)| match name {
+                name if name == left => Some(right),
+                name if name == right => Some(left),
+                _ => None,
+            });
+            other.unwrap_or(name).clone()
+        };
+        let mut pairs: Vec<[String; 2]> = Vec::new();
+        for pair in &self.corrective {
+            for of in [pair.of.clone(), pair.of.each_ref().map(other_side)] {
+                if !pairs.contains(&of) {
+                    pairs.push(of);
+                }
+            }
+        }
+        let named = |name: &String| targets.iter().find(|t| t.name == *name);
+        let together = |of: [String; 2]| {
+            let [a, b] = of.each_ref().map(named);
+            Some(a?.with(b?, of))
+        };
+        pairs.into_iter().filter_map(together).collect()
+    }
+}
+
+impl Target {
+    /// Both shapes at once. Of two that close a lid the one that closes it further says how.
+    fn with(&self, other: &Self, of: [String; 2]) -> Self {
+        let mut controls = self.controls.clone();
+        for &(v, d) in &other.controls {
+            match controls.iter_mut().find(|c| c.0 == v) {
+                Some(control) => control.1 += d,
+                None => controls.push((v, d)),
+            }
+        }
+        let sides = [0, 1];
+        Self {
+            name: of.join(PAIR),
+            unit: None,
+            upon: None,
+            controls,
+            exact: self.exact || other.exact,
+            derive: self.derive && other.derive,
+            close: sides.map(|side: usize| match (self.close[side], other.close[side]) {
+                (Some(a), Some(b)) => Some(if a.0 >= b.0 { a } else { b }),
+                (a, b) => a.or(b),
+            }),
+            gaze: sides.map(|side: usize| self.gaze[side].or(other.gaze[side])),
+            jaw: self.jaw.or(other.jaw),
+            tongue: self.tongue.or(other.tongue),
+            undo: None,
+            corrects: Some(of),
+        }
     }
 }
 
@@ -343,6 +430,7 @@ impl Entry {
                 turn * (head.axes * Vec3::new(0.0, up, forwards) * w)
             }),
             undo,
+            corrects: None,
         })
     }
 }
@@ -371,6 +459,9 @@ mod tests {
     #[test]
     fn a_bad_recipe_is_refused_with_the_place() {
         let twice = "[[shape]]\nname = \"a\"\nmirror = \"a\"\nwhy = \"\"\n";
+        let alone = "[[shape]]\nname = \"a\"\nwhy = \"\"\n[[corrective]]\nof = [\"a\", \"b\"]\nwhy = \"\"\n";
+        let found = Recipe::read(alone).unwrap_err().to_string();
+        assert!(found.ends_with("found \"b\""), "{found}");
         assert!(
             Recipe::read(twice)
                 .unwrap_err()

@@ -46,6 +46,7 @@ struct Nearby<'a> {
     head: &'a Head,
     around: &'a Surroundings,
     contacts: &'a Contacts<'a>,
+    target: &'a Target,
     base: Option<&'a [Vec3]>,
     area: &'a [bool],
     held: &'a [bool],
@@ -89,7 +90,7 @@ impl Nearby<'_> {
             for &v in &inside {
                 d[v as usize] = all[v as usize] - below(v);
             }
-            let mut touched = self.contacts.sunk(d);
+            let mut touched = self.contacts.sunk(d, self.target);
             touched.retain(|(v, _)| !self.held[*v as usize]);
             touched.extend(self.contacts.crossed(d, self.base));
             for (v, moved) in touched {
@@ -156,6 +157,7 @@ pub(super) fn relax(
         head,
         around,
         contacts,
+        target,
         base,
         area,
         held: &held,
@@ -228,7 +230,7 @@ pub(super) fn relax(
         for &v in &patch.list {
             d[v as usize] = all[v as usize] - below(v as usize);
         }
-        for (v, lifted) in contacts.sunk(d) {
+        for (v, lifted) in contacts.sunk(d, target) {
             if !held[v as usize] {
                 d[v as usize] = lifted;
                 all[v as usize] = lifted + below(v as usize);

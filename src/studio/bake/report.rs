@@ -27,8 +27,7 @@ fn embedded(picture: &RgbImage) -> String {
 #[must_use]
 pub fn shown(shapes: &[Shape], k: usize) -> Vec<Vec3> {
     let mut d = shapes[k].displacement.clone();
-    let base = shapes[k].upon.as_ref();
-    if let Some(base) = base.and_then(|upon| shapes.iter().find(|s| s.name == *upon)) {
+    for base in shapes[k].beneath(shapes) {
         for (d, b) in d.iter_mut().zip(&base.displacement) {
             *d += b;
         }

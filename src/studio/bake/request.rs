@@ -16,6 +16,8 @@ pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coor
   --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
   --derive-controls  with --controls: skin between the vertices given moves as sculpted shapes teach. With a recipe it
                always does
+  --correctives  also the recipe's correctives: what two shapes at once lack when they are simply added, named as jawOpen_mouthSmileLeft,
+               to be weighted by the product of both weights, as `mien-studio animate` does
   --unit       unit of the mesh; default: told from the distance of the eyes
   --dense      morph targets in full, for programs that cannot read sparse ones
   --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
@@ -45,6 +47,8 @@ pub struct Request {
     pub method: Method,
     /// Points of the tool's own.
     pub derive: bool,
+    /// Correctives of the recipe too.
+    pub correctives: bool,
     /// Targets in full.
     pub dense: bool,
 }

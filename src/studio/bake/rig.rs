@@ -23,7 +23,7 @@ use super::prior::Prior;
 use super::recipe::Target;
 use super::relax::relax;
 use super::shape::Shape;
-use super::skin::{Solved, skin};
+use super::skin::{Kept, Solved, skin};
 use super::solve::{self, Settings, System};
 use super::sparse::Singular;
 use super::surroundings::Surroundings;
@@ -149,7 +149,8 @@ pub fn bake_with(
                 unknowns: 0,
             },
             None => {
-                let place = |target: &Target, beyond: Option<&[Vec3]>| {
+                let mut kept = Kept::default();
+                let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
                     skin(
                         head,
                         &contacts,
@@ -158,6 +159,7 @@ pub fn bake_with(
                         settings,
                         base,
                         beyond,
+                        &mut kept,
                     )
                 };
                 let mut solved = match learned.as_ref().filter(|_| target.derive) {
@@ -224,23 +226,68 @@ pub fn bake_with(
             milliseconds: start.elapsed().as_secs_f64() * 1e3,
         })
     };
-    // Shapes that take another one back come after it.
-    let order = |late: bool| (0..targets.len()).filter(move |&k| targets[k].undo.is_some() == late);
-    let first: Vec<usize> = order(false).collect();
-    let mut shapes: Vec<Option<Shape>> = vec![None; targets.len()];
-    let solved: Result<Vec<Shape>, Singular> = first.par_iter().map(|&k| one(k, None)).collect();
-    for (k, shape) in first.into_iter().zip(solved?) {
-        shapes[k] = Some(shape);
+    // A shape that takes another one back follows it in the same breath; the longest such rows begin.
+    let mut rows: Vec<Vec<usize>> = Vec::new();
+    for (k, target) in targets.iter().enumerate() {
+        let base = target.undo.as_ref();
+        let base = base.and_then(|(name, _)| targets[..k].iter().position(|t| t.name == *name));
+        match rows
+            .iter_mut()
+            .find(|row| base.is_some_and(|b| row.contains(&b)))
+        {
+            Some(row) => row.push(k),
+            None => rows.push(vec![k]),
+        }
     }
-    for k in order(true) {
-        let base = targets[k]
-            .undo
-            .as_ref()
-            .and_then(|(name, _)| shapes.iter().flatten().find(|s| s.name == *name));
-        let base = base.map(|shape| shape.displacement.clone());
-        shapes[k] = Some(one(k, base.as_deref())?);
+    rows.sort_by_key(|row| std::cmp::Reverse(row.len()));
+    let solved: Result<Vec<Vec<(usize, Shape)>>, Singular> = rows
+        .par_iter()
+        .map(|row| {
+            let mut done: Vec<(usize, Shape)> = Vec::with_capacity(row.len());
+            for &k in row {
+                let base = targets[k].undo.as_ref();
+                let base = base.and_then(|(name, _)| done.iter().find(|s| s.1.name == *name));
+                let shape = one(k, base.map(|s| &s.1.displacement[..]))?;
+                done.push((k, shape));
+            }
+            Ok(done)
+        })
+        .collect();
+    let mut shapes: Vec<(usize, Shape)> = solved?.into_iter().flatten().collect();
+    shapes.sort_by_key(|s| s.0);
+    let mut shapes: Vec<Shape> = shapes.into_iter().map(|s| s.1).collect();
+    take_off_pairs(&mut shapes, targets, NOTHING * w);
+    Ok(shapes)
+}
+
+/// Leaves of what two shapes make together what they do not make by being added; lengths below `nothing` are 0.
+fn take_off_pairs(shapes: &mut [Shape], targets: &[Target], nothing: f64) {
+    for k in 0..shapes.len() {
+        let Some(of) = &targets[k].corrects else {
+            continue;
+        };
+        for name in of {
+            let Some(one) = targets.iter().position(|t| t.name == *name) else {
+                continue;
+            };
+            let (one, both) = if one < k {
+                let (before, after) = shapes.split_at_mut(k);
+                (&before[one], &mut after[0])
+            } else {
+                let (before, after) = shapes.split_at_mut(one);
+                (&after[0], &mut before[k])
+            };
+            for (v, d) in one.displacement.iter().enumerate() {
+                both.displacement[v] -= d;
+                both.area[v] |= one.area[v];
+            }
+        }
+        for d in &mut shapes[k].displacement {
+            if d.norm() < nothing {
+                *d = Vec3::zeros();
+            }
+        }
     }
-    Ok(shapes.into_iter().flatten().collect())
 }
 
 /// The shape as its landmarks alone would have it, without contacts: what the prior of the skin compares.

@@ -60,8 +60,32 @@ pub(super) struct Solved {
     pub(super) unknowns: usize,
 }
 
+/// The last system of a shape: the shape by its landmarks alone often has the same as the whole one.
+#[derive(Default)]
+pub(super) struct Kept(Option<(Vec<bool>, Vec<u32>, System)>);
+
+impl Kept {
+    /// The system of an area with these given vertices.
+    fn system(
+        &mut self,
+        head: &Head,
+        area: &[bool],
+        goal: &BTreeMap<u32, Vec3>,
+    ) -> Result<&System, Singular> {
+        let same = |(known, given, _): &(Vec<bool>, Vec<u32>, System)| {
+            known == area && goal.keys().eq(given)
+        };
+        if !self.0.as_ref().is_some_and(same) {
+            let system = System::new(&head.operator, area, goal.keys().copied())?;
+            self.0 = Some((area.to_vec(), goal.keys().copied().collect(), system));
+        }
+        Ok(&self.0.as_ref().expect("just made").2)
+    }
+}
+
 /// Places the skin of one shape; `u` is its influence, `base` the displacement of the shape it takes back, `beyond` what the
-/// skin is expected to do beyond the solve: the energy then is that of the difference, inside the area.
+/// skin is expected to do beyond the solve: the energy then is that of the difference, inside the area; `kept` what other solves
+/// of the same shape left.
 /// Long because it is one system of equations: unknowns, rows and right-hand sides are numbered as they are met.
 ///
 /// # Errors
@@ -74,6 +98,7 @@ pub(super) fn skin(
     settings: &Settings,
     base: Option<&[Vec3]>,
     beyond: Option<&[Vec3]>,
+    kept: &mut Kept,
 ) -> Result<Solved, Singular> {
     let w = head.eye_distance;
     let positions = &head.mesh.positions;
@@ -156,8 +181,7 @@ pub(super) fn skin(
     });
     let full = settings.full * w;
     let delta = |v: usize| (u[v] / full).min(1.0);
-    let solve = |area: &[bool], goal: &BTreeMap<u32, Vec3>, d: &mut [Vec3]| {
-        let system = System::new(&head.operator, area, goal.keys().copied())?;
+    let solve = |system: &System, goal: &BTreeMap<u32, Vec3>, d: &mut [Vec3]| {
         for (&v, &moved) in goal {
             d[v as usize] = moved;
         }
@@ -171,13 +195,14 @@ pub(super) fn skin(
         for (&v, &moved) in goal {
             d[v as usize] = moved;
         }
-        Ok(system.unknowns())
     };
     let mut d = vec![Vec3::zeros(); positions.len()];
-    let unknowns = solve(&area, &goal, &mut d)?;
+    let system = kept.system(head, &area, &goal)?;
+    let unknowns = system.unknowns();
+    solve(system, &goal, &mut d);
     // A table of controls says itself how lids and lips go.
     for round in (0..=CONTACT_ROUNDS).filter(|_| !target.exact) {
-        let (sunk, crossed) = (contacts.sunk(&d), contacts.crossed(&d, base));
+        let (sunk, crossed) = (contacts.sunk(&d, target), contacts.crossed(&d, base));
         if sunk.is_empty() && crossed.is_empty() {
             break;
         }
@@ -201,7 +226,8 @@ pub(super) fn skin(
         }
         goal.extend(sunk);
         goal.extend(crossed);
-        solve(&around, &goal, &mut d)?;
+        let system = System::new(&head.operator, &around, goal.keys().copied())?;
+        solve(&system, &goal, &mut d);
     }
     for &v in goal.keys() {
         area[v as usize] = true;

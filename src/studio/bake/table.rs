@@ -16,10 +16,18 @@ use crate::studio::csv;
 /// Shapes of one table.
 const SHAPES: usize = 1024;
 
-/// Targets from a table of controls.
-pub(super) fn table(path: &Path, head: &Head, derive: bool) -> Result<Vec<Target>, BakeError> {
-    let mut targets = targets(&read(path)?, path, head.mesh.positions.len(), derive)?;
+/// Targets from a table of controls; `vertex` is the head's vertex for each number that the table may have.
+pub(super) fn table(
+    path: &Path,
+    head: &Head,
+    vertex: &[u32],
+    derive: bool,
+) -> Result<Vec<Target>, BakeError> {
+    let mut targets = targets(&read(path)?, path, vertex.len(), derive)?;
     for target in &mut targets {
+        for control in &mut target.controls {
+            control.0 = vertex[control.0 as usize];
+        }
         target.jaw = jaw_of(head, &target.controls);
     }
     Ok(targets)
@@ -81,6 +89,7 @@ pub fn targets(
                     jaw: None,
                     tongue: None,
                     undo: None,
+                    corrects: None,
                 });
                 targets.last_mut().expect("just pushed")
             }
