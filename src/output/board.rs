@@ -78,11 +78,12 @@ impl Shared {
         }
     }
 
-    /// Hands a command to the pipeline; one that finds no room is refused.
-    pub(super) fn ask(&self, command: Command) {
+    /// Hands a command to the pipeline; one that finds no room is refused. Whether it found room.
+    pub(super) fn ask(&self, command: Command) -> bool {
         let took = self.board().commands.push_back(command).is_ok();
         let count = if took { &self.taken } else { &self.refused };
         count.fetch_add(1, Ordering::Relaxed);
+        took
     }
 }
 

@@ -170,12 +170,13 @@ fn network(_: &str) -> Vec<Box<dyn Output>> {
 fn network(target: &str) -> Vec<Box<dyn Output>> {
     use mien::output::discovery::Discovery;
     use mien::output::features::{
-        ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, SacnSettings, ServerSettings,
+        ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
+        ServerSettings,
     };
     use mien::output::lights::{artnet::ArtNet, sacn::Sacn};
     use mien::output::live_link::LiveLink;
     use mien::output::mqtt::Mqtt;
-    use mien::output::web::{oscquery::OscQuery, websocket::WebSocket};
+    use mien::output::web::{oscquery::OscQuery, page::BoxPage, websocket::WebSocket};
     use std::io::Write;
     use std::net::{TcpListener, TcpStream};
 
@@ -219,6 +220,10 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         listen: free().to_string(),
         ..ServerSettings::oscquery()
     };
+    let phone = PageSettings {
+        listen: free().to_string(),
+        ..PageSettings::default()
+    };
     let mqtt = MqttSettings {
         broker: free().to_string(),
         ..MqttSettings::default()
@@ -228,6 +233,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         Box::new(Sacn::new(&sacn, &lights, "", &UNITS).unwrap()),
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
         Box::new(WebSocket::new(&websocket, &UNITS).unwrap()),
+        Box::new(BoxPage::new(&phone, "", "", &UNITS).unwrap()),
         Box::new(OscQuery::new(&oscquery, &osc::Settings::default(), "", &UNITS).unwrap()),
         Box::new(Mqtt::new(&mqtt, "", &UNITS).unwrap()),
         Box::new(Discovery::new("memory-test", Vec::new()).unwrap()),

@@ -44,6 +44,10 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ),
     ("websocket", "JSON over WebSocket, for pages."),
     (
+        "page",
+        "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget.",
+    ),
+    (
         "oscquery",
         "OSCQuery: the OSC addresses, their types, ranges and values, over HTTP.",
     ),
