@@ -11,6 +11,7 @@
 //! nobody else. A request must name the box by an address, as `localhost` or by its name, and come from no other site's page,
 //! so that a page elsewhere can neither read nor command through somebody's browser. Limits: HTTP is not encrypted, so the
 //! password is only as secret as the network.
+//! One file: who may, what is shown, and the tests of both.
 
 use std::fmt::Write as _;
 use std::net::{IpAddr, SocketAddr};

@@ -492,15 +492,8 @@ fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
     false
 }
 
-/// Looks at what was read.
-fn hear<S: Service>(
-    place: &mut Place,
-    is_full: bool,
-    service: &mut S,
-    board: &Board,
-    body: &mut String,
-    shared: &Shared,
-) {
+/// Looks at the frames of a page.
+fn hear_page(place: &mut Place) {
     while place.stage == Stage::Page && place.length > 0 {
         let Some((sent, used)) = frame(&place.heard[..place.length]) else {
             return;
@@ -518,6 +511,20 @@ fn hear<S: Service>(
                 return place.close();
             }
         }
+    }
+}
+
+/// Looks at what was read.
+fn hear<S: Service>(
+    place: &mut Place,
+    is_full: bool,
+    service: &mut S,
+    board: &Board,
+    body: &mut String,
+    shared: &Shared,
+) {
+    if place.stage == Stage::Page {
+        return hear_page(place);
     }
     if place.stage != Stage::Request {
         // Who has asked already is not listened to.
@@ -572,6 +579,19 @@ fn hear<S: Service>(
     } else {
         count(&shared.refused);
     }
+    head(
+        &mut place.waiting,
+        status,
+        service.headers(path, status),
+        body.len(),
+    );
+    place.waiting.extend_from_slice(body.as_bytes());
+    (place.stage, place.length) = (Stage::Reply, 0);
+    place.since = Instant::now();
+}
+
+/// Writes the head of a reply.
+fn head(waiting: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
     let reason = match status {
         200 => "OK",
         204 => "No Content",
@@ -586,14 +606,9 @@ fn hear<S: Service>(
         _ => "Refused",
     };
     let _ = write!(
-        place.waiting,
-        "HTTP/1.1 {status} {reason}\r\n{}Content-Length: {}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n",
-        service.headers(path, status),
-        body.len()
+        waiting,
+        "HTTP/1.1 {status} {reason}\r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
     );
-    place.waiting.extend_from_slice(body.as_bytes());
-    (place.stage, place.length) = (Stage::Reply, 0);
-    place.since = Instant::now();
 }
 
 /// Whether what is asked for may be had.
