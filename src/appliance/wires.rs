@@ -24,6 +24,7 @@ pub(crate) fn open(
         &mut settings.network.live_link.view,
         &mut settings.network.websocket.view,
         &mut settings.network.mqtt.view,
+        &mut settings.network.page.view,
     ] {
         view.units.clone_from(&settings.units);
     }
@@ -71,6 +72,7 @@ pub(crate) fn named(settings: &Settings) -> String {
         ("sACN", network.sacn.enabled),
         ("Live Link", network.live_link.enabled),
         ("WebSocket", network.websocket.enabled),
+        ("page", network.page.enabled),
         ("OSCQuery", network.oscquery.enabled),
         ("MQTT", network.mqtt.enabled),
     ];
@@ -125,6 +127,13 @@ fn open_network(
     if network.websocket.enabled {
         feature!(wires, "websocket", "web", {
             crate::output::web::websocket::WebSocket::new(&network.websocket, units)?
+        });
+    }
+    if network.page.enabled {
+        feature!(wires, "page", "web", {
+            let sends = named(settings);
+            let (page, name) = (&network.page, &network.name);
+            crate::output::web::page::BoxPage::new(page, name, &sends, units)?
         });
     }
     if network.oscquery.enabled {

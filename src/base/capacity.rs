@@ -54,5 +54,8 @@ pub const UNPAIRED_PICTURES: usize = 1;
 pub const WAITING_FRAMES: usize = 2;
 /// USB transfers per stream, in flight or landed and not yet taken: 32 ms.
 pub const TRANSFERS: usize = 16;
+/// Connections at once of every server of the web, [`crate::appliance::wires`]: a browser or two and some programs. When all
+/// are taken, who has not asked yet makes room, else the newcomer is refused and counted.
+pub const WEB_CONNECTIONS: usize = 8;
 /// Packets per transfer, a multiple of the eight microframes of a frame.
 pub const PACKETS: usize = 16;

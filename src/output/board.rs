@@ -78,11 +78,12 @@ impl Shared {
         }
     }
 
-    /// Passes a command to the pipeline; refused if there is no room.
-    pub(super) fn ask(&self, command: Command) {
+    /// Passes a command to the pipeline; false if there is no room, and it is refused.
+    pub(super) fn ask(&self, command: Command) -> bool {
         let took = self.board().commands.push_back(command).is_ok();
         let count = if took { &self.taken } else { &self.refused };
         count.fetch_add(1, Ordering::Relaxed);
+        took
     }
 }
 

@@ -116,6 +116,30 @@ impl ServerSettings {
     }
 }
 
+/// The page of the box.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PageSettings {
+    /// Whether it is served.
+    pub enabled: bool,
+    /// `address:port`.
+    pub listen: String,
+    /// What whoever comes must know; empty = the local network is served, nobody else.
+    pub password: String,
+    /// How the units are shown.
+    pub view: View,
+}
+
+impl Default for PageSettings {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            listen: "127.0.0.1:9134".to_owned(),
+            password: String::new(),
+            view: View::default(),
+        }
+    }
+}
+
 /// mDNS.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DiscoverySettings {

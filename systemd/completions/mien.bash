@@ -12,7 +12,7 @@ _mien() {
   fi
   case ${COMP_WORDS[1]} in
     run) COMPREPLY=($(compgen -W '--config --source --csv --frames --fast --model --require-device --quiet --verbose' -- "$word")) ;;
-    bench) COMPREPLY=($(compgen -W '--source --frames' -- "$word")) ;;
+    bench) COMPREPLY=($(compgen -W '--config --source --frames' -- "$word")) ;;
     print-config | doctor | send-test) COMPREPLY=($(compgen -W '--config' -- "$word")) ;;
     check-config) COMPREPLY=($(compgen -f -- "$word")) ;;
   esac

@@ -11,7 +11,7 @@ complete -c mien -n $mien_first -a send-test -d 'Sweep every unit on every outpu
 complete -c mien -n $mien_first -a help -d 'Commands and options'
 complete -c mien -n $mien_first -l help -d 'Commands and options'
 complete -c mien -n $mien_first -l version -d 'Version, features, model'
-complete -c mien -n '__fish_seen_subcommand_from run print-config doctor send-test' -l config -r -F -d 'Configuration'
+complete -c mien -n '__fish_seen_subcommand_from run print-config doctor bench send-test' -l config -r -F -d 'Configuration'
 complete -c mien -n '__fish_seen_subcommand_from run bench' -l source -r -F -a 'kinect simulated' -d 'Where frames come from'
 complete -c mien -n '__fish_seen_subcommand_from run bench' -l frames -x -d 'Stop after this many frames'
 complete -c mien -n '__fish_seen_subcommand_from run' -l csv -r -F -d 'One row per frame and user'

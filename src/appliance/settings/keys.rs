@@ -44,6 +44,10 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ),
     ("websocket", "JSON over WebSocket, for web pages."),
     (
+        "page",
+        "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget.",
+    ),
+    (
         "oscquery",
         "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP.",
     ),
@@ -486,7 +490,7 @@ pub(super) const KEYS: &[Key] = &[
     key(
         "users",
         "remember_s",
-        "How long a person who left can be recognised by the shape of the head, and gets their ranges and slot back; 0 never.",
+        "How long the ranges and head shape of a person who left are kept; recognised by the head, they get their ranges and slot back; 0 never.",
         |s| single(&mut s.users.remember_s, 0.0, 86_400.0, "s"),
     ),
     key("osc", "enabled", "Whether this output is enabled.", |s| {

@@ -156,6 +156,25 @@ pub(super) const KEYS: &[Key] = &[
     key("websocket", "decay_s", DECAY, |s| {
         seconds(&mut s.network.websocket.loss.decay_s)
     }),
+    key("page", "enabled", "Whether this server is enabled.", |s| Kind::Bool {
+        value: &mut s.network.page.enabled,
+    }),
+    key("page", "listen", LISTEN, |s| {
+        listen(&mut s.network.page.listen)
+    }),
+    key(
+        "page",
+        "password",
+        "For any user name, unencrypted; empty = none, and local networks only.",
+        |s| {
+            let form = "8 to 64 printable ASCII characters, or empty";
+            text(&mut s.network.page.password, form, |word| {
+                word.is_empty()
+                    || (8..=64).contains(&word.len())
+                        && word.bytes().all(|c| (32..127).contains(&c))
+            })
+        },
+    ),
     key(
         "oscquery",
         "enabled",

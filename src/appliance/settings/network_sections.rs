@@ -1,8 +1,8 @@
 //! Settings of the outputs that are optional build features; every build reads all of them.
 
 use crate::output::features::{
-    ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, SacnSettings,
-    ServerSettings,
+    ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
+    SacnSettings, ServerSettings,
 };
 
 /// Settings of these outputs.
@@ -20,6 +20,8 @@ pub struct NetworkSettings {
     pub live_link: LiveLinkSettings,
     /// JSON for pages.
     pub websocket: ServerSettings,
+    /// The page of the box.
+    pub page: PageSettings,
     /// OSC's addresses over HTTP.
     pub oscquery: ServerSettings,
     /// mDNS.
@@ -37,6 +39,7 @@ impl Default for NetworkSettings {
             sacn: SacnSettings::default(),
             live_link: LiveLinkSettings::default(),
             websocket: ServerSettings::websocket(),
+            page: PageSettings::default(),
             oscquery: ServerSettings::oscquery(),
             discovery: DiscoverySettings::default(),
             mqtt: MqttSettings::default(),

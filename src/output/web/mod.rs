@@ -1,9 +1,10 @@
-//! Servers for pages and programs: JSON over WebSocket ([`websocket`]) and OSCQuery over HTTP ([`oscquery`]), each with its
-//! own thread and port ([`server`]). Nothing received reaches the pipeline, and no client can block it: connections and
-//! their read and write buffers are bounded.
+//! Servers for pages and programs: JSON over WebSocket ([`websocket`]), OSCQuery over HTTP ([`oscquery`]) and a page to watch and
+//! command the box ([`page`]), each with its own thread and port ([`server`]). Of what is received only the page's commands reach
+//! the pipeline, and no client can block it: connections and their read and write buffers are bounded.
 
 mod handshake;
 pub mod oscquery;
+pub mod page;
 mod server;
 pub mod websocket;
 

@@ -1,4 +1,4 @@
-//! A small server: HTTP/1.1 requests without bodies, each answered and closed, or upgraded to a WebSocket.
+//! A small server: HTTP/1.1 requests without bodies, each answered and closed, or upgraded to a WebSocket or an event stream.
 //!
 //! There are [`SLOTS`] connections. When all are in use, one that has sent no request within a quarter of a second is dropped;
 //! otherwise the new one is rejected. Either case is counted. A request must be complete within [`PATIENCE`], at most [`REQUEST`]
@@ -7,7 +7,7 @@
 //! One file: requests, frames and connections are small, and used nowhere else.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -16,10 +16,12 @@ use std::time::{Duration, Instant};
 use nix::poll::{PollFd, PollFlags, poll};
 
 use super::handshake;
+use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
+use crate::output::Command;
 use crate::output::board::{Bell, Board, Shared, count};
 
-/// Connections at once.
-const SLOTS: usize = 8;
+/// Event streams at once: the places left answer requests.
+const STREAMS: usize = SLOTS - 2;
 /// Longest request, or frame of a page, bytes.
 const REQUEST: usize = 2048;
 /// How long a request may take.
@@ -43,6 +45,24 @@ pub(super) trait Service {
     /// Whether pages may stay connected.
     const STAYS: bool;
 
+    /// The path of the event stream, if there is one.
+    const STREAM: Option<&'static str> = None;
+
+    /// Whether a request with this head is looked at, else the status that refuses it; `order` is for a POST.
+    fn admits(&self, _head: &str, _order: bool, _peer: IpAddr) -> Result<(), u16> {
+        Ok(())
+    }
+
+    /// What a POST to `path` is for.
+    fn order(&self, _path: &str) -> Order {
+        Order::Never
+    }
+
+    /// Headers of a reply, of its content and who may read it.
+    fn headers(&self, _path: &str, _status: u16) -> &'static str {
+        "Content-Type: application/json\r\nAccess-Control-Allow-Origin: *\r\n"
+    }
+
     /// Answers a request for `path` and its query (after `?`) in `body`; returns the status.
     fn answer(&mut self, path: &str, query: Option<&str>, board: &Board, body: &mut String) -> u16;
 
@@ -50,12 +70,25 @@ pub(super) trait Service {
     fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool;
 }
 
-/// State of a connection.
+/// What a POST is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Order {
+    /// Nothing is ordered here.
+    Never,
+    /// No such order.
+    Unknown,
+    /// For the pipeline.
+    Ask(Command),
+}
+
+/// What a connection is about.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Request,
     Reply,
     Page,
+    /// An event stream.
+    Stream,
 }
 
 struct Place {
@@ -74,6 +107,7 @@ struct Place {
 enum Asked<'a> {
     Page(&'a [u8; handshake::KEY]),
     Document(&'a str, Option<&'a str>),
+    Order(&'a str),
     Refused(u16),
 }
 
@@ -93,8 +127,10 @@ fn request(bytes: &[u8]) -> Option<Asked<'_>> {
     let Some(target) = target.filter(|target| known && target.starts_with('/')) else {
         return Some(Asked::Refused(400));
     };
-    if method != Some("GET") {
-        return Some(Asked::Refused(405));
+    match method {
+        Some("GET") => {}
+        Some("POST") => return Some(Asked::Order(target)),
+        _ => return Some(Asked::Refused(405)),
     }
     let (mut upgrade, mut key) = (false, None);
     for line in lines {
@@ -248,8 +284,14 @@ impl Place {
         if self.is_waiting() {
             return false;
         }
-        header(kind, payload.len(), &mut self.waiting);
-        self.waiting.extend_from_slice(payload);
+        if self.stage == Stage::Stream {
+            self.waiting.extend_from_slice(b"data: ");
+            self.waiting.extend_from_slice(payload);
+            self.waiting.extend_from_slice(b"\n\n");
+        } else {
+            header(kind, payload.len(), &mut self.waiting);
+            self.waiting.extend_from_slice(payload);
+        }
         self.since = Instant::now();
         self.write();
         true
@@ -324,7 +366,7 @@ pub(super) fn serve<S: Service>(
             }
         }
         if stopping {
-            for place in pages(&mut places) {
+            for place in pages(&mut places).filter(|place| place.stage == Stage::Page) {
                 // 1001: going away.
                 place.send(8, &[3, 233]);
             }
@@ -342,17 +384,28 @@ pub(super) fn serve<S: Service>(
                 }
             }
         }
-        for (place, ready) in places.iter_mut().zip(&ready[2..]) {
-            attend(place, *ready, &mut service, &board, &mut body, &shared);
+        for (at, ready) in ready[2..].iter().enumerate() {
+            let streams = pages(&mut places).filter(|place| place.stage == Stage::Stream);
+            let is_full = streams.count() >= STREAMS;
+            let place = &mut places[at];
+            attend(
+                place,
+                *ready,
+                is_full,
+                &mut service,
+                &board,
+                &mut body,
+                &shared,
+            );
         }
     }
 }
 
 /// The connected pages.
 fn pages(places: &mut [Place; SLOTS]) -> impl Iterator<Item = &mut Place> {
-    places
-        .iter_mut()
-        .filter(|place| place.stage == Stage::Page && place.stream.is_some())
+    places.iter_mut().filter(|place| {
+        matches!(place.stage, Stage::Page | Stage::Stream) && place.stream.is_some()
+    })
 }
 
 /// Waits until there is something to do, or a tick has passed: which of the wake-up socket, the listener and the connections are
@@ -392,6 +445,7 @@ fn wait(
 fn attend<S: Service>(
     place: &mut Place,
     ready: PollFlags,
+    is_full: bool,
     service: &mut S,
     board: &Board,
     body: &mut String,
@@ -404,13 +458,13 @@ fn attend<S: Service>(
         place.close();
         return;
     }
-    hear(place, service, board, body, shared);
+    hear(place, is_full, service, board, body, shared);
     place.write();
     let patience = match place.stage {
         Stage::Request => PATIENCE,
         Stage::Reply => STUCK,
-        Stage::Page if place.is_waiting() => STUCK,
-        Stage::Page => Duration::MAX,
+        Stage::Page | Stage::Stream if place.is_waiting() => STUCK,
+        Stage::Page | Stage::Stream => Duration::MAX,
     };
     if place.stream.is_some() && place.since.elapsed() > patience {
         count(&shared.refused);
@@ -438,14 +492,8 @@ fn admit(places: &mut [Place; SLOTS], stream: TcpStream) -> bool {
     false
 }
 
-/// Handles what was read.
-fn hear<S: Service>(
-    place: &mut Place,
-    service: &mut S,
-    board: &Board,
-    body: &mut String,
-    shared: &Shared,
-) {
+/// Looks at the frames of a page.
+fn hear_page(place: &mut Place) {
     while place.stage == Stage::Page && place.length > 0 {
         let Some((sent, used)) = frame(&place.heard[..place.length]) else {
             return;
@@ -464,6 +512,20 @@ fn hear<S: Service>(
             }
         }
     }
+}
+
+/// Looks at what was read.
+fn hear<S: Service>(
+    place: &mut Place,
+    is_full: bool,
+    service: &mut S,
+    board: &Board,
+    body: &mut String,
+    shared: &Shared,
+) {
+    if place.stage == Stage::Page {
+        return hear_page(place);
+    }
     if place.stage != Stage::Request {
         // Who has asked already is not listened to.
         place.length = 0;
@@ -477,6 +539,11 @@ fn hear<S: Service>(
         None => return,
     };
     body.clear();
+    let mut path = "";
+    let asked = match allowed(service, place.stream.as_ref(), heard, &asked) {
+        Ok(()) => asked,
+        Err(status) => Asked::Refused(status),
+    };
     let status = match asked {
         Asked::Page(key) if S::STAYS => {
             let head = b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: ";
@@ -488,7 +555,23 @@ fn hear<S: Service>(
             return;
         }
         Asked::Page(_) => 426,
-        Asked::Document(path, query) => service.answer(path, query, board, body),
+        Asked::Document(stream, _) if S::STREAM == Some(stream) && is_full => 503,
+        Asked::Document(stream, _) if S::STREAM == Some(stream) => {
+            place.waiting.extend_from_slice(b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n");
+            (place.stage, place.length) = (Stage::Stream, 0);
+            place.since = Instant::now();
+            return;
+        }
+        Asked::Document(wanted, query) => {
+            path = wanted;
+            service.answer(wanted, query, board, body)
+        }
+        Asked::Order(what) => match service.order(what) {
+            Order::Never => 405,
+            Order::Unknown => 404,
+            Order::Ask(command) if shared.ask(command) => 204,
+            Order::Ask(_) => 503,
+        },
         Asked::Refused(status) => status,
     };
     if status < 300 {
@@ -496,19 +579,11 @@ fn hear<S: Service>(
     } else {
         count(&shared.refused);
     }
-    let reason = match status {
-        200 => "OK",
-        204 => "No Content",
-        400 => "Bad Request",
-        404 => "Not Found",
-        405 => "Method Not Allowed",
-        426 => "Upgrade Required",
-        _ => "Refused",
-    };
-    let _ = write!(
-        place.waiting,
-        "HTTP/1.1 {status} {reason}\r\nContent-Type: application/json\r\nContent-Length: {}\r\nAccess-Control-Allow-Origin: *\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n",
-        body.len()
+    head(
+        &mut place.waiting,
+        status,
+        service.headers(path, status),
+        body.len(),
     );
     place.waiting.extend_from_slice(body.as_bytes());
     (place.stage, place.length) = (Stage::Reply, 0);
@@ -523,6 +598,45 @@ pub fn fuzz(bytes: &[u8]) {
     while let Some((_, used)) = frame(rest).filter(|_| !rest.is_empty()) {
         rest = &rest[used..];
     }
+}
+
+/// Writes the head of a reply.
+fn head(waiting: &mut Vec<u8>, status: u16, headers: &str, length: usize) {
+    let reason = match status {
+        200 => "OK",
+        204 => "No Content",
+        400 => "Bad Request",
+        401 => "Unauthorized",
+        403 => "Forbidden",
+        404 => "Not Found",
+        405 => "Method Not Allowed",
+        421 => "Misdirected Request",
+        426 => "Upgrade Required",
+        503 => "Service Unavailable",
+        _ => "Refused",
+    };
+    let _ = write!(
+        waiting,
+        "HTTP/1.1 {status} {reason}\r\n{headers}Content-Length: {length}\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
+    );
+}
+
+/// Whether what is asked for may be had.
+fn allowed<S: Service>(
+    service: &S,
+    stream: Option<&TcpStream>,
+    heard: &[u8],
+    asked: &Asked<'_>,
+) -> Result<(), u16> {
+    let order = match asked {
+        Asked::Refused(status) => return Err(*status),
+        asked => matches!(asked, Asked::Order(_)),
+    };
+    let end = heard.windows(4).position(|four| four == b"\r\n\r\n");
+    let head = std::str::from_utf8(&heard[..end.unwrap_or_default()]).map_err(|_| 400_u16)?;
+    // One who is gone already has no address.
+    let peer = stream.and_then(|stream| stream.peer_addr().ok());
+    service.admits(head, order, peer.ok_or(400_u16)?.ip())
 }
 
 #[cfg(test)]
@@ -546,7 +660,8 @@ mod tests {
                 "GET / HTTP/1.1\r\nUpgrade: websocket\r\nSec-WebSocket-Key: short",
                 Asked::Refused(400),
             ),
-            ("POST / HTTP/1.1", Asked::Refused(405)),
+            ("POST /a HTTP/1.1", Asked::Order("/a")),
+            ("PUT / HTTP/1.1", Asked::Refused(405)),
             ("GET a HTTP/1.1", Asked::Refused(400)),
             ("GET /", Asked::Refused(400)),
             ("GET / HTTP/2", Asked::Refused(400)),

@@ -1,0 +1,669 @@
+//! A page on the box itself: what the tracker sees, and neutral, freeze and forget, for a phone in the dressing room.
+//!
+//! | request | answer |
+//! | --- | --- |
+//! | `GET /` | the page, whole in one document |
+//! | `GET /box.json` | name, slots, units by region with plain names, where weights go |
+//! | `GET /events` | an event stream: who is there and their weights, at most every [`PERIOD`], at least every [`BEAT`] |
+//! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
+//!
+//! Who may: addresses of local networks; whoever knows the password, where one is set (HTTP Basic, any user name), and then
+//! nobody else. A request must name the box by an address, as `localhost` or by its name, and come from no other site's page,
+//! so that a page elsewhere can neither read nor command through somebody's browser. Limits: HTTP is not encrypted, so the
+//! password is only as secret as the network.
+//! One file: who may, what is shown, and the tests of both.
+
+use std::fmt::Write as _;
+use std::net::{IpAddr, SocketAddr};
+use std::time::{Duration, Instant};
+
+use super::server::{Order, Service, serve};
+use crate::base::capacity::USERS;
+use crate::base::json::Quoted;
+use crate::expression::unit_words;
+use crate::output::board::{Board, Front, Weight};
+use crate::output::features::PageSettings;
+use crate::output::{Command, LossPolicy, Output, OutputError, Report, Tally, identity};
+
+const PAGE: &str = include_str!("page.html");
+/// Room for a reply's header and for a message with four users.
+const ROOM: usize = 4096;
+/// Shortest time between two messages.
+const PERIOD: Duration = Duration::from_millis(60);
+/// Longest time between two messages.
+const BEAT: Duration = Duration::from_secs(1);
+/// Bytes of a password that are compared.
+const PASSWORD: usize = 64;
+/// Weight of the newest frame in the rate that is shown.
+const NEWEST: f32 = 0.1;
+
+/// Regions of the face and the units' numbers in them, from above.
+const REGIONS: [(&str, &[u32]); 6] = [
+    ("Brows", &[1, 2, 4]),
+    ("Eyes", &[5, 43, 61, 62, 63, 64]),
+    ("Nose and cheeks", &[9, 34]),
+    ("Mouth", &[10, 12, 14, 15, 17, 18, 20, 22, 25, 28]),
+    ("Jaw", &[26, 29, 30]),
+    ("Other", &[]),
+];
+
+struct Page {
+    name: String,
+    password: String,
+    /// `box.json`, which never changes.
+    about: String,
+    last: Instant,
+    /// Number, capture time (µs) and arrival of the newest frame.
+    newest: (u64, u64, Option<Instant>),
+    rate: f32,
+}
+
+/// What the headers of a request say.
+#[derive(Default)]
+struct Visit<'a> {
+    host: Option<&'a str>,
+    origin: Option<&'a str>,
+    site: Option<&'a str>,
+    password: Option<&'a str>,
+    is_ours: bool,
+}
+
+impl<'a> Visit<'a> {
+    /// `None` if a header that must be one is several.
+    fn read(head: &'a str) -> Option<Self> {
+        let mut visit = Self::default();
+        for (name, value) in head.split("\r\n").filter_map(|line| line.split_once(':')) {
+            let slot = match name {
+                _ if name.eq_ignore_ascii_case("host") => &mut visit.host,
+                _ if name.eq_ignore_ascii_case("origin") => &mut visit.origin,
+                _ if name.eq_ignore_ascii_case("sec-fetch-site") => &mut visit.site,
+                _ if name.eq_ignore_ascii_case("authorization") => &mut visit.password,
+                _ => {
+                    visit.is_ours |= name.eq_ignore_ascii_case("x-mien");
+                    continue;
+                }
+            };
+            if slot.replace(value.trim()).is_some() {
+                return None;
+            }
+        }
+        Some(visit)
+    }
+}
+
+/// Whether an address is one of this machine or of its networks.
+fn is_near(address: IpAddr) -> bool {
+    match address.to_canonical() {
+        IpAddr::V4(four) => four.is_loopback() || four.is_private() || four.is_link_local(),
+        IpAddr::V6(six) => {
+            six.is_loopback() || six.is_unique_local() || six.is_unicast_link_local()
+        }
+    }
+}
+
+/// Base 64 (RFC 4648), up to the padding; `None` if it is none, or longer than a user and a password may be.
+fn decode(text: &str) -> Option<heapless::Vec<u8, { 3 * PASSWORD }>> {
+    let mut bytes = heapless::Vec::new();
+    let (mut bits, mut count) = (0_u32, 0);
+    for digit in text.trim_end_matches('=').bytes() {
+        let value = match digit {
+            b'A'..=b'Z' => digit - b'A',
+            b'a'..=b'z' => digit - b'a' + 26,
+            b'0'..=b'9' => digit - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => return None,
+        };
+        (bits, count) = (bits << 6 | u32::from(value), count + 6);
+        if count >= 8 {
+            count -= 8;
+            bytes.push((bits >> count) as u8).ok()?;
+        }
+    }
+    Some(bytes)
+}
+
+/// Whether two passwords are equal, in a time that does not tell where they differ.
+fn is_equal(told: &[u8], known: &[u8]) -> bool {
+    let at = |bytes: &[u8], i: usize| bytes.get(i).copied().unwrap_or_default();
+    let differ = (0..PASSWORD).fold(0, |all, i| all | at(told, i) ^ at(known, i));
+    std::hint::black_box(differ) == 0 && told.len() == known.len()
+}
+
+/// Whether the header `Authorization` has this password.
+fn knows(header: &str, password: &str) -> bool {
+    let coded = header
+        .split_once(' ')
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("basic"));
+    let told = coded.and_then(|(_, coded)| decode(coded.trim()));
+    let told = told.unwrap_or_default();
+    let start = told
+        .iter()
+        .position(|&byte| byte == b':')
+        .map_or(told.len(), |at| at + 1);
+    is_equal(&told[start..], password.as_bytes())
+}
+
+impl Page {
+    /// Whether a host, with or without a port, is an address, `localhost` or the box's name.
+    fn is_own(&self, host: &str) -> bool {
+        if host.parse::<SocketAddr>().is_ok() {
+            return true;
+        }
+        let plain = host.rsplit_once(':').map_or(host, |(name, port)| {
+            if port.parse::<u16>().is_ok() {
+                name
+            } else {
+                host
+            }
+        });
+        let bare = plain
+            .strip_prefix('[')
+            .and_then(|six| six.strip_suffix(']'));
+        let name = plain.strip_suffix(".local").unwrap_or(plain);
+        bare.unwrap_or(plain).parse::<IpAddr>().is_ok()
+            || plain == "localhost"
+            || name.eq_ignore_ascii_case(&self.name)
+    }
+}
+
+impl Service for Page {
+    const WAITING: usize = PAGE.len() + ROOM;
+    const STAYS: bool = false;
+    const STREAM: Option<&'static str> = Some("/events");
+
+    fn admits(&self, head: &str, order: bool, peer: IpAddr) -> Result<(), u16> {
+        if self.password.is_empty() && !is_near(peer) {
+            return Err(403);
+        }
+        let visit = Visit::read(head).ok_or(400_u16)?;
+        let host = visit.host.filter(|host| self.is_own(host)).ok_or(421_u16)?;
+        let elsewhere = |origin: &str| origin.strip_prefix("http://") != Some(host);
+        if visit.origin.is_some_and(elsewhere)
+            || visit
+                .site
+                .is_some_and(|site| !["same-origin", "none"].contains(&site))
+            || order && !visit.is_ours
+        {
+            return Err(403);
+        }
+        if self.password.is_empty()
+            || visit
+                .password
+                .is_some_and(|header| knows(header, &self.password))
+        {
+            return Ok(());
+        }
+        Err(401)
+    }
+
+    fn order(&self, path: &str) -> Order {
+        let mut steps = path.split('/').skip(1);
+        let what = steps.next();
+        let slot = steps.next().and_then(|slot| slot.parse().ok());
+        let Some(slot) = slot.filter(|&slot| slot < USERS) else {
+            return Order::Unknown;
+        };
+        match (what, steps.next(), steps.next()) {
+            (Some("neutral"), None, None) => Order::Ask(Command::Neutral(slot)),
+            (Some("forget"), None, None) => Order::Ask(Command::Forget(slot)),
+            (Some("freeze"), Some(on @ ("0" | "1")), None) => {
+                Order::Ask(Command::Freeze(slot, on == "1"))
+            }
+            _ => Order::Unknown,
+        }
+    }
+
+    fn headers(&self, path: &str, status: u16) -> &'static str {
+        match (path, status) {
+            ("/", 200) => {
+                "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n"
+            }
+            (_, 401) => "WWW-Authenticate: Basic realm=\"mien\", charset=\"UTF-8\"\r\n",
+            _ => {
+                "Content-Type: application/json\r\nX-Content-Type-Options: nosniff\r\nCross-Origin-Resource-Policy: same-origin\r\n"
+            }
+        }
+    }
+
+    fn answer(&mut self, path: &str, _: Option<&str>, _: &Board, body: &mut String) -> u16 {
+        match path {
+            "/" => body.push_str(PAGE),
+            "/box.json" => body.push_str(&self.about),
+            _ => return 404,
+        }
+        200
+    }
+
+    fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
+        let shots = || board.users.iter().chain([&board.nobody]);
+        let newest = shots()
+            .filter(|shot| shot.fresh)
+            .max_by_key(|shot| shot.frame);
+        if let Some(newest) = newest.filter(|newest| newest.frame != self.newest.0) {
+            let frames = newest.frame.saturating_sub(self.newest.0) as f32;
+            let seconds = newest.at_us.saturating_sub(self.newest.1) as f32 * 1e-6;
+            if seconds > 0.0 && self.newest.2.is_some() {
+                let rate = (frames / seconds).min(999.0);
+                self.rate += NEWEST * (rate - self.rate);
+            }
+            self.newest = (newest.frame, newest.at_us, Some(Instant::now()));
+        }
+        let passed = self.last.elapsed();
+        let fresh = shots().any(|shot| shot.fresh);
+        if passed < PERIOD || !fresh && passed < BEAT {
+            return false;
+        }
+        self.last = Instant::now();
+        // A string takes everything.
+        let _ = self.write(board, message);
+        board.users.iter_mut().for_each(|shot| shot.fresh = false);
+        board.nobody.fresh = false;
+        true
+    }
+}
+
+impl Page {
+    fn write(&self, board: &Board, message: &mut String) -> std::fmt::Result {
+        let silent = self
+            .newest
+            .2
+            .map_or(u128::MAX, |at| at.elapsed().as_millis());
+        write!(
+            message,
+            "{{\"frame\":{},\"silent_ms\":{},\"rate\":{:.1},\"users\":[",
+            self.newest.0,
+            silent.min(u128::from(u32::MAX)),
+            self.rate
+        )?;
+        let known = board
+            .users
+            .iter()
+            .enumerate()
+            .filter(|(_, shot)| shot.count > 0);
+        for (i, (slot, shot)) in known.enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            write!(
+                message,
+                "{comma}{{\"slot\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"weights\":[",
+                shot.state.name(),
+                Weight(shot.confidence),
+                shot.frozen,
+                shot.latency_us
+            )?;
+            for (i, weight) in shot.weights.iter().enumerate() {
+                let comma = if i > 0 { "," } else { "" };
+                write!(message, "{comma}{}", Weight(*weight))?;
+            }
+            message.write_str("]}")?;
+        }
+        message.write_str("]}")
+    }
+}
+
+/// What never changes, as JSON. `sends` is where weights go.
+fn about(name: &str, units: &[&str], sends: &str) -> String {
+    let number = |unit: &str| -> u32 {
+        let words = unit_words::of(unit);
+        words.map_or(0, |(words, _)| words.code[2..].parse().unwrap_or_default())
+    };
+    let region = |unit: &str| {
+        let number = number(unit);
+        let found = REGIONS.iter().position(|(_, all)| all.contains(&number));
+        found.unwrap_or(REGIONS.len() - 1)
+    };
+    let mut regions = Vec::new();
+    for (at, (title, _)) in REGIONS.iter().enumerate() {
+        let rows: Vec<String> = (0..units.len())
+            .filter(|&i| region(units[i]) == at)
+            .map(|i| {
+                let plain = match unit_words::of(units[i]) {
+                    Some((words, "L")) => format!("{} left", words.plain),
+                    Some((words, "R")) => format!("{} right", words.plain),
+                    Some((words, _)) => words.plain.to_owned(),
+                    None => units[i].to_owned(),
+                };
+                format!("[{i},{},{}]", Quoted(units[i]), Quoted(&plain))
+            })
+            .collect();
+        if !rows.is_empty() {
+            regions.push(format!("[{},[{}]]", Quoted(title), rows.join(",")));
+        }
+    }
+    let (name, sends, regions) = (Quoted(name), Quoted(sends), regions.join(","));
+    format!("{{\"name\":{name},\"slots\":{USERS},\"sends\":{sends},\"regions\":[{regions}]}}")
+}
+
+/// A server of the page.
+pub struct BoxPage(Front);
+
+impl BoxPage {
+    /// Starts serving. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
+    ///
+    /// # Errors
+    /// If the address is unusable or no thread can be started; not if it is taken.
+    pub fn new(
+        settings: &PageSettings,
+        name: &str,
+        sends: &str,
+        units: &[&str],
+    ) -> Result<Self, OutputError> {
+        let address = settings.listen.parse().map_err(|_| OutputError::Listen {
+            address: settings.listen.clone(),
+        })?;
+        let name = identity::name(name);
+        let page = Page {
+            about: about(&name, units, sends),
+            name,
+            password: settings.password.clone(),
+            last: Instant::now(),
+            newest: (0, 0, None),
+            rate: 30.0,
+        };
+        let work = move |shared, bell| serve(page, address, shared, bell);
+        Front::start("page", units, &settings.view, LossPolicy::default(), work).map(Self)
+    }
+}
+
+impl Output for BoxPage {
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
+        self.0.post(report);
+        Ok(())
+    }
+
+    fn tally(&self) -> Tally {
+        self.0.tally()
+    }
+
+    fn next_command(&mut self) -> Option<Command> {
+        self.0.next_command()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page(password: &str) -> Page {
+        Page {
+            name: "stage-left".into(),
+            password: password.into(),
+            about: about(
+                "stage-left",
+                &["AU26", "AU12L", "AU1R"],
+                "OSC to 10.0.0.2:9130",
+            ),
+            last: Instant::now(),
+            newest: (0, 0, None),
+            rate: 30.0,
+        }
+    }
+
+    fn admits(page: &Page, headers: &str, order: bool, peer: &str) -> Result<(), u16> {
+        let head = format!("GET / HTTP/1.1\r\n{headers}");
+        page.admits(&head, order, peer.parse().unwrap())
+    }
+
+    #[test]
+    fn only_the_local_network_is_answered_without_a_password() {
+        let open = page("");
+        for near in [
+            "127.0.0.1",
+            "192.168.1.9",
+            "10.1.2.3",
+            "172.16.0.1",
+            "169.254.3.4",
+            "::1",
+            "fe80::1",
+            "fd00::2",
+            "::ffff:192.168.1.9",
+        ] {
+            assert_eq!(
+                admits(&open, "Host: 192.168.1.2:9134", false, near),
+                Ok(()),
+                "{near}"
+            );
+        }
+        for far in [
+            "8.8.8.8",
+            "172.32.0.1",
+            "100.64.0.1",
+            "2001:db8::1",
+            "::ffff:8.8.8.8",
+        ] {
+            assert_eq!(
+                admits(&open, "Host: 192.168.1.2:9134", false, far),
+                Err(403),
+                "{far}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_password_that_is_set_must_be_known_and_serves_from_anywhere() {
+        let closed = page("open sesame");
+        let ask =
+            |more: &str, peer| admits(&closed, &format!("Host: localhost\r\n{more}"), false, peer);
+        // mien:open sesame, and with another user; mien:open sesamf; mien:open sesam; open sesame without a user.
+        for right in [
+            "Basic bWllbjpvcGVuIHNlc2FtZQ==",
+            "basic eDpvcGVuIHNlc2FtZQ==",
+        ] {
+            assert_eq!(
+                ask(&format!("Authorization: {right}"), "8.8.8.8"),
+                Ok(()),
+                "{right}"
+            );
+        }
+        for wrong in [
+            "Basic bWllbjpvcGVuIHNlc2FtZg==",
+            "Basic bWllbjpvcGVuIHNlc2Ft",
+            "Basic b3BlbiBzZXNhbWU=",
+            "Basic",
+            "Basic ",
+            "Bearer bWllbjpvcGVuIHNlc2FtZQ==",
+            "Basic \u{fc}",
+        ] {
+            assert_eq!(
+                ask(&format!("Authorization: {wrong}"), "127.0.0.1"),
+                Err(401),
+                "{wrong}"
+            );
+        }
+        assert_eq!(ask("", "127.0.0.1"), Err(401));
+    }
+
+    #[test]
+    fn other_sites_can_neither_read_nor_command() {
+        let open = page("");
+        let ask = |headers: &str, order| admits(&open, headers, order, "127.0.0.1");
+        for own in [
+            "Host: stage-left:9134",
+            "Host: Stage-Left.local",
+            "Host: [::1]:9134",
+            "Host: [::1]",
+            "Host: 10.0.0.7",
+        ] {
+            assert_eq!(ask(own, false), Ok(()), "{own}");
+        }
+        for other in [
+            "Host: evil.example:9134",
+            "Host: ",
+            "X: y",
+            "Host: stage-left.evil.example",
+        ] {
+            assert_eq!(ask(other, false), Err(421), "{other}");
+        }
+        assert_eq!(ask("Host: localhost\r\nHost: localhost", false), Err(400));
+        let own = "Host: localhost:9134\r\nX-Mien: 1\r\n";
+        assert_eq!(
+            ask(&format!("{own}Origin: http://localhost:9134"), true),
+            Ok(())
+        );
+        for more in [
+            "Origin: http://evil.example",
+            "Origin: null",
+            "Origin: http://localhost:1",
+            "Sec-Fetch-Site: cross-site",
+        ] {
+            assert_eq!(ask(&format!("{own}{more}"), true), Err(403), "{more}");
+        }
+        assert_eq!(
+            ask("Host: localhost:9134", true),
+            Err(403),
+            "a form has no header of its own"
+        );
+    }
+
+    #[test]
+    fn orders_are_read_and_nonsense_is_none() {
+        let page = page("");
+        for (path, expected) in [
+            ("/neutral/0", Order::Ask(Command::Neutral(0))),
+            ("/forget/3", Order::Ask(Command::Forget(3))),
+            ("/freeze/1/1", Order::Ask(Command::Freeze(1, true))),
+            ("/freeze/1/0", Order::Ask(Command::Freeze(1, false))),
+            ("/freeze/1", Order::Unknown),
+            ("/freeze/1/2", Order::Unknown),
+            ("/neutral/4", Order::Unknown),
+            ("/neutral/-1", Order::Unknown),
+            ("/neutral/0/0", Order::Unknown),
+            ("/", Order::Unknown),
+        ] {
+            assert_eq!(page.order(path), expected, "{path}");
+        }
+    }
+
+    #[test]
+    fn units_have_plain_names_by_region() {
+        assert_eq!(
+            page("").about,
+            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
+        );
+        for unit in crate::expression::Units::shipped().columns(false) {
+            assert!(!about("", &[&unit], "").contains("Other"), "{unit}");
+        }
+    }
+
+    #[test]
+    fn a_message_fits_its_place() {
+        let mut board = Board::default();
+        for shot in &mut board.users {
+            (shot.count, shot.latency_us) = (1, u32::MAX);
+            shot.weights.extend([0.5; crate::base::capacity::UNITS]);
+        }
+        let mut message = String::new();
+        page("").write(&board, &mut message).unwrap();
+        assert!(message.len() + 16 < ROOM, "{}", message.len());
+    }
+
+    /// A served page with one user at `AU26` 0.5, and where it is.
+    fn served(password: &str) -> (BoxPage, SocketAddr) {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        drop(listener);
+        let settings = PageSettings {
+            listen: address.to_string(),
+            password: password.into(),
+            ..PageSettings::default()
+        };
+        let mut page = BoxPage::new(&settings, "stage-left", "", &["AU26"]).unwrap();
+        let report = Report {
+            frame: 7,
+            user: Some(0),
+            state: crate::output::TrackingState::Tracking,
+            confidence: 1.0,
+            weights: &[0.5],
+            ..Report::default()
+        };
+        page.send(&report).unwrap();
+        while !page.tally().connected {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        (page, address)
+    }
+
+    /// What is answered, up to `until` or the end.
+    fn asked(address: SocketAddr, what: &str, headers: &str, until: &str) -> String {
+        use std::io::{Read, Write};
+        let mut stream = std::net::TcpStream::connect(address).unwrap();
+        let text = format!("{what} HTTP/1.1\r\nHost: {address}\r\n{headers}\r\n");
+        stream.write_all(text.as_bytes()).unwrap();
+        let (mut all, mut some) = (Vec::new(), [0; 4096]);
+        while let Ok(read @ 1..) = stream.read(&mut some) {
+            all.extend_from_slice(&some[..read]);
+            if !until.is_empty() && String::from_utf8_lossy(&all).contains(until) {
+                break;
+            }
+        }
+        String::from_utf8(all).unwrap()
+    }
+
+    #[test]
+    fn the_page_its_stream_and_its_commands_are_served() {
+        let (mut page, address) = served("");
+        let text = asked(address, "GET /", "", "");
+        assert!(
+            text.starts_with("HTTP/1.1 200 OK") && text.ends_with(PAGE),
+            "{text}"
+        );
+        assert!(text.contains("text/html") && !text.contains("Allow-Origin"));
+        let live = asked(address, "GET /events", "", "]}]}");
+        assert!(live.contains("data: {\"frame\":7,"), "{live}");
+        assert!(
+            live.contains("\"state\":\"tracking\"") && live.contains("[0.5000]"),
+            "{live}"
+        );
+        for (what, headers, expected) in [
+            ("POST /neutral/0", "X-Mien: 1\r\n", "204"),
+            ("POST /neutral/0", "", "403"),
+            ("POST /neutral/9", "X-Mien: 1\r\n", "404"),
+            ("GET /neutral/0", "X-Mien: 1\r\n", "404"),
+            ("OPTIONS /neutral/0", "", "405"),
+            ("GET /", "Origin: http://evil.example\r\n", "403"),
+        ] {
+            let status = asked(address, what, headers, "");
+            assert_eq!(status.split(' ').nth(1), Some(expected), "{what} {headers}");
+        }
+        assert_eq!(page.next_command(), Some(Command::Neutral(0)));
+        assert_eq!(page.next_command(), None, "what was refused is not done");
+        assert_eq!(page.tally().commands[0], 1);
+        // 403, 404, 404, 405, 403.
+        assert_eq!(page.tally().commands[1], 5);
+    }
+
+    #[test]
+    fn a_wrong_password_gets_nothing() {
+        let (mut page, address) = served("open sesame");
+        for what in ["GET /", "GET /box.json", "GET /events", "POST /forget/0"] {
+            let own = "X-Mien: 1\r\n";
+            let text = asked(address, what, own, "");
+            assert!(
+                text.starts_with("HTTP/1.1 401 ") && text.contains("WWW-Authenticate: Basic"),
+                "{text}"
+            );
+            assert!(text.ends_with("\r\n\r\n"), "{text}");
+        }
+        assert_eq!(page.next_command(), None);
+        let right = "Authorization: Basic bWllbjpvcGVuIHNlc2FtZQ==\r\n";
+        assert!(asked(address, "GET /", right, "").ends_with(PAGE));
+    }
+
+    #[test]
+    fn streams_leave_room_for_requests() {
+        use std::io::{Read, Write};
+        let (_page, address) = served("");
+        let open = || {
+            let mut stream = std::net::TcpStream::connect(address).unwrap();
+            let text = format!("GET /events HTTP/1.1\r\nHost: {address}\r\n\r\n");
+            stream.write_all(text.as_bytes()).unwrap();
+            let mut status = [0; 12];
+            stream.read_exact(&mut status).unwrap();
+            (String::from_utf8_lossy(&status[9..]).into_owned(), stream)
+        };
+        let streams: Vec<_> = (0..7).map(|_| open()).collect();
+        let statuses: Vec<&str> = streams.iter().map(|(status, _)| status.as_str()).collect();
+        assert_eq!(statuses, ["200", "200", "200", "200", "200", "200", "503"]);
+        assert!(asked(address, "GET /", "", "").ends_with(PAGE));
+    }
+}
