@@ -156,8 +156,10 @@ pub(super) const KEYS: &[Key] = &[
     key("websocket", "decay_s", DECAY, |s| {
         seconds(&mut s.network.websocket.loss.decay_s)
     }),
-    key("page", "enabled", "Whether this server is enabled.", |s| Kind::Bool {
-        value: &mut s.network.page.enabled,
+    key("page", "enabled", "Whether this server is enabled.", |s| {
+        Kind::Bool {
+            value: &mut s.network.page.enabled,
+        }
     }),
     key("page", "listen", LISTEN, |s| {
         listen(&mut s.network.page.listen)

@@ -149,21 +149,19 @@ fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotatio
     turns.then(|| Rotation3::from_matrix(&sum))
 }
 
-/// Largest distance of a vertex of one lid line from the other line, mesh units; `p` is where vertices are.
+/// Largest distance of a vertex of the upper lid line from the lower one, mesh units; `p` is where vertices are. Not the other way
+/// round: the lower line goes on about the lacrimal caruncle, which no lid covers.
 fn lid_gap(head: &Head, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
     let seam = &head.lids[side];
-    let from = |line: &[u32], other: &[u32]| {
-        let far = |&v: &u32| {
-            let spans = other.windows(2).map(|s| {
-                let (a, line) = (p(s[0]), p(s[1]) - p(s[0]));
-                let along = (p(v) - a).dot(&line) / line.norm_squared().max(1e-300);
-                (a + line * along.clamp(0.0, 1.0) - p(v)).norm()
-            });
-            spans.fold(f64::INFINITY, f64::min)
-        };
-        line.iter().map(far).fold(0.0, f64::max)
+    let far = |&v: &u32| {
+        let spans = seam.lower.windows(2).map(|s| {
+            let (a, line) = (p(s[0]), p(s[1]) - p(s[0]));
+            let along = (p(v) - a).dot(&line) / line.norm_squared().max(1e-300);
+            (a + line * along.clamp(0.0, 1.0) - p(v)).norm()
+        });
+        spans.fold(f64::INFINITY, f64::min)
     };
-    from(&seam.upper, &seam.lower).max(from(&seam.lower, &seam.upper))
+    seam.upper.iter().map(far).fold(0.0, f64::max)
 }
 
 /// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its

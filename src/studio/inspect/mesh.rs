@@ -94,6 +94,18 @@ fn order(glb: &Glb, primitive: &serde_json::Value, count: usize) -> Result<Vec<u
     Ok(order)
 }
 
+/// Adds triangles of vertices that are counted from `first`.
+fn push_triangles(mesh: &mut Mesh, first: u32, order: &[u32]) {
+    for t in order.chunks_exact(3) {
+        let corner = |k: u32| Corner {
+            vertex: first + k,
+            uv: None,
+            normal: None,
+        };
+        mesh.push_face(&[t[0], t[1], t[2]].map(corner), 0);
+    }
+}
+
 /// Meshes and morph targets of a GLB as one.
 fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
     let mut mesh = Mesh {
@@ -159,14 +171,7 @@ fn read_glb(glb: &Glb) -> Result<(Mesh, Vec<Target>), GlbError> {
             };
             let count = mesh.positions.len() - first;
             let order = order(glb, primitive, count)?;
-            for t in order.chunks_exact(3) {
-                let corner = |k: u32| Corner {
-                    vertex: first as u32 + k,
-                    uv: None,
-                    normal: None,
-                };
-                mesh.push_face(&[t[0], t[1], t[2]].map(corner), 0);
-            }
+            push_triangles(&mut mesh, first as u32, &order);
         }
     }
     // Each gets a row for every vertex.
