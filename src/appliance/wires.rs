@@ -131,7 +131,10 @@ fn open_network(
     }
     if network.page.enabled {
         feature!(wires, "page", "web", {
-            let sends = named(settings);
+            // It is no place that weights are sent to.
+            let mut others = settings.clone();
+            others.network.page.enabled = false;
+            let sends = named(&others);
             let (page, name) = (&network.page, &network.name);
             crate::output::web::page::BoxPage::new(page, name, &sends, units)?
         });

@@ -18,6 +18,7 @@ use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
 use super::preview;
 use super::record;
+use super::stopped::{self, Goes};
 use super::train::{self, TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
@@ -449,6 +450,8 @@ fn run_evaluate(words: &Words) -> Result<(), Fault> {
         .map_err(|failure| service_fault(&failure))?;
     let model = service::model(words.path("model").as_deref())
         .map_err(|failure| service_fault(&failure))?;
+    let folder = words.path("figures").or_else(|| words.path("pictures"));
+    stopped::tell(folder.map_or(Goes::Printed, Goes::Pictures));
     if words.flag("landmarks") {
         // Five seconds show every condition unless more is asked for.
         let seconds = words.value("seconds")?.unwrap_or(5.0);
@@ -533,6 +536,7 @@ fn run_units(words: &Words) -> Result<(), Fault> {
         .map_err(|failure| service_fault(&failure))?;
     let model = service::model(words.path("model").as_deref())
         .map_err(|failure| service_fault(&failure))?;
+    stopped::tell(words.path("out").map_or(Goes::Printed, Goes::File));
     let mut progress = |line: &str| eprintln!("{line}");
     let text = readings::learn(&data(words), &model, &settings, &practice, &mut progress)?;
     match words.path("out") {
@@ -549,6 +553,7 @@ fn say(line: &str) {
 }
 
 fn run_train(words: &Words) -> Result<(), Fault> {
+    stopped::tell(Goes::File(words.required("out")?));
     let defaults = TrainArgs::default();
     let tracks = words
         .path("tracks")
@@ -609,6 +614,7 @@ fn run_fit(words: &Words) -> Result<(), Fault> {
         boxes: words.path("boxes"),
         offsets: words.path("offsets"),
     };
+    stopped::tell(Goes::File(args.out.clone()));
     fit::fit(&args, &mut say)?;
     Ok(())
 }
@@ -639,6 +645,7 @@ fn run_simulated_head(words: &Words) -> Result<(), Fault> {
 
 fn run_nrsfm(words: &Words) -> Result<(), Fault> {
     let truth = words.path("truth");
+    stopped::tell(Goes::File(words.required("out")?));
     nrsfm::run(
         &words.required("tracks")?,
         words.value("rank")?,

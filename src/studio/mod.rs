@@ -13,6 +13,7 @@
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
+//! progress, stopped   how far long work is, and what Ctrl-C leaves of it
 //! people_split   who is trained on and who is not
 //! text_files, csv, atomic_write   texts and tables in, files out
 //! correlation, frame_time         what several of them reckon with
@@ -35,6 +36,7 @@ pub mod people_split;
 pub mod preview;
 pub mod progress;
 pub mod record;
+pub mod stopped;
 pub mod text_files;
 pub mod train;
 pub mod units;

@@ -175,3 +175,52 @@ fn seen_by_a_turning_camera(
     let tracks = Tracks::new(frames.len(), points, image).unwrap();
     (tracks, Shapes { points, positions })
 }
+
+#[test]
+fn what_is_stopped_says_what_is_kept() {
+    use std::fmt::Write;
+    use std::io::BufRead;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    // Far more than is recovered before the signal comes.
+    let mut text = String::new();
+    let mut random = fastrand::Rng::with_seed(1);
+    for _ in 0..2 * 2000 {
+        let row: Vec<String> = (0..300).map(|_| random.f64().to_string()).collect();
+        writeln!(text, "{}", row.join(",")).unwrap();
+    }
+    let tracks = folder.path().join("tracks.csv");
+    std::fs::write(&tracks, text).unwrap();
+    let out = folder.path().join("shapes.csv");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
+        .args(["nrsfm", "--rank", "20", "--tracks"])
+        .arg(&tracks)
+        .arg("--out")
+        .arg(&out)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut first = String::new();
+    let mut stdout = std::io::BufReader::new(child.stdout.take().unwrap());
+    stdout.read_line(&mut first).unwrap();
+    assert!(first.starts_with("tracks: 2000 frames"), "{first}");
+    let interrupt = ["-INT".into(), child.id().to_string()];
+    assert!(
+        Command::new("kill")
+            .args(interrupt)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let ended = child.wait_with_output().unwrap();
+    let said = String::from_utf8(ended.stderr).unwrap();
+    assert_eq!(ended.status.signal(), Some(2), "{said}");
+    let expected = format!(
+        "mien-studio: stopped; nothing was written to {}\n",
+        out.display()
+    );
+    assert_eq!(said, expected);
+    assert!(!out.exists());
+}

@@ -36,6 +36,7 @@ use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::correlation::correlation;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 
 /// Frames of a sequence for the 3D shape, as in the paper.
 pub const TRACK_FRAMES: usize = 150;
@@ -300,7 +301,9 @@ fn learn_appearance<T: Sync>(
     practice: &PaperPractice,
 ) {
     let count = model.trust.len();
+    let progress = Progress::new("train: appearance", drawn.len());
     let read = |one: &T| -> Option<Vec<f32>> {
+        progress.step();
         let picture = as_true(one)?;
         let seen = picture.visible.iter().filter(|v| **v).count();
         if (seen as f32) < VISIBLE * LANDMARKS as f32 {
@@ -317,6 +320,7 @@ fn learn_appearance<T: Sync>(
     let people = read.len();
     let mut columns = DMatrix::from_fn(count, people, |i, c| read[c][i]);
     drop(read);
+    drop(progress);
     let mean = columns.column_mean();
     // First without trust, to see what the modes cannot explain; then with it.
     let mut trust = vec![1.0_f32; count];
@@ -396,7 +400,9 @@ struct Ended {
 
 /// Fits from disturbed views.
 fn fits(model: &PaperAam, pictures: &[Known], range: Disturbance, seed: u64) -> Vec<Ended> {
+    let progress = Progress::new("train: fits", pictures.len());
     let one = |solver: &mut Solver, (k, known): (usize, &Known)| {
+        progress.step();
         let picture = &known.picture;
         let mut rng = fastrand::Rng::with_seed(seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9));
         let view = range.of(&picture.truth.view, &mut rng);

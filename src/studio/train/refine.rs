@@ -22,6 +22,7 @@ use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{lighting, seed_of};
 use crate::studio::heads::{HeadsError, textured_heads};
+use crate::studio::progress::Progress;
 
 /// Every second picture: neighbours say the same.
 const STEP_TICKS: i64 = 2 * FRAME_TICKS;
@@ -81,11 +82,14 @@ pub fn learn_refinement(
         refinement: None,
         ..model.clone()
     };
+    let progress = Progress::new("train: depth", heads.len());
     let sessions: Vec<Session> = heads
         .into_par_iter()
         .map(|head| {
             let seed = seed_of(practice.seed, head.person);
-            practise(head.asset, &plain, practice.seconds, seed)
+            let session = practise(head.asset, &plain, practice.seconds, seed);
+            progress.step();
+            session
         })
         .collect();
     Ok(regressed(sessions, model.shape.modes.len()))

@@ -34,6 +34,7 @@ use crate::studio::heads::expressions::complete;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::heads::reduce::Reduction;
 use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
+use crate::studio::progress::Progress;
 
 /// One picture with its truth.
 #[derive(Clone, Debug)]
@@ -181,11 +182,16 @@ impl Renderer {
         let Some(first) = self.heads.first() else {
             return Vec::new();
         };
+        let progress = Progress::new("train: faces", numbers.clone().count());
         numbers
             .into_par_iter()
             .map_init(
                 || Scratch::new(&first.asset),
-                |scratch, number| self.sample(number, seed, scratch),
+                |scratch, number| {
+                    let sample = self.sample(number, seed, scratch);
+                    progress.step();
+                    sample
+                },
             )
             .collect()
     }

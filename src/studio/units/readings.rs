@@ -32,6 +32,7 @@ use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
+use crate::studio::progress::Progress;
 use crate::users::TrackingState;
 
 /// Seconds after which rest has been learnt.
@@ -104,12 +105,15 @@ pub fn learn(
     let kept = practice.examples.as_ref().filter(|path| path.is_file());
     let mut examples: Vec<Example> = match kept {
         Some(path) => read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
-        None => heads
-            .into_par_iter()
-            .enumerate()
-            .map(|(number, head)| practise(head, number, model, settings, practice))
-            .collect::<Result<Vec<_>, _>>()?
-            .concat(),
+        None => {
+            let progress = Progress::new("units", heads.len());
+            let played = heads.into_par_iter().enumerate().map(|(number, head)| {
+                let played = practise(head, number, model, settings, practice);
+                progress.step();
+                played
+            });
+            played.collect::<Result<Vec<_>, _>>()?.concat()
+        }
     };
     if let (Some(path), None) = (&practice.examples, kept) {
         atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;

@@ -1,0 +1,119 @@
+//! What Ctrl-C leaves of long work: one sentence on standard error, then the end that the signal always brings.
+
+use std::fs::metadata;
+use std::io::{IsTerminal, Read, Write};
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::SystemTime;
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
+use signal_hook::low_level::{emulate_default_handler, pipe};
+
+/// Where a command's result goes.
+pub enum Goes {
+    /// To standard output, when all is done.
+    Printed,
+    /// Into this file, whole or not at all.
+    File(PathBuf),
+    /// Picture after picture into this folder.
+    Pictures(PathBuf),
+}
+
+/// A file's number and its last change: another after it was replaced.
+type Version = Option<(u64, SystemTime)>;
+
+impl Goes {
+    fn version(&self) -> Version {
+        let Self::File(path) = self else { return None };
+        let file = metadata(path).ok()?;
+        Some((file.ino(), file.modified().ok()?))
+    }
+
+    /// What is kept of it now, if it was of this version when the work began.
+    fn kept(&self, before: Version) -> String {
+        match self {
+            Self::Printed => "nothing was written".into(),
+            Self::Pictures(folder) => {
+                format!("pictures finished so far are in {}", folder.display())
+            }
+            Self::File(path) if self.version() != before => {
+                format!(
+                    "{} was written, without what the remaining steps add",
+                    path.display()
+                )
+            }
+            Self::File(path) => {
+                let same = if before.is_some() {
+                    ", which is as it was"
+                } else {
+                    ""
+                };
+                format!("nothing was written to {}{same}", path.display())
+            }
+        }
+    }
+}
+
+/// From now on Ctrl-C and SIGTERM say what is kept of the result before they end the program.
+pub fn tell(result: Goes) {
+    // Without it a signal ends the program as well, only in silence.
+    let _ = listen(result);
+}
+
+fn listen(result: Goes) -> std::io::Result<()> {
+    let before = result.version();
+    let signal = Arc::new(AtomicUsize::new(0));
+    let (mut woken, wake) = UnixStream::pair()?;
+    for number in [SIGINT, SIGTERM] {
+        flag::register_usize(number, Arc::clone(&signal), number as usize)?;
+        pipe::register(number, wake.try_clone()?)?;
+    }
+    let wait = move || {
+        if woken.read_exact(&mut [0]).is_err() {
+            return;
+        }
+        let mut stderr = std::io::stderr();
+        // A bar may stand in the line.
+        let begin = if stderr.is_terminal() { "\n" } else { "" };
+        let line = format!("{begin}mien-studio: stopped; {}\n", result.kept(before));
+        let _ = stderr.write_all(line.as_bytes());
+        let _ = emulate_default_handler(signal.load(Ordering::SeqCst) as i32);
+    };
+    std::thread::Builder::new()
+        .name("stopped".into())
+        .spawn(wait)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Goes;
+    use crate::studio::atomic_write;
+
+    #[test]
+    fn what_is_kept_is_what_changed_since_the_work_began() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("face.model");
+        let result = Goes::File(path.clone());
+        let none = result.version();
+        assert!(result.kept(none).starts_with("nothing was written to "));
+        atomic_write::write(&path, "first").unwrap();
+        assert!(
+            result
+                .kept(none)
+                .contains("face.model was written, without")
+        );
+        let first = result.version();
+        assert!(result.kept(first).ends_with("which is as it was"));
+        atomic_write::write(&path, "other").unwrap();
+        assert!(
+            result
+                .kept(first)
+                .contains("face.model was written, without")
+        );
+    }
+}
