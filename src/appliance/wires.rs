@@ -126,7 +126,7 @@ fn open_network(
     }
     if network.websocket.enabled {
         feature!(wires, "websocket", "web", {
-            crate::output::web::websocket::WebSocket::new(&network.websocket, units)?
+            crate::output::web::websocket::open(&network.websocket, units)?
         });
     }
     if network.page.enabled {
@@ -136,13 +136,13 @@ fn open_network(
             others.network.page.enabled = false;
             let sends = named(&others);
             let (page, name) = (&network.page, &network.name);
-            crate::output::web::page::BoxPage::new(page, name, &sends, units)?
+            crate::output::web::page::open(page, name, &sends, units)?
         });
     }
     if network.oscquery.enabled {
         feature!(wires, "oscquery", "web", {
             let (oscquery, osc) = (&network.oscquery, &settings.osc);
-            crate::output::web::oscquery::OscQuery::new(oscquery, osc, &network.name, units)?
+            crate::output::web::oscquery::open(oscquery, osc, &network.name, units)?
         });
     }
     if network.discovery.enabled {
@@ -152,7 +152,7 @@ fn open_network(
     }
     if network.mqtt.enabled {
         feature!(wires, "mqtt", "mqtt", {
-            crate::output::mqtt::Mqtt::new(&network.mqtt, &network.name, units)?
+            crate::output::mqtt::open(&network.mqtt, &network.name, units)?
         });
     }
     Ok(())
@@ -171,11 +171,19 @@ fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
         })
     };
     let (osc, network) = (&settings.osc, &settings.network);
-    let (query, pages) = (&network.oscquery, &network.websocket);
+    let (query, page, pages) = (&network.oscquery, &network.page, &network.websocket);
     [
         one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
         one(query.enabled, &query.listen, "_oscjson", "_tcp", ""),
-        one(pages.enabled, &pages.listen, "_http", "_tcp", "path=/"),
+        one(page.enabled, &page.listen, "_http", "_tcp", "path=/"),
+        // A name has one service of a kind, and the page is what a browser can show.
+        one(
+            pages.enabled && !page.enabled,
+            &pages.listen,
+            "_http",
+            "_tcp",
+            "path=/",
+        ),
     ]
     .into_iter()
     .flatten()

@@ -1,6 +1,6 @@
 //! Names of the action units: FACS, plain, ARKit, and a description of what the face does.
 //!
-//! One table for the live line, `mien send-test`, the configuration and `docs/units.md`. Codes omit the side; `L` and `R` are
+//! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L` and `R` are
 //! the subject's own left and right.
 
 /// What one unit is called.
@@ -194,6 +194,27 @@ pub const ALL: [UnitWords; 24] = [
     ),
 ];
 
+/// Regions of the face from above, each with its units' numbers in the order of rows.
+pub const REGIONS: [(&str, &[u32]); 5] = [
+    ("Brows", &[1, 2, 4]),
+    ("Eyes", &[5, 43, 61, 62, 63, 64]),
+    ("Nose and cheeks", &[9, 34]),
+    ("Mouth", &[12, 15, 14, 20, 18, 22, 25, 28, 10, 17]),
+    ("Jaw", &[26, 29, 30]),
+];
+/// Where units stand that were renamed, after all regions.
+pub const OTHER: &str = "Other";
+
+/// The region of a unit.
+#[must_use]
+pub fn region(words: &UnitWords) -> &'static str {
+    let number = words.code.trim_start_matches("AU").parse().ok();
+    let found = REGIONS
+        .iter()
+        .find(|(_, all)| number.is_some_and(|number| all.contains(&number)));
+    found.map_or(OTHER, |(title, _)| title)
+}
+
 /// A unit's words and its side (`"L"`, `"R"` or none); `None` for a name that is no unit's.
 #[must_use]
 pub fn of(unit: &str) -> Option<(&'static UnitWords, &str)> {
@@ -217,6 +238,7 @@ mod tests {
         }
         let columns = units.columns(false);
         for words in &ALL {
+            assert_ne!(region(words), OTHER, "{}", words.code);
             let has = |name: &str| columns.iter().any(|column| column == name);
             let side = |side: &str| has(&format!("{}{side}", words.code));
             assert!(has(words.code) || side("L") && side("R"), "{}", words.code);

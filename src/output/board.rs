@@ -10,7 +10,9 @@ use std::thread::JoinHandle;
 
 use super::closing;
 use super::unit_range;
-use super::{Command, LossPolicy, OutputError, Report, Tally, TrackingState, View, WireWeights};
+use super::{
+    Command, LossPolicy, Output, OutputError, Report, Tally, TrackingState, View, WireWeights,
+};
 use crate::base::capacity::{UNITS, USERS};
 
 /// Commands waiting for the pipeline.
@@ -108,8 +110,8 @@ impl Bell {
     }
 }
 
-/// The pipeline's end of the wake-up socket.
-pub(super) struct Front {
+/// An output with its own thread, as the pipeline sees it: its end of the wake-up socket.
+pub struct Front {
     pub(super) shared: Arc<Shared>,
     name: &'static str,
     users: [(bool, WireWeights); USERS],
@@ -155,9 +157,11 @@ impl Front {
             thread: Some(thread),
         })
     }
+}
 
-    /// Stores a report.
-    pub(super) fn post(&mut self, report: &Report) {
+impl Output for Front {
+    /// Stores the report and wakes the thread.
+    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         let mut board = self.shared.board();
         if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
             let (known, weights) = &mut self.users[slot];
@@ -193,13 +197,14 @@ impl Front {
         }
         drop(board);
         self.shared.ring();
+        Ok(())
     }
 
-    pub(super) fn next_command(&mut self) -> Option<Command> {
+    fn next_command(&mut self) -> Option<Command> {
         self.shared.board().commands.pop_front()
     }
 
-    pub(super) fn tally(&self) -> Tally {
+    fn tally(&self) -> Tally {
         let shared = &self.shared;
         let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         Tally {

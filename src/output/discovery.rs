@@ -5,7 +5,7 @@
 //! | --- | --- | --- |
 //! | `_osc._udp` | the command port | `[osc]` accepts commands |
 //! | `_oscjson._tcp` | OSCQuery | `[oscquery]` is enabled |
-//! | `_http._tcp` | WebSocket, `path=/` | `[websocket]` is enabled |
+//! | `_http._tcp` | the page, or else WebSocket, `path=/` | `[page]` or `[websocket]` is enabled |
 //!
 //! Instances are named `mien NAME`, the host `mien-NAME.local`, so that nothing conflicts with a daemon's own names. The name is
 //! probed three times before it is used; if it is in use, `-2`, `-3`, … is appended. Everything is then announced twice,

@@ -1,6 +1,8 @@
 //! Settings of the outputs that are optional build features: lights, Live Link, web, discovery, MQTT. Every build knows them, so
 //! that all builds read the same configuration; enabling an output that is not built in is an error.
 
+#[cfg(any(feature = "web", feature = "mqtt"))]
+use super::OutputError;
 use super::{LossPolicy, View};
 
 /// Which unit goes to which channel, for Art-Net and sACN alike.
@@ -123,8 +125,8 @@ pub struct PageSettings {
     pub enabled: bool,
     /// `address:port`.
     pub listen: String,
-    /// What whoever comes must know; empty = the local network is served, nobody else.
-    pub password: String,
+    /// A file with the password; empty = none, and only local networks are served.
+    pub password_file: String,
     /// How the units are shown.
     pub view: View,
 }
@@ -134,7 +136,7 @@ impl Default for PageSettings {
         Self {
             enabled: false,
             listen: "127.0.0.1:9134".to_owned(),
-            password: String::new(),
+            password_file: String::new(),
             view: View::default(),
         }
     }
@@ -198,5 +200,23 @@ impl Default for MqttSettings {
             view: View::default(),
             loss: LossPolicy::default(),
         }
+    }
+}
+
+/// The first line of a password file; `None` if no file is named.
+///
+/// # Errors
+/// If the file cannot be read.
+#[cfg(any(feature = "web", feature = "mqtt"))]
+pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
+    if path.is_empty() {
+        return Ok(None);
+    }
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text.lines().next().unwrap_or_default().to_owned())),
+        Err(source) => Err(OutputError::Password {
+            path: path.to_owned(),
+            source,
+        }),
     }
 }

@@ -5,7 +5,7 @@
 //! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
 
 #[cfg(any(feature = "web", feature = "mqtt"))]
-mod board;
+pub mod board;
 #[cfg(feature = "std")]
 mod closing;
 pub mod csv;
@@ -175,9 +175,11 @@ pub enum OutputError {
         /// What is expected.
         expected: &'static str,
     },
-    /// The password file cannot be read.
+    /// The password file cannot be read or has no password.
     #[cfg(feature = "std")]
-    #[error("cannot read mqtt.password_file {path:?}: {source}; is it readable by mien's user?")]
+    #[error(
+        "cannot use password_file {path:?}: {source}; expected the password in its first line, readable by mien's user"
+    )]
     Password {
         /// The file.
         path: String,

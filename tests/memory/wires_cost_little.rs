@@ -176,8 +176,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
     };
     use mien::output::lights::{artnet::ArtNet, sacn::Sacn};
     use mien::output::live_link::LiveLink;
-    use mien::output::mqtt::Mqtt;
-    use mien::output::web::{oscquery::OscQuery, page::BoxPage, websocket::WebSocket};
+    use mien::output::{mqtt, web};
     use std::io::Write;
     use std::net::{TcpListener, TcpStream};
 
@@ -225,7 +224,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         listen: free().to_string(),
         ..PageSettings::default()
     };
-    let mqtt = MqttSettings {
+    let broker = MqttSettings {
         broker: free().to_string(),
         ..MqttSettings::default()
     };
@@ -233,10 +232,10 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         Box::new(ArtNet::new(&artnet, &lights, &UNITS).unwrap()),
         Box::new(Sacn::new(&sacn, &lights, "", &UNITS).unwrap()),
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
-        Box::new(WebSocket::new(&websocket, &UNITS).unwrap()),
-        Box::new(BoxPage::new(&phone, "", "", &UNITS).unwrap()),
-        Box::new(OscQuery::new(&oscquery, &osc::Settings::default(), "", &UNITS).unwrap()),
-        Box::new(Mqtt::new(&mqtt, "", &UNITS).unwrap()),
+        Box::new(web::websocket::open(&websocket, &UNITS).unwrap()),
+        Box::new(web::page::open(&phone, "", "", &UNITS).unwrap()),
+        Box::new(web::oscquery::open(&oscquery, &osc::Settings::default(), "", &UNITS).unwrap()),
+        Box::new(mqtt::open(&broker, "", &UNITS).unwrap()),
         Box::new(Discovery::new("memory-test", Vec::new()).unwrap()),
     ];
     let live = format!("GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", phone.listen);

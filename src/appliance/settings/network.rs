@@ -7,6 +7,7 @@ const ENABLED: &str = "Whether this output is enabled.";
 const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
 const HOLD: &str = "How long the last weights of a lost face are held.";
 const DECAY: &str = "How long they then take to fade to neutral.";
+const FILE: &str = "the path of a file, or empty";
 const LISTEN: &str =
     "Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.";
 
@@ -166,16 +167,9 @@ pub(super) const KEYS: &[Key] = &[
     }),
     key(
         "page",
-        "password",
-        "For any user name, unencrypted; empty = none, and local networks only.",
-        |s| {
-            let form = "8 to 64 printable ASCII characters, or empty";
-            text(&mut s.network.page.password, form, |word| {
-                word.is_empty()
-                    || (8..=64).contains(&word.len())
-                        && word.bytes().all(|c| (32..127).contains(&c))
-            })
-        },
+        "password_file",
+        "File with the password in its first line, for any user name; empty = none, and local networks only.",
+        |s| text(&mut s.network.page.password_file, FILE, |_| true),
     ),
     key(
         "oscquery",
@@ -244,13 +238,7 @@ pub(super) const KEYS: &[Key] = &[
         "mqtt",
         "password_file",
         "File with the password in its first line; empty = none.",
-        |s| {
-            text(
-                &mut s.network.mqtt.password_file,
-                "the path of a file, or empty",
-                |_| true,
-            )
-        },
+        |s| text(&mut s.network.mqtt.password_file, FILE, |_| true),
     ),
     key(
         "mqtt",

@@ -22,35 +22,21 @@ mod packet;
 mod stream;
 
 use super::board::Front;
-use super::features::MqttSettings;
-use super::{Command, Output, OutputError, Report, Tally, identity};
+use super::features::{MqttSettings, password};
+use super::{OutputError, identity};
 
-/// A client of a broker.
-pub struct Mqtt(Front);
-
-impl Mqtt {
-    /// Starts connecting to the broker. `units` are the names in the order of the weights, `name` is the box's.
-    ///
-    /// # Errors
-    /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
-    pub fn new(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Self, OutputError> {
-        let trust = stream::Trust::new(settings)?;
-        let password = (!settings.password_file.is_empty()).then(|| {
-            let text = std::fs::read_to_string(&settings.password_file);
-            text.map(|text| text.lines().next().unwrap_or_default().to_owned())
-        });
-        let password = password
-            .transpose()
-            .map_err(|source| OutputError::Password {
-                path: settings.password_file.clone(),
-                source,
-            })?;
-        let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
-        let names: Vec<String> = names.collect();
-        let talk = client::Talk::new(settings, &identity::name(name), (trust, password), &names);
-        let work = move |shared, bell| client::run(talk, &shared, bell);
-        Front::start("mqtt", units, &settings.view, settings.loss, work).map(Self)
-    }
+/// Starts connecting to the broker. `units` are the names in the order of the weights, `name` is the box's.
+///
+/// # Errors
+/// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
+pub fn open(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Front, OutputError> {
+    let trust = stream::Trust::new(settings)?;
+    let password = password(&settings.password_file)?;
+    let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
+    let names: Vec<String> = names.collect();
+    let talk = client::Talk::new(settings, &identity::name(name), (trust, password), &names);
+    let work = move |shared, bell| client::run(talk, &shared, bell);
+    Front::start("mqtt", units, &settings.view, settings.loss, work)
 }
 
 /// What a broker sends, for `tests/fuzz`: packets of both versions.
@@ -64,20 +50,5 @@ pub fn fuzz(bytes: &[u8]) {
             }
             rest = &rest[used..];
         }
-    }
-}
-
-impl Output for Mqtt {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        self.0.post(report);
-        Ok(())
-    }
-
-    fn tally(&self) -> Tally {
-        self.0.tally()
-    }
-
-    fn next_command(&mut self) -> Option<Command> {
-        self.0.next_command()
     }
 }

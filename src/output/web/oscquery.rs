@@ -15,14 +15,13 @@
 use std::fmt::{Result as Written, Write as _};
 use std::net::SocketAddr;
 
-use super::server::{Service, serve};
-use super::websocket::address;
+use super::server::{Service, address, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::output::board::{Board, Front, Shot, Weight};
 use crate::output::features::ServerSettings;
 use crate::output::osc::{self, Style};
-use crate::output::{Output, OutputError, Report, SCHEMA_VERSION, Tally, identity};
+use crate::output::{OutputError, SCHEMA_VERSION, identity};
 
 /// Size of the whole tree with four users and the longest names, bytes.
 const TREE: usize = 96 * 1024;
@@ -395,53 +394,37 @@ impl Service for Tree {
     }
 }
 
-/// A server of the tree.
-pub struct OscQuery(Front);
-
-impl OscQuery {
-    /// Starts serving the tree of what `osc` sends and receives. `units` are the names in the order of the weights, `name` is the
-    /// box's.
-    ///
-    /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is in use.
-    pub fn new(
-        settings: &ServerSettings,
-        osc: &osc::Settings,
-        name: &str,
-        units: &[&str],
-    ) -> Result<Self, OutputError> {
-        let address = address(settings)?;
-        let listens = osc.commands.then(|| osc.listen.parse().ok()).flatten();
-        let tree = Tree {
-            name: format!("mien {}", identity::name(name)),
-            prefix: osc
-                .prefix
-                .split('/')
-                .filter(|part| !part.is_empty())
-                .map(str::to_owned)
-                .collect(),
-            units: units
-                .iter()
-                .map(|unit| osc.view.name(unit).to_owned())
-                .collect(),
-            floats: "f".repeat(units.len()),
-            style: osc.style,
-            listens,
-        };
-        let work = move |shared, bell| serve(tree, address, shared, bell);
-        Front::start("oscquery", units, &osc.view, osc.loss, work).map(Self)
-    }
-}
-
-impl Output for OscQuery {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        self.0.post(report);
-        Ok(())
-    }
-
-    fn tally(&self) -> Tally {
-        self.0.tally()
-    }
+/// Starts serving the tree of what `osc` sends and receives. `units` are the names in the order of the weights, `name` is the
+/// box's.
+///
+/// # Errors
+/// If the address is unusable or no thread can be started; not if it is in use.
+pub fn open(
+    settings: &ServerSettings,
+    osc: &osc::Settings,
+    name: &str,
+    units: &[&str],
+) -> Result<Front, OutputError> {
+    let address = address(&settings.listen)?;
+    let listens = osc.commands.then(|| osc.listen.parse().ok()).flatten();
+    let tree = Tree {
+        name: format!("mien {}", identity::name(name)),
+        prefix: osc
+            .prefix
+            .split('/')
+            .filter(|part| !part.is_empty())
+            .map(str::to_owned)
+            .collect(),
+        units: units
+            .iter()
+            .map(|unit| osc.view.name(unit).to_owned())
+            .collect(),
+        floats: "f".repeat(units.len()),
+        style: osc.style,
+        listens,
+    };
+    let work = move |shared, bell| serve(tree, address, shared, bell);
+    Front::start("oscquery", units, &osc.view, osc.loss, work)
 }
 
 #[cfg(test)]

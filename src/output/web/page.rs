@@ -17,13 +17,15 @@ use std::fmt::Write as _;
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
-use super::server::{Order, Service, serve};
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+
+use super::server::{Order, Service, address, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::expression::unit_words;
 use crate::output::board::{Board, Front, Weight};
-use crate::output::features::PageSettings;
-use crate::output::{Command, LossPolicy, Output, OutputError, Report, Tally, identity};
+use crate::output::features::{PageSettings, password};
+use crate::output::{Command, LossPolicy, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
 /// Room for a reply's header and for a message with four users.
@@ -37,19 +39,10 @@ const PASSWORD: usize = 64;
 /// Weight of the newest frame in the rate that is shown.
 const NEWEST: f32 = 0.1;
 
-/// Regions of the face and the units' numbers in them, from above.
-const REGIONS: [(&str, &[u32]); 6] = [
-    ("Brows", &[1, 2, 4]),
-    ("Eyes", &[5, 43, 61, 62, 63, 64]),
-    ("Nose and cheeks", &[9, 34]),
-    ("Mouth", &[10, 12, 14, 15, 17, 18, 20, 22, 25, 28]),
-    ("Jaw", &[26, 29, 30]),
-    ("Other", &[]),
-];
-
 struct Page {
     name: String,
-    password: String,
+    /// What whoever comes must know, if anything.
+    password: Option<String>,
     /// `box.json`, which never changes.
     about: String,
     last: Instant,
@@ -101,26 +94,9 @@ fn is_near(address: IpAddr) -> bool {
     }
 }
 
-/// Base 64 (RFC 4648), up to the padding; `None` if it is none, or longer than a user and a password may be.
-fn decode(text: &str) -> Option<heapless::Vec<u8, { 3 * PASSWORD }>> {
-    let mut bytes = heapless::Vec::new();
-    let (mut bits, mut count) = (0_u32, 0);
-    for digit in text.trim_end_matches('=').bytes() {
-        let value = match digit {
-            b'A'..=b'Z' => digit - b'A',
-            b'a'..=b'z' => digit - b'a' + 26,
-            b'0'..=b'9' => digit - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return None,
-        };
-        (bits, count) = (bits << 6 | u32::from(value), count + 6);
-        if count >= 8 {
-            count -= 8;
-            bytes.push((bits >> count) as u8).ok()?;
-        }
-    }
-    Some(bytes)
+/// Whether a password is one that is typed everywhere alike, and not soon guessed.
+fn is_password(word: &str) -> bool {
+    (8..=PASSWORD).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
 }
 
 /// Whether two passwords are equal, in a time that does not tell where they differ.
@@ -135,8 +111,9 @@ fn knows(header: &str, password: &str) -> bool {
     let coded = header
         .split_once(' ')
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("basic"));
-    let told = coded.and_then(|(_, coded)| decode(coded.trim()));
-    let told = told.unwrap_or_default();
+    let mut room = [0; 3 * PASSWORD];
+    let length = coded.and_then(|(_, coded)| STANDARD.decode_slice(coded.trim(), &mut room).ok());
+    let told = &room[..length.unwrap_or_default()];
     let start = told
         .iter()
         .position(|&byte| byte == b':')
@@ -173,7 +150,7 @@ impl Service for Page {
     const STREAM: Option<&'static str> = Some("/events");
 
     fn admits(&self, head: &str, order: bool, peer: IpAddr) -> Result<(), u16> {
-        if self.password.is_empty() && !is_near(peer) {
+        if self.password.is_none() && !is_near(peer) {
             return Err(403);
         }
         let visit = Visit::read(head).ok_or(400_u16)?;
@@ -187,14 +164,12 @@ impl Service for Page {
         {
             return Err(403);
         }
-        if self.password.is_empty()
-            || visit
-                .password
-                .is_some_and(|header| knows(header, &self.password))
-        {
-            return Ok(());
+        match &self.password {
+            Some(password) if !visit.password.is_some_and(|header| knows(header, password)) => {
+                Err(401)
+            }
+            _ => Ok(()),
         }
-        Err(401)
     }
 
     fn order(&self, path: &str) -> Order {
@@ -303,19 +278,14 @@ impl Page {
 
 /// What never changes, as JSON. `sends` is where weights go.
 fn about(name: &str, units: &[&str], sends: &str) -> String {
-    let number = |unit: &str| -> u32 {
-        let words = unit_words::of(unit);
-        words.map_or(0, |(words, _)| words.code[2..].parse().unwrap_or_default())
-    };
     let region = |unit: &str| {
-        let number = number(unit);
-        let found = REGIONS.iter().position(|(_, all)| all.contains(&number));
-        found.unwrap_or(REGIONS.len() - 1)
+        unit_words::of(unit).map_or(unit_words::OTHER, |(words, _)| unit_words::region(words))
     };
     let mut regions = Vec::new();
-    for (at, (title, _)) in REGIONS.iter().enumerate() {
+    let titles = unit_words::REGIONS.iter().map(|(title, _)| *title);
+    for title in titles.chain([unit_words::OTHER]) {
         let rows: Vec<String> = (0..units.len())
-            .filter(|&i| region(units[i]) == at)
+            .filter(|&i| region(units[i]) == title)
             .map(|i| {
                 let plain = match unit_words::of(units[i]) {
                     Some((words, "L")) => format!("{} left", words.plain),
@@ -334,60 +304,47 @@ fn about(name: &str, units: &[&str], sends: &str) -> String {
     format!("{{\"name\":{name},\"slots\":{USERS},\"sends\":{sends},\"regions\":[{regions}]}}")
 }
 
-/// A server of the page.
-pub struct BoxPage(Front);
-
-impl BoxPage {
-    /// Starts serving. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
-    ///
-    /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is taken.
-    pub fn new(
-        settings: &PageSettings,
-        name: &str,
-        sends: &str,
-        units: &[&str],
-    ) -> Result<Self, OutputError> {
-        let address = settings.listen.parse().map_err(|_| OutputError::Listen {
-            address: settings.listen.clone(),
-        })?;
-        let name = identity::name(name);
-        let page = Page {
-            about: about(&name, units, sends),
-            name,
-            password: settings.password.clone(),
-            last: Instant::now(),
-            newest: (0, 0, None),
-            rate: 30.0,
-        };
-        let work = move |shared, bell| serve(page, address, shared, bell);
-        Front::start("page", units, &settings.view, LossPolicy::default(), work).map(Self)
+/// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
+///
+/// # Errors
+/// If the password cannot be read, the address is unusable or no thread can be started; not if the address is taken.
+pub fn open(
+    settings: &PageSettings,
+    name: &str,
+    sends: &str,
+    units: &[&str],
+) -> Result<Front, OutputError> {
+    let address = address(&settings.listen)?;
+    let password = password(&settings.password_file)?;
+    if password.as_ref().is_some_and(|word| !is_password(word)) {
+        let problem = "its first line is not 8 to 64 printable ASCII characters";
+        return Err(OutputError::Password {
+            path: settings.password_file.clone(),
+            source: std::io::Error::new(std::io::ErrorKind::InvalidData, problem),
+        });
     }
-}
-
-impl Output for BoxPage {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        self.0.post(report);
-        Ok(())
-    }
-
-    fn tally(&self) -> Tally {
-        self.0.tally()
-    }
-
-    fn next_command(&mut self) -> Option<Command> {
-        self.0.next_command()
-    }
+    let name = identity::name(name);
+    let page = Page {
+        about: about(&name, units, sends),
+        name,
+        password,
+        last: Instant::now(),
+        newest: (0, 0, None),
+        rate: 30.0,
+    };
+    let work = move |shared, bell| serve(page, address, shared, bell);
+    Front::start("page", units, &settings.view, LossPolicy::default(), work)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::{Output, Report};
 
-    fn page(password: &str) -> Page {
+    fn page(password: Option<&str>) -> Page {
         Page {
             name: "stage-left".into(),
-            password: password.into(),
+            password: password.map(str::to_owned),
             about: about(
                 "stage-left",
                 &["AU26", "AU12L", "AU1R"],
@@ -406,7 +363,7 @@ mod tests {
 
     #[test]
     fn only_the_local_network_is_answered_without_a_password() {
-        let open = page("");
+        let open = page(None);
         for near in [
             "127.0.0.1",
             "192.168.1.9",
@@ -441,7 +398,7 @@ mod tests {
 
     #[test]
     fn a_password_that_is_set_must_be_known_and_serves_from_anywhere() {
-        let closed = page("open sesame");
+        let closed = page(Some("open sesame"));
         let ask =
             |more: &str, peer| admits(&closed, &format!("Host: localhost\r\n{more}"), false, peer);
         // mien:open sesame, and with another user; mien:open sesamf; mien:open sesam; open sesame without a user.
@@ -475,7 +432,7 @@ mod tests {
 
     #[test]
     fn other_sites_can_neither_read_nor_command() {
-        let open = page("");
+        let open = page(None);
         let ask = |headers: &str, order| admits(&open, headers, order, "127.0.0.1");
         for own in [
             "Host: stage-left:9134",
@@ -517,7 +474,7 @@ mod tests {
 
     #[test]
     fn orders_are_read_and_nonsense_is_none() {
-        let page = page("");
+        let page = page(None);
         for (path, expected) in [
             ("/neutral/0", Order::Ask(Command::Neutral(0))),
             ("/forget/3", Order::Ask(Command::Forget(3))),
@@ -537,7 +494,7 @@ mod tests {
     #[test]
     fn units_have_plain_names_by_region() {
         assert_eq!(
-            page("").about,
+            page(None).about,
             "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
         );
         for unit in crate::expression::Units::shipped().columns(false) {
@@ -553,21 +510,28 @@ mod tests {
             shot.weights.extend([0.5; crate::base::capacity::UNITS]);
         }
         let mut message = String::new();
-        page("").write(&board, &mut message).unwrap();
+        page(None).write(&board, &mut message).unwrap();
         assert!(message.len() + 16 < ROOM, "{}", message.len());
     }
 
     /// A served page with one user at `AU26` 0.5, and where it is.
-    fn served(password: &str) -> (BoxPage, SocketAddr) {
+    fn served(password: Option<&str>) -> (Front, SocketAddr) {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         drop(listener);
+        let folder = tempfile::tempdir().unwrap();
+        let file = password.map(|password| {
+            let file = folder.path().join("password");
+            std::fs::write(&file, format!("{password}\n")).unwrap();
+            file
+        });
         let settings = PageSettings {
             listen: address.to_string(),
-            password: password.into(),
+            password_file: file
+                .map_or_else(String::new, |file| file.to_string_lossy().into_owned()),
             ..PageSettings::default()
         };
-        let mut page = BoxPage::new(&settings, "stage-left", "", &["AU26"]).unwrap();
+        let mut page = open(&settings, "stage-left", "", &["AU26"]).unwrap();
         let report = Report {
             frame: 7,
             user: Some(0),
@@ -601,7 +565,7 @@ mod tests {
 
     #[test]
     fn the_page_its_stream_and_its_commands_are_served() {
-        let (mut page, address) = served("");
+        let (mut page, address) = served(None);
         let text = asked(address, "GET /", "", "");
         assert!(
             text.starts_with("HTTP/1.1 200 OK") && text.ends_with(PAGE),
@@ -633,8 +597,30 @@ mod tests {
     }
 
     #[test]
+    fn a_password_file_without_a_password_opens_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("password");
+        let settings = PageSettings {
+            listen: "127.0.0.1:0".into(),
+            password_file: file.to_string_lossy().into_owned(),
+            ..PageSettings::default()
+        };
+        let problem = || {
+            open(&settings, "", "", &[])
+                .err()
+                .map(|problem| problem.to_string())
+        };
+        assert!(problem().is_some_and(|told| told.contains("No such file")));
+        for text in ["", "\n", "short\n", "\nopen sesame\n"] {
+            std::fs::write(&file, text).unwrap();
+            let told = problem().expect(text);
+            assert!(told.contains("8 to 64 printable ASCII"), "{told}");
+        }
+    }
+
+    #[test]
     fn a_wrong_password_gets_nothing() {
-        let (mut page, address) = served("open sesame");
+        let (mut page, address) = served(Some("open sesame"));
         for what in ["GET /", "GET /box.json", "GET /events", "POST /forget/0"] {
             let own = "X-Mien: 1\r\n";
             let text = asked(address, what, own, "");
@@ -652,7 +638,7 @@ mod tests {
     #[test]
     fn streams_leave_room_for_requests() {
         use std::io::{Read, Write};
-        let (_page, address) = served("");
+        let (_page, address) = served(None);
         let open = || {
             let mut stream = std::net::TcpStream::connect(address).unwrap();
             let text = format!("GET /events HTTP/1.1\r\nHost: {address}\r\n\r\n");

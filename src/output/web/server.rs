@@ -17,8 +17,8 @@ use nix::poll::{PollFd, PollFlags, poll};
 
 use super::handshake;
 use crate::base::capacity::WEB_CONNECTIONS as SLOTS;
-use crate::output::Command;
 use crate::output::board::{Bell, Board, Shared, count};
+use crate::output::{Command, OutputError};
 
 /// Event streams at once: the places left answer requests.
 const STREAMS: usize = SLOTS - 2;
@@ -328,6 +328,13 @@ impl Door {
             }
         }
     }
+}
+
+/// Where to listen.
+pub(super) fn address(listen: &str) -> Result<SocketAddr, OutputError> {
+    listen.parse().map_err(|_| OutputError::Listen {
+        address: listen.to_owned(),
+    })
 }
 
 /// Serves until told to stop.

@@ -8,13 +8,12 @@
 //! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. Whatever pages send is ignored.
 
 use std::fmt::Write as _;
-use std::net::SocketAddr;
 
-use super::server::{Service, serve};
+use super::server::{Service, address, serve};
 use crate::base::json::Quoted;
+use crate::output::OutputError;
 use crate::output::board::{Board, Front, Shot, Weight};
 use crate::output::features::ServerSettings;
-use crate::output::{Output, OutputError, Report, Tally};
 
 /// Bytes of a message, with room for the longest names.
 const MESSAGE: usize = 4096;
@@ -83,40 +82,16 @@ impl Pages {
     }
 }
 
-/// A server of weights for pages.
-pub struct WebSocket(Front);
-
-impl WebSocket {
-    /// Starts serving. `units` are the names in the order of the weights.
-    ///
-    /// # Errors
-    /// If the address is unusable or no thread can be started; not if it is in use.
-    pub fn new(settings: &ServerSettings, units: &[&str]) -> Result<Self, OutputError> {
-        let address = address(settings)?;
-        let names = units.iter().map(|unit| settings.view.name(unit));
-        let pages = Pages {
-            units: names.map(|name| format!("{}:", Quoted(name))).collect(),
-        };
-        let work = move |shared, bell| serve(pages, address, shared, bell);
-        Front::start("websocket", units, &settings.view, settings.loss, work).map(Self)
-    }
-}
-
-/// Where to listen.
-pub(super) fn address(settings: &ServerSettings) -> Result<SocketAddr, OutputError> {
-    let parsed = settings.listen.parse();
-    parsed.map_err(|_| OutputError::Listen {
-        address: settings.listen.clone(),
-    })
-}
-
-impl Output for WebSocket {
-    fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        self.0.post(report);
-        Ok(())
-    }
-
-    fn tally(&self) -> Tally {
-        self.0.tally()
-    }
+/// Starts serving weights to pages. `units` are the names in the order of the weights.
+///
+/// # Errors
+/// If the address is unusable or no thread can be started; not if it is in use.
+pub fn open(settings: &ServerSettings, units: &[&str]) -> Result<Front, OutputError> {
+    let address = address(&settings.listen)?;
+    let names = units.iter().map(|unit| settings.view.name(unit));
+    let pages = Pages {
+        units: names.map(|name| format!("{}:", Quoted(name))).collect(),
+    };
+    let work = move |shared, bell| serve(pages, address, shared, bell);
+    Front::start("websocket", units, &settings.view, settings.loss, work)
 }
