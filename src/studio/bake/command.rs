@@ -14,18 +14,19 @@ use super::glb::Glb;
 use super::head::Head;
 use super::learn::{Lesson, means};
 use super::locate::locate;
+use super::looks::Looks;
 use super::measure::Figures;
 use super::mesh::{Mesh, Vec3};
 use super::obj;
 use super::order::Ordered;
 use super::patch::Foreign;
 use super::recipe::{Recipe, SHIPPED, Target};
-use super::request::Request;
+use super::request::{Request, is_usd};
 use super::rig;
 use super::shape::Shape;
 use super::solve::Settings;
 use super::table::table;
-use super::{morphs, report};
+use super::{morphs, report, usd};
 use crate::face_model::FaceModel;
 use crate::studio::text_files;
 
@@ -52,17 +53,23 @@ pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
         .collect()
 }
 
+/// The text of a landmark file: these vertices of the mesh in the numbering that its file has.
+pub(in crate::studio) fn landmark_text(vertices: &[u64], foreign: Option<&Foreign>) -> String {
+    let numbers = foreign.map_or_else(|| vertices.to_vec(), |f| f.rows(vertices));
+    numbers.iter().map(|v| format!("{v}\n")).collect()
+}
+
 /// A mesh as it came.
-struct Source {
-    mesh: Mesh,
+pub(in crate::studio) struct Source {
+    pub(in crate::studio) mesh: Mesh,
     /// As OBJ text, if it came so or OBJ is wanted.
     obj: String,
     /// The glTF that it came in.
-    foreign: Option<Foreign>,
+    pub(in crate::studio) foreign: Option<Foreign>,
 }
 
 impl Source {
-    fn read(request: &Request) -> Result<Self, BakeError> {
+    pub(in crate::studio) fn read(request: &Request) -> Result<Self, BakeError> {
         let bytes = read_bytes(&request.mesh)?;
         if bytes.starts_with(b"glTF") {
             let refuse = |source| BakeError::Glb {
@@ -95,7 +102,12 @@ impl Source {
         if request.landmarks.as_os_str() == "auto" {
             return found(request, &self.mesh, self.foreign.as_ref());
         }
-        let numbers = landmarks(&read(&request.landmarks)?, &request.landmarks)?;
+        self.told(&request.landmarks)
+    }
+
+    /// Vertex numbers of the landmarks in a file.
+    pub(in crate::studio) fn told(&self, path: &Path) -> Result<Vec<u64>, BakeError> {
+        let numbers = landmarks(&read(path)?, path)?;
         Ok(match &self.foreign {
             Some(foreign) => foreign.landmarks(&numbers),
             None => numbers,
@@ -207,10 +219,18 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         start.elapsed().as_secs_f64()
     );
     let out = match source.foreign {
-        Some(foreign) => foreign.patched(&shapes, request.dense),
-        None => morphs::build(&source.mesh, &shapes, metres, request.dense),
+        _ if is_usd(&request.out) => {
+            let looks = Looks::of(&request.mesh, &source.obj);
+            usd::emit(&source.mesh, &looks, &shapes, metres, request.dense).into_bytes()
+        }
+        Some(foreign) => foreign.patched(&shapes, request.dense).emit(),
+        None => {
+            let mut glb = morphs::build(&source.mesh, &shapes, metres, request.dense);
+            Looks::of(&request.mesh, &source.obj).paint(&mut glb);
+            glb.emit()
+        }
     };
-    write(&request.out, &out.emit())?;
+    write(&request.out, &out)?;
     println!(
         "{} written at {:.2} s",
         request.out.display(),
@@ -311,10 +331,7 @@ fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Ve
             source: std::io::Error::other(e),
         })?;
     write(&picture, png.get_ref())?;
-    // In the numbering that the file itself has.
-    let numbers = foreign.map_or_else(|| found.vertices.clone(), |f| f.rows(&found.vertices));
-    let lines: String = numbers.iter().map(|v| format!("{v}\n")).collect();
-    write(&text, lines.as_bytes())?;
+    write(&text, landmark_text(&found.vertices, foreign).as_bytes())?;
     println!(
         "landmarks found with confidence {:.2}: look at {}; to correct them, edit {} and give it with --landmarks",
         found.confidence,

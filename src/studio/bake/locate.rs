@@ -2,7 +2,8 @@
 //!
 //! The head is drawn from in front, the shipped face model is fitted to the picture in boxes around the foremost point, and
 //! each fitted point is cast back to the visible vertex it lies on. What lines an opening (lids, inner lips) goes to the
-//! nearest vertex of a rim: visible, with a neighbour that is not. A head that mirrors itself gets points that do.
+//! nearest vertex of a rim: visible, with a neighbour that is not. A head that mirrors itself gets points that do. Brows and
+//! jaw, which plaster does not show, are where the other points say that people have them ([`super::by_shape`]).
 //!
 //! Frame: y up, the face towards z (or, tried if nothing is found there, −z or ±x). Units: the mesh's; pictures in pixels.
 //! Cost: about 60 fits, well below a second. Limits: the model has learned photographs, not plaster: a face without brows
@@ -11,6 +12,7 @@
 use image::RgbImage;
 use nalgebra::Matrix3;
 
+use super::by_shape;
 use super::mesh::{Mesh, Vec3};
 use super::render::{Canvas, paint};
 use crate::base::capacity::LANDMARKS;
@@ -36,8 +38,20 @@ const LEAST: f32 = 0.2;
 const SURE: f32 = 0.5;
 /// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
 const RIM: f64 = 0.03;
+/// Points 0 to 16 are the jaw's, up to 26 the brows'.
+const UNMARKED: usize = 27;
+/// A point this far from where the others say it is, in inner-eye-corner distances, is hardly believed.
+const DOUBTFUL: f64 = 0.1;
 /// Cosine of the cone that an iris fills on an eyeball seen from its centre.
 const IRIS: f64 = 0.87;
+
+/// Fits next to the best that say how sure each point is.
+const OTHERS: usize = 4;
+/// How far they put a point elsewhere on average that is half as sure as the face, in distances of the inner eye corners.
+const HALF: f32 = 0.1;
+
+/// One fit: how good it is, the model's confidence, the points.
+type Fit = (f32, f32, [[f32; 2]; LANDMARKS]);
 
 /// Why no landmarks were found.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -56,8 +70,11 @@ pub enum LocateError {
 pub struct Located {
     /// The 68 vertices.
     pub vertices: Vec<u64>,
-    /// 0 to 1.
+    /// That it is a face, 0 to 1.
     pub confidence: f32,
+    /// Of each point, 0 to 1: that of the face, less where fits from other boxes, the nearest vertex or what all other points
+    /// say are elsewhere.
+    pub of_points: [f32; LANDMARKS],
     /// The head with the points drawn in.
     pub picture: RgbImage,
 }
@@ -66,6 +83,8 @@ pub struct Located {
 struct Seen {
     /// Mesh to (right, up, towards the viewer).
     to_view: Matrix3<f64>,
+    /// The foremost point there, where the picture's middle is.
+    tip: Vec3,
     canvas: Canvas,
 }
 
@@ -74,6 +93,20 @@ struct Seen {
 /// # Errors
 /// If no face is to be seen.
 pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
+    let found = guess(mesh, model)?;
+    if found.confidence < LEAST {
+        return Err(LocateError::NoFace {
+            confidence: found.confidence,
+        });
+    }
+    Ok(found)
+}
+
+/// The same with however little confidence, for a person to correct.
+///
+/// # Errors
+/// If there is nothing to look at.
+pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let rings = mesh.rings();
     let (component, count) = mesh.components(&rings);
     let mut size = vec![0_usize; count];
@@ -83,9 +116,9 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let largest = (0..count).max_by_key(|&c| size[c]).unwrap_or(0) as u32;
     let skin: Vec<bool> = component.iter().map(|&c| c == largest).collect();
     let mut fitter = StillFitter::new(model);
-    let mut best: Option<(f32, [[f32; 2]; LANDMARKS], Seen)> = None;
+    let mut best: Option<(Fit, [f32; LANDMARKS], Seen)> = None;
     for quarter in [0, 2, 1, 3] {
-        if best.as_ref().is_some_and(|b| b.0 > SURE) {
+        if best.as_ref().is_some_and(|b| b.0.1 > SURE) {
             break;
         }
         let seen = look(
@@ -107,7 +140,7 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
         };
         let width_px = f64::from(PIXELS) / FRAME;
         let middle = f64::from(PIXELS) / 2.0;
-        let mut found: Option<(f32, f32, [[f32; 2]; LANDMARKS])> = None;
+        let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
             let side = share * width_px;
             let face_box = FaceBox {
@@ -120,21 +153,42 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
             // The nose's tip is the foremost point of a head that faces us.
             let [x, y] = face.points[30].map(|p| f64::from(p) - middle);
             let score = face.confidence - (x.hypot(y) / width_px) as f32;
-            if found.as_ref().is_none_or(|f| score > f.0) {
-                found = Some((score, face.confidence, face.points));
-            }
+            fits.push((score, face.confidence, face.points));
         }
-        if let Some((_, confidence, points)) = found
-            && best.as_ref().is_none_or(|b| confidence > b.0)
+        // The first of equals.
+        fits.sort_by(|a, b| b.0.total_cmp(&a.0));
+        if let Some(&fit) = fits.first()
+            && best.as_ref().is_none_or(|b| fit.1 > b.0.1)
         {
-            best = Some((confidence, points, seen));
+            best = Some((fit, agreed(&fits), seen));
         }
     }
-    let (confidence, points, seen) = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
-    if confidence < LEAST {
-        return Err(LocateError::NoFace { confidence });
+    let ((_, confidence, points), mut of_points, seen) =
+        best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
+    let (mut vertices, symmetric) = cast(mesh, &rings, &skin, &points, &seen);
+    // A vertex that is not where the point was seen is as unsure.
+    let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
+    for ((sure, point), &v) in of_points.iter_mut().zip(&points).zip(&vertices) {
+        let at = seen.screen(&mesh.positions[v as usize]);
+        *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
     }
-    let vertices = cast(mesh, &rings, &skin, &points, &seen);
+    // What the picture says of brows and jaw is left.
+    of_points[..UNMARKED].fill(confidence);
+    let shares = by_the_rest(mesh, &skin, model, &seen, symmetric, &mut vertices);
+    for (sure, share) in of_points.iter_mut().zip(shares) {
+        *sure *= share as f32;
+    }
+    let picture = with_points(mesh, &seen, &vertices);
+    Ok(Located {
+        vertices: vertices.into_iter().map(u64::from).collect(),
+        confidence,
+        of_points,
+        picture,
+    })
+}
+
+/// The head enlarged, with the points drawn in.
+fn with_points(mesh: &Mesh, seen: &Seen, vertices: &[u32]) -> RgbImage {
     let side = PIXELS * ENLARGED;
     let filter = image::imageops::FilterType::Triangle;
     let mut picture = image::imageops::resize(&seen.canvas.image, side, side, filter);
@@ -146,10 +200,70 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
         let colour = if lines { [250, 220, 40] } else { [30, 220, 70] };
         canvas::square(&mut picture, x, y, 2, colour);
     }
-    Ok(Located {
-        vertices: vertices.into_iter().map(u64::from).collect(),
-        confidence,
-        picture,
+    picture
+}
+
+/// Pixels between two points.
+fn apart(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// What a confidence is divided by for so many eye distances: 2 at `HALF`.
+fn halved(off: f32) -> f32 {
+    1.0 + (off / HALF).powi(2)
+}
+
+/// Confidence of each point of the best of these fits: that of the face, halved where the next best ones put it `HALF` eye
+/// distances away on average.
+fn agreed(fits: &[Fit]) -> [f32; LANDMARKS] {
+    let Some((_, confidence, points)) = fits.first() else {
+        return [0.0; LANDMARKS];
+    };
+    let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
+    let others = &fits[1..fits.len().min(1 + OTHERS)];
+    std::array::from_fn(|k| {
+        let off = others
+            .iter()
+            .map(|fit| apart(fit.2[k], points[k]))
+            .sum::<f32>();
+        let off = off / (others.len().max(1) as f32 * eyes);
+        confidence / halved(off)
+    })
+}
+
+/// Puts brows and jaw where the other points say that they are. Share of the confidence of each point.
+fn by_the_rest(
+    mesh: &Mesh,
+    skin: &[bool],
+    model: &FaceModel,
+    seen: &Seen,
+    symmetric: bool,
+    vertices: &mut [u32],
+) -> [f64; LANDMARKS] {
+    let view: Vec<Vec3> = mesh.positions.iter().map(|p| seen.to_view * p).collect();
+    let found: [Vec3; LANDMARKS] = std::array::from_fn(|k| view[vertices[k] as usize]);
+    let Some(laid) = by_shape::laid(&model.shape, &found) else {
+        return [0.0; LANDMARKS];
+    };
+    let eyes = (found[39] - found[42]).norm();
+    // None stands in the way of another.
+    vertices[..UNMARKED].fill(u32::MAX);
+    std::array::from_fn(|k| {
+        let mut there = laid.points[k];
+        if symmetric {
+            let mut other = laid.points[MIRROR[k]];
+            other.x = 2.0 * seen.tip.x - other.x;
+            there = (there + other) / 2.0;
+        }
+        if k < UNMARKED {
+            let far = |v: u32| (view[v as usize] - there).norm_squared();
+            let free =
+                (0..view.len() as u32).filter(|&v| skin[v as usize] && !vertices.contains(&v));
+            let nearest = free.min_by(|&a, &b| far(a).total_cmp(&far(b)));
+            vertices[k] = nearest.unwrap_or(0);
+        }
+        let miss = (view[vertices[k] as usize] - there).norm() / (DOUBTFUL * eyes);
+        (-0.5 * miss * miss).exp()
     })
 }
 
@@ -192,7 +306,11 @@ fn look(mesh: &Mesh, component: &[u32], skin: &[bool], yaw: f64) -> Seen {
         })
     };
     let canvas = paint(mesh, &view, &tip, width * FRAME, PIXELS, tint);
-    Seen { to_view, canvas }
+    Seen {
+        to_view,
+        tip,
+        canvas,
+    }
 }
 
 /// Parts that look like eyeballs, with their centres: round, above the tip and beside it.
@@ -214,14 +332,14 @@ fn eyeballs(view: &[Vec3], component: &[u32], tip: &Vec3, width: f64) -> Vec<(u3
     numbered.iter().filter_map(eye).collect()
 }
 
-/// The vertex under each fitted point.
+/// The vertex under each fitted point, and whether the head mirrors itself.
 fn cast(
     mesh: &Mesh,
     rings: &super::mesh::Rings,
     skin: &[bool],
     points: &[[f32; 2]; LANDMARKS],
     seen: &Seen,
-) -> Vec<u32> {
+) -> (Vec<u32>, bool) {
     let n = mesh.positions.len();
     let width_px = f64::from(PIXELS) / FRAME;
     let screen: Vec<Vec3> = mesh.positions.iter().map(|p| seen.screen(p)).collect();
@@ -268,7 +386,7 @@ fn cast(
         let vertex = edge.or_else(|| nearest(&|_| true)).unwrap_or(0);
         taken.push(vertex as u32);
     }
-    taken
+    (taken, symmetric)
 }
 
 /// Whether nearly all of the skin has a partner on the other side of the middle.

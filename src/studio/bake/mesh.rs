@@ -37,6 +37,8 @@ pub struct Mesh {
     pub uv: Vec<[f32; 2]>,
     /// Normals as given; empty if the file has none.
     pub normals: Vec<[f32; 3]>,
+    /// Linear red, green and blue of every vertex; empty if the file has none.
+    pub tints: Vec<[f32; 3]>,
     /// Material names; never empty once a face exists.
     pub materials: Vec<String>,
     /// Material of each face.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! OBJ ─► mesh ─► head: axes, lids, lips, parts ─┐
-//!           └──► laplacian (10)(11) ────────────┼─► rig: influence (12)(13), solve (Procedure 1), contacts ─► GLB, OBJ, report
+//!           └──► laplacian (10)(11) ────────────┼─► rig: influence (12)(13), solve (Procedure 1), contacts ─► GLB, USD, OBJ, report
 //! recipe or table of controls ──────────────────┘
 //! ```
 //!
@@ -11,7 +11,7 @@
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
 //! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
-//! names, locate         the 68 points; found where nobody gives them
+//! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
 //! derived_points        ten more on cheeks and forehead, for recipes
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
 //! learn                 learned from sculpted shapes
@@ -22,7 +22,7 @@
 //! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
 //! rig, shape            all shapes, each as it is left
-//! morphs                a new glTF with them
+//! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
 //! measure, render, report   figures and pictures of what was baked
 //! benchmark             how close to sculpted shapes
 //! ```
@@ -31,6 +31,7 @@
 //! head; everything inside is in the mesh's own unit and axes, and becomes metres in the GLB.
 
 pub mod benchmark;
+mod by_shape;
 mod canonical;
 pub mod command;
 mod contact;
@@ -45,12 +46,13 @@ pub mod influence;
 pub mod laplacian;
 pub mod learn;
 pub mod locate;
+mod looks;
 pub mod measure;
 pub mod mesh;
 pub mod morphs;
 mod mouth;
 pub mod names;
-mod nearest;
+pub(in crate::studio) mod nearest;
 pub mod obj;
 pub mod order;
 mod parts;
@@ -69,5 +71,6 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
+mod usd;
 mod vrm;
 mod weld;

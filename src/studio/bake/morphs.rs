@@ -4,7 +4,8 @@
 //! all copies carry the same displacement bit for bit, so that seams stay closed. Targets are sparse accessors unless
 //! `dense` is asked for; those that move nothing have no data at all.
 //!
-//! Units: metres, y up, z out of the face as the mesh has it. Limits: no textures or images; materials by name only.
+//! Units: metres, y up, z out of the face as the mesh has it. Materials have names here; their colours are
+//! [`super::looks`].
 
 use std::collections::HashMap;
 
@@ -20,7 +21,10 @@ const INDICES: u32 = 34963;
 /// A target that moves more than this part of the vertices is smaller written in full.
 const DENSE_ABOVE: f64 = 0.85;
 /// Normals that turn less than this are left: 0.06 degrees.
-const NORMAL_NOTHING: f32 = 1e-3;
+pub(super) const NORMAL_NOTHING: f32 = 1e-3;
+/// Of a material whose colour is not known: red, green, blue, opacity.
+pub(super) const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
+pub(super) const ROUGHNESS: f64 = 0.6;
 
 fn bytes(values: impl IntoIterator<Item = [f32; 3]>) -> Vec<u8> {
     values
@@ -188,6 +192,15 @@ impl Split {
             json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
         );
         let mut attributes = json!({"POSITION": position, "NORMAL": normals});
+        if !mesh.tints.is_empty() {
+            let tints = self.source.iter().map(|&v| mesh.tints[v]);
+            let view = glb.push_view(&bytes(tints), VERTICES);
+            attributes["COLOR_0"] = glb
+                .push_accessor(
+                    json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
+                )
+                .into();
+        }
         if !mesh.uv.is_empty() {
             let uv = self.uv.iter().flatten();
             let data: Vec<u8> = uv.flat_map(|v: &f32| v.to_le_bytes()).collect();
@@ -253,7 +266,7 @@ impl Split {
             }));
             let material = push(
                 &mut glb.json["materials"],
-                json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.72, 0.66, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.6}}),
+                json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}}),
             );
             let mut primitive =
                 json!({"attributes": attributes, "indices": indices, "material": material});
@@ -308,7 +321,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
 }
 
 /// A vector in single precision.
-fn single(v: &Vec3) -> [f32; 3] {
+pub(super) fn single(v: &Vec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 

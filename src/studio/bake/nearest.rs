@@ -5,7 +5,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use super::mesh::Vec3;
 
 /// A set of vertices.
-pub(super) struct Nearest {
+pub(in crate::studio) struct Nearest {
     /// `None` for an empty set.
     tree: Option<ImmutableKdTree<f64, 3>>,
     vertices: Vec<u32>,
@@ -13,7 +13,7 @@ pub(super) struct Nearest {
 
 impl Nearest {
     /// Of some vertices of a mesh.
-    pub(super) fn new(positions: &[Vec3], some: &[u32]) -> Self {
+    pub(in crate::studio) fn new(positions: &[Vec3], some: &[u32]) -> Self {
         let points: Vec<[f64; 3]> = some.iter().map(|&v| positions[v as usize].into()).collect();
         let tree = (!points.is_empty()).then(|| ImmutableKdTree::new_from_slice(&points).ok());
         Self {
@@ -23,7 +23,7 @@ impl Nearest {
     }
 
     /// The vertex nearest to a point; `None` if the set is empty.
-    pub(super) fn of(&self, p: &Vec3) -> Option<u32> {
+    pub(in crate::studio) fn of(&self, p: &Vec3) -> Option<u32> {
         let tree = self.tree.as_ref()?;
         let found = tree
             .query(&[p.x, p.y, p.z])

@@ -8,6 +8,7 @@
 
 use std::fmt::Write as _;
 
+use super::looks::linear;
 use super::mesh::{Corner, Mesh, Vec3};
 
 /// Why an OBJ text is refused.
@@ -109,6 +110,11 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
             Some("v") => {
                 let v = numbers::<3>(&mut words).ok_or_else(|| refuse("v and three numbers"))?;
                 mesh.positions.push(Vec3::from(v));
+                // Many programs write a colour after the position, sRGB.
+                let tint = numbers::<3>(&mut words);
+                if let Some(tint) = tint.filter(|t| t.iter().all(|c| (0.0..=1.0).contains(c))) {
+                    mesh.tints.push(tint.map(|c| linear(c) as f32));
+                }
             }
             Some("vt") => {
                 let v = numbers::<2>(&mut words).ok_or_else(|| refuse("vt and two numbers"))?;
@@ -157,6 +163,9 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
             vertices: mesh.positions.len(),
             faces: mesh.faces(),
         });
+    }
+    if mesh.tints.len() != mesh.positions.len() {
+        mesh.tints.clear();
     }
     Ok(mesh)
 }
@@ -280,6 +289,21 @@ mod tests {
         assert_eq!(same.materials, mesh.materials);
         let moved = with_positions(&marked, &mesh.positions, true);
         assert_eq!(parse(&moved).unwrap().positions, mesh.positions);
+    }
+
+    #[test]
+    fn colours_after_positions_are_read_if_every_vertex_has_one() {
+        let text = "v 0 0 0 1 0 0.5\nv 1 0 0 0 0 0\nv 1 1 0 1 1 1\nf 1 2 3\n";
+        let tints = parse(text).unwrap().tints;
+        assert_eq!(
+            (tints.len(), tints[0][0], tints[1], tints[2]),
+            (3, 1.0, [0.0; 3], [1.0; 3])
+        );
+        assert!((tints[0][2] - 0.2140).abs() < 1e-4, "{:?}", tints[0]);
+        for other in ["v 1 1 0", "v 1 1 0 0.5", "v 1 1 0 1 2 1"] {
+            let text = text.replace("v 1 1 0 1 1 1", other);
+            assert!(parse(&text).unwrap().tints.is_empty(), "{other}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::io::Cursor;
 
+use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::{ImageFormat, RgbImage};
 use rayon::prelude::*;
 
@@ -11,14 +12,13 @@ use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
 use super::render::{View, draw};
 use super::shape::Shape;
-use crate::studio::inspect::album::base64;
 
 const PIXELS: u32 = 300;
 
 fn embedded(picture: &RgbImage) -> String {
     let mut data = Cursor::new(Vec::new());
     match picture.write_to(&mut data, ImageFormat::Jpeg) {
-        Ok(()) => format!("data:image/jpeg;base64,{}", base64(data.get_ref())),
+        Ok(()) => format!("data:image/jpeg;base64,{}", STANDARD.encode(data.get_ref())),
         Err(_) => String::new(),
     }
 }

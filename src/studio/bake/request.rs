@@ -1,6 +1,6 @@
 //! What `mien-studio bake` is asked for.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::rig::Method;
 
@@ -10,7 +10,8 @@ pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coor
   --landmarks  68 vertex numbers from 0, one a line, in iBUG order; of a GLB in the order of its position accessors.
                auto finds them on a picture of the mesh (y up, face towards z) and writes beside --out what to look at
                (.landmarks.png) and to correct and give again (.landmarks.txt)
-  --out        glTF with one morph target per shape
+  --out        glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda): geometry, shapes and names
+               of materials, in the mesh's own unit
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
   --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
@@ -19,7 +20,7 @@ pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coor
   --correctives  also the recipe's correctives: what two shapes at once lack when they are simply added, named as jawOpen_mouthSmileLeft,
                to be weighted by the product of both weights, as `mien-studio animate` does
   --unit       unit of the mesh; default: told from the distance of the eyes
-  --dense      morph targets in full, for programs that cannot read sparse ones
+  --dense      morph targets and blend shapes in full, for programs that cannot read sparse ones
   --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
   --report     pictures and figures of every shape, one HTML file
 ";
@@ -31,7 +32,7 @@ pub struct Request {
     pub mesh: PathBuf,
     /// Their file, or `auto`.
     pub landmarks: PathBuf,
-    /// glTF to write.
+    /// glTF or USD to write.
     pub out: PathBuf,
     /// Instead of the built-in one.
     pub recipe: Option<PathBuf>,
@@ -51,6 +52,13 @@ pub struct Request {
     pub correctives: bool,
     /// Targets in full.
     pub dense: bool,
+}
+
+/// Whether a file is to be USD, by its name.
+#[must_use]
+pub fn is_usd(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("usda"))
 }
 
 /// Metres per unit of a mesh in mm, cm or m.

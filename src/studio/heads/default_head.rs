@@ -249,7 +249,8 @@ fn obj(hero: &Hero, materials: &str) -> String {
         let mesh = &layer.mesh;
         for (p, tint) in mesh.positions.iter().zip(&layer.tints) {
             let [x, y, z] = single(p);
-            let [r, g, b] = tint;
+            // OBJ's colours are sRGB.
+            let [r, g, b] = tint.map(|c| c.powf(1.0 / 2.2));
             let _ = writeln!(out, "v {x} {y} {z} {r:.4} {g:.4} {b:.4}");
         }
         for [u, v] in &layer.uv {

@@ -1,0 +1,595 @@
+//! A head with its shapes as USD in text (`.usda`), blend shapes by the UsdSkel schemas.
+//!
+//! Specification: OpenUSD's file format "usda" 1.0, and the schemas UsdGeom (Mesh, `GeomSubset`), UsdSkel (`SkelRoot`, Skeleton,
+//! `BlendShape`, `SkelAnimation`) and UsdShade (`UsdPreviewSurface`), <https://openusd.org/release/api/>.
+//!
+//! ```text
+//! /head            SkelRoot
+//!   skeleton       one joint, "head", in the middle of the mesh, that carries all of it
+//!   weights        SkelAnimation: every shape by its name, at 0
+//!   face           Mesh; beneath it a BlendShape per shape, and a GeomSubset per material where there are several
+//!   materials      UsdPreviewSurface
+//! ```
+//!
+//! Positions are the head's own, in its unit and y up; `metersPerUnit` says what that is. Faces keep their polygons. Offsets are
+//! in single precision, of the points that move only, unless `dense` is asked for. Names are those of the glTF targets; a
+//! prim's name must be an identifier, so other characters become `_` there, a digit in front gets `_` before it, and a name
+//! already taken a number behind it, while `skel:blendShapes` keeps the name as it is.
+//!
+//! Normals and texture coordinates are written if the mesh has them. Normals turn with the shapes where a vertex has one;
+//! with several (hard edges) they stay as they are, for UsdSkel has no such offsets.
+//!
+//! Limits: from glTF only geometry and shapes come here; materials have the colours of an OBJ's, without pictures.
+//! One file: one format, written from top to bottom; a third of it is its tests.
+
+use std::collections::{HashMap, HashSet};
+use std::fmt::Write as _;
+
+use rayon::prelude::*;
+
+use super::looks::Looks;
+use super::mesh::{Corner, Mesh, Vec3};
+use super::morphs::{COLOUR, NORMAL_NOTHING, ROUGHNESS, single};
+use super::shape::Shape;
+
+/// Numbers as USD reads them: the shortest that give the same value again.
+fn numbers(values: &[f32]) -> String {
+    let mut out = String::new();
+    for (k, v) in values.iter().enumerate() {
+        // Debug has exponents, so that what is nearly nothing is not a hundred digits.
+        let _ = match (k, *v == 0.0) {
+            (0, true) => write!(out, "0"),
+            (0, false) => write!(out, "{v:?}"),
+            (_, true) => write!(out, ", 0"),
+            (_, false) => write!(out, ", {v:?}"),
+        };
+    }
+    out
+}
+
+/// An array of tuples.
+fn tuples<const N: usize>(rows: impl IntoIterator<Item = [f32; N]>) -> String {
+    let rows: Vec<String> = rows
+        .into_iter()
+        .map(|row| format!("({})", numbers(&row)))
+        .collect();
+    format!("[{}]", rows.join(", "))
+}
+
+/// An array of whole numbers.
+fn whole(values: impl IntoIterator<Item = usize>) -> String {
+    let values: Vec<String> = values.into_iter().map(|v| v.to_string()).collect();
+    format!("[{}]", values.join(", "))
+}
+
+/// A string in quotes.
+fn quoted(text: &str) -> String {
+    let mut out = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => out.extend(['\\', c]),
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out.push('"');
+    out
+}
+
+/// Names of the prims beneath one prim: identifiers, each given once.
+#[derive(Default)]
+struct Siblings(HashSet<String>);
+
+impl Siblings {
+    /// The name of the prim for `name`: the same if it is an identifier that nobody has yet.
+    fn name(&mut self, name: &str) -> String {
+        let plain = |c: char| {
+            if c.is_ascii_alphanumeric() { c } else { '_' }
+        };
+        let mut valid: String = name.chars().map(plain).collect();
+        if !valid.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
+            valid.insert(0, '_');
+        }
+        let numbered = (2..).map(|k| format!("{valid}_{k}"));
+        let mut all = std::iter::once(valid.clone()).chain(numbered);
+        let free = all.find(|name| !self.0.contains(name));
+        let free = free.unwrap_or(valid);
+        self.0.insert(free.clone());
+        free
+    }
+}
+
+/// A matrix that moves by `v`, in USD's order of rows.
+fn moved_by(v: &Vec3) -> String {
+    let [x, y, z] = [v.x, v.y, v.z];
+    format!("( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), ({x:?}, {y:?}, {z:?}, 1) )")
+}
+
+/// The normals that the file gave.
+enum Normals {
+    None,
+    /// One a vertex: they turn with the shapes.
+    Vertices(Vec<[f32; 3]>),
+    /// One a corner.
+    Corners(Vec<[f32; 3]>),
+}
+
+impl Normals {
+    fn of(mesh: &Mesh, smooth: &[Vec3]) -> Self {
+        if mesh.normals.is_empty() {
+            return Self::None;
+        }
+        let at = |corner: &Corner| {
+            let given = corner.normal.map(|k| mesh.normals[k as usize]);
+            let given = given.map(|n| Vec3::from(n.map(f64::from)));
+            let given = given.filter(|n| n.norm() > 0.0).map(|n| n.normalize());
+            single(&given.unwrap_or(smooth[corner.vertex as usize]))
+        };
+        let corners: Vec<[f32; 3]> = mesh.corners.iter().map(at).collect();
+        let mut vertices: Vec<[f32; 3]> = smooth.iter().map(single).collect();
+        let mut first: HashMap<u32, [f32; 3]> = HashMap::new();
+        for (corner, &n) in mesh.corners.iter().zip(&corners) {
+            if *first.entry(corner.vertex).or_insert(n) != n {
+                return Self::Corners(corners);
+            }
+            vertices[corner.vertex as usize] = n;
+        }
+        Self::Vertices(vertices)
+    }
+
+    fn write(&self, out: &mut String) {
+        let (rows, interpolation) = match self {
+            Self::None => return,
+            Self::Vertices(rows) => (rows, "vertex"),
+            Self::Corners(rows) => (rows, "faceVarying"),
+        };
+        let rows = tuples(rows.iter().copied());
+        attribute(out, "normal3f[] normals", &rows, interpolation);
+    }
+}
+
+/// An attribute of the mesh with its interpolation.
+fn attribute(out: &mut String, name: &str, value: &str, interpolation: &str) {
+    let _ = writeln!(
+        out,
+        "        {name} = {value} (\n            interpolation = \"{interpolation}\"\n        )"
+    );
+}
+
+/// The prim of one shape; with `smooth`, the neutral normals, also how they turn.
+fn blend_shape(
+    mesh: &Mesh,
+    shape: &Shape,
+    prim: &str,
+    smooth: Option<&[Vec3]>,
+    dense: bool,
+) -> String {
+    let offsets: Vec<[f32; 3]> = shape.displacement.iter().map(single).collect();
+    let bends = smooth.map(|smooth| {
+        let places = mesh.positions.iter().zip(&shape.displacement);
+        let places: Vec<Vec3> = places.map(|(p, d)| p + d).collect();
+        let turned = mesh.vertex_normals(&places);
+        let bend = turned.iter().zip(smooth).map(|(now, was)| {
+            let bend = single(&(now - was));
+            let nothing = bend.iter().all(|d| d.abs() < NORMAL_NOTHING);
+            if nothing { [0.0; 3] } else { bend }
+        });
+        bend.collect::<Vec<_>>()
+    });
+    let bent = |v: usize| bends.as_ref().is_some_and(|bends| bends[v] != [0.0; 3]);
+    let rows: Vec<usize> = (0..offsets.len())
+        .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
+        .collect();
+    let mut out = String::new();
+    let _ = write!(out, "\n        def BlendShape \"{prim}\"");
+    let known = [("unit", &shape.unit), ("upon", &shape.upon)];
+    if known.iter().any(|(_, value)| value.is_some()) {
+        out.push_str(" (\n            customData = {\n                dictionary mien = {\n");
+        for (key, value) in known {
+            if let Some(value) = value {
+                let _ = writeln!(out, "                    string {key} = {}", quoted(value));
+            }
+        }
+        out.push_str("                }\n            }\n        )");
+    }
+    let moved = tuples(rows.iter().map(|&v| offsets[v]));
+    let _ = write!(
+        out,
+        "\n        {{\n            uniform vector3f[] offsets = {moved}\n"
+    );
+    if let Some(bends) = &bends {
+        let bends = tuples(rows.iter().map(|&v| bends[v]));
+        let _ = writeln!(
+            out,
+            "            uniform vector3f[] normalOffsets = {bends}"
+        );
+    }
+    if !dense {
+        let _ = writeln!(
+            out,
+            "            uniform int[] pointIndices = {}",
+            whole(rows)
+        );
+    }
+    out.push_str("        }\n");
+    out
+}
+
+/// A material that some faces have.
+struct Used {
+    prim: String,
+    /// Linear red, green and blue.
+    colour: [f64; 3],
+    faces: Vec<usize>,
+}
+
+fn used(mesh: &Mesh, looks: &Looks) -> Vec<Used> {
+    let mut names = Siblings::default();
+    let mut faces: Vec<Vec<usize>> = vec![Vec::new(); mesh.materials.len()];
+    for (f, &material) in mesh.face_material.iter().enumerate() {
+        faces[material as usize].push(f);
+    }
+    let of = mesh.materials.iter().zip(faces);
+    of.filter(|(_, faces)| !faces.is_empty())
+        .map(|(name, faces)| Used {
+            prim: names.name(name),
+            colour: looks
+                .colour(name)
+                .unwrap_or([COLOUR[0], COLOUR[1], COLOUR[2]]),
+            faces,
+        })
+        .collect()
+}
+
+/// The geometry of the neutral head.
+fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
+    let points: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for p in &points {
+        for k in 0..3 {
+            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
+        }
+    }
+    // An artist's polygons as they are: no surface is fitted through them.
+    out.push_str("        uniform token subdivisionScheme = \"none\"\n");
+    let _ = writeln!(out, "        float3[] extent = {}", tuples([low, high]));
+    let counts = (0..mesh.faces()).map(|f| mesh.face(f).len());
+    let _ = writeln!(out, "        int[] faceVertexCounts = {}", whole(counts));
+    let corners = mesh.corners.iter().map(|corner| corner.vertex as usize);
+    let _ = writeln!(out, "        int[] faceVertexIndices = {}", whole(corners));
+    let _ = writeln!(out, "        point3f[] points = {}", tuples(points));
+    normals.write(out);
+    if !mesh.uv.is_empty() {
+        // Corners without one take a point of their own, at the end.
+        let none = mesh.uv.len();
+        let nowhere = mesh.corners.iter().any(|corner| corner.uv.is_none());
+        let rows = tuples(mesh.uv.iter().copied().chain(nowhere.then_some([0.0; 2])));
+        attribute(out, "texCoord2f[] primvars:st", &rows, "faceVarying");
+        let at = mesh
+            .corners
+            .iter()
+            .map(|c| c.uv.map_or(none, |k| k as usize));
+        let _ = writeln!(out, "        int[] primvars:st:indices = {}", whole(at));
+    }
+}
+
+/// What binds the mesh to its skeleton and names its shapes; `prims` are their prims.
+fn binding(out: &mut String, names: &str, prims: &[String]) {
+    for (name, value) in [
+        ("int[] primvars:skel:jointIndices", "[0]"),
+        ("float[] primvars:skel:jointWeights", "[1]"),
+    ] {
+        let _ = writeln!(
+            out,
+            "        {name} = {value} (\n            elementSize = 1\n            interpolation = \"constant\"\n        )"
+        );
+    }
+    let at = moved_by(&Vec3::zeros());
+    let _ = writeln!(
+        out,
+        "        matrix4d primvars:skel:geomBindTransform = {at}"
+    );
+    let targets: Vec<String> = prims.iter().map(|p| format!("</head/face/{p}>")).collect();
+    let _ = writeln!(out, "        uniform token[] skel:blendShapes = {names}");
+    let _ = writeln!(
+        out,
+        "        rel skel:blendShapeTargets = [{}]",
+        targets.join(", ")
+    );
+    out.push_str("        rel skel:skeleton = </head/skeleton>\n");
+}
+
+/// Which faces have which material, if there are several.
+fn subsets(out: &mut String, used: &[Used], siblings: &mut Siblings) {
+    if used.len() < 2 {
+        return;
+    }
+    for Used { prim, faces, .. } in used {
+        let (name, faces) = (siblings.name(prim), whole(faces.iter().copied()));
+        let _ = write!(
+            out,
+            r#"
+        def GeomSubset "{name}" (
+            prepend apiSchemas = ["MaterialBindingAPI"]
+        )
+        {{
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = {faces}
+            rel material:binding = </head/materials/{prim}>
+        }}
+"#
+        );
+    }
+}
+
+fn materials(out: &mut String, used: &[Used]) {
+    out.push_str("\n    def Scope \"materials\"\n    {\n");
+    for Used { prim, colour, .. } in used {
+        let [r, g, b] = colour;
+        let _ = write!(
+            out,
+            r#"        def Material "{prim}"
+        {{
+            token outputs:surface.connect = </head/materials/{prim}/surface.outputs:surface>
+
+            def Shader "surface"
+            {{
+                uniform token info:id = "UsdPreviewSurface"
+                color3f inputs:diffuseColor = ({r}, {g}, {b})
+                float inputs:metallic = 0
+                float inputs:roughness = {ROUGHNESS}
+                token outputs:surface
+            }}
+        }}
+"#
+        );
+    }
+    out.push_str("    }\n");
+}
+
+/// Metadata of the layer, the skeleton and the weights.
+fn skeleton(mesh: &Mesh, metres: f64, names: &str, shapes: usize) -> String {
+    let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+    for p in &mesh.positions {
+        (low, high) = (low.inf(p), high.sup(p));
+    }
+    let middle = moved_by(&((low + high) / 2.0));
+    let (version, rest) = (env!("CARGO_PKG_VERSION"), vec!["0"; shapes].join(", "));
+    format!(
+        r#"#usda 1.0
+(
+    defaultPrim = "head"
+    doc = "mien-studio {version}"
+    metersPerUnit = {metres:?}
+    upAxis = "Y"
+)
+
+def SkelRoot "head" (
+    kind = "component"
+)
+{{
+    def Skeleton "skeleton" (
+        prepend apiSchemas = ["SkelBindingAPI"]
+    )
+    {{
+        uniform matrix4d[] bindTransforms = [{middle}]
+        uniform token[] joints = ["head"]
+        uniform matrix4d[] restTransforms = [{middle}]
+        rel skel:animationSource = </head/weights>
+    }}
+
+    def SkelAnimation "weights"
+    {{
+        uniform token[] blendShapes = {names}
+        float[] blendShapeWeights = [{rest}]
+    }}
+
+"#
+    )
+}
+
+/// The text of the file: the neutral mesh, of `metres` per unit, and the shapes as blend shapes.
+#[must_use]
+pub(super) fn emit(
+    mesh: &Mesh,
+    looks: &Looks,
+    shapes: &[Shape],
+    metres: f64,
+    dense: bool,
+) -> String {
+    let mut siblings = Siblings::default();
+    let prims: Vec<String> = shapes.iter().map(|s| siblings.name(&s.name)).collect();
+    let names: Vec<String> = shapes.iter().map(|s| quoted(&s.name)).collect();
+    let names = format!("[{}]", names.join(", "));
+    let smooth = mesh.vertex_normals(&mesh.positions);
+    let normals = Normals::of(mesh, &smooth);
+    let used = used(mesh, looks);
+
+    let mut out = skeleton(mesh, metres, &names, shapes.len());
+    out.push_str(
+        "    def Mesh \"face\" (\n        prepend apiSchemas = [\"SkelBindingAPI\", \"MaterialBindingAPI\"]\n    )\n    {\n",
+    );
+    geometry(&mut out, mesh, &normals);
+    // Which material a face has: the mesh's one, or that of the subset it is in.
+    let _ = match &used[..] {
+        [one] => writeln!(
+            out,
+            "        rel material:binding = </head/materials/{}>",
+            one.prim
+        ),
+        _ => writeln!(
+            out,
+            "        uniform token subsetFamily:materialBind:familyType = \"partition\""
+        ),
+    };
+    binding(&mut out, &names, &prims);
+    let turning = matches!(normals, Normals::Vertices(_)).then_some(&smooth[..]);
+    let written: Vec<String> = shapes
+        .par_iter()
+        .zip(&prims)
+        .map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense))
+        .collect();
+    // One after the other let go: all of them twice would be the largest thing in memory.
+    for shape in written {
+        out.push_str(&shape);
+    }
+    subsets(&mut out, &used, &mut siblings);
+    out.push_str("    }\n");
+    materials(&mut out, &used);
+    out.push_str("}\n");
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mesh::tests::sheet;
+    use super::*;
+
+    /// What stands between the brackets of an attribute after `from`, split into numbers.
+    fn array(text: &str, from: &str, name: &str) -> Vec<f64> {
+        let after = text.split_once(from).expect(from).1;
+        let after = after.split_once(&format!("{name} = [")).expect(name).1;
+        let inside = after.split_once(']').unwrap().0;
+        inside
+            .split([',', '(', ')', ' '])
+            .filter(|word| !word.is_empty())
+            .map(|word| word.parse().expect("a number"))
+            .collect()
+    }
+
+    fn shape(name: &str, unit: Option<&str>, displacement: Vec<Vec3>) -> Shape {
+        Shape {
+            name: name.into(),
+            unit: unit.map(Into::into),
+            upon: None,
+            area: vec![true; displacement.len()],
+            displacement,
+            unknowns: 0,
+            milliseconds: 0.0,
+        }
+    }
+
+    fn shapes(n: usize) -> Vec<Shape> {
+        let mut some = vec![Vec3::zeros(); n];
+        some[3] = Vec3::new(0.1, -2.5e-9, 1.0);
+        some[17] = Vec3::new(0.0, 1.0 / 3.0, 0.0);
+        vec![
+            shape("jawOpen", Some("AU26"), some),
+            shape("none", None, vec![Vec3::zeros(); n]),
+            shape("all", None, vec![Vec3::y(); n]),
+        ]
+    }
+
+    #[test]
+    fn numbers_come_back_bit_by_bit_and_only_points_that_move_are_listed() {
+        let mesh = sheet(6, 0.1);
+        let shapes = shapes(36);
+        let text = emit(&mesh, &Looks::default(), &shapes, 0.01, false);
+        assert!(text.starts_with("#usda 1.0\n(\n"));
+        assert!(text.contains("\n    metersPerUnit = 0.01\n    upAxis = \"Y\"\n"));
+        let points = array(&text, "def Mesh", "points");
+        let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
+        let true_points: Vec<f32> = mesh.positions.iter().flat_map(single).collect();
+        let points: Vec<f32> = points.iter().map(|&v| v as f32).collect();
+        assert_eq!(points, true_points);
+        assert_eq!(array(&text, "def Mesh", "faceVertexCounts"), [4.0; 25]);
+        let corners = array(&text, "def Mesh", "faceVertexIndices");
+        assert!(
+            corners
+                .iter()
+                .zip(&mesh.corners)
+                .all(|(v, c)| *v == f64::from(c.vertex))
+        );
+        assert_eq!((corners.len(), mesh.corners.len()), (100, 100));
+
+        let jaw = |name| array(&text, "BlendShape \"jawOpen\"", name);
+        assert_eq!(jaw("pointIndices"), [3.0, 17.0]);
+        let offsets: Vec<f32> = jaw("offsets").iter().map(|&v| v as f32).collect();
+        assert_eq!(offsets, [0.1, -2.5e-9, 1.0, 0.0, 1.0 / 3.0, 0.0]);
+        assert!(text.contains("string unit = \"AU26\""));
+        assert!(array(&text, "BlendShape \"none\"", "offsets").is_empty());
+        assert!(array(&text, "BlendShape \"none\"", "pointIndices").is_empty());
+        assert_eq!(array(&text, "BlendShape \"all\"", "pointIndices").len(), 36);
+        assert_eq!(array(&text, "SkelAnimation", "blendShapeWeights"), [0.0; 3]);
+        for at in ["\n        uniform token[] blendShapes", "skel:blendShapes"] {
+            let line = format!("{at} = [\"jawOpen\", \"none\", \"all\"]\n");
+            assert!(text.contains(&line), "{line}");
+        }
+
+        let dense = emit(&mesh, &Looks::default(), &shapes, 0.01, true);
+        assert!(!dense.contains("pointIndices"));
+        let full = array(&dense, "BlendShape \"jawOpen\"", "offsets");
+        assert_eq!((full.len(), full[9] as f32, full[12]), (108, 0.1, 0.0));
+    }
+
+    #[test]
+    fn a_name_that_is_no_identifier_is_changed_for_the_prim_only() {
+        let names = ["jaw open", "jaw_open", "2nd", "höher", "say \"a\\\"", ""];
+        let all: Vec<Shape> = names
+            .iter()
+            .map(|n| shape(n, None, vec![Vec3::y(); 16]))
+            .collect();
+        let text = emit(&sheet(4, 0.1), &Looks::default(), &all, 1.0, false);
+        assert!(text.contains(
+            r#"skel:blendShapes = ["jaw open", "jaw_open", "2nd", "höher", "say \"a\\\"", ""]"#
+        ));
+        let prims: Vec<&str> = text
+            .split("def BlendShape \"")
+            .skip(1)
+            .map(|after| after.split_once('"').unwrap().0)
+            .collect();
+        assert_eq!(
+            prims,
+            ["jaw_open", "jaw_open_2", "_2nd", "h_her", "say__a__", "_"]
+        );
+        assert!(text.contains(
+            "skel:blendShapeTargets = [</head/face/jaw_open>, </head/face/jaw_open_2>, "
+        ));
+    }
+
+    #[test]
+    fn normals_turn_where_a_vertex_has_one_and_every_face_has_its_material() {
+        let mut mesh = sheet(4, 0.1);
+        mesh.normals = vec![[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]];
+        for corner in &mut mesh.corners {
+            corner.normal = Some(0);
+        }
+        mesh.uv = vec![[0.25, 0.75]];
+        mesh.corners[0].uv = Some(0);
+        mesh.materials = vec!["skin".into(), "nobody".into(), "eye white".into()];
+        mesh.face_material[8] = 2;
+        let mut up = vec![Vec3::zeros(); 16];
+        up[5] = Vec3::new(0.0, 0.0, 0.1);
+        let shapes = [shape("up", None, up)];
+        let text = emit(&mesh, &Looks::default(), &shapes, 1.0, false);
+        assert_eq!(array(&text, "def Mesh", "normals")[..3], [0.0, 0.0, 1.0]);
+        assert!(text.contains("interpolation = \"vertex\""));
+        let rows = array(&text, "BlendShape \"up\"", "pointIndices");
+        let bends = array(&text, "BlendShape \"up\"", "normalOffsets");
+        assert!(
+            rows.len() > 1 && rows.contains(&5.0),
+            "its neighbours turn too: {rows:?}"
+        );
+        assert_eq!(bends.len(), 3 * rows.len());
+        assert!(bends.iter().any(|d| d.abs() > 0.1));
+
+        assert_eq!(
+            array(&text, "def Mesh", "primvars:st"),
+            [0.25, 0.75, 0.0, 0.0]
+        );
+        let at = array(&text, "def Mesh", "primvars:st:indices");
+        assert_eq!((at[0], at.iter().sum::<f64>()), (0.0, 35.0));
+        let faces = |name: &str| array(&text, &format!("GeomSubset \"{name}\""), "indices");
+        assert_eq!(faces("eye_white"), [8.0]);
+        assert_eq!(faces("skin").len(), 8);
+        assert!(text.contains("rel material:binding = </head/materials/eye_white>"));
+        assert!(!text.contains("nobody"));
+
+        // Of a vertex that another face has too.
+        mesh.corners[1].normal = Some(1);
+        let hard = emit(&mesh, &Looks::default(), &shapes, 1.0, false);
+        assert_eq!(array(&hard, "def Mesh", "normals").len(), 3 * 36);
+        assert!(!hard.contains("normalOffsets"));
+    }
+}
