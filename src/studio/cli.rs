@@ -16,6 +16,7 @@ use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
 use super::nrsfm::{self, Tracks};
+use super::place;
 use super::preview;
 use super::record;
 use super::stopped::{self, Goes};
@@ -23,6 +24,7 @@ use super::train::{self, TrainArgs, TrainError, finish, train, train_paper_into,
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
 use crate::studio::atomic_write;
+use crate::studio::evaluate;
 use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
@@ -33,21 +35,21 @@ use crate::studio::people_split::Split;
 use crate::studio::units::readings;
 
 /// One command: its name, what it takes, what it does.
-struct Command {
-    name: &'static str,
-    usage: &'static str,
-    about: &'static str,
-    example: &'static str,
+pub(super) struct Command {
+    pub(super) name: &'static str,
+    pub(super) usage: &'static str,
+    pub(super) about: &'static str,
+    pub(super) example: &'static str,
     /// Options that take a value.
-    options: &'static [&'static str],
+    pub(super) options: &'static [&'static str],
     /// Options that stand alone.
-    flags: &'static [&'static str],
+    pub(super) flags: &'static [&'static str],
     /// Words without an option, at most.
-    words: usize,
+    pub(super) words: usize,
     run: fn(&Words) -> Result<(), Fault>,
 }
 
-const COMMANDS: &[Command] = &[
+pub(super) const COMMANDS: &[Command] = &[
     Command {
         name: "train",
         usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N] | --person SESSION --out FILE [--paper-into MODEL] [--seed N]",
@@ -73,10 +75,12 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "fit",
-        usage: "--images DIR --out FILE.csv [--model FILE] [--box x,y,w,h | --boxes FILE.csv] [--offsets FILE]",
+        usage: "--images DIR --out FILE.csv [--model FILE] [--box x,y,w,h | --boxes FILE.csv] [--offsets FILE] [--pictures DIR]",
         about: "fits landmarks to still pictures; reports the error if they are annotated",
         example: "mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv",
-        options: &["images", "out", "model", "box", "boxes", "offsets"],
+        options: &[
+            "images", "out", "model", "box", "boxes", "offsets", "pictures",
+        ],
         flags: &[],
         words: 0,
         run: run_fit,
@@ -84,7 +88,7 @@ const COMMANDS: &[Command] = &[
     Command {
         name: "inspect",
         usage: "PATH [--out FILE.html|FILE.png] [--config FILE] [--model FILE]",
-        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots",
+        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots; in a page a recording plays",
         example: "mien-studio inspect session --out session.html",
         options: &["out", "config", "model"],
         flags: &[],
@@ -148,7 +152,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "bake",
-        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--correctives] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
+        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb|FILE.usda [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--correctives] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
         about: "bakes 67 blendshapes onto a neutral head",
         example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
         options: &[
@@ -167,6 +171,16 @@ const COMMANDS: &[Command] = &[
         run: run_bake,
     },
     Command {
+        name: "place",
+        usage: "--mesh FILE.obj|FILE.glb [--landmarks FILE|auto] [--out FILE] [--port N]",
+        about: "serves a web page to put the 68 landmarks on a neutral head by dragging, with the shapes that come of them",
+        example: "mien-studio place --mesh head.obj --out head68.txt",
+        options: &["mesh", "landmarks", "out", "port"],
+        flags: &[],
+        words: 0,
+        run: run_place,
+    },
+    Command {
         name: "head",
         usage: "--out FILE.glb|FILE.obj | --make FILE [--data DIR]",
         about: "writes a head to experiment with, coloured, its landmarks in a .txt beside: baked with 67 shapes and a neck that stays (.glb), or neutral with its materials (.obj); with --make rebuilds what the program makes it from",
@@ -178,7 +192,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "preview",
-        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--box ADDRESS:PORT] [--mesh FILE.glb...] [--port N]",
+        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--config FILE] [--box ADDRESS:PORT] [--mesh FILE.glb...] [--port N]",
         about: "serves a web page: the animated head, the units, their ranges, curves, pose and state",
         example: "mien-studio preview --csv run.csv --mesh head.glb",
         options: &[
@@ -212,13 +226,29 @@ const COMMANDS: &[Command] = &[
 ];
 
 /// What `--help` of a command says beyond its line.
-const OPTIONS: [(&str, &str); 5] = [
+const OPTIONS: [(&str, &str); 10] = [
     ("train", train::OPTIONS),
+    ("fit", fit::OPTIONS),
+    ("record", record::OPTIONS),
+    ("evaluate", evaluate::OPTIONS),
+    ("units", readings::OPTIONS),
     ("preview", preview::OPTIONS),
     ("bake", bake::request::OPTIONS),
+    ("place", place::OPTIONS),
     ("animate", animate::OPTIONS),
     ("nrsfm", nrsfm::OPTIONS),
 ];
+
+impl Command {
+    /// Its options, one or more lines each; empty if `usage` says enough.
+    pub(super) fn details(&self) -> &'static str {
+        let found = OPTIONS.iter().find(|(name, _)| *name == self.name);
+        found.map_or("", |(_, text)| text)
+    }
+}
+
+/// What the program is.
+pub(super) const ABOUT: &str = "the workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews";
 
 /// Why a command failed, and with which exit code.
 #[derive(Debug)]
@@ -351,13 +381,12 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     match Words::parse(command, &mut parser)? {
         Some(words) => (command.run)(&words),
         None => {
-            let more = OPTIONS.iter().find(|(name, _)| *name == command.name);
             println!(
                 "mien-studio {} {}\n  {}\n{}Example: {}",
                 command.name,
                 command.usage,
                 command.about,
-                more.map_or("", |(_, text)| text),
+                command.details(),
                 command.example
             );
             Ok(())
@@ -366,9 +395,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
 }
 
 fn help() -> String {
-    let mut text = String::from(
-        "mien-studio - the workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews\n\n",
-    );
+    let mut text = format!("mien-studio - {ABOUT}\n\n");
     for command in COMMANDS {
         text += &format!(
             "mien-studio {} {}\n    {}\n",
@@ -613,6 +640,7 @@ fn run_fit(words: &Words) -> Result<(), Fault> {
         face_box: face_box.transpose()?,
         boxes: words.path("boxes"),
         offsets: words.path("offsets"),
+        pictures: words.path("pictures"),
     };
     stopped::tell(Goes::File(args.out.clone()));
     fit::fit(&args, &mut say)?;
@@ -658,16 +686,17 @@ fn run_nrsfm(words: &Words) -> Result<(), Fault> {
     })
 }
 
-/// A file of ours by its name: binary glTF, or the VRM that a head came in.
-fn glb_out(words: &Words, instead: &str) -> Result<PathBuf, Fault> {
-    let out = words.required("out")?;
+/// A file of ours by its name: binary glTF, the VRM that a head came in or, for `bake`, USD.
+fn head_out(words: &Words, endings: &[&str], written: &str) -> Result<PathBuf, Fault> {
+    let out: PathBuf = words.required("out")?;
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
-    if ending == "glb" || ending == "vrm" {
+    if endings.iter().any(|known| ending == *known) {
         return Ok(out);
     }
     Err(Fault::Usage(format!(
-        "--out {}: expected a name that ends in .glb or .vrm (binary glTF is what is written{instead})",
-        out.display()
+        "--out {}: expected a name that ends in .{} ({written})",
+        out.display(),
+        endings.join(" or .")
     )))
 }
 
@@ -681,7 +710,12 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
     let request = bake::request::Request {
         mesh: words.required("mesh")?,
         landmarks: words.required("landmarks")?,
-        out: glb_out(words, "; --obj FOLDER writes every shape as OBJ too")?,
+        out: head_out(
+            words,
+            &["glb", "vrm", "usda"],
+            "binary glTF and USD in text are what is written; --obj FOLDER writes every shape as OBJ too; \
+             FBX and .blend come out of Blender, see docs/baking.md",
+        )?,
         recipe: words.path("recipe"),
         controls: words.path("controls"),
         obj: words.path("obj"),
@@ -698,6 +732,14 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
         dense: words.flag("dense"),
     };
     bake::command::run(&request)?;
+    Ok(())
+}
+
+fn run_place(words: &Words) -> Result<(), Fault> {
+    let landmarks = words.path("landmarks").unwrap_or_else(|| "auto".into());
+    let port = words.value("port")?.unwrap_or(place::PORT);
+    let mesh = words.required("mesh")?;
+    place::run(&mesh, &landmarks, words.path("out"), port, &mut say)?;
     Ok(())
 }
 
@@ -753,6 +795,7 @@ fn run_preview(words: &Words) -> Result<(), Fault> {
     let request = preview::Request {
         feed,
         meshes: words.paths("mesh").unwrap_or_default(),
+        gains: words.path("config"),
         page: address("port", preview::PAGE_AT)?,
         commands: match words.flag("box") {
             true => Some(address("box", "")?),
@@ -768,7 +811,7 @@ fn run_animate(words: &Words) -> Result<(), Fault> {
     animate::animate(
         &words.required("mesh")?,
         &words.required("csv")?,
-        &glb_out(words, "")?,
+        &head_out(words, &["glb", "vrm"], "binary glTF is what is written")?,
         user.as_deref(),
     )?;
     Ok(())

@@ -20,6 +20,7 @@ use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
 use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
 use crate::studio::atomic_write;
+use crate::studio::fitted_picture::fitted_picture;
 use crate::studio::progress::Progress;
 use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
@@ -83,7 +84,18 @@ pub struct FitArgs {
     pub boxes: Option<PathBuf>,
     /// Mean offsets per landmark, as `train` writes them.
     pub offsets: Option<PathBuf>,
+    /// Folder for pictures with the landmarks drawn in.
+    pub pictures: Option<PathBuf>,
 }
+
+/// What `mien-studio fit --help` says beyond the usage.
+pub const OPTIONS: &str = "  --images    folder of pictures, annotated or not
+  --out       table of the points: file, confidence, x0, y0, ... in pixels of the file
+  --model     face model; default: the one built in
+  --box       one face box for all pictures; --boxes a table file,x,y,w,h; default: the annotation's, disturbed
+  --offsets   mean offset of each landmark, as train writes them, to take out of the error
+  --pictures  folder for every picture with the points drawn in, numbered, the annotation's in white
+";
 
 /// Why pictures cannot be fitted.
 #[derive(Debug, thiserror::Error)]
@@ -108,7 +120,7 @@ pub enum FitError {
         source: std::io::Error,
     },
     /// A file cannot be written.
-    #[error("cannot write {path}: {source}; give another place with --out")]
+    #[error("cannot write {path}: {source}; give another place")]
     Unwritable {
         /// The file.
         path: PathBuf,
@@ -409,6 +421,23 @@ impl<'a> StillFitter<'a> {
     }
 }
 
+/// Writes a picture with its points.
+fn draw(folder: &Path, entry: &Entry, face: &FittedFace) -> Result<(), FitError> {
+    let picture = image::open(&entry.path).map_err(|source| DatasetError::Picture {
+        path: entry.path.clone(),
+        source,
+    })?;
+    let truth = entry.points.as_ref();
+    let drawn = fitted_picture(&picture.to_rgb8(), &face.points, truth, face.confidence);
+    let path = folder.join(format!("{}.png", entry.file.replace(['/', '\\'], "_")));
+    let mut png = std::io::Cursor::new(Vec::new());
+    let written = drawn
+        .write_to(&mut png, image::ImageFormat::Png)
+        .map_err(std::io::Error::other)
+        .and_then(|()| atomic_write::write(&path, png.get_ref()));
+    written.map_err(|source| FitError::Unwritable { path, source })
+}
+
 /// Fits all pictures of a folder and writes the CSV; `say` gets the figures.
 /// Long because it is the command from its files to its report.
 ///
@@ -453,6 +482,12 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
             entries.len()
         ));
     }
+    if let Some(folder) = &args.pictures {
+        std::fs::create_dir_all(folder).map_err(|source| FitError::Unwritable {
+            path: folder.clone(),
+            source,
+        })?;
+    }
     let progress = Progress::new("fit", wanted.len());
     let faces: Vec<FittedFace> = wanted
         .par_iter()
@@ -475,6 +510,9 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
                         file: entry.file.clone(),
                     })?;
                 let face = fitter.fit_file(&entry.path, &face_box, roll)?;
+                if let Some(folder) = &args.pictures {
+                    draw(folder, entry, &face)?;
+                }
                 progress.step();
                 Ok(face)
             },

@@ -2,14 +2,15 @@
 //! `studio`.
 //!
 //! ```text
-//! cli            the command line: words to the commands below
+//! cli            the command line: words to the commands below; manual: its page and completions
 //! record         a recording from the sensor or the simulator
 //! inspect        any of our files as a page or a sheet of pictures
 //! preview        a page that shows live what is received
 //! train          the face model; units: what is known of units before anybody is seen
-//! fit            landmarks of still pictures
+//! fit            landmarks of still pictures; fitted_picture: one of them with its points
 //! evaluate       figures against truth
 //! bake           a head and 68 points become blendshapes; animate: a run moves them, head_turn: their bone
+//! place          a page to put the 68 points on a head
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
@@ -27,12 +28,15 @@ pub mod correlation;
 pub mod csv;
 pub mod evaluate;
 pub mod fit;
+pub mod fitted_picture;
 pub mod frame_time;
 pub mod head_turn;
 pub mod heads;
 pub mod inspect;
+pub mod manual;
 pub mod nrsfm;
 pub mod people_split;
+pub mod place;
 pub mod preview;
 pub mod progress;
 pub mod record;

@@ -18,6 +18,7 @@ mod keeps_its_rooms_apart;
 mod learns_a_range;
 mod lives_as_a_service;
 mod output_bytes;
+mod places_points;
 mod plays_what_others_recorded;
 mod plays_without_a_sensor;
 mod reads_an_acted_face;

@@ -1,4 +1,5 @@
-//! Promise: the man page and the completions know every command and option of `mien help`, and no others.
+//! Promise: the man page and the completions know every command and option of `mien help`, and no others; those of
+//! `mien-studio` are made from its grammar (`MIEN_WRITE_GOLDEN=1` writes them anew).
 
 use std::collections::BTreeSet;
 
@@ -62,4 +63,27 @@ fn the_page_of_units_has_every_unit_s_words() {
     }
     let rows = page.lines().filter(|line| line.starts_with("| AU"));
     assert_eq!(rows.count(), unit_words::ALL.len());
+}
+
+#[test]
+#[cfg(feature = "studio")]
+fn what_is_shipped_for_the_workstation_is_made_from_its_grammar() {
+    use mien::studio::manual;
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd");
+    for (name, text) in [
+        ("mien-studio.1", manual::page()),
+        ("completions/mien-studio.bash", manual::bash()),
+        ("completions/_mien-studio", manual::zsh()),
+        ("completions/mien-studio.fish", manual::fish()),
+    ] {
+        let path = folder.join(name);
+        if std::env::var_os("MIEN_WRITE_GOLDEN").is_some() {
+            std::fs::write(&path, &text).unwrap();
+        }
+        let shipped = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(
+            shipped == text,
+            "{name} is not what the grammar says; write it with MIEN_WRITE_GOLDEN=1 cargo test --features studio shipped_words"
+        );
+    }
 }

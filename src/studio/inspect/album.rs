@@ -1,15 +1,18 @@
 //! The result of an inspection, as one self-contained HTML page or one PNG contact sheet.
 //!
-//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no script, no network.
+//! The page embeds its pictures as base64 (RFC 4648) PNG and its curves as SVG; no network, and no script but
+//! the film's.
 //! One file: both forms share their parts.
 
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::Path;
 
+use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::{ImageFormat, RgbImage};
 
 use super::canvas::{self, CURVES, LETTER_HEIGHT};
+use super::film::Film;
 
 /// One curve; a gap where there is no value.
 pub struct Curve {
@@ -44,6 +47,8 @@ pub struct Album {
     pub table: Vec<Vec<String>>,
     /// Caption and picture.
     pub pictures: Vec<(String, RgbImage)>,
+    /// Pictures that play; not on the contact sheet.
+    pub film: Film,
     /// Curves.
     pub plots: Vec<Plot>,
 }
@@ -57,23 +62,6 @@ const BELOW: f64 = 18.0;
 const ABOVE: f64 = 16.0;
 /// Places on the x axis that a plot resolves; longer curves are drawn by their extremes.
 const MOST_PLACES: usize = 1600;
-
-const BASE64: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-
-/// RFC 4648 with padding.
-#[must_use]
-pub fn base64(bytes: &[u8]) -> String {
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word =
-            chunk.iter().fold(0u32, |word, &b| word << 8 | u32::from(b)) << (8 * (3 - chunk.len()));
-        for k in 0..4 {
-            let digit = BASE64[(word >> (18 - 6 * k) & 63) as usize] as char;
-            text.push(if k <= chunk.len() { digit } else { '=' });
-        }
-    }
-    text
-}
 
 /// Text safe between tags and in attributes.
 fn escaped(text: &str) -> String {
@@ -297,6 +285,7 @@ impl Album {
             }
             html.push_str("</tr></table>");
         }
+        html.push_str(&self.film.html());
         for (caption, picture) in &self.pictures {
             let mut png = Cursor::new(Vec::new());
             picture.write_to(&mut png, ImageFormat::Png)?;
@@ -304,7 +293,7 @@ impl Album {
             let _ = write!(
                 html,
                 "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>",
-                base64(png.get_ref())
+                STANDARD.encode(png.get_ref())
             );
         }
         for plot in &self.plots {
@@ -370,19 +359,6 @@ pub(super) fn name_of(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_of_the_rfc() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-    }
 
     fn album() -> Album {
         Album {

@@ -4,7 +4,7 @@
 //! ```text
 //! command ─► what the path is:  recording (and learning: what its people's ranges became)
 //!                               run, model, mesh, ranges
-//!            each draws on a canvas and fills an album ─► HTML page or PNG sheet
+//!            each draws on a canvas and fills an album ─► HTML page (film: what plays in it) or PNG sheet
 //! error      why nothing could be shown
 //! ```
 
@@ -12,6 +12,7 @@ pub mod album;
 pub mod canvas;
 mod command;
 mod error;
+pub mod film;
 mod learning;
 mod mesh;
 mod model;

@@ -1,6 +1,6 @@
 //! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
 //! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
-//! run; some are drawn. Pose curves are those of the user that single-person outputs show.
+//! run; some are drawn, and up to [`FILM`] play in the page. Pose curves are those of the user that single-person outputs show.
 
 use std::ops::Range;
 
@@ -24,6 +24,10 @@ use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
 const SHOWN: usize = 6;
+/// Frames of the film, at most: 20 s at 12 a second, in a page of 9 MB.
+const FILM: usize = 240;
+/// A picture of the film, pixels: depth beside colour.
+const TILE: (u32, u32) = (400, 300);
 /// Depth that is drawn red and blue, metres.
 const NEAR_M: f32 = 0.4;
 const FAR_M: f32 = 3.0;
@@ -298,9 +302,17 @@ fn pictures(frame: &Frame, seconds: f64, pipeline: &Pipeline, album: &mut Album)
         ),
         draw_depth(frame, pipeline),
     ));
-    if !frame.has_colour {
-        return;
+    if frame.has_colour {
+        let picture = draw_colour(frame, pipeline);
+        album.pictures.push((
+            format!("{caption}: colour, landmarks, axes of the head"),
+            picture,
+        ));
     }
+}
+
+/// Colour with the landmarks and axes of everybody.
+fn draw_colour(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
     let mut picture = colour_picture(frame);
     for report in pipeline.reports() {
         if let Some(landmarks) = report.landmarks {
@@ -311,10 +323,23 @@ fn pictures(frame: &Frame, seconds: f64, pipeline: &Pipeline, album: &mut Album)
             draw_axes(&mut picture, pose, |point| camera.colour_pixel(point));
         }
     }
-    album.pictures.push((
-        format!("{caption}: colour, landmarks, axes of the head"),
-        picture,
-    ));
+    picture
+}
+
+/// One picture of the film: what there is, side by side.
+fn film_picture(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
+    let (wide, high) = TILE;
+    let mut tiles = vec![draw_depth(frame, pipeline)];
+    if frame.has_colour {
+        tiles.insert(0, draw_colour(frame, pipeline));
+    }
+    let mut film = RgbImage::new(wide * tiles.len() as u32, high);
+    for (k, tile) in tiles.iter().enumerate() {
+        let filter = image::imageops::FilterType::Triangle;
+        let small = image::imageops::resize(tile, wide, high, filter);
+        image::imageops::replace(&mut film, &small, i64::from(wide) * k as i64, 0);
+    }
+    film
 }
 
 /// Plays the recording through the stages and draws it.
@@ -334,6 +359,7 @@ pub(super) fn inspect(
     let mut frame = Frame::default();
     let every = recording.len().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
+    let filmed = recording.len().div_ceil(FILM).max(1);
     while recording.next_frame(&mut frame) {
         pipeline.follow(&frame);
         counts.add(&frame, &pipeline);
@@ -344,6 +370,9 @@ pub(super) fn inspect(
         if counts.frames > next {
             next += every;
             pictures(&frame, seconds, &pipeline, &mut album);
+        }
+        if counts.frames % filmed == 0 {
+            album.film.add(seconds, &film_picture(&frame, &pipeline))?;
         }
     }
     let duration = match (curves.t.first(), curves.t.last()) {

@@ -8,7 +8,7 @@
 //! sample                       one user at one frame, as JSON
 //! hub                          between one source and any number of pages
 //! http                         what a page asks and gets
-//! commands, forward            what a page lets be done: by the box or the pipeline here, at other receivers
+//! commands, forward, gains     what a page lets be done: by the box or the pipeline here, at other receivers, in a configuration
 //! ```
 //! One source, any number of pages. The page is built in ([`PAGE`], nothing is fetched from elsewhere) and is served on the
 //! loopback interface unless told otherwise. Pictures of the sensor are shown only where this process reads them itself,
@@ -18,6 +18,7 @@
 
 pub mod commands;
 pub mod forward;
+mod gains;
 pub mod http;
 pub mod hub;
 pub mod osc;
@@ -55,6 +56,7 @@ pub const OPTIONS: &str =
   --serial  a port or tcp:host:port, any style; --baud N (115200), --full N (100) as serial.full of the sender
   --csv     what mien run --csv wrote, to play, pause and scrub; - for standard input
   --source  a recording, kinect or simulated: followed here, with pictures; --model, --config as for mien
+  --config  the configuration that gains tried on the page are saved in
   --box     ADDRESS:PORT where the box hears commands (osc.listen there); default: the host that sends, port 9131
   --mesh    a head with named morph targets (.glb), also several; default: a head of our own
   --port    where the page is served, PORT or ADDRESS:PORT; default 127.0.0.1:9180; 0 takes a free one
@@ -123,6 +125,8 @@ pub struct Request {
     pub page: SocketAddr,
     /// Where the box hears commands, if it was said.
     pub commands: Option<SocketAddr>,
+    /// The configuration that gains are saved in.
+    pub gains: Option<PathBuf>,
 }
 
 /// Why there is no page.
@@ -193,6 +197,8 @@ struct Preview {
     hub: Arc<Hub>,
     obeys: Obeys,
     forwarder: Forwarder,
+    /// The configuration that gains are saved in.
+    gains: Option<PathBuf>,
     /// What units are called, and the receivers that can be connected by name.
     words: Arc<[u8]>,
     heads: Heads,
@@ -247,6 +253,13 @@ impl Preview {
             "/receiver" if !asked.peer.ip().to_canonical().is_loopback() => Err(
                 "receivers can be connected only on the machine that serves the page; put the lines below into the box's configuration instead".into(),
             ),
+            "/gains" if !asked.peer.ip().to_canonical().is_loopback() => {
+                Err("gains can be saved only on the machine that serves the page".into())
+            }
+            "/gains" => match &self.gains {
+                Some(path) => gains::save(path, &asked.query),
+                None => Err("start mien-studio preview with --config to save gains".into()),
+            },
             "/receiver" => {
                 let wish = match word("do") {
                     "connect" => Some(Wish::Connect),
@@ -352,7 +365,7 @@ fn words() -> serde_json::Value {
         (unit.code.to_owned(), words)
     });
     let units: serde_json::Map<String, serde_json::Value> = units.collect();
-    serde_json::json!({"units": units, "receivers": forward::table()})
+    serde_json::json!({"units": units, "regions": unit_words::REGIONS, "receivers": forward::table()})
 }
 
 /// Serves the page until the process ends; `say` gets a line once it can be opened.
@@ -408,6 +421,7 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
         forwarder: Forwarder::start(Arc::clone(&hub)),
         hub,
         obeys,
+        gains: request.gains.clone(),
         words: words().to_string().into_bytes().into(),
         heads: Heads {
             own: OnceLock::new(),
@@ -428,6 +442,7 @@ pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewEr
     let source = serde_json::json!({
         "kind": kind, "name": name, "session": session, "pictures": pictures, "meshes": meshes,
         "commands": commanded,
+        "configuration": request.gains.as_ref().map(|path| path.display().to_string()),
         "version": env!("CARGO_PKG_VERSION"),
     });
     preview.hub.fact("source", "source", &source.to_string());

@@ -17,8 +17,7 @@
 //! ```
 
 /// The options of `mien-studio train`, explained.
-pub const OPTIONS: &str = "\
-  --images       folders of annotated portraits
+pub const OPTIONS: &str = "  --images       folders of annotated portraits
   --out          model file to write; a page of errors on held-out people is written beside it
   --data         folder of the data sets: the head that is drawn (ict_facekit) and the photographs it wears
                  (faces_frl189); default MIEN_DATA of the environment, else ../shared/data

@@ -196,9 +196,9 @@ export class Shapes {
   }
 }
 
-// A factor for each unit, tried on the head here and saved as lines of a configuration.
+// A factor for each unit, tried on the head here and saved: in the configuration that mien-studio was given, else as its lines.
 export class Gains {
-  constructor() {
+  constructor(stream) {
     this.of = new Map();
     byId("gains").addEventListener("click", ({ currentTarget }) => {
       const on = currentTarget.ariaPressed !== "true";
@@ -206,21 +206,32 @@ export class Gains {
       byId("bars").classList.toggle("gains", on);
       for (const id of ["gains-save", "gains-reset", "gains-about"]) byId(id).hidden = !on;
     });
-    byId("gains-save").addEventListener("click", () => {
-      save("gains.toml", [this.toml()]);
-      say("saved gains.toml: put its lines into mien's configuration");
-    });
-    byId("gains-reset").addEventListener("click", () => {
-      this.of.clear();
-      for (const row of document.querySelectorAll(".gain")) {
-        row.querySelector("input").value = 1;
-        row.querySelector("output").textContent = "×1.0";
+    byId("gains-save").addEventListener("click", async () => {
+      if (!stream.source?.configuration) {
+        save("gains.toml", [this.toml()]);
+        say("saved gains.toml: put its lines into mien's configuration, or start mien-studio preview with --config");
+      } else if (await ask("/gains", this.changed())) {
+        // What arrives has them once mien has read them.
+        this.reset();
       }
     });
+    byId("gains-reset").addEventListener("click", () => this.reset());
+  }
+
+  reset() {
+    this.of.clear();
+    for (const row of document.querySelectorAll(".gain")) {
+      row.querySelector("input").value = 1;
+      row.querySelector("output").textContent = "×1.0";
+    }
+  }
+
+  changed() {
+    return [...this.of].filter(([, gain]) => gain !== 1);
   }
 
   toml() {
-    const lines = [...this.of].filter(([, gain]) => gain !== 1).map(([unit, gain]) => `${unit} = { gain = ${gain} }\n`);
+    const lines = this.changed().map(([unit, gain]) => `${unit} = { gain = ${gain} }\n`);
     return ["# Gains tried in mien-studio preview.\n[units]\n", ...lines].join("");
   }
 

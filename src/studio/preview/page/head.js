@@ -129,8 +129,10 @@ class Head {
     this.weightTexture = floatTexture(gl, this.weights.length, 1, gl.R32F, gl.RED, this.weights);
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
+    this.buffers = [];
     const attribute = (at, values, width) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      this.buffers.push(gl.createBuffer());
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.at(-1));
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(at);
       if (values instanceof Uint32Array) gl.vertexAttribIPointer(at, width, gl.UNSIGNED_INT, 0, 0);
@@ -152,9 +154,18 @@ class Head {
   elements(indices) {
     const { gl } = this;
     const buffer = gl.createBuffer();
+    this.buffers.push(buffer);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(indices), gl.STATIC_DRAW);
     return { buffer, count: indices.length };
+  }
+
+  // Gives back what it has on the graphics card.
+  free() {
+    const { gl } = this;
+    for (const buffer of this.buffers) gl.deleteBuffer(buffer);
+    for (const texture of [this.entries, this.weightTexture, ...this.parts.map((part) => part.texture)]) gl.deleteTexture(texture);
+    gl.deleteVertexArray(this.array);
   }
 
   part({ indices }, material) {
@@ -329,6 +340,7 @@ export class View {
       }
       let clip = perspective(VIEW_ANGLE, aspect, far * 0.02, far * 20);
       if (this.mirror) clip = multiply(scaling([-1, 1, 1]), clip);
+      this.camera = { view, clip };
       gl.frontFace(this.mirror ? gl.CW : gl.CCW);
       head.draw(this.program, turn, view, clip, this.wireframe, this.ground);
     });

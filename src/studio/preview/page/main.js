@@ -10,7 +10,7 @@ import { STATES, Stream } from "./stream.js";
 
 const byId = (id) => document.getElementById(id);
 const stream = new Stream();
-const gains = new Gains();
+const gains = new Gains(stream);
 const shapes = new Shapes();
 const recorder = new Recorder(stream);
 const bars = new Bars(byId("bars"), (unit, row) => gains.row(unit, row));
@@ -32,7 +32,7 @@ const units = fetch("/units.json")
 
 let receivers = null;
 fetch("/words.json").then((answer) => answer.json()).then((words) => {
-  bars.words = words.units;
+  bars.words = words;
   bars.name(stream.units);
   receivers = new Receivers(words, stream);
 });

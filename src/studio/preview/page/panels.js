@@ -3,26 +3,18 @@
 import { angles } from "./matrix.js";
 import { STATES, WINDOW_S } from "./stream.js";
 
-// Units by region, in the order of the rows.
-const REGIONS = [
-  ["Brows", [1, 2, 4]],
-  ["Eyes", [5, 43, 61, 62, 63, 64]],
-  ["Nose and cheeks", [9, 34]],
-  ["Mouth", [12, 15, 14, 20, 18, 22, 25, 28, 10, 17]],
-  ["Jaw", [26, 29, 30]],
-];
 const SIDES = { L: "left", R: "right" };
 const COLOURS = ["#4cb0ff", "#ff8a5c", "#57c785", "#d77cff", "#ffd24c", "#5ce0d8", "#ff6f91", "#a8b8c8"];
 // Curves shown unless units are chosen.
 const STRONGEST = 6;
 
 // Code, side and words of a unit; a unit that was renamed is its own name.
-function meaning(unit, words) {
+function meaning(unit, { units, regions }) {
   const [, code, side] = /^(AU\d+)([LR]?)$/.exec(unit) ?? [];
-  const known = words?.[code];
+  const known = units[code];
   if (!known) return { plain: unit, about: unit, region: "Other", order: 0 };
   const number = Number(code.slice(2));
-  const [region, all] = REGIONS.find(([, numbers]) => numbers.includes(number)) ?? ["Other", []];
+  const [region, all] = regions.find(([, numbers]) => numbers.includes(number)) ?? ["Other", []];
   const text = side ? `${known.plain} ${SIDES[side]}` : known.plain;
   return {
     plain: text[0].toUpperCase() + text.slice(1),
@@ -47,7 +39,8 @@ export class Bars {
     this.rows = [];
     this.units = [];
     this.chosen = new Set();
-    this.words = null;
+    // Replaced by what the server says.
+    this.words = { units: {}, regions: [] };
     this.names = new Map();
   }
 
@@ -57,10 +50,10 @@ export class Bars {
     this.chosen = new Set([...this.chosen].filter((unit) => units.includes(unit)));
     const said = units.map((unit, k) => ({ unit, k, ...meaning(unit, this.words) }));
     this.names = new Map(said.map(({ unit, plain }) => [unit, plain]));
-    const regions = [...REGIONS.map(([region]) => region), "Other"];
+    const regions = [...this.words.regions.map(([region]) => region), "Other"];
     this.rows = regions.flatMap((region) => {
       const rows = said.filter((one) => one.region === region).sort((a, b) => a.order - b.order || a.k - b.k);
-      if (rows.length && this.words) element("div", this.parent, "region").textContent = region;
+      if (rows.length && this.words.regions.length) element("div", this.parent, "region").textContent = region;
       return rows.map((one) => this.row(one));
     });
   }

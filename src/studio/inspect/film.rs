@@ -1,0 +1,127 @@
+//! Pictures that play, inside one page: at the pace they were taken, or one by one.
+//!
+//! Each is a JPEG in base 64, so that the file needs nothing beside it: about 30 kB a picture.
+
+use std::fmt::Write as _;
+use std::io::Cursor;
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+
+/// Enough to read labels and see landmarks.
+const QUALITY: u8 = 75;
+
+/// Play and pause by the button or the space bar, steps by the arrows or the slider.
+const SCRIPT: &str = r#"
+const by = (id) => document.getElementById(id);
+let at = 0, since = 0, playing = false;
+function show(k) {
+  at = Math.min(Math.max(k, 0), film.length - 1);
+  by("film").src = "data:image/jpeg;base64," + film[at][1];
+  by("at").value = at;
+  by("when").textContent = film[at][0].toFixed(2) + " s";
+}
+function tick(now) {
+  if (!playing) return;
+  const due = film[at][0] + (now - since) / 1000;
+  let k = at;
+  while (k + 1 < film.length && film[k + 1][0] <= due) k += 1;
+  if (k !== at) {
+    since += (film[k][0] - film[at][0]) * 1000;
+    show(k);
+  }
+  if (k + 1 < film.length) requestAnimationFrame(tick); else play(false);
+}
+function play(on) {
+  playing = on;
+  by("play").textContent = on ? "Pause" : "Play";
+  if (!on) return;
+  if (at === film.length - 1) show(0);
+  since = performance.now();
+  requestAnimationFrame(tick);
+}
+by("play").onclick = () => play(!playing);
+by("at").oninput = () => { play(false); show(Number(by("at").value)); };
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (event.key === " ") play(!playing);
+  else if (step) { play(false); show(at + step); }
+  else return;
+  event.preventDefault();
+});
+show(0);
+"#;
+
+/// Pictures with their times.
+#[derive(Default)]
+pub struct Film {
+    /// Seconds, ascending, and the JPEG.
+    frames: Vec<(f64, Vec<u8>)>,
+}
+
+impl Film {
+    /// Adds a picture.
+    ///
+    /// # Errors
+    /// If it cannot be encoded.
+    pub fn add(&mut self, seconds: f64, picture: &RgbImage) -> Result<(), image::ImageError> {
+        let mut jpeg = Cursor::new(Vec::new());
+        JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(picture)?;
+        self.frames.push((seconds, jpeg.into_inner()));
+        Ok(())
+    }
+
+    /// Picture, button, slider and time; nothing for fewer than two pictures.
+    #[must_use]
+    pub fn html(&self) -> String {
+        let [(first, _), _, ..] = &self.frames[..] else {
+            return String::new();
+        };
+        let mut html = format!(
+            "<figure><img id=\"film\" alt=\"the recording\"><figcaption><button id=\"play\">Play</button> \
+             <input id=\"at\" type=\"range\" min=\"0\" max=\"{}\" value=\"0\" aria-label=\"frame\"> \
+             <output id=\"when\"></output> space plays, arrows step</figcaption></figure><script>const film=[",
+            self.frames.len() - 1
+        );
+        for (seconds, jpeg) in &self.frames {
+            let _ = write!(
+                html,
+                "[{:.3},\"{}\"],",
+                seconds - first,
+                STANDARD.encode(jpeg)
+            );
+        }
+        html + "];" + SCRIPT + "</script>"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_picture_is_in_the_page_at_its_time() {
+        let mut film = Film::default();
+        assert!(film.html().is_empty());
+        for (k, seconds) in [7.0, 7.1, 7.5].into_iter().enumerate() {
+            let picture = RgbImage::from_pixel(16, 8, image::Rgb([80 * k as u8; 3]));
+            film.add(seconds, &picture).unwrap();
+        }
+        let html = film.html();
+        let list = html.split("const film=[").nth(1).unwrap();
+        let list = list.split("];").next().unwrap();
+        let frames: Vec<_> = list.split("],").filter(|one| !one.is_empty()).collect();
+        assert_eq!(frames.len(), 3);
+        for (k, (one, seconds)) in frames.iter().zip(["0.000", "0.100", "0.500"]).enumerate() {
+            let (at, data) = one[1..].split_once(",\"").unwrap();
+            assert_eq!(at, seconds);
+            let jpeg = STANDARD.decode(data.trim_end_matches('"')).unwrap();
+            let picture = image::load_from_memory(&jpeg).unwrap().to_rgb8();
+            let [grey, ..] = picture.get_pixel(3, 3).0;
+            assert!(grey.abs_diff(80 * k as u8) < 4, "{grey}");
+        }
+        assert!(html.contains("max=\"2\""));
+    }
+}

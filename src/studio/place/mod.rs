@@ -1,0 +1,330 @@
+//! `mien-studio place`: a page to put the 68 landmarks on a neutral head, with the shapes that come of them.
+//!
+//! ```text
+//! page (drags, undoes) ─► move: a ray to the vertex there (surface) ─► bake ─► the head with one shape ─► save
+//! ```
+//! The page holds the points and sends all of them with whatever it asks; here are the mesh, what was baked last, and the file.
+//! Server, viewer and reader of glTF are those of [`super::preview`]. Served on the loopback interface only, since it
+//! writes a file. Units and frame: the mesh's.
+
+pub mod surface;
+
+use std::io::Write;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::bake::command::{Source, landmark_text};
+use super::bake::error::BakeError;
+use super::bake::head::{Head, HeadError};
+use super::bake::locate::guess;
+use super::bake::mesh::{Mesh, Vec3};
+use super::bake::names::{LANDMARKS, NAMES, mirrored};
+use super::bake::order::Ordered;
+use super::bake::recipe::{Recipe, SHIPPED};
+use super::bake::request::Request;
+use super::bake::rig::{self, Method};
+use super::bake::shape::Shape;
+use super::bake::solve::Settings;
+use super::bake::{files, morphs, report};
+use super::preview;
+use super::preview::http::{self, Answer, Request as Asked, Site};
+use crate::face_model::FaceModel;
+use surface::{Ray, Surface};
+
+/// The options of `mien-studio place`, explained.
+pub const OPTIONS: &str = "  --mesh       neutral head, as for bake
+  --landmarks  where to begin: 68 vertex numbers, as for bake; default: auto, found on a picture of the mesh
+  --out        what Save writes, for bake --landmarks; default: beside the mesh, NAME.landmarks.txt
+  --port       where the page is served, on this machine only; default 9181; 0 takes a free one
+";
+
+/// Port of the page.
+pub const PORT: u16 = 9181;
+
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+/// The files of the page that are not the preview's.
+const PAGE: [(&str, &str, &str); 3] = [
+    (
+        "/",
+        "text/html; charset=utf-8",
+        include_str!("page/index.html"),
+    ),
+    (
+        "/place.css",
+        "text/css; charset=utf-8",
+        include_str!("page/place.css"),
+    ),
+    ("/place.js", JAVASCRIPT, include_str!("page/place.js")),
+];
+/// Those that are.
+const SHARED: [&str; 4] = ["/style.css", "/head.js", "/glb.js", "/matrix.js"];
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum PlaceError {
+    /// The mesh, its points or their file.
+    #[error(transparent)]
+    Bake(#[from] BakeError),
+    /// The page's address.
+    #[error("cannot serve the page at {address}: {source}; choose another with --port")]
+    Page {
+        /// What was asked for.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// A head and its points, served.
+pub struct Place {
+    source: Source,
+    /// The mesh again, its skin apart from eyes and teeth by colour.
+    drawn: Mesh,
+    ordered: Ordered,
+    surface: Surface,
+    /// The points to begin with.
+    points: Vec<u64>,
+    /// Of each point, if they were found.
+    confidence: Option<Vec<f32>>,
+    name: String,
+    out: PathBuf,
+    /// The shapes of the last bake.
+    baked: Mutex<Vec<Shape>>,
+    /// Held while shapes are baked: one at a time.
+    baking: Mutex<()>,
+}
+
+impl Place {
+    /// Reads a head and the points to begin with; `landmarks` is their file, or `auto`.
+    ///
+    /// # Errors
+    /// If one cannot be read or the points are not on the head.
+    pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, BakeError> {
+        let source = Source::read(&Request {
+            mesh: mesh.into(),
+            ..Request::default()
+        })?;
+        let (points, confidence) = if landmarks.as_os_str() == "auto" {
+            let found =
+                guess(&source.mesh, &FaceModel::shipped()).map_err(|source| BakeError::Locate {
+                    path: mesh.into(),
+                    source,
+                })?;
+            (found.vertices, Some(found.of_points.to_vec()))
+        } else {
+            (source.told(landmarks)?, None)
+        };
+        let ordered = Ordered::new(&source.mesh);
+        // Said as bake would say it.
+        ordered.landmarks(&points)?;
+        if points.len() != LANDMARKS {
+            return Err(HeadError::Count {
+                found: points.len(),
+            }
+            .into());
+        }
+        let surface = Surface::new(&source.mesh, &ordered, points[8]);
+        if let Some(landmark) = points.iter().position(|&v| !surface.is_skin(v)) {
+            return Err(HeadError::Apart { landmark }.into());
+        }
+        Ok(Self {
+            drawn: in_two_colours(&source.mesh, &surface),
+            name: mesh
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into(),
+            out: out.unwrap_or_else(|| mesh.with_extension("landmarks.txt")),
+            source,
+            ordered,
+            surface,
+            points,
+            confidence,
+            baked: Mutex::default(),
+            baking: Mutex::default(),
+        })
+    }
+
+    /// Vertices of the mesh, their places and normals, as the page takes them.
+    fn told(&self, points: &[u64]) -> Value {
+        let all = || points.iter().map(|&v| self.surface.at(v));
+        let row = |p: Vec3| [p.x, p.y, p.z];
+        let places: Vec<[f64; 3]> = all().map(|(p, _)| row(p)).collect();
+        let normals: Vec<[f64; 3]> = all().map(|(_, n)| row(n)).collect();
+        json!({"points": points, "places": places, "normals": normals})
+    }
+
+    /// What the page knows at its start.
+    fn start(&self) -> Value {
+        let mut start = self.told(&self.points);
+        let partners: Vec<usize> = (0..LANDMARKS).map(mirrored).collect();
+        start["name"] = json!(self.name);
+        start["names"] = json!(&NAMES[..LANDMARKS]);
+        start["partners"] = json!(partners);
+        start["confidence"] = json!(self.confidence);
+        start["out"] = json!(self.out.display().to_string());
+        start["exists"] = json!(self.out.exists());
+        start["symmetric"] = json!(self.surface.is_symmetric());
+        start
+    }
+
+    /// Bakes all shapes with these points; how long it took, seconds.
+    ///
+    /// # Errors
+    /// If the points describe no face.
+    pub fn bake(&self, points: &[u64]) -> Result<f64, BakeError> {
+        let _one = self.baking.lock().unwrap_or_else(PoisonError::into_inner);
+        let start = Instant::now();
+        let numbers = self.ordered.landmarks(points)?;
+        let head = Head::new(self.ordered.mesh.clone(), &numbers)?;
+        let targets = Recipe::read(SHIPPED).and_then(|recipe| recipe.targets(&head));
+        let targets = targets.map_err(|source| BakeError::Recipe {
+            path: "built-in recipe".into(),
+            source,
+        })?;
+        let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
+        let shapes = shapes.into_iter().map(|s| self.ordered.scattered(s));
+        *self.baked.lock().unwrap_or_else(PoisonError::into_inner) = shapes.collect();
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    /// The head in the mesh's unit, with a shape of the last bake if there is one of that name.
+    fn glb(&self, shape: &str) -> Vec<u8> {
+        let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = baked.iter().position(|s| s.name == shape).map(|k| Shape {
+            displacement: report::shown(&baked, k),
+            ..baked[k].clone()
+        });
+        drop(baked);
+        let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false);
+        // Eyes and teeth lighter than skin, where there are any.
+        if let Some(other) = glb.json["materials"].get_mut(1) {
+            other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
+        }
+        glb.emit()
+    }
+
+    /// Something the page lets be done.
+    fn change(&self, asked: &Asked) -> Result<Value, String> {
+        let word = |name: &str| {
+            let mut pairs = asked.query.split('&').filter_map(|p| p.split_once('='));
+            pairs.find(|pair| pair.0 == name).map_or("", |pair| pair.1)
+        };
+        let points = numbers::<u64>(word("points"));
+        let points = points
+            .filter(|p| p.len() == LANDMARKS && p.iter().all(|&v| self.surface.is_skin(v)))
+            .ok_or("expected 68 vertices of the skin; load the page again")?;
+        match &*asked.path {
+            "/move" => {
+                let ray = numbers::<f64>(word("ray")).unwrap_or_default();
+                let k = word("point").parse().ok().filter(|&k| k < LANDMARKS);
+                let (&[x, y, z, dx, dy, dz], Some(k)) = (&*ray, k) else {
+                    return Err("expected a point and a ray of six numbers".into());
+                };
+                let ray = Ray {
+                    from: Vec3::new(x, y, z),
+                    along: Vec3::new(dx, dy, dz),
+                };
+                if !(ray.along.norm() > 0.0 && ray.from.iter().all(|x| x.is_finite())) {
+                    return Err("expected a ray with a direction".into());
+                }
+                let mirror = word("mirror") == "1";
+                Ok(self.told(&self.surface.moved(&points, k, &ray, mirror)))
+            }
+            "/bake" => {
+                let seconds = self.bake(&points).map_err(|error| error.to_string())?;
+                let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
+                let names: Vec<&str> = baked.iter().map(|s| s.name.as_str()).collect();
+                let said = format!("{} shapes baked in {seconds:.1} s", names.len());
+                Ok(json!({"said": said, "shapes": names}))
+            }
+            "/save" => {
+                let text = landmark_text(&points, self.source.foreign.as_ref());
+                files::write(&self.out, text.as_bytes()).map_err(|error| error.to_string())?;
+                Ok(json!({"said": format!("saved {}", self.out.display())}))
+            }
+            _ => Err("nothing to change here".into()),
+        }
+    }
+}
+
+/// Numbers between commas, which may be escaped.
+fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
+    let text = text.replace("%2C", ",");
+    text.split(',').map(|word| word.parse().ok()).collect()
+}
+
+/// The mesh with what is not skin as a material of its own.
+fn in_two_colours(mesh: &Mesh, surface: &Surface) -> Mesh {
+    let mut drawn = mesh.clone();
+    drawn.materials = vec!["skin".into(), "other".into()];
+    for f in 0..mesh.faces() {
+        let of_skin = mesh.face(f).first();
+        let of_skin = of_skin.is_some_and(|c| surface.is_skin(u64::from(c.vertex)));
+        drawn.face_material[f] = u32::from(!of_skin);
+    }
+    drawn
+}
+
+impl Site for Place {
+    fn answer(&self, asked: &Asked) -> Answer {
+        let json =
+            |value: Value| Answer::File("application/json", value.to_string().into_bytes().into());
+        if asked.post {
+            return json(match self.change(asked) {
+                Ok(mut done) => {
+                    done["ok"] = json!(true);
+                    done
+                }
+                Err(said) => json!({"ok": false, "said": said}),
+            });
+        }
+        let shared = preview::PAGE.iter().filter(|file| SHARED.contains(&file.0));
+        if let Some((_, kind, text)) = PAGE.iter().chain(shared).find(|file| file.0 == asked.path) {
+            return Answer::File(kind, text.as_bytes().into());
+        }
+        match &*asked.path {
+            "/start.json" => json(self.start()),
+            "/head.glb" => {
+                let shape = asked.query.strip_prefix("shape=").unwrap_or_default();
+                Answer::File("model/gltf-binary", self.glb(shape).into())
+            }
+            "/favicon.ico" => Answer::File("image/x-icon", Arc::new([])),
+            _ => Answer::Missing("not here; the page is at /\n"),
+        }
+    }
+
+    fn events(&self, _: &mut dyn Write) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn refused(&self) {}
+}
+
+/// Serves the page until the process ends; `say` gets a line once it can be opened.
+///
+/// # Errors
+/// If the head or its points cannot be read, or the port is taken.
+pub fn run(
+    mesh: &Path,
+    landmarks: &Path,
+    out: Option<PathBuf>,
+    port: u16,
+    say: &mut dyn FnMut(&str),
+) -> Result<(), PlaceError> {
+    let place = Arc::new(Place::new(mesh, landmarks, out)?);
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+    let wrong = |source| PlaceError::Page { address, source };
+    let listener = TcpListener::bind(address).map_err(wrong)?;
+    let page = listener.local_addr().map_err(wrong)?;
+    let (name, out) = (&place.name, place.out.display());
+    say(&format!(
+        "open http://{page}/ (points on {name}; Save writes {out}; Ctrl-C ends)"
+    ));
+    http::serve(&listener, &place);
+    Ok(())
+}

@@ -1,0 +1,242 @@
+//! The skin of a head to put points on: what a ray from the viewer hits, the vertex there, and its twin on the other side.
+//!
+//! A landmark is a vertex, so a point always comes to lie on the nearest one that can be it: on the skin, not turned away from
+//! the viewer, not another landmark's; and of the two edges of closed lids or lips the one that looks the right way.
+//!
+//! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
+//! image is mirrored about the middle of its present points.
+
+use crate::studio::bake::mesh::{Mesh, Vec3};
+use crate::studio::bake::names::{LANDMARKS, mirrored};
+use crate::studio::bake::nearest::Nearest;
+use crate::studio::bake::order::Ordered;
+
+/// Cosine between a normal and the line of sight from which a vertex looks away.
+const AWAY: f64 = 0.5;
+/// What the wrong edge of lids or lips counts as further away, in sizes of the skin.
+const WRONG_EDGE: f64 = 0.01;
+/// A mirrored vertex has its twin this near, in sizes of the skin.
+const TWIN: f64 = 0.005;
+/// Share of the vertices looked at that have a twin in a mirrored head.
+const MOST: f64 = 0.95;
+/// Vertices looked at.
+const SOME: usize = 500;
+
+/// A line of sight.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Where the viewer is.
+    pub from: Vec3,
+    /// Where they look; of any length.
+    pub along: Vec3,
+}
+
+/// What mirrors a head: its points are `p` with `p · across = at`.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    /// Unit vector to one side.
+    across: Vec3,
+    at: f64,
+}
+
+impl Plane {
+    fn off(&self, p: &Vec3) -> f64 {
+        p.dot(&self.across) - self.at
+    }
+
+    /// The point on the other side.
+    #[must_use]
+    pub fn mirrored(&self, p: &Vec3) -> Vec3 {
+        p - self.across * (2.0 * self.off(p))
+    }
+}
+
+/// The skin of a mesh.
+pub struct Surface {
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    skin: Vec<bool>,
+    size: f64,
+    /// Of a head that mirrors itself.
+    plane: Option<Plane>,
+}
+
+impl Surface {
+    /// Of a mesh and the same in the one order; the skin is what carries the chin's vertex.
+    #[must_use]
+    pub fn new(mesh: &Mesh, ordered: &Ordered, chin: u64) -> Self {
+        let rings = ordered.mesh.rings();
+        let (component, _) = ordered.mesh.components(&rings);
+        let of = |v: u32| component.get(v as usize);
+        let all = ordered.vertex();
+        let wanted = all.get(chin as usize).and_then(|&v| of(v));
+        let skin: Vec<bool> = all.iter().map(|&v| of(v) == wanted).collect();
+        let mut surface = Self {
+            normals: mesh.vertex_normals(&mesh.positions),
+            triangles: mesh.triangles(),
+            positions: mesh.positions.clone(),
+            skin,
+            size: 0.0,
+            plane: None,
+        };
+        surface.plane = surface.find_plane();
+        surface
+    }
+
+    /// Whether a vertex is of the skin.
+    #[must_use]
+    pub fn is_skin(&self, vertex: u64) -> bool {
+        usize::try_from(vertex).is_ok_and(|v| self.skin.get(v) == Some(&true))
+    }
+
+    /// Whether the head mirrors itself.
+    #[must_use]
+    pub fn is_symmetric(&self) -> bool {
+        self.plane.is_some()
+    }
+
+    /// Position and unit normal of a vertex.
+    #[must_use]
+    pub fn at(&self, vertex: u64) -> (Vec3, Vec3) {
+        (
+            self.positions[vertex as usize],
+            self.normals[vertex as usize],
+        )
+    }
+
+    fn find_plane(&mut self) -> Option<Plane> {
+        let skin: Vec<u32> = (0..self.positions.len() as u32)
+            .filter(|&v| self.skin[v as usize])
+            .collect();
+        let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+        for &v in &skin {
+            let p = &self.positions[v as usize];
+            (low, high) = (low.inf(p), high.sup(p));
+        }
+        self.size = (high - low).max();
+        let nearest = Nearest::new(&self.positions, &skin);
+        let looked: Vec<u32> = skin
+            .iter()
+            .step_by((skin.len() / SOME).max(1))
+            .copied()
+            .collect();
+        // The face looks along z or x.
+        [Vec3::x(), Vec3::z()].into_iter().find_map(|across| {
+            let at = 0.5 * (low + high).dot(&across);
+            let plane = Plane { across, at };
+            let has_twin = |&&v: &&u32| {
+                let there = plane.mirrored(&self.positions[v as usize]);
+                let twin = nearest.of(&there);
+                twin.is_some_and(|t| (self.positions[t as usize] - there).norm() < TWIN * self.size)
+            };
+            let twins = looked.iter().filter(has_twin).count();
+            (twins as f64 > MOST * looked.len() as f64).then_some(plane)
+        })
+    }
+
+    /// What the head is mirrored about while these are its points.
+    fn plane(&self, points: &[u64]) -> Plane {
+        self.plane.unwrap_or_else(|| {
+            let at = |k: usize| self.positions[points[k] as usize];
+            let pairs = || {
+                (0..LANDMARKS)
+                    .map(|k| (k, mirrored(k)))
+                    .filter(|(a, b)| a < b)
+            };
+            let across = pairs().map(|(a, b)| at(b) - at(a)).sum::<Vec3>();
+            let across = across.try_normalize(0.0).unwrap_or_else(Vec3::x);
+            let middles = pairs().map(|(a, b)| 0.5 * (at(a) + at(b)).dot(&across));
+            let at = middles.sum::<f64>() / pairs().count() as f64;
+            Plane { across, at }
+        })
+    }
+
+    /// Where a ray first meets the mesh.
+    #[must_use]
+    pub fn hit(&self, ray: &Ray) -> Option<Vec3> {
+        let met = self.triangles.iter().filter_map(|t| {
+            let [a, b, c] = t.map(|v| self.positions[v as usize]);
+            let (ab, ac) = (b - a, c - a);
+            let h = ray.along.cross(&ac);
+            let det = ab.dot(&h);
+            // Edge on, or no triangle.
+            if det == 0.0 {
+                return None;
+            }
+            let s = ray.from - a;
+            let u = s.dot(&h) / det;
+            let q = s.cross(&ab);
+            let v = ray.along.dot(&q) / det;
+            let far = ac.dot(&q) / det;
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && far > 0.0).then_some(far)
+        });
+        let far = met.min_by(f64::total_cmp)?;
+        Some(ray.from + ray.along * far)
+    }
+
+    /// The vertex that landmark `k` comes to lie on at `place`, seen along `sight`; not one that is `taken`.
+    fn snapped(
+        &self,
+        k: usize,
+        sight: &Vec3,
+        taken: &[u64],
+        far: &dyn Fn(&Vec3) -> f64,
+    ) -> Option<u64> {
+        let cost = |v: usize| {
+            let up = self.normals[v].y;
+            let wrong = match k {
+                37 | 38 | 43 | 44 | 61..=63 => up > 0.1,
+                40 | 41 | 46 | 47 | 65..=67 => up < -0.1,
+                _ => false,
+            };
+            far(&self.positions[v]) + if wrong { WRONG_EDGE * self.size } else { 0.0 }
+        };
+        (0..self.positions.len())
+            .filter(|&v| self.skin[v] && self.normals[v].dot(sight) < AWAY)
+            .filter(|&v| !taken.contains(&(v as u64)))
+            .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
+            .map(|v| v as u64)
+    }
+
+    /// The points after landmark `k` was dragged to where `ray` meets the head, or passes nearest by; with `mirror` its
+    /// partner on the other side follows, and a point of the middle stays in it.
+    #[must_use]
+    pub fn moved(&self, points: &[u64], k: usize, ray: &Ray, mirror: bool) -> Vec<u64> {
+        let mut points = points.to_vec();
+        let partner = mirrored(k);
+        let sight = ray.along.normalize();
+        let plane = mirror.then(|| self.plane(&points));
+        let others = |points: &[u64], own: &[usize]| -> Vec<u64> {
+            let all = points.iter().enumerate();
+            all.filter(|(j, _)| !own.contains(j))
+                .map(|(_, &v)| v)
+                .collect()
+        };
+        let place = self.hit(ray).map(|p| match plane {
+            Some(plane) if partner == k => p - plane.across * plane.off(&p),
+            _ => p,
+        });
+        // The partner moves too, so that its place is free.
+        let own: &[usize] = if mirror { &[k, partner] } else { &[k] };
+        let taken = others(&points, own);
+        let found = match place {
+            Some(place) => self.snapped(k, &sight, &taken, &|p| (p - place).norm()),
+            None => self.snapped(k, &sight, &taken, &|p| (p - ray.from).cross(&sight).norm()),
+        };
+        let Some(found) = found else {
+            return points;
+        };
+        points[k] = found;
+        if let Some(plane) = plane
+            && partner != k
+        {
+            let there = plane.mirrored(&self.positions[found as usize]);
+            let sight = sight - plane.across * (2.0 * sight.dot(&plane.across));
+            let taken = others(&points, &[partner]);
+            let twin = self.snapped(partner, &sight, &taken, &|p| (p - there).norm());
+            points[partner] = twin.unwrap_or(points[partner]);
+        }
+        points
+    }
+}
