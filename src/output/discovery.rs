@@ -551,7 +551,7 @@ fn open() -> std::io::Result<UdpSocket> {
 /// An owned descriptor.
 #[expect(unsafe_code, reason = "nix 0.26 hands out numbers")]
 fn owned(raw: std::os::fd::RawFd) -> OwnedFd {
-    // SAFETY: it was opened a moment ago, and only here it is known.
+    // SAFETY: it was just opened, and nothing else owns it.
     unsafe { OwnedFd::from_raw_fd(raw) }
 }
 

@@ -88,7 +88,7 @@ pub(super) const COMMANDS: &[Command] = &[
     Command {
         name: "inspect",
         usage: "PATH [--out FILE.html|FILE.png] [--config FILE] [--model FILE]",
-        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots; in a page a recording plays",
+        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots; an HTML page plays the recording",
         example: "mien-studio inspect session --out session.html",
         options: &["out", "config", "model"],
         flags: &[],
@@ -173,7 +173,7 @@ pub(super) const COMMANDS: &[Command] = &[
     Command {
         name: "place",
         usage: "--mesh FILE.obj|FILE.glb [--landmarks FILE|auto] [--out FILE] [--port N]",
-        about: "serves a web page to put the 68 landmarks on a neutral head by dragging, with the shapes that come of them",
+        about: "serves a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the resulting shapes",
         example: "mien-studio place --mesh head.obj --out head68.txt",
         options: &["mesh", "landmarks", "out", "port"],
         flags: &[],
@@ -183,7 +183,7 @@ pub(super) const COMMANDS: &[Command] = &[
     Command {
         name: "head",
         usage: "--out FILE.glb|FILE.obj | --make FILE [--data DIR]",
-        about: "writes a head to experiment with, coloured, its landmarks in a .txt beside: baked with 67 shapes and a neck that stays (.glb), or neutral with its materials (.obj); with --make rebuilds what the program makes it from",
+        about: "writes a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a neck that stays still (.glb), or neutral with its materials (.obj); with --make rebuilds the data the program makes it from",
         example: "mien-studio head --out head.obj",
         options: &["out", "make", "data"],
         flags: &[],
@@ -206,7 +206,7 @@ pub(super) const COMMANDS: &[Command] = &[
     Command {
         name: "skin",
         usage: "--out FILE [--data DIR]",
-        about: "learns from sculpted shapes how skin moves for bake; says how close shapes left out come",
+        about: "learns from sculpted shapes how skin moves, for bake; reports the error on held-out shapes",
         example: "mien-studio skin --out config/skin.prior",
         options: &["out", "data"],
         flags: &[],
@@ -447,7 +447,7 @@ fn run_record(words: &Words) -> Result<(), Fault> {
         done.rate_hz(),
         done.bytes as f64 / 1e6,
         if done.stopped {
-            "; what was recorded is kept and plays"
+            "; the recording so far is kept and can be played"
         } else {
             ""
         },
@@ -713,7 +713,7 @@ fn run_bake(words: &Words) -> Result<(), Fault> {
         out: head_out(
             words,
             &["glb", "vrm", "usda"],
-            "binary glTF and USD in text are what is written; --obj FOLDER writes every shape as OBJ too; \
+            "only binary glTF and text USD are supported; --obj FOLDER also writes every shape as OBJ; \
              FBX and .blend come out of Blender, see docs/baking.md",
         )?,
         recipe: words.path("recipe"),

@@ -1,4 +1,4 @@
-//! What is made from the grammar of the command line, so that it cannot differ from it: the manual page (man(7)) and the
+//! Generated from the grammar of the command line, so that they cannot differ from it: the manual page (man(7)) and the
 //! completions of the shells. `tests/it/shipped_words.rs` writes them to `systemd/` and holds them to it.
 
 use super::cli::{ABOUT, COMMANDS, Command};

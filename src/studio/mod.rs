@@ -17,7 +17,7 @@
 //! progress, stopped   how far long work is, and what Ctrl-C leaves of it
 //! people_split   who is trained on and who is not
 //! text_files, csv, atomic_write   texts and tables in, files out
-//! correlation, frame_time         what several of them reckon with
+//! correlation, frame_time, srgb   what several of them reckon with
 //! ```
 
 pub mod animate;
@@ -40,6 +40,7 @@ pub mod place;
 pub mod preview;
 pub mod progress;
 pub mod record;
+pub mod srgb;
 pub mod stopped;
 pub mod text_files;
 pub mod train;

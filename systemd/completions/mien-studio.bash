@@ -2,7 +2,7 @@
 _mien_studio() {
   local word=${COMP_WORDS[COMP_CWORD]}
   if [ "$COMP_CWORD" -eq 1 ]; then
-    COMPREPLY=($(compgen -W 'train fit inspect simulated-head record evaluate units nrsfm bake head preview skin animate help --help --version' -- "$word"))
+    COMPREPLY=($(compgen -W 'train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate help --help --version' -- "$word"))
     return
   fi
   if [[ $word != -* ]]; then
@@ -11,7 +11,7 @@ _mien_studio() {
   fi
   case ${COMP_WORDS[1]} in
     train) COMPREPLY=($(compgen -W '--images --out --tracks --offsets --data --drawn --starts --seed --refine --paper-of --paper-into --person --no-paper --hold-out-dev --help' -- "$word")) ;;
-    fit) COMPREPLY=($(compgen -W '--images --out --model --box --boxes --offsets --help' -- "$word")) ;;
+    fit) COMPREPLY=($(compgen -W '--images --out --model --box --boxes --offsets --pictures --help' -- "$word")) ;;
     inspect) COMPREPLY=($(compgen -W '--out --config --model --help' -- "$word")) ;;
     simulated-head) COMPREPLY=($(compgen -W '--out --data --help' -- "$word")) ;;
     record) COMPREPLY=($(compgen -W '--out --seconds --source --help' -- "$word")) ;;
@@ -19,6 +19,7 @@ _mien_studio() {
     units) COMPREPLY=($(compgen -W '--data --model --config --people --seconds --seed --examples --out --help' -- "$word")) ;;
     nrsfm) COMPREPLY=($(compgen -W '--tracks --rank --out --truth --help' -- "$word")) ;;
     bake) COMPREPLY=($(compgen -W '--mesh --landmarks --out --recipe --controls --method --unit --obj --report --derive-controls --correctives --dense --help' -- "$word")) ;;
+    place) COMPREPLY=($(compgen -W '--mesh --landmarks --out --port --help' -- "$word")) ;;
     head) COMPREPLY=($(compgen -W '--out --make --data --help' -- "$word")) ;;
     preview) COMPREPLY=($(compgen -W '--osc --serial --baud --full --csv --source --model --config --box --mesh --port --help' -- "$word")) ;;
     skin) COMPREPLY=($(compgen -W '--out --data --help' -- "$word")) ;;

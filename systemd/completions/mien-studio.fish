@@ -1,5 +1,5 @@
 # fish completion for mien-studio
-set mien_studio_first 'not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake head preview skin animate'
+set mien_studio_first 'not __fish_seen_subcommand_from train fit inspect simulated-head record evaluate units nrsfm bake place head preview skin animate'
 complete -c mien-studio -n $mien_studio_first -f -a train -d 'trains the face model (shape, appearance, confidence) and writes it to one file; prints the error on held-out people; with --paper-into only the paper’s own model, replaced in a model file that otherwise stays unchanged; with --person a model of the one person in a recording, who must go through all expressions there'
 complete -c mien-studio -n '__fish_seen_subcommand_from train' -l images -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from train' -l out -r -F
@@ -22,7 +22,8 @@ complete -c mien-studio -n '__fish_seen_subcommand_from fit' -l model -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from fit' -l box -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from fit' -l boxes -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from fit' -l offsets -r -F
-complete -c mien-studio -n $mien_studio_first -f -a inspect -d 'shows a recording, a model, the CSV of a run or a mesh as pictures and plots'
+complete -c mien-studio -n '__fish_seen_subcommand_from fit' -l pictures -r -F
+complete -c mien-studio -n $mien_studio_first -f -a inspect -d 'shows a recording, a model, the CSV of a run or a mesh as pictures and plots; an HTML page plays the recording'
 complete -c mien-studio -n '__fish_seen_subcommand_from inspect' -l out -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from inspect' -l config -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from inspect' -l model -r -F
@@ -74,7 +75,12 @@ complete -c mien-studio -n '__fish_seen_subcommand_from bake' -l report -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from bake' -l derive-controls
 complete -c mien-studio -n '__fish_seen_subcommand_from bake' -l correctives
 complete -c mien-studio -n '__fish_seen_subcommand_from bake' -l dense
-complete -c mien-studio -n $mien_studio_first -f -a head -d 'writes a head to experiment with, coloured, its landmarks in a .txt beside: baked with 67 shapes and a neck that stays (.glb), or neutral with its materials (.obj); with --make rebuilds what the program makes it from'
+complete -c mien-studio -n $mien_studio_first -f -a place -d 'serves a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the resulting shapes'
+complete -c mien-studio -n '__fish_seen_subcommand_from place' -l mesh -r -F
+complete -c mien-studio -n '__fish_seen_subcommand_from place' -l landmarks -r -F
+complete -c mien-studio -n '__fish_seen_subcommand_from place' -l out -r -F
+complete -c mien-studio -n '__fish_seen_subcommand_from place' -l port -r -F
+complete -c mien-studio -n $mien_studio_first -f -a head -d 'writes a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a neck that stays still (.glb), or neutral with its materials (.obj); with --make rebuilds the data the program makes it from'
 complete -c mien-studio -n '__fish_seen_subcommand_from head' -l out -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from head' -l make -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from head' -l data -r -F
@@ -90,7 +96,7 @@ complete -c mien-studio -n '__fish_seen_subcommand_from preview' -l config -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from preview' -l box -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from preview' -l mesh -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from preview' -l port -r -F
-complete -c mien-studio -n $mien_studio_first -f -a skin -d 'learns from sculpted shapes how skin moves for bake; says how close shapes left out come'
+complete -c mien-studio -n $mien_studio_first -f -a skin -d 'learns from sculpted shapes how skin moves, for bake; reports the error on held-out shapes'
 complete -c mien-studio -n '__fish_seen_subcommand_from skin' -l out -r -F
 complete -c mien-studio -n '__fish_seen_subcommand_from skin' -l data -r -F
 complete -c mien-studio -n $mien_studio_first -f -a animate -d 'exports the weights of a run as a glTF animation'

@@ -40,7 +40,7 @@ def write(path):
             path_mode="COPY",
             embed_textures=True,
             bake_anim=bool(bpy.data.actions),
-            # The scene from its first frame to its last: an action may end a rounding before its last frame, which were lost.
+            # Export the scene's full frame range: rounding may end an action just before its last frame, which would be lost.
             bake_anim_use_nla_strips=False,
             bake_anim_use_all_actions=False,
         )

@@ -94,7 +94,7 @@ fn is_near(address: IpAddr) -> bool {
     }
 }
 
-/// Whether a password is one that is typed everywhere alike, and not soon guessed.
+/// Whether a password types the same on every keyboard and is not easily guessed.
 fn is_password(word: &str) -> bool {
     (8..=PASSWORD).contains(&word.len()) && word.bytes().all(|c| (32..127).contains(&c))
 }

@@ -15,7 +15,7 @@ use crate::face_model::ShapeModel;
 
 /// Turns of placing and shaping.
 const ROUNDS: usize = 8;
-/// How far found points are off, in inner-eye-corner distances: against it the modes are held.
+/// Expected error of the found points, in inner-eye-corner distances: sets how strongly the modes are regularised.
 const NOISE: f64 = 0.06;
 /// Eyes, nose and lips: what a picture shows of any head.
 const KNOWN: std::ops::Range<usize> = 27..LANDMARKS;

@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::files::{read, read_bytes};
 use super::glb::{Glb, push};
+use crate::studio::srgb::linear;
 
 /// A material.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,15 +25,6 @@ struct Look {
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Looks(HashMap<String, Look>);
-
-/// From sRGB to linear (IEC 61966-2-1).
-pub(super) fn linear(value: f64) -> f64 {
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
-}
 
 /// Three numbers from 0 to 1.
 fn colour(words: &str) -> Option<[f64; 3]> {

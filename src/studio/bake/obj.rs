@@ -8,8 +8,8 @@
 
 use std::fmt::Write as _;
 
-use super::looks::linear;
 use super::mesh::{Corner, Mesh, Vec3};
+use crate::studio::srgb::linear;
 
 /// Why an OBJ text is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]

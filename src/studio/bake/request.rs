@@ -7,17 +7,17 @@ use super::rig::Method;
 /// The options of `mien-studio bake`, explained.
 pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
                --out gets the shapes and keeps everything else
-  --landmarks  68 vertex numbers from 0, one a line, in iBUG order; of a GLB in the order of its position accessors.
-               auto finds them on a picture of the mesh (y up, face towards z) and writes beside --out what to look at
-               (.landmarks.png) and to correct and give again (.landmarks.txt)
+  --landmarks  68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.
+               auto finds them in a rendering of the mesh (y up, face towards z) and writes beside --out a picture to check
+               (.landmarks.png) and a file to correct and pass back in (.landmarks.txt)
   --out        glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda): geometry, shapes and names
                of materials, in the mesh's own unit
   --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
   --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
   --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
-  --derive-controls  with --controls: skin between the vertices given moves as sculpted shapes teach. With a recipe it
+  --derive-controls  with --controls: skin between the given vertices moves as learned from sculpted shapes. With a recipe it
                always does
-  --correctives  also the recipe's correctives: what two shapes at once lack when they are simply added, named as jawOpen_mouthSmileLeft,
+  --correctives  also the recipe's correctives, for pairs of shapes that do not combine well when simply added, named like jawOpen_mouthSmileLeft,
                to be weighted by the product of both weights, as `mien-studio animate` does
   --unit       unit of the mesh; default: told from the distance of the eyes
   --dense      morph targets and blend shapes in full, for programs that cannot read sparse ones

@@ -430,7 +430,7 @@ pub(super) fn emit(
         .zip(&prims)
         .map(|(shape, prim)| blend_shape(mesh, shape, prim, turning, dense))
         .collect();
-    // One after the other let go: all of them twice would be the largest thing in memory.
+    // Each is freed once appended: holding all of them twice would be the peak of memory use.
     for shape in written {
         out.push_str(&shape);
     }

@@ -1,4 +1,4 @@
-//! `mien-studio place`: a page to put the 68 landmarks on a neutral head, with the shapes that come of them.
+//! `mien-studio place`: a page for placing the 68 landmarks on a neutral head, with a preview of the resulting shapes.
 //!
 //! ```text
 //! page (drags, undoes) ─► move: a ray to the vertex there (surface) ─► bake ─► the head with one shape ─► save
@@ -217,7 +217,7 @@ impl Place {
         let points = numbers::<u64>(word("points"));
         let points = points
             .filter(|p| p.len() == LANDMARKS && p.iter().all(|&v| self.surface.is_skin(v)))
-            .ok_or("expected 68 vertices of the skin; load the page again")?;
+            .ok_or("expected 68 skin vertices; reload the page")?;
         match &*asked.path {
             "/move" => {
                 let ray = numbers::<f64>(word("ray")).unwrap_or_default();

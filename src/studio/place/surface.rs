@@ -1,7 +1,7 @@
 //! The skin of a head to put points on: what a ray from the viewer hits, the vertex there, and its twin on the other side.
 //!
-//! A landmark is a vertex, so a point always comes to lie on the nearest one that can be it: on the skin, not turned away from
-//! the viewer, not another landmark's; and of the two edges of closed lids or lips the one that looks the right way.
+//! A landmark is a vertex, so a point always snaps to the nearest eligible vertex: on the skin, not facing away from
+//! the viewer, not used by another landmark and, where closed lids or lips meet, on the edge that faces the right way.
 //!
 //! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
 //! image is mirrored about the middle of its present points.
@@ -13,7 +13,7 @@ use crate::studio::bake::order::Ordered;
 
 /// Cosine between a normal and the line of sight from which a vertex looks away.
 const AWAY: f64 = 0.5;
-/// What the wrong edge of lids or lips counts as further away, in sizes of the skin.
+/// Distance penalty for the wrong edge of lids or lips, as a fraction of the skin's size.
 const WRONG_EDGE: f64 = 0.01;
 /// A mirrored vertex has its twin this near, in sizes of the skin.
 const TWIN: f64 = 0.005;

@@ -1,4 +1,4 @@
-//! Gains that were tried on the page, into the configuration that they are for; all else in the file stays as it is.
+//! Saves gains tried on the page into their configuration file; everything else in the file stays unchanged.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::studio::{atomic_write, text_files};
 /// Multiplies the gains in a configuration by those of a query, `AU26=1.5&AU12L=0.8`, and writes it; what to say then.
 ///
 /// # Errors
-/// Why not, in one sentence: the file, or what would come of it, is no configuration. Nothing is written then.
+/// One sentence saying why: the file, or the result, is not a valid configuration. Nothing is written then.
 pub(super) fn save(path: &Path, query: &str) -> Result<String, String> {
     let pairs = query.split('&').filter_map(|pair| pair.split_once('='));
     let factors = pairs.map(|(unit, factor)| Some((unit, factor.parse::<f64>().ok()?)));
@@ -84,8 +84,8 @@ mod tests {
         assert_eq!(text, expected);
         let settings = Settings::parse(&text, Path::new("x")).unwrap();
         let gain = |unit: &str| {
-            let views = &settings.osc.view.units;
-            views.iter().find(|view| view.unit == unit).unwrap().gain
+            let mut views = settings.units.iter();
+            views.find(|view| view.unit == unit).unwrap().gain
         };
         assert_eq!([gain("AU26"), gain("AU12L"), gain("AU9R")], [1.5, 3.0, 1.2]);
     }

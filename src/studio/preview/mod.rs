@@ -56,7 +56,7 @@ pub const OPTIONS: &str =
   --serial  a port or tcp:host:port, any style; --baud N (115200), --full N (100) as serial.full of the sender
   --csv     what mien run --csv wrote, to play, pause and scrub; - for standard input
   --source  a recording, kinect or simulated: followed here, with pictures; --model, --config as for mien
-  --config  the configuration that gains tried on the page are saved in
+  --config  configuration file in which to save gains tried on the page
   --box     ADDRESS:PORT where the box hears commands (osc.listen there); default: the host that sends, port 9131
   --mesh    a head with named morph targets (.glb), also several; default: a head of our own
   --port    where the page is served, PORT or ADDRESS:PORT; default 127.0.0.1:9180; 0 takes a free one

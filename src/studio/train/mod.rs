@@ -24,14 +24,14 @@ pub const OPTIONS: &str = "  --images       folders of annotated portraits
   --drawn        drawn faces; default 18000
   --starts       disturbed starts for each portrait and its mirror image; default 4
   --seed         of everything random; default 1
-  --tracks       tracks of an actor, whose 3D shape the paper's model gets; without, one is drawn
+  --tracks       tracks of an actor, to give the paper's model that actor's 3D shape; default: a rendered actor
   --offsets      where to write the mean offset of each landmark
-  --refine       a model of which only the confidence, and lids and lips from depth, are trained anew
+  --refine       retrains only the confidence, and lids and lips from depth, of this model
   --no-paper     leaves out the paper's appearance model
   --paper-of     keeps the paper's appearance model of this model file
   --paper-into   trains the paper's appearance model alone and puts it into this model file, which otherwise stays the same
   --person       a recording of one person who goes through all expressions: a model of that person alone
-  --hold-out-dev the people for choosing settings stay out too, to measure on them
+  --hold-out-dev also holds out the people used for choosing settings, to measure on them
 ";
 
 mod beards_glasses_hands;

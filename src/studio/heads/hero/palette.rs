@@ -1,6 +1,7 @@
 //! Colours of the hero and how they are put on: sRGB 0…1 unless called linear.
 
 use crate::studio::bake::mesh::Vec3;
+use crate::studio::srgb;
 
 /// Skin without a blush.
 pub(super) const SKIN: [f32; 3] = [0.885, 0.700, 0.605];
@@ -36,12 +37,7 @@ impl Picture {
 
 /// sRGB to linear light (IEC 61966-2-1), both 0…1.
 pub(super) fn linear(v: f32) -> f32 {
-    let v = v.clamp(0.0, 1.0);
-    if v <= 0.04045 {
-        v / 12.92
-    } else {
-        ((v + 0.055) / 1.055).powf(2.4)
-    }
+    srgb::linear(f64::from(v.clamp(0.0, 1.0))) as f32
 }
 
 /// Smooth step from 0 at `a` to 1 at `b`, which may be the smaller.

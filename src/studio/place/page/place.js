@@ -6,7 +6,7 @@ import { View } from "./head.js";
 
 const byId = (id) => document.getElementById(id);
 const HAND = "#5aa9ff";
-const SURE = [[0.7, "#4cc383", "sure"], [0.4, "#ffb74d", "less sure"], [0, "#ff6b5e", "unsure"]];
+const SURE = [[0.7, "#4cc383", "high confidence"], [0.4, "#ffb74d", "medium"], [0, "#ff6b5e", "low"]];
 // Numbers stand above their points, of lower lids and lips below; the corners' beside them.
 const BELOW = new Set([31, 32, 33, 34, 35, 40, 41, 46, 47, 55, 56, 57, 58, 59, 65, 66, 67]);
 const LEFT = new Set([0, 1, 2, 3, 4, 5, 6, 7, 36, 42, 48, 64]);
@@ -204,7 +204,7 @@ function changed() {
   const points = now.points.join();
   const unsaved = points !== saved;
   byId("state").dataset.unsaved = Number(unsaved);
-  byId("state").textContent = !unsaved ? "saved" : past.length ? "unsaved changes" : start.confidence ? "not saved yet" : "as given";
+  byId("state").textContent = !unsaved ? "saved" : past.length ? "unsaved changes" : start.confidence ? "not saved yet" : "no changes";
   byId("undo").disabled = !past.length;
   byId("stale").hidden = bakedOf === null || bakedOf === points;
   document.title = `${unsaved ? "* " : ""}mien place – ${start.name}`;
@@ -217,8 +217,8 @@ function changed() {
     return button;
   }));
   byId("about").textContent = !start.confidence ? "Read from the file given." : unsure.length
-    ? `Found on a picture of the head. ${unsure.length} of them are not sure; look at these first:`
-    : "Found on a picture of the head. Look at them all before you save.";
+    ? `Found in a rendering of the head. Uncertain: ${unsure.length}. Check these first:`
+    : "Found in a rendering of the head. Check them all before saving.";
 }
 
 function undo() {
@@ -350,7 +350,7 @@ async function begin() {
   start = await (await fetch("/start.json")).json();
   now = { points: start.points, places: start.places, normals: start.normals, hand: new Set() };
   byId("why").textContent = start.name;
-  byId("file").textContent = `Save writes ${start.out}${start.exists ? ", which exists and is replaced" : ""}: the vertex numbers that mien-studio bake --landmarks reads.`;
+  byId("file").textContent = `Save writes ${start.out}${start.exists ? ", replacing the existing file" : ""}: the vertex numbers that mien-studio bake --landmarks reads.`;
   byId("mirror").title += start.symmetric ? " (about the middle of the head)" : " (about the middle of the points, as the head is not symmetric)";
   const keys = start.confidence ? SURE.map(([, of, word]) => [of, word]).concat([[HAND, "set by hand"]]) : [[HAND, "as given"]];
   byId("key").replaceChildren(...keys.map(([of, word]) => {

@@ -1,0 +1,25 @@
+//! Colours from sRGB to linear light (IEC 61966-2-1), as glTF wants them.
+
+/// One channel, 0 to 1.
+#[must_use]
+pub fn linear(value: f64) -> f64 {
+    if value <= 0.04045 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::linear;
+
+    #[test]
+    fn half_grey_is_a_fifth_of_the_light_and_the_ends_stay() {
+        assert_eq!(linear(0.0), 0.0);
+        assert!((linear(1.0) - 1.0).abs() < 1e-12);
+        // The standard's own table: 8-bit 128 is 0.215861.
+        assert!((linear(128.0 / 255.0) - 0.215_861).abs() < 1e-6);
+        assert!((linear(0.04045) - 0.003_130_8).abs() < 1e-7);
+    }
+}
