@@ -20,6 +20,7 @@ use super::mesh::{Mesh, Vec3};
 use super::obj;
 use super::order::Ordered;
 use super::patch::Foreign;
+use super::prior::Prior;
 use super::recipe::{Recipe, SHIPPED, Target};
 use super::request::{Request, is_usd};
 use super::rig;
@@ -192,6 +193,8 @@ fn baked(request: &Request, head: &Head, targets: &[Target]) -> Result<Vec<Shape
 /// If something cannot be read, solved or written; nothing half-written is left.
 pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
+    // Unpacked while the mesh is read: it takes as long.
+    std::thread::spawn(Prior::shipped);
     let source = Source::read(request)?;
     let numbers = source.landmarks(request)?;
     let mut ordered = Ordered::new(&source.mesh);

@@ -201,7 +201,11 @@ impl Head {
         // Fitted to the teeth of a sculpted open jaw: below and behind the ear end of the jaw line, where the axis of a
         // jaw that also slides forwards as it opens comes to lie.
         let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
-        let operator = {
+        let normals_and_derived = || {
+            let normals = mesh.vertex_normals(&mesh.positions);
+            derived_points(&mesh, &skin, &normals, &axes, &points, eye_distance)
+        };
+        let operator = || {
             let node: Vec<u32> = (0..n as u32).collect();
             // Landmarks of lids and lips.
             let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
@@ -215,15 +219,8 @@ impl Head {
             };
             Operator::new(&mesh, &node, n, |f| film[f], stiff)
         };
-        let normals = mesh.vertex_normals(&mesh.positions);
-        points.extend(derived_points(
-            &mesh,
-            &skin,
-            &normals,
-            &axes,
-            &points,
-            eye_distance,
-        ));
+        let (operator, derived) = rayon::join(operator, normals_and_derived);
+        points.extend(derived);
 
         let mut head = Self {
             socket: vec![f32::NAN; n],

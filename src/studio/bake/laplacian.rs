@@ -29,8 +29,10 @@ pub struct Operator {
     pub positive: Rows,
     /// Weight ρ/A of each row in the energy; 0 for vertices without area.
     pub weight: Vec<f64>,
-    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy.
+    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy; its rows and columns are vertices in the order of [`Self::elimination`].
     pub energy: Rows,
+    /// All vertices, in an order that leaves few entries in a factor of the energy.
+    pub elimination: Vec<u32>,
     /// A third of the area of the triangles at each vertex, squared units of the mesh.
     pub area: Vec<f64>,
 }
@@ -51,6 +53,19 @@ fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
     Some(([at(0), at(1), at(2)], doubled / 2.0))
 }
 
+/// Sums the weights (a, b, ω) of half-edges.
+fn edges(mut halves: Vec<(u32, u32, f64)>) -> Vec<(u32, u32, f64)> {
+    halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
+    let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(halves.len() / 2);
+    for (a, b, w) in halves {
+        match edges.last_mut() {
+            Some(last) if (last.0, last.1) == (a, b) => last.2 += w,
+            _ => edges.push((a, b, w)),
+        }
+    }
+    edges
+}
+
 impl Operator {
     /// Builds the operators for the positions of `mesh`; `node` maps a vertex to the unknown that carries it (copies of
     /// a point at a seam share one), `nodes` is their number. Faces that pass `skip` tie nothing together; `stiffness` is
@@ -63,7 +78,7 @@ impl Operator {
         skip: impl Fn(usize) -> bool,
         stiffness: impl Fn(usize) -> f64,
     ) -> Self {
-        // Half-edge weights (a, b, ω) with a < b, summed below.
+        // Half-edge weights (a, b, ω) with a < b.
         let mut halves: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.corners.len() * 3);
         let mut area = vec![0.0; nodes];
         let mut add = |v: [u32; 3], share: f64| {
@@ -94,14 +109,7 @@ impl Operator {
                 }
             }
         }
-        halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
-        let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(halves.len() / 2);
-        for (a, b, w) in halves {
-            match edges.last_mut() {
-                Some(last) if (last.0, last.1) == (a, b) => last.2 += w,
-                _ => edges.push((a, b, w)),
-            }
-        }
+        let edges = edges(halves);
         let rows = |weight: &dyn Fn(f64) -> f64| {
             let mut triplets = Vec::with_capacity(edges.len() * 4);
             for &(a, b, w) in &edges {
@@ -122,9 +130,18 @@ impl Operator {
                 }
             })
             .collect();
+        let (positive, (energy, elimination)) = rayon::join(
+            || rows(&|w| w.max(LEAST_WEIGHT)),
+            || {
+                let energy = cotangent.squared(&weight);
+                let elimination = energy.elimination();
+                (energy.reordered(&elimination), elimination)
+            },
+        );
         Self {
-            positive: rows(&|w| w.max(LEAST_WEIGHT)),
-            energy: cotangent.squared(&weight),
+            positive,
+            energy,
+            elimination,
             weight,
             cotangent,
             area,
@@ -138,7 +155,8 @@ impl Operator {
         Self {
             cotangent: self.cotangent.clone(),
             positive: self.positive.clone(),
-            energy: self.cotangent.squared(&weight),
+            energy: self.cotangent.squared(&weight).reordered(&self.elimination),
+            elimination: self.elimination.clone(),
             weight,
             area: self.area.clone(),
         }

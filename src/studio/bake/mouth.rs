@@ -15,7 +15,7 @@ use super::head::smooth;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::nearest::Nearest;
-use super::sparse::Factor;
+use super::sparse::{Factor, Order};
 
 /// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
 const AT_TOOTH: f64 = 0.04;
@@ -84,7 +84,7 @@ impl Piece<'_> {
         for (&v, &share) in self.vertices.iter().zip(&given) {
             value[v as usize] = if share.is_nan() { 0.0 } else { share };
         }
-        let factor = Factor::of(&self.operator.positive, &free, &place, &[]).ok()?;
+        let factor = Factor::of(&self.operator.positive, &free, &place, &[], Order::Found).ok()?;
         let pulled = |&v: &u32| {
             let row = self.operator.positive.row(v as usize);
             let given = row.filter(|&(c, _)| place[c] == u32::MAX);

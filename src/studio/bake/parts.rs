@@ -111,11 +111,9 @@ impl Head {
             self.follow[v] = kind[component[v] as usize];
         }
         self.find_mouth(component, &boxes);
-        for side in 0..2 {
-            self.balls[side] = Ball::of(&self.mesh, &self.axes, |v| {
-                ball_parts[side].contains(&component[v])
-            });
-        }
+        let on = |side: usize, v: usize| ball_parts[side].contains(&component[v]);
+        let ball = |side: usize| Ball::of(&self.mesh, &self.axes, |v| on(side, v));
+        self.balls = rayon::join(|| ball(0), || ball(1)).into();
         // Lashes and the like follow the nearest skin around the opening they stand on.
         let candidates: Vec<u32> = (0..n as u32)
             .filter(|&v| self.skin[v as usize])

@@ -16,6 +16,7 @@ use std::sync::LazyLock;
 
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
+use crate::base::vectors::wide;
 
 /// First bytes of the file.
 const MAGIC: &[u8; 8] = b"mienskn1";
@@ -128,9 +129,24 @@ impl Comparison {
 
     /// Per place and shape: k of one motion with several, before sharpening; `scale` is per place and kind.
     fn alike(&self, one: &Motion, several: &[Motion], scale: &[[f32; 3]]) -> Vec<f32> {
-        let count = several.len();
-        let mut out = vec![0.0; self.places.len() * count];
+        let mut out = vec![0.0; self.places.len() * several.len()];
         for kind in 0..3 {
+            self.add_alike(kind, one, several, |q| scale[q][kind], &mut out);
+        }
+        out
+    }
+
+    /// The share of one kind, added to what there is.
+    fn add_alike(
+        &self,
+        kind: usize,
+        one: &Motion,
+        several: &[Motion],
+        scale: impl Fn(usize) -> f32,
+        out: &mut [f32],
+    ) {
+        wide(|| {
+            let count = several.len();
             let mut products = vec![0.0_f32; one.0[kind].len() * count];
             for (j, d) in one.0[kind].iter().enumerate() {
                 if *d != Vec3::zeros() {
@@ -141,16 +157,16 @@ impl Comparison {
             }
             for (q, row) in self.near[kind].0.iter().enumerate() {
                 let sum = &mut out[q * count..(q + 1) * count];
+                let scale = scale(q);
                 for &(j, w) in row {
-                    let w = w * scale[q][kind];
+                    let w = w * scale;
                     let products = &products[j as usize * count..(j as usize + 1) * count];
                     for (sum, product) in sum.iter_mut().zip(products) {
                         *sum += w * product;
                     }
                 }
             }
-        }
-        out
+        });
     }
 }
 
@@ -177,29 +193,30 @@ impl Prior {
         adds: Vec<Vec3>,
     ) -> Self {
         let (places, count) = (comparison.places.len(), learned.len());
-        let own = |scale: &[[f32; 3]]| {
+        let mut scale = vec![[0.0; 3]; places];
+        let mut square = vec![0.0_f32; places * count];
+        for kind in 0..3 {
+            // k of every learned shape with itself, by this kind alone.
             let mut own = vec![0.0_f32; places * count];
+            let mut one = vec![0.0_f32; places];
             for (s, shape) in learned.iter().enumerate() {
-                let k = comparison.alike(shape, std::slice::from_ref(shape), scale);
-                for (q, k) in k.into_iter().enumerate() {
-                    own[q * count + s] = k;
+                one.fill(0.0);
+                let itself = std::slice::from_ref(shape);
+                comparison.add_alike(kind, shape, itself, |_| 1.0, &mut one);
+                for (q, k) in one.iter().enumerate() {
+                    own[q * count + s] = *k;
                 }
             }
-            own
-        };
-        let mut scale = vec![[0.0; 3]; places];
-        for kind in 0..3 {
-            let mut only = vec![[0.0; 3]; places];
-            for only in &mut only {
-                only[kind] = 1.0;
-            }
             // Each kind says as much as it is told to, whatever its size.
-            for (scale, own) in scale.iter_mut().zip(own(&only).chunks(count)) {
+            for (q, own) in own.chunks(count).enumerate() {
                 let mean = own.iter().sum::<f32>() / count as f32;
-                scale[kind] = SAYS[kind] as f32 / mean.max(1e-20);
+                scale[q][kind] = SAYS[kind] as f32 / mean.max(1e-20);
+                for (square, own) in square[q * count..].iter_mut().zip(own) {
+                    *square += scale[q][kind] * own;
+                }
             }
         }
-        let size = own(&scale).into_iter().map(|k| k.max(0.0).sqrt()).collect();
+        let size = square.into_iter().map(|k| k.max(0.0).sqrt()).collect();
         Self {
             comparison,
             learned,

@@ -19,7 +19,7 @@
 
 use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::sparse::{Factor, Singular};
+use super::sparse::{Factor, Order, Singular};
 
 /// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both chosen on sculpted shapes, where a wide
 /// valley of pairs is equally good.
@@ -65,8 +65,9 @@ impl Default for Settings {
 
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
+    /// The unknown vertices, ascending: what is near in the mesh is near in memory.
     free: Vec<u32>,
-    /// Place of a vertex among the unknowns, `u32::MAX` for what is given.
+    /// Place of a vertex in the order of elimination, `u32::MAX` for what is given.
     place: Vec<u32>,
     factor: Option<Factor>,
     /// Rows of the operator that see an unknown: all that can change.
@@ -83,23 +84,22 @@ impl System {
         area: &[bool],
         given: impl IntoIterator<Item = u32>,
     ) -> Result<Self, Singular> {
-        let mut place = vec![u32::MAX; area.len()];
-        for v in 0..area.len() {
-            if area[v] && operator.area[v] > 0.0 {
-                place[v] = 0;
-            }
-        }
+        let n = area.len();
+        let mut unknown: Vec<bool> = (0..n).map(|v| area[v] && operator.area[v] > 0.0).collect();
         for v in given {
-            place[v as usize] = u32::MAX;
+            unknown[v as usize] = false;
         }
-        let mut free = Vec::new();
-        for (v, place) in place.iter_mut().enumerate() {
-            if *place == 0 {
-                *place = free.len() as u32;
-                free.push(v as u32);
+        // Where a vertex, and its row of the energy, are among the unknowns.
+        let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
+        let mut chosen = Vec::new();
+        for (row, &v) in operator.elimination.iter().enumerate() {
+            if unknown[v as usize] {
+                (place[v as usize], row_place[row]) = (chosen.len() as u32, chosen.len() as u32);
+                chosen.push(row as u32);
             }
         }
-        let mut seen = vec![false; area.len()];
+        let free: Vec<u32> = (0..n as u32).filter(|&v| unknown[v as usize]).collect();
+        let mut seen = vec![false; n];
         let mut rows = Vec::with_capacity(free.len() * 5 / 4);
         for &v in &free {
             for (c, _) in operator.cotangent.row(v as usize) {
@@ -112,7 +112,13 @@ impl System {
         let factor = if free.is_empty() {
             None
         } else {
-            Some(Factor::of(&operator.energy, &free, &place, &[])?)
+            Some(Factor::of(
+                &operator.energy,
+                &chosen,
+                &row_place,
+                &[],
+                Order::Given,
+            )?)
         };
         Ok(Self {
             free,
@@ -140,19 +146,21 @@ impl System {
     ) {
         let Some(factor) = &self.factor else { return };
         // What the given displacements pull, the same in every round.
-        let pull: Vec<Vec3> = self
-            .free
-            .iter()
-            .map(|&v| {
-                operator
-                    .energy
-                    .row(v as usize)
-                    .filter(|&(c, _)| self.place[c] == u32::MAX)
-                    .fold(Vec3::zeros(), |sum, (c, value)| sum - d[c] * value)
-            })
-            .collect();
+        let mut pull = vec![[0.0; 4]; self.free.len()];
+        for (row, &v) in operator.elimination.iter().enumerate() {
+            let moved = d[v as usize];
+            if self.place[v as usize] != u32::MAX || moved == Vec3::zeros() {
+                continue;
+            }
+            for (c, value) in operator.energy.row(row) {
+                let at = self.place[operator.elimination[c] as usize];
+                if at != u32::MAX {
+                    add(&mut pull[at as usize], &(moved * -value));
+                }
+            }
+        }
         // Step 1 with L = L0.
-        self.place(factor, pull.iter().copied(), d);
+        self.place(factor, pull.clone(), d);
         if rounds == 0 {
             return;
         }
@@ -177,32 +185,29 @@ impl System {
                 let share = delta(r as usize) * operator.weight[r as usize];
                 wanted[r as usize] = (restored - l0) * share;
             }
-            let rhs = self
-                .free
-                .iter()
-                .zip(&pull)
-                .map(|(&v, pull)| pull + operator.cotangent.row_times(v as usize, &wanted));
+            let mut rhs = pull.clone();
+            for &v in &self.free {
+                let more = operator.cotangent.row_times(v as usize, &wanted);
+                add(&mut rhs[self.place[v as usize] as usize], &more);
+            }
             self.place(factor, rhs, d);
         }
     }
 
-    /// Solves and stores the unknowns.
-    fn place(&self, factor: &Factor, rhs: impl Iterator<Item = Vec3>, d: &mut [Vec3]) {
-        store(d, &self.free, &solved(factor, rhs));
+    /// Solves and stores the unknowns; `x` has the right-hand sides in the order of elimination.
+    fn place(&self, factor: &Factor, mut x: Vec<[f64; 4]>, d: &mut [Vec3]) {
+        factor.solve(&mut x);
+        for &v in &self.free {
+            let x = &x[self.place[v as usize] as usize];
+            d[v as usize] = Vec3::new(x[0], x[1], x[2]);
+        }
     }
 }
 
-/// Solves for three coordinates.
-fn solved(factor: &Factor, rhs: impl Iterator<Item = Vec3>) -> Vec<[f64; 4]> {
-    // A fourth, empty column fills the registers.
-    let mut x: Vec<[f64; 4]> = rhs.map(|v| [v.x, v.y, v.z, 0.0]).collect();
-    factor.solve(&mut x);
-    x
-}
-
-fn store(d: &mut [Vec3], free: &[u32], solved: &[[f64; 4]]) {
-    for (&v, x) in free.iter().zip(solved) {
-        d[v as usize] = Vec3::new(x[0], x[1], x[2]);
+/// Three coordinates; a fourth, empty one fills the registers.
+fn add(to: &mut [f64; 4], what: &Vec3) {
+    for k in 0..3 {
+        to[k] += what[k];
     }
 }
 
@@ -220,32 +225,46 @@ pub fn plain(
     weight: f64,
 ) -> Result<Vec<Vec<Vec3>>, Singular> {
     let n = active.len();
-    let mut place = vec![u32::MAX; n];
-    let mut free = Vec::new();
-    for v in 0..n {
+    // Unknowns in the order of elimination, and where a row of the energy and a vertex are among them.
+    let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
+    let mut chosen = Vec::new();
+    for (row, &v) in operator.elimination.iter().enumerate() {
+        let v = v as usize;
         if active[v] && !held[v] && operator.area[v] > 0.0 {
-            place[v] = free.len() as u32;
-            free.push(v as u32);
+            (place[v], row_place[row]) = (chosen.len() as u32, chosen.len() as u32);
+            chosen.push(row as u32);
         }
     }
-    let mut diagonal = vec![0.0; free.len()];
+    let mut diagonal = vec![0.0; chosen.len()];
     for &c in controls {
         if place[c as usize] != u32::MAX {
             diagonal[place[c as usize] as usize] += weight * weight;
         }
     }
-    let factor = Factor::of(&operator.energy, &free, &place, &diagonal)?;
+    let factor = Factor::of(
+        &operator.energy,
+        &chosen,
+        &row_place,
+        &diagonal,
+        Order::Given,
+    )?;
     Ok(shapes
         .iter()
         .map(|shape| {
-            let mut rhs = vec![Vec3::zeros(); free.len()];
+            let mut x = vec![[0.0; 4]; chosen.len()];
             for (&c, displacement) in controls.iter().zip(shape) {
                 if place[c as usize] != u32::MAX {
-                    rhs[place[c as usize] as usize] += displacement * (weight * weight);
+                    add(
+                        &mut x[place[c as usize] as usize],
+                        &(displacement * (weight * weight)),
+                    );
                 }
             }
+            factor.solve(&mut x);
             let mut d = vec![Vec3::zeros(); n];
-            store(&mut d, &free, &solved(&factor, rhs.into_iter()));
+            for (&row, x) in chosen.iter().zip(&x) {
+                d[operator.elimination[row as usize] as usize] = Vec3::new(x[0], x[1], x[2]);
+            }
             d
         })
         .collect())

@@ -1,4 +1,5 @@
-//! Symmetric sparse matrices by rows, and their Cholesky factors through `faer` (supernodal, AMD ordering).
+//! Symmetric sparse matrices by rows, and their Cholesky factors through `faer` (supernodal, AMD ordering). Where many parts of
+//! one matrix are factored, it is ordered once: what a part fills in that order, the whole does too.
 //!
 //! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
 //! long for three.
@@ -7,6 +8,8 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::amd;
+use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
@@ -15,6 +18,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Par, Side};
 
 use super::mesh::Vec3;
+use crate::base::vectors::wide;
 
 /// A square matrix by rows; columns of a row ascend.
 #[derive(Clone, Debug)]
@@ -91,6 +95,50 @@ impl Rows {
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
     }
 
+    /// Rows in an order of elimination that leaves few entries in a factor (AMD). All rows of a symmetric matrix.
+    #[must_use]
+    pub fn elimination(&self) -> Vec<u32> {
+        let n = self.len();
+        let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
+        let starts: Vec<u32> = self.starts.iter().map(|&s| s as u32).collect();
+        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &self.columns);
+        let room = amd::order_maybe_unsorted_scratch::<u32>(n, self.columns.len());
+        let stack = &mut MemBuffer::new(room);
+        amd::order_maybe_unsorted(
+            &mut order,
+            &mut place,
+            pattern,
+            amd::Control::default(),
+            MemStack::new(stack),
+        )
+        .expect("memory, and fewer entries than an index can count");
+        order
+    }
+
+    /// Rows and columns in another order: row k of the result is row `order[k]`.
+    #[must_use]
+    pub fn reordered(&self, order: &[u32]) -> Self {
+        let mut place = vec![0_u32; self.len()];
+        for (k, &r) in order.iter().enumerate() {
+            place[r as usize] = k as u32;
+        }
+        let mut out = Self {
+            starts: vec![0],
+            columns: Vec::with_capacity(self.columns.len()),
+            values: Vec::with_capacity(self.columns.len()),
+        };
+        let mut row: Vec<(u32, f64)> = Vec::new();
+        for &r in order {
+            row.clear();
+            row.extend(self.row(r as usize).map(|(c, value)| (place[c], value)));
+            row.sort_unstable_by_key(|entry| entry.0);
+            out.columns.extend(row.iter().map(|entry| entry.0));
+            out.values.extend(row.iter().map(|entry| entry.1));
+            out.starts.push(out.columns.len());
+        }
+        out
+    }
+
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
     #[must_use]
     pub fn squared(&self, weight: &[f64]) -> Self {
@@ -140,6 +188,15 @@ pub struct Singular {
     pub unknowns: usize,
 }
 
+/// In which order unknowns are eliminated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// The one in which they are given: a part of [`Rows::elimination`].
+    Given,
+    /// One found for this part (AMD), which takes about as long as the factor itself.
+    Found,
+}
+
 /// Cholesky factor of the part of a symmetric matrix that belongs to chosen rows and columns.
 pub struct Factor {
     symbolic: SymbolicCholesky<u32>,
@@ -147,7 +204,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Factors `matrix` restricted to `chosen` (ascending), plus `diagonal` (one per chosen row, or empty).
+    /// Factors `matrix` restricted to `chosen`, plus `diagonal` (one per chosen row, or empty).
     /// `place` maps a row to its place in `chosen` or `u32::MAX`.
     ///
     /// # Errors
@@ -157,17 +214,24 @@ impl Factor {
         chosen: &[u32],
         place: &[u32],
         diagonal: &[f64],
+        order: Order,
     ) -> Result<Self, Singular> {
         let n = chosen.len();
         let singular = Singular { unknowns: n };
-        let mut starts = Vec::with_capacity(n + 1);
-        let (mut rows, mut values) = (Vec::new(), Vec::new());
-        starts.push(0_u32);
+        // Both halves by columns, as symmetry lets a row stand for a column: faer reads the upper one of a matrix that it is
+        // not to reorder, and factors the lower one.
+        let (mut starts, mut above_starts) = (vec![0_u32], vec![0_u32]);
+        let (mut rows, mut above, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for (k, &v) in chosen.iter().enumerate() {
             for (c, value) in matrix.row(v as usize) {
                 let at = place[c];
-                // Only the lower half, by columns; symmetry lets a row stand for a column.
-                if at != u32::MAX && at as usize >= k {
+                if at == u32::MAX {
+                    continue;
+                }
+                if at as usize <= k {
+                    above.push(at);
+                }
+                if at as usize >= k {
                     rows.push(at);
                     let more = if at as usize == k && !diagonal.is_empty() {
                         diagonal[k]
@@ -178,14 +242,20 @@ impl Factor {
                 }
             }
             starts.push(rows.len() as u32);
+            above_starts.push(above.len() as u32);
         }
-        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows);
+        let pattern = SymbolicSparseColMatRef::new_unsorted_checked(n, n, &starts, None, &rows);
+        let upper =
+            SymbolicSparseColMatRef::new_unsorted_checked(n, n, &above_starts, None, &above);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
         };
-        let ordering = SymmetricOrdering::Amd;
-        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, ordering, params)
+        let ordering = match order {
+            Order::Given => SymmetricOrdering::Identity,
+            Order::Found => SymmetricOrdering::Amd,
+        };
+        let symbolic = factorize_symbolic_cholesky(upper, Side::Upper, ordering, params)
             .map_err(|_| singular.clone())?;
         let mut factor = vec![0.0; symbolic.len_val()];
         let room = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
@@ -221,9 +291,24 @@ impl Factor {
         let SymbolicCholeskyRaw::Supernodal(blocks) = self.symbolic.raw() else {
             unreachable!("supernodes were forced");
         };
-        let order = self.symbolic.perm().map(|p| p.arrays().0);
-        let order = order.expect("an ordering was asked for");
+        let Some(order) = self.symbolic.perm().map(|p| p.arrays().0) else {
+            wide(|| self.substitute(blocks, x));
+            return;
+        };
         let mut y: Vec<[f64; K]> = order.iter().map(|&old| x[old as usize]).collect();
+        wide(|| self.substitute(blocks, &mut y));
+        for (&old, y) in order.iter().zip(y) {
+            x[old as usize] = y;
+        }
+    }
+
+    /// Forwards and back, in the order of elimination.
+    #[inline(always)]
+    fn substitute<const K: usize>(
+        &self,
+        blocks: &SymbolicSupernodalCholesky<u32>,
+        y: &mut [[f64; K]],
+    ) {
         let mut below: Vec<[f64; K]> = Vec::new();
         let block = |s: usize| {
             let from = blocks.supernode_begin()[s] as usize;
@@ -272,9 +357,6 @@ impl Factor {
                 y[from + j] = own.map(|v| v / top[j]);
             }
         }
-        for (&old, y) in order.iter().zip(y) {
-            x[old as usize] = y;
-        }
     }
 }
 
@@ -321,7 +403,7 @@ mod tests {
         let l = path(6);
         let chosen = [1, 2, 3, 4];
         let place = [u32::MAX, 0, 1, 2, 3, u32::MAX];
-        let factor = Factor::of(&l, &chosen, &place, &[]).unwrap();
+        let factor = Factor::of(&l, &chosen, &place, &[], Order::Found).unwrap();
         // Ends held at 0 and 5: the last unknown feels the pull of 5.
         let mut x = [[0.0, 1.0]; 4];
         x[3][0] = 5.0;
@@ -330,7 +412,7 @@ mod tests {
             assert!((value[0] - (k + 1) as f64).abs() < 1e-12);
         }
         let all: Vec<u32> = (0..6).collect();
-        assert!(Factor::of(&l, &all, &all, &[]).is_err());
+        assert!(Factor::of(&l, &all, &all, &[], Order::Found).is_err());
     }
 
     #[test]
@@ -351,23 +433,56 @@ mod tests {
         }
         let n = (SIDE * SIDE) as usize;
         let square = Rows::from_triplets(n, &triplets).squared(&vec![1.0; n]);
-        let all: Vec<u32> = (0..SIDE * SIDE).collect();
-        let factor = Factor::of(&square, &all, &all, &vec![0.1; n]).unwrap();
         let mut random = fastrand::Rng::with_seed(3);
         let truth: Vec<Vec3> = (0..n).map(|_| Vec3::from_fn(|_, _| random.f64())).collect();
-        let mut x: Vec<[f64; 3]> = (0..n)
-            .map(|r| (square.row_times(r, &truth) + truth[r] * 0.1).into())
-            .collect();
+        let mut eliminated = square.elimination();
+        let mut place = vec![u32::MAX; n];
+        for (k, &v) in eliminated.iter().enumerate() {
+            place[v as usize] = k as u32;
+        }
+        assert!(!place.contains(&u32::MAX));
+        let by_number: Vec<u32> = (0..SIDE * SIDE).collect();
+        let whole = [(&by_number, Order::Found), (&eliminated, Order::Given)];
+        for (chosen, order) in whole {
+            let mut place = place.clone();
+            for (k, &v) in chosen.iter().enumerate() {
+                place[v as usize] = k as u32;
+            }
+            let factor = Factor::of(&square, chosen, &place, &vec![0.1; n], order).unwrap();
+            let mut x: Vec<[f64; 3]> = chosen
+                .iter()
+                .map(|&r| (square.row_times(r as usize, &truth) + truth[r as usize] * 0.1).into())
+                .collect();
+            factor.solve(&mut x);
+            for (x, &v) in x.iter().zip(chosen) {
+                assert!((Vec3::from(*x) - truth[v as usize]).norm() < 1e-9);
+            }
+        }
+        // A part of the order serves a part of the matrix: half of the grid, the other half given as 0.
+        eliminated.retain(|&v| v % SIDE < SIDE / 2);
+        place.fill(u32::MAX);
+        for (k, &v) in eliminated.iter().enumerate() {
+            place[v as usize] = k as u32;
+        }
+        let factor = Factor::of(&square, &eliminated, &place, &[], Order::Given).unwrap();
+        let mut half = truth.clone();
+        for (half, &place) in half.iter_mut().zip(&place) {
+            if place == u32::MAX {
+                *half = Vec3::zeros();
+            }
+        }
+        let times = |&v: &u32| square.row_times(v as usize, &half).into();
+        let mut x: Vec<[f64; 3]> = eliminated.iter().map(times).collect();
         factor.solve(&mut x);
-        for (x, truth) in x.iter().zip(&truth) {
-            assert!((Vec3::from(*x) - truth).norm() < 1e-9);
+        for (x, &v) in x.iter().zip(&eliminated) {
+            assert!((Vec3::from(*x) - half[v as usize]).norm() < 1e-9);
         }
     }
 
     #[test]
     fn nothing_unknown_is_solved_by_nothing() {
         let nothing = Rows::from_triplets(3, &[]);
-        let factor = Factor::of(&nothing, &[], &[u32::MAX; 3], &[]).unwrap();
+        let factor = Factor::of(&nothing, &[], &[u32::MAX; 3], &[], Order::Found).unwrap();
         assert_eq!(factor.unknowns(), 0);
         factor.solve::<3>(&mut []);
     }

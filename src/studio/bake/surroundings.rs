@@ -25,6 +25,8 @@ pub struct Scratch {
     wanted: Vec<u8>,
     one: Vec<Vec3>,
     two: Vec<Vec3>,
+    /// Normals of triangles, as long as twice their area, where they are marked.
+    normal: Vec<Vec3>,
     /// Marks of triangles, all unset between uses.
     seen: Vec<bool>,
 }
@@ -82,6 +84,7 @@ impl Surroundings {
             wanted: vec![0; n],
             one: vec![Vec3::zeros(); n],
             two: vec![Vec3::zeros(); n],
+            normal: vec![Vec3::zeros(); self.triangles.len()],
             seen: vec![false; self.triangles.len()],
         }
     }
@@ -132,12 +135,12 @@ impl Surroundings {
         some: &[u32],
         scratch: &mut Scratch,
     ) -> Vec<(f64, f64)> {
-        let normal = |k: u32| {
-            let [a, b, c] = self.triangles[k as usize].map(|v| p(v as usize));
-            (b - a).cross(&(c - a))
-        };
         let Scratch {
-            wanted, one, two, ..
+            wanted,
+            one,
+            two,
+            normal,
+            seen,
         } = scratch;
         // Sums are made once for every vertex that is needed.
         let mut corners = Vec::new();
@@ -159,8 +162,23 @@ impl Surroundings {
             }
         }
         for &v in &all {
-            one[v as usize] = self.around(v).iter().map(|&k| normal(k)).sum();
+            let mut sum = Vec3::zeros();
+            for &k in self.around(v) {
+                let k = k as usize;
+                if !seen[k] {
+                    seen[k] = true;
+                    let [a, b, c] = self.triangles[k].map(|v| p(v as usize));
+                    normal[k] = (b - a).cross(&(c - a));
+                }
+                sum += normal[k];
+            }
+            one[v as usize] = sum;
+        }
+        for &v in &all {
             wanted[v as usize] = 0;
+            for &k in self.around(v) {
+                seen[k as usize] = false;
+            }
         }
         for &v in &corners {
             let ring = head.rings.of(v as usize).iter();
@@ -168,7 +186,7 @@ impl Surroundings {
         }
         some.iter()
             .map(|&k| {
-                let n = normal(k);
+                let n = normal[k as usize];
                 let around: Vec3 = self.triangles[k as usize]
                     .iter()
                     .map(|&v| two[v as usize])
