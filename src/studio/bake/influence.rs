@@ -116,17 +116,19 @@ impl Field {
         }
         let mut place = vec![u32::MAX; positions.len()];
         let mut free = Vec::new();
-        for v in 0..positions.len() {
+        // The energy's order does as well here, and is known.
+        for &vertex in &operator.elimination {
+            let v = vertex as usize;
             if active[v] && owner[v] == u32::MAX && operator.area[v] > 0.0 {
                 place[v] = free.len() as u32;
-                free.push(v as u32);
+                free.push(vertex);
             }
         }
         let screen: Vec<f64> = free
             .iter()
             .map(|&v| operator.area[v as usize] / (lambda * lambda))
             .collect();
-        let factor = Factor::of(&operator.positive, &free, &place, &screen, Order::Found)?;
+        let factor = Factor::of(&operator.positive, &free, &place, &screen, Order::Given)?;
         let mut pull = Vec::new();
         for (k, &v) in free.iter().enumerate() {
             for (c, value) in operator.positive.row(v as usize) {

@@ -99,41 +99,16 @@ pub fn bake_with(
 ) -> Result<Vec<Shape>, Singular> {
     faer::set_global_parallelism(faer::Par::Seq);
     let w = head.eye_distance;
-    // One field per set of control vertices; a recipe has one set, a table of controls may have several.
-    let mut sets: Vec<(Vec<u32>, Vec<usize>)> = Vec::new();
-    for (k, target) in targets.iter().enumerate() {
-        let mut vertices: Vec<u32> = target
-            .controls
-            .iter()
-            .map(|c| c.0)
-            .filter(|v| !head.points[LANDMARKS..].contains(v))
-            .collect();
-        vertices.sort_unstable();
-        vertices.dedup();
-        match sets.iter_mut().find(|(set, _)| *set == vertices) {
-            Some((_, members)) => members.push(k),
-            None => sets.push((vertices, vec![k])),
-        }
-    }
-    let mut influence: Vec<Vec<f64>> = vec![Vec::new(); targets.len()];
-    for (vertices, members) in &sets {
-        let lengths: Vec<Vec<f64>> = members
-            .iter()
-            .map(|&k| {
-                let goal = goals(head, &targets[k]);
-                vertices.iter().map(|v| goal[v].norm()).collect()
-            })
-            .collect();
-        let spread = spread(head, vertices, &lengths, settings)?;
-        for (&k, u) in members.iter().zip(spread) {
-            influence[k] = u;
-        }
-    }
-    let around = Surroundings::new(head);
-    let contacts = Contacts::new(head);
-    let learned = prior
-        .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
-        .and_then(|prior| Canonical::new(head, prior));
+    let learned = || {
+        prior
+            .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
+            .and_then(|prior| Canonical::new(head, prior))
+    };
+    let (influence, (around, contacts, learned)) = rayon::join(
+        || fields(head, targets, settings),
+        || (Surroundings::new(head), Contacts::new(head), learned()),
+    );
+    let influence = influence?;
     let whole = match method {
         Method::Aoi => None,
         Method::Paper => Some(printed(head, targets)?),
@@ -300,24 +275,48 @@ fn landmarks_alone(head: &Head, target: &Target) -> Target {
     alone
 }
 
-/// Influence per shape: the screened field of the landmarks.
-fn spread(
-    head: &Head,
-    vertices: &[u32],
-    lengths: &[Vec<f64>],
-    settings: &Settings,
-) -> Result<Vec<Vec<f64>>, Singular> {
+/// Influence per shape: the screened field of its landmarks.
+fn fields(head: &Head, targets: &[Target], settings: &Settings) -> Result<Vec<Vec<f64>>, Singular> {
     let w = head.eye_distance;
-    let field = Field::new(
-        &head.operator,
-        &head.rings,
-        &head.mesh.positions,
-        &head.skin,
-        vertices,
-        settings.reach * w,
-        settings.disc * w,
-    )?;
-    Ok(field.spread(lengths))
+    // One field per set of control vertices; a recipe has one set, a table of controls may have several.
+    let mut sets: Vec<(Vec<u32>, Vec<usize>)> = Vec::new();
+    for (k, target) in targets.iter().enumerate() {
+        let mut vertices: Vec<u32> = target
+            .controls
+            .iter()
+            .map(|c| c.0)
+            .filter(|v| !head.points[LANDMARKS..].contains(v))
+            .collect();
+        vertices.sort_unstable();
+        vertices.dedup();
+        match sets.iter_mut().find(|(set, _)| *set == vertices) {
+            Some((_, members)) => members.push(k),
+            None => sets.push((vertices, vec![k])),
+        }
+    }
+    let mut influence: Vec<Vec<f64>> = vec![Vec::new(); targets.len()];
+    for (vertices, members) in &sets {
+        let field = Field::new(
+            &head.operator,
+            &head.rings,
+            &head.mesh.positions,
+            &head.skin,
+            vertices,
+            settings.reach * w,
+            settings.disc * w,
+        )?;
+        let lengths: Vec<Vec<f64>> = members
+            .iter()
+            .map(|&k| {
+                let goal = goals(head, &targets[k]);
+                vertices.iter().map(|v| goal[v].norm()).collect()
+            })
+            .collect();
+        for (&k, u) in members.iter().zip(field.spread(&lengths)) {
+            influence[k] = u;
+        }
+    }
+    Ok(influence)
 }
 
 /// The comparison method on the whole skin.

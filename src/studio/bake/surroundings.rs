@@ -120,10 +120,17 @@ impl Surroundings {
                 }
             }
         }
+        // Ascending; where there are many, all marks are read sooner than some numbers sorted.
+        if found.len() > self.triangles.len() / 32 {
+            let all = 0..self.triangles.len() as u32;
+            found.clear();
+            found.extend(all.filter(|&k| scratch.seen[k as usize]));
+        } else {
+            found.sort_unstable();
+        }
         for &k in &found {
             scratch.seen[k as usize] = false;
         }
-        found.sort_unstable();
         found
     }
 
