@@ -23,6 +23,7 @@ use mien::studio::bake::render::{View, draw};
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::Settings;
+use mien::studio::bake::surroundings::Surroundings;
 
 fn data(name: &str) -> Option<PathBuf> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
@@ -473,6 +474,52 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
             );
             assert!(apart[0].0 < 0.1, "{}", apart[0].1);
         }
+    }
+}
+
+#[test]
+fn triangles_that_see_a_change_are_found_once_and_in_order() {
+    let Some(folder) = data("ict_facekit") else {
+        return;
+    };
+    let text = std::fs::read_to_string(folder.join("generic_neutral_mesh.obj")).unwrap();
+    let landmarks = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
+    let landmarks: Vec<u64> = landmarks
+        .split_whitespace()
+        .map(|word| word.parse().unwrap())
+        .collect();
+    let head = Head::new(obj::parse(&text).unwrap(), &landmarks).unwrap();
+    let around = Surroundings::new(&head);
+    let mut scratch = around.scratch();
+    let skin = (0..head.mesh.faces())
+        .filter(|&f| !head.film[f] && head.skin[head.mesh.face(f)[0].vertex as usize]);
+    let triangles: Vec<[u32; 3]> = skin
+        .flat_map(|f| {
+            let face = head.mesh.face(f);
+            let split = head.mesh.split(f);
+            split.into_iter().map(|t| t.map(|k| face[k].vertex))
+        })
+        .collect();
+    let vertices = head.mesh.positions.len() as u32;
+    // So few that they are sorted, and so many that all marks are read.
+    for changed in [
+        vec![landmarks[8] as u32],
+        (0..vertices).step_by(9).collect(),
+    ] {
+        let mut near = vec![false; vertices as usize];
+        let mut edge = changed.clone();
+        for _ in 0..3 {
+            for &v in &edge {
+                near[v as usize] = true;
+            }
+            let ring = edge.iter().flat_map(|&v| head.rings.of(v as usize));
+            edge = ring.copied().collect();
+        }
+        let sees = |t: &[u32; 3]| t.iter().any(|&v| near[v as usize]);
+        let numbers = 0..triangles.len() as u32;
+        let expected: Vec<u32> = numbers.filter(|&k| sees(&triangles[k as usize])).collect();
+        assert_eq!(around.seeing(&head, &changed, &mut scratch), expected);
+        assert!(changed.len() > 1 || expected.len() * 32 < triangles.len());
     }
 }
 

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
-use super::sparse::{Factor, Order, Singular};
+use super::sparse::{Factor, Singular};
 
 /// Equation (12) as printed: `steps` rounds; `controls` are (vertex, displacement), `weight` is ω of a control point (others
 /// have 1). Returns d per vertex. Vertices without neighbours keep 0.
@@ -128,7 +128,7 @@ impl Field {
             .iter()
             .map(|&v| operator.area[v as usize] / (lambda * lambda))
             .collect();
-        let factor = Factor::of(&operator.positive, &free, &place, &screen, Order::Given)?;
+        let factor = Factor::of(&operator.positive, &free, &place, &screen)?;
         let mut pull = Vec::new();
         for (k, &v) in free.iter().enumerate() {
             for (c, value) in operator.positive.row(v as usize) {

@@ -15,7 +15,7 @@ use super::head::smooth;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::nearest::Nearest;
-use super::sparse::{Factor, Order};
+use super::sparse::Factor;
 
 /// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
 const AT_TOOTH: f64 = 0.04;
@@ -59,7 +59,7 @@ impl Piece<'_> {
     pub(super) fn shares(&self) -> Option<Vec<f64>> {
         let touch = AT_TOOTH * self.eye_distance;
         let mut place = vec![u32::MAX; self.positions.len()];
-        let (mut free, mut given) = (Vec::new(), vec![f64::NAN; self.vertices.len()]);
+        let mut given = vec![f64::NAN; self.vertices.len()];
         let mut touched = [false; 2];
         for (k, &v) in self.vertices.iter().enumerate() {
             let p = &self.positions[v as usize];
@@ -73,18 +73,22 @@ impl Piece<'_> {
                 given[k] = row as f64;
                 touched[row] = true;
             } else if self.operator.area[v as usize] > 0.0 {
-                place[v as usize] = free.len() as u32;
-                free.push(v);
+                place[v as usize] = 0;
             }
         }
         if touched != [true; 2] {
             return None;
         }
+        let eliminated = self.operator.elimination.iter().copied();
+        let free: Vec<u32> = eliminated.filter(|&v| place[v as usize] == 0).collect();
+        for (k, &v) in free.iter().enumerate() {
+            place[v as usize] = k as u32;
+        }
         let mut value = vec![0.0; self.positions.len()];
         for (&v, &share) in self.vertices.iter().zip(&given) {
             value[v as usize] = if share.is_nan() { 0.0 } else { share };
         }
-        let factor = Factor::of(&self.operator.positive, &free, &place, &[], Order::Found).ok()?;
+        let factor = Factor::of(&self.operator.positive, &free, &place, &[]).ok()?;
         let pulled = |&v: &u32| {
             let row = self.operator.positive.row(v as usize);
             let given = row.filter(|&(c, _)| place[c] == u32::MAX);

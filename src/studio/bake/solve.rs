@@ -19,7 +19,7 @@
 
 use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::sparse::{Factor, Order, Singular};
+use super::sparse::{Factor, Singular};
 
 /// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both chosen on sculpted shapes, where a wide
 /// valley of pairs is equally good.
@@ -112,13 +112,7 @@ impl System {
         let factor = if free.is_empty() {
             None
         } else {
-            Some(Factor::of(
-                &operator.energy,
-                &chosen,
-                &row_place,
-                &[],
-                Order::Given,
-            )?)
+            Some(Factor::of(&operator.energy, &chosen, &row_place, &[])?)
         };
         Ok(Self {
             free,
@@ -241,13 +235,7 @@ pub fn plain(
             diagonal[place[c as usize] as usize] += weight * weight;
         }
     }
-    let factor = Factor::of(
-        &operator.energy,
-        &chosen,
-        &row_place,
-        &diagonal,
-        Order::Given,
-    )?;
+    let factor = Factor::of(&operator.energy, &chosen, &row_place, &diagonal)?;
     Ok(shapes
         .iter()
         .map(|shape| {

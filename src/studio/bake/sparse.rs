@@ -1,5 +1,5 @@
-//! Symmetric sparse matrices by rows, and their Cholesky factors through `faer` (supernodal, AMD ordering). Where many parts of
-//! one matrix are factored, it is ordered once: what a part fills in that order, the whole does too.
+//! Symmetric sparse matrices by rows, and Cholesky factors of their parts through `faer` (supernodal). The whole matrix is
+//! ordered once (AMD): in that order a part never fills in more than the whole does.
 //!
 //! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
 //! long for three.
@@ -95,7 +95,10 @@ impl Rows {
             .fold(Vec3::zeros(), |sum, (c, v)| sum + field[c] * v)
     }
 
-    /// Rows in an order of elimination that leaves few entries in a factor (AMD). All rows of a symmetric matrix.
+    /// The rows of a symmetric matrix in an order of elimination that leaves few entries in a factor (AMD).
+    ///
+    /// # Panics
+    /// If memory ends.
     #[must_use]
     pub fn elimination(&self) -> Vec<u32> {
         let n = self.len();
@@ -188,15 +191,6 @@ pub struct Singular {
     pub unknowns: usize,
 }
 
-/// In which order unknowns are eliminated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// The one in which they are given: a part of [`Rows::elimination`].
-    Given,
-    /// One found for this part (AMD), which takes about as long as the factor itself.
-    Found,
-}
-
 /// Cholesky factor of the part of a symmetric matrix that belongs to chosen rows and columns.
 pub struct Factor {
     symbolic: SymbolicCholesky<u32>,
@@ -204,8 +198,8 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Factors `matrix` restricted to `chosen`, plus `diagonal` (one per chosen row, or empty).
-    /// `place` maps a row to its place in `chosen` or `u32::MAX`.
+    /// Factors `matrix` restricted to `chosen`, plus `diagonal` (one per chosen row, or empty). Unknowns are eliminated as
+    /// chosen: in the order of [`Rows::elimination`] few entries arise. `place` maps a row to its place in `chosen` or `u32::MAX`.
     ///
     /// # Errors
     /// If the restricted matrix is not positive definite.
@@ -214,12 +208,11 @@ impl Factor {
         chosen: &[u32],
         place: &[u32],
         diagonal: &[f64],
-        order: Order,
     ) -> Result<Self, Singular> {
         let n = chosen.len();
         let singular = Singular { unknowns: n };
-        // Both halves by columns, as symmetry lets a row stand for a column: faer reads the upper one of a matrix that it is
-        // not to reorder, and factors the lower one.
+        // Both halves by columns, as symmetry lets a row stand for a column: faer analyses the upper one of a matrix that it
+        // does not reorder, and factors the lower one.
         let (mut starts, mut above_starts) = (vec![0_u32], vec![0_u32]);
         let (mut rows, mut above, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for (k, &v) in chosen.iter().enumerate() {
@@ -251,10 +244,7 @@ impl Factor {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
         };
-        let ordering = match order {
-            Order::Given => SymmetricOrdering::Identity,
-            Order::Found => SymmetricOrdering::Amd,
-        };
+        let ordering = SymmetricOrdering::Identity;
         let symbolic = factorize_symbolic_cholesky(upper, Side::Upper, ordering, params)
             .map_err(|_| singular.clone())?;
         let mut factor = vec![0.0; symbolic.len_val()];
@@ -291,18 +281,10 @@ impl Factor {
         let SymbolicCholeskyRaw::Supernodal(blocks) = self.symbolic.raw() else {
             unreachable!("supernodes were forced");
         };
-        let Some(order) = self.symbolic.perm().map(|p| p.arrays().0) else {
-            wide(|| self.substitute(blocks, x));
-            return;
-        };
-        let mut y: Vec<[f64; K]> = order.iter().map(|&old| x[old as usize]).collect();
-        wide(|| self.substitute(blocks, &mut y));
-        for (&old, y) in order.iter().zip(y) {
-            x[old as usize] = y;
-        }
+        wide(|| self.substitute(blocks, x));
     }
 
-    /// Forwards and back, in the order of elimination.
+    /// Forwards and back.
     #[inline(always)]
     fn substitute<const K: usize>(
         &self,
@@ -403,7 +385,7 @@ mod tests {
         let l = path(6);
         let chosen = [1, 2, 3, 4];
         let place = [u32::MAX, 0, 1, 2, 3, u32::MAX];
-        let factor = Factor::of(&l, &chosen, &place, &[], Order::Found).unwrap();
+        let factor = Factor::of(&l, &chosen, &place, &[]).unwrap();
         // Ends held at 0 and 5: the last unknown feels the pull of 5.
         let mut x = [[0.0, 1.0]; 4];
         x[3][0] = 5.0;
@@ -412,7 +394,7 @@ mod tests {
             assert!((value[0] - (k + 1) as f64).abs() < 1e-12);
         }
         let all: Vec<u32> = (0..6).collect();
-        assert!(Factor::of(&l, &all, &all, &[], Order::Found).is_err());
+        assert!(Factor::of(&l, &all, &all, &[]).is_err());
     }
 
     #[test]
@@ -442,13 +424,12 @@ mod tests {
         }
         assert!(!place.contains(&u32::MAX));
         let by_number: Vec<u32> = (0..SIDE * SIDE).collect();
-        let whole = [(&by_number, Order::Found), (&eliminated, Order::Given)];
-        for (chosen, order) in whole {
+        for chosen in [&by_number, &eliminated] {
             let mut place = place.clone();
             for (k, &v) in chosen.iter().enumerate() {
                 place[v as usize] = k as u32;
             }
-            let factor = Factor::of(&square, chosen, &place, &vec![0.1; n], order).unwrap();
+            let factor = Factor::of(&square, chosen, &place, &vec![0.1; n]).unwrap();
             let mut x: Vec<[f64; 3]> = chosen
                 .iter()
                 .map(|&r| (square.row_times(r as usize, &truth) + truth[r as usize] * 0.1).into())
@@ -464,7 +445,7 @@ mod tests {
         for (k, &v) in eliminated.iter().enumerate() {
             place[v as usize] = k as u32;
         }
-        let factor = Factor::of(&square, &eliminated, &place, &[], Order::Given).unwrap();
+        let factor = Factor::of(&square, &eliminated, &place, &[]).unwrap();
         let mut half = truth.clone();
         for (half, &place) in half.iter_mut().zip(&place) {
             if place == u32::MAX {
@@ -482,7 +463,7 @@ mod tests {
     #[test]
     fn nothing_unknown_is_solved_by_nothing() {
         let nothing = Rows::from_triplets(3, &[]);
-        let factor = Factor::of(&nothing, &[], &[u32::MAX; 3], &[], Order::Found).unwrap();
+        let factor = Factor::of(&nothing, &[], &[u32::MAX; 3], &[]).unwrap();
         assert_eq!(factor.unknowns(), 0);
         factor.solve::<3>(&mut []);
     }
