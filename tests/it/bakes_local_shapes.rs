@@ -477,6 +477,86 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
     }
 }
 
+/// ICT FaceKit's head as another person's: its hundred identities at random, as likely as they are in people.
+fn another_person(seed: u64) -> Option<(Mesh, Vec<u64>)> {
+    let folder = data("ict_facekit")?;
+    let text = std::fs::read_to_string(folder.join("generic_neutral_mesh.obj")).unwrap();
+    let landmarks = std::fs::read_to_string(folder.join("landmarks68.txt")).unwrap();
+    let landmarks = landmarks.split_whitespace().map(|w| w.parse().unwrap());
+    let mut mesh = obj::parse(&text).unwrap();
+    let mut random = fastrand::Rng::with_seed(seed);
+    for k in 0..100 {
+        // Twelve even numbers add up to nearly a normal one.
+        let weight = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
+        let path = folder.join(format!("id/identity{k:03}.f32"));
+        let bytes = std::fs::read(path).unwrap();
+        let numbers = bytes
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|b| f32::from_le_bytes(*b));
+        let numbers: Vec<f64> = numbers.map(f64::from).collect();
+        for (p, d) in mesh.positions.iter_mut().zip(numbers.as_chunks::<3>().0) {
+            *p += Vec3::from(*d) * weight;
+        }
+    }
+    Some((mesh, landmarks.collect()))
+}
+
+#[test]
+fn heads_of_other_people_are_baked_and_their_landmarks_found() {
+    let model = FaceModel::shipped();
+    let parts = [
+        ("jaw", 0..17),
+        ("brows", 17..27),
+        ("nose", 27..36),
+        ("eyes", 36..48),
+        ("lips", 48..60),
+        ("inner lips", 60..68),
+    ];
+    let (mut sums, mut turned) = ([0.0; 6], 0);
+    for seed in 1..=6 {
+        let Some((mesh, landmarks)) = another_person(seed) else {
+            return;
+        };
+        let found = locate(&mesh, &model).unwrap().vertices;
+        let at = |v: u64| mesh.positions[v as usize];
+        let eyes = (at(landmarks[39]) - at(landmarks[42])).norm();
+        let off = parts.clone().map(|(_, part)| {
+            let count = part.len() as f64;
+            let off = part.map(|k| (at(landmarks[k]) - at(found[k])).norm() / eyes);
+            off.sum::<f64>() / count
+        });
+        for (sum, off) in sums.iter_mut().zip(off) {
+            *sum += off / 6.0;
+        }
+        let head = Head::new(mesh, &landmarks).unwrap();
+        let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
+        let settings = Settings::default();
+        let shapes = rig::bake(&head, &targets, &settings, Method::Aoi, &|_| ()).unwrap();
+        let judge = Judge::new(&head);
+        let (mut inverted, mut gap) = (0, 0.0_f64);
+        for k in 0..shapes.len() {
+            let figures = judge.judge(&shapes, k);
+            inverted += figures.inverted;
+            gap = gap.max(figures.lid_gap.unwrap_or(0.0));
+            assert!(figures.outside == 0.0, "{} leaks", shapes[k].name);
+        }
+        turned += inverted;
+        println!(
+            "person {seed}: {inverted} inverted triangles, lids {gap:.3} apart; landmarks off {off:.3?}"
+        );
+        assert!(gap < 0.08 && inverted <= 16, "person {seed}");
+    }
+    println!("{turned} inverted triangles; landmarks off by {sums:.3?} eye distances");
+    for ((name, _), (off, most)) in parts
+        .iter()
+        .zip(sums.iter().zip([0.13, 0.12, 0.06, 0.06, 0.06, 0.06]))
+    {
+        assert!(*off < most, "{name}: {off:.3}");
+    }
+}
+
 #[test]
 fn triangles_that_see_a_change_are_found_once_and_in_order() {
     let Some(folder) = data("ict_facekit") else {

@@ -188,15 +188,12 @@ pub(super) fn relax(
                 }
             }
         }
-        // Slivers in a fold outlast all smoothing: in the second half they and more and more around them move as one,
-        // except at lids that meet, which that would open.
-        let together = if closes {
-            0
-        } else {
-            (round + 1).saturating_sub(ROUNDS / 2).div_ceil(GROW_EVERY)
-        };
+        // Slivers in a fold outlast all smoothing: in the second half they and more and more around them move as one; at lids
+        // that meet they alone do, as more would open these.
+        let late = (round + 1).saturating_sub(ROUNDS / 2);
+        let together = if closes { 0 } else { late.div_ceil(GROW_EVERY) };
         let free = |v: u32| area[v as usize] && !held[v as usize];
-        if together > 0 {
+        if late > 0 {
             for t in &inverted {
                 let mut cluster = t.to_vec();
                 for _ in 0..together {
