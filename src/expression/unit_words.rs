@@ -1,7 +1,7 @@
 //! Names of the action units: FACS, plain, ARKit, and a description of what the face does.
 //!
-//! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L` and `R` are
-//! the subject's own left and right.
+//! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L`
+//! and `R` are the subject's own left and right.
 
 /// What one unit is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

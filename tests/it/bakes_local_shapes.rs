@@ -1,5 +1,6 @@
 //! Baked shapes: close to sculpted ones, still outside their area, no triangle turned over, lids on the eyeball.
 //! Needs the heads of the shared data (`MIEN_DATA`); without them it says so and passes.
+//! One file: the same heads serve every promise.
 #![cfg(feature = "studio")]
 
 use std::collections::HashMap;

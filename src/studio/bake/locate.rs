@@ -8,6 +8,7 @@
 //! Frame: y up, the face towards z (or, tried if nothing is found there, −z or ±x). Units: the mesh's; pictures in pixels.
 //! Cost: about 60 fits, well below a second. Limits: the model has learned photographs, not plaster: a face without brows
 //! and lips in colour is placed to some hundredths of its width, so that the picture wants a look.
+//! One file: from a mesh to its 68 vertices, each step used by the next only.
 
 use image::RgbImage;
 use nalgebra::Matrix3;

@@ -63,6 +63,37 @@ impl Default for Settings {
     }
 }
 
+/// Unknown vertices in the order in which they are eliminated.
+struct Unknowns {
+    /// Their rows of the energy.
+    rows: Vec<u32>,
+    /// Place of a vertex among them, `u32::MAX` for what is given.
+    place: Vec<u32>,
+    /// The same of a row of the energy.
+    row_place: Vec<u32>,
+}
+
+impl Unknowns {
+    /// The vertices with area that pass.
+    fn new(operator: &Operator, passes: impl Fn(usize) -> bool) -> Self {
+        let n = operator.elimination.len();
+        let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
+        let mut rows = Vec::new();
+        for (row, &v) in operator.elimination.iter().enumerate() {
+            let v = v as usize;
+            if operator.area[v] > 0.0 && passes(v) {
+                (place[v], row_place[row]) = (rows.len() as u32, rows.len() as u32);
+                rows.push(row as u32);
+            }
+        }
+        Self {
+            rows,
+            place,
+            row_place,
+        }
+    }
+}
+
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
     /// The unknown vertices, ascending: what is near in the mesh is near in memory.
@@ -85,20 +116,15 @@ impl System {
         given: impl IntoIterator<Item = u32>,
     ) -> Result<Self, Singular> {
         let n = area.len();
-        let mut unknown: Vec<bool> = (0..n).map(|v| area[v] && operator.area[v] > 0.0).collect();
+        let mut unknown = area.to_vec();
         for v in given {
             unknown[v as usize] = false;
         }
-        // Where a vertex, and its row of the energy, are among the unknowns.
-        let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
-        let mut chosen = Vec::new();
-        for (row, &v) in operator.elimination.iter().enumerate() {
-            if unknown[v as usize] {
-                (place[v as usize], row_place[row]) = (chosen.len() as u32, chosen.len() as u32);
-                chosen.push(row as u32);
-            }
-        }
-        let free: Vec<u32> = (0..n as u32).filter(|&v| unknown[v as usize]).collect();
+        let unknowns = Unknowns::new(operator, |v| unknown[v]);
+        let place = unknowns.place;
+        let free: Vec<u32> = (0..n as u32)
+            .filter(|&v| place[v as usize] != u32::MAX)
+            .collect();
         let mut seen = vec![false; n];
         let mut rows = Vec::with_capacity(free.len() * 5 / 4);
         for &v in &free {
@@ -112,7 +138,12 @@ impl System {
         let factor = if free.is_empty() {
             None
         } else {
-            Some(Factor::of(&operator.energy, &chosen, &row_place, &[])?)
+            Some(Factor::of(
+                &operator.energy,
+                &unknowns.rows,
+                &unknowns.row_place,
+                &[],
+            )?)
         };
         Ok(Self {
             free,
@@ -219,27 +250,19 @@ pub fn plain(
     weight: f64,
 ) -> Result<Vec<Vec<Vec3>>, Singular> {
     let n = active.len();
-    // Unknowns in the order of elimination, and where a row of the energy and a vertex are among them.
-    let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
-    let mut chosen = Vec::new();
-    for (row, &v) in operator.elimination.iter().enumerate() {
-        let v = v as usize;
-        if active[v] && !held[v] && operator.area[v] > 0.0 {
-            (place[v], row_place[row]) = (chosen.len() as u32, chosen.len() as u32);
-            chosen.push(row as u32);
-        }
-    }
-    let mut diagonal = vec![0.0; chosen.len()];
+    let unknowns = Unknowns::new(operator, |v| active[v] && !held[v]);
+    let (rows, place) = (&unknowns.rows, &unknowns.place);
+    let mut diagonal = vec![0.0; rows.len()];
     for &c in controls {
         if place[c as usize] != u32::MAX {
             diagonal[place[c as usize] as usize] += weight * weight;
         }
     }
-    let factor = Factor::of(&operator.energy, &chosen, &row_place, &diagonal)?;
+    let factor = Factor::of(&operator.energy, rows, &unknowns.row_place, &diagonal)?;
     Ok(shapes
         .iter()
         .map(|shape| {
-            let mut x = vec![[0.0; 4]; chosen.len()];
+            let mut x = vec![[0.0; 4]; rows.len()];
             for (&c, displacement) in controls.iter().zip(shape) {
                 if place[c as usize] != u32::MAX {
                     add(
@@ -250,7 +273,7 @@ pub fn plain(
             }
             factor.solve(&mut x);
             let mut d = vec![Vec3::zeros(); n];
-            for (&row, x) in chosen.iter().zip(&x) {
+            for (&row, x) in rows.iter().zip(&x) {
                 d[operator.elimination[row as usize] as usize] = Vec3::new(x[0], x[1], x[2]);
             }
             d

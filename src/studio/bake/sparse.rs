@@ -4,7 +4,8 @@
 //! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
 //! long for three.
 //!
-//! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes.
+//! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes. One file: a matrix and its factors; a third
+//! of it is tests.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;

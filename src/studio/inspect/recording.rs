@@ -1,6 +1,7 @@
 //! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
 //! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
 //! run; some are drawn, and up to [`FILM`] play in the page. Pose curves are those of the user that single-person outputs show.
+//! One file: one pass over the frames, and what it keeps of each.
 
 use std::ops::Range;
 
