@@ -44,3 +44,7 @@ pub mod stopped;
 pub mod text_files;
 pub mod train;
 pub mod units;
+
+#[cfg(test)]
+#[path = "../../tests/common/data.rs"]
+pub(crate) mod data;
