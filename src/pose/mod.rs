@@ -1026,7 +1026,7 @@ mod tests {
                 ));
             }
         }
-        for (k, cloud) in [wall, HeadCloud::default()].iter().enumerate() {
+        for (k, cloud) in [&wall, &HeadCloud::default()].into_iter().enumerate() {
             let at = Timestamp::from_us(k as u64 * 33_333);
             assert!(tracker.track(cloud, at).is_none(), "cloud {k}");
         }

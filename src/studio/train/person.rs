@@ -217,9 +217,7 @@ mod tests {
     }
 
     fn person(number: usize) -> Option<HeadAsset> {
-        let Some(data) = crate::studio::data::data(&["faces_frl189"]) else {
-            return None;
-        };
+        let data = crate::studio::data::data(&["faces_frl189"])?;
         let heads = crate::studio::heads::textured_heads(&data, |person| person == number).unwrap();
         heads.first().map(|head| head.asset.clone())
     }
