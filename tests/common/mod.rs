@@ -10,6 +10,7 @@ pub mod data;
 pub mod paced;
 pub mod whole_run;
 
+#[cfg(feature = "studio")]
 use std::path::Path;
 
 #[cfg(feature = "studio")]
