@@ -9,6 +9,7 @@ use crate::appliance::log::Plain;
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::SourceName;
+use crate::appliance::wires;
 use crate::sensor::device::DeviceError;
 use crate::sensor::usb_devices;
 
@@ -90,6 +91,9 @@ pub fn report(config: Option<&Path>) -> (String, bool) {
         );
     }
     serial(&mut lines, &settings.serial.port);
+    if let Err(problem) = wires::check(&settings) {
+        lines.say(Verdict::Fail, "outputs", problem);
+    }
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status.path));
     (lines.text, !lines.failed)
@@ -172,18 +176,8 @@ fn serial(lines: &mut Lines, port: &str) {
 }
 
 fn targets(lines: &mut Lines, settings: &Settings) {
-    let wires: [(&str, bool, &[String]); 4] = [
-        ("osc", settings.osc.enabled, &settings.osc.targets),
-        ("vmc", settings.vmc.enabled, &settings.vmc.targets),
-        ("vrchat", settings.vrchat.enabled, &settings.vrchat.targets),
-        (
-            "faceosc",
-            settings.faceosc.enabled,
-            &settings.faceosc.targets,
-        ),
-    ];
-    for (name, _, targets) in wires.into_iter().filter(|wire| wire.1) {
-        for target in targets {
+    for row in wires::enabled(settings).filter(|row| row.section != "serial") {
+        for target in (row.targets)(settings) {
             let known = target
                 .to_socket_addrs()
                 .is_ok_and(|mut all| all.next().is_some());
@@ -193,7 +187,7 @@ fn targets(lines: &mut Lines, settings: &Settings) {
                 "does not resolve; check the name, or give an address like 192.168.1.20:9130"
             };
             let verdict = if known { Verdict::Ok } else { Verdict::Warn };
-            lines.say(verdict, name, format_args!("{target} {text}"));
+            lines.say(verdict, row.section, format_args!("{target} {text}"));
         }
     }
 }

@@ -4,12 +4,16 @@
 //! need: journald adds the time, and the configuration holds the level. On a terminal the priority is omitted.
 //!
 //! Logging never blocks: a line for which there is no room is dropped, and the next one says how many were. External text
-//! (names of devices and files) cannot end a line or move a terminal's cursor.
+//! (names of devices and files) cannot end a line or move a terminal's cursor. What happens over and over cannot fill the log:
+//! each place in the program writes [`BURST`] lines at once, then one a minute, which says how many like it were left out.
 
 use std::fmt::{Display, Write as _};
 use std::io::{IsTerminal, stderr};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
+use tracing::callsite::Identifier;
 use tracing::field::{Field, Visit};
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Level, Metadata, Subscriber};
@@ -20,6 +24,55 @@ use crate::appliance::terminal::OVER;
 /// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
 
+/// Lines that one place in the program may write at once.
+const BURST: u32 = 8;
+/// Time after which it may write one more.
+const REFILL: Duration = Duration::from_secs(60);
+/// Places that are told apart; the rest are one.
+const PLACES: usize = 64;
+/// Those that write without bound: a person asked for each line, on a terminal.
+const UNBOUNDED: [&str; 1] = ["mien::appliance::send_test"];
+
+/// What one place in the program may still write.
+struct Bucket<Place> {
+    place: Place,
+    left: u32,
+    /// When it was last filled.
+    filled: Duration,
+    left_out: u32,
+}
+
+/// The buckets of all places; those that came when it was full share the last one.
+struct Limits<Place>(heapless::Vec<Bucket<Place>, PLACES>);
+
+impl<Place: PartialEq> Limits<Place> {
+    /// Whether the place may write now, `now` after the start: `Some` with how many like it were left out.
+    fn admit(&mut self, place: Place, now: Duration) -> Option<u32> {
+        let found = self.0.iter().position(|bucket| bucket.place == place);
+        let found = found.unwrap_or_else(|| {
+            let _ = self.0.push(Bucket {
+                place,
+                left: BURST,
+                filled: now,
+                left_out: 0,
+            });
+            self.0.len() - 1
+        });
+        let bucket = &mut self.0[found];
+        let minutes = now.saturating_sub(bucket.filled).as_secs() / REFILL.as_secs();
+        if minutes > 0 {
+            bucket.left = BURST.min(bucket.left.saturating_add(minutes as u32));
+            bucket.filled = now;
+        }
+        if bucket.left == 0 {
+            bucket.left_out = bucket.left_out.saturating_add(1);
+            return None;
+        }
+        bucket.left -= 1;
+        Some(std::mem::take(&mut bucket.left_out))
+    }
+}
+
 struct Lines {
     level: Level,
     terminal: bool,
@@ -27,6 +80,20 @@ struct Lines {
     error: Option<Pipe>,
     /// Lines dropped since the last one.
     left_out: AtomicU32,
+    limits: Mutex<Limits<Identifier>>,
+    started: Instant,
+}
+
+impl Lines {
+    /// How many like this one were left out; `None` if it is too.
+    fn admit(&self, metadata: &'static Metadata<'static>) -> Option<u32> {
+        if UNBOUNDED.contains(&metadata.target()) {
+            return Some(0);
+        }
+        // Held for a look at a short list.
+        let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
+        limits.admit(metadata.callsite(), self.started.elapsed())
+    }
 }
 
 /// Starts logging events of at least `level`. A second call changes nothing.
@@ -36,6 +103,8 @@ pub fn start(level: Level) {
         terminal: stderr().is_terminal(),
         error: Pipe::of(stderr()).ok(),
         left_out: AtomicU32::new(0),
+        limits: Mutex::new(Limits(heapless::Vec::new())),
+        started: Instant::now(),
     };
     // Fails only if logging was started before; the first one stays.
     let _ = tracing::subscriber::set_global_default(lines);
@@ -130,6 +199,9 @@ impl Subscriber for Lines {
 
     fn event(&self, event: &Event<'_>) {
         let Some(error) = &self.error else { return };
+        let Some(alike) = self.admit(event.metadata()) else {
+            return;
+        };
         let mut line = Line::default();
         if self.terminal {
             // Over the live line, which comes back below.
@@ -142,6 +214,9 @@ impl Subscriber for Lines {
             let _ = write!(line, "({left_out} lines left out) ");
         }
         event.record(&mut line);
+        if alike > 0 {
+            let _ = write!(line, " ({alike} more like this left out)");
+        }
         if error.offer(line.ended()) {
             self.left_out.fetch_sub(left_out, Ordering::Relaxed);
         } else {
@@ -152,4 +227,39 @@ impl Subscriber for Lines {
     fn enter(&self, _: &Id) {}
 
     fn exit(&self, _: &Id) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_happens_over_and_over_fills_no_log() {
+        let mut limits = Limits(heapless::Vec::new());
+        // A thousand times a second for ten minutes, from more places than are told apart.
+        for places in [1, 2 * PLACES] {
+            let (mut written, mut left_out) = (0, 0);
+            for millisecond in 0..600_000_u64 {
+                let place = millisecond as usize % places;
+                if let Some(before) = limits.admit(place, Duration::from_millis(millisecond)) {
+                    written += 1;
+                    left_out += before;
+                }
+            }
+            let most = places.min(PLACES) as u32 * (BURST + 10);
+            assert!(written <= most && written >= BURST, "{places}: {written}");
+            assert!(left_out + written > 600_000 * 8 / 10, "{left_out}");
+        }
+    }
+
+    #[test]
+    fn a_place_that_is_silent_for_a_while_may_write_at_once_again() {
+        let mut limits = Limits(heapless::Vec::new());
+        let mut at = |seconds| limits.admit("broker", Duration::from_secs(seconds));
+        let first: Vec<_> = (0..10).map(&mut at).collect();
+        assert_eq!(first[..8], [Some(0); 8]);
+        assert_eq!(first[8..], [None, None]);
+        assert_eq!((at(70), at(71)), (Some(2), None));
+        assert_eq!((at(1000), at(1001), at(1002)), (Some(1), Some(0), Some(0)));
+    }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use mien::appliance::cli::{self, Command};
 use mien::appliance::memory::Counting;
 use mien::appliance::settings::Settings;
-use mien::appliance::{run, send_test, service};
+use mien::appliance::{run, send_test, service, wires};
 use mien::face_model::FaceModel;
 
 #[global_allocator]
@@ -46,7 +46,9 @@ fn main() -> ExitCode {
             );
             Ok(())
         }
-        Command::CheckConfig(file) => service::settings(file.as_deref()).map(|_| ()),
+        Command::CheckConfig(file) => {
+            service::settings(file.as_deref()).and_then(|settings| Ok(wires::check(&settings)?))
+        }
         Command::PrintConfig(file) => service::settings(file.as_deref())
             .map(|settings: Settings| print!("{}", settings.to_toml())),
         Command::Devices => {

@@ -16,4 +16,4 @@ mod signals;
 pub mod source;
 pub mod status;
 mod terminal;
-pub(crate) mod wires;
+pub mod wires;

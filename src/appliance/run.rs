@@ -24,9 +24,6 @@ use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::users::saved::People;
 
-/// Interval between log lines about received commands.
-const HEARD_PERIOD: Duration = Duration::from_secs(1);
-
 /// `mien run`: until the source ends, `--frames` are done, or a signal says stop.
 ///
 /// # Errors
@@ -64,7 +61,6 @@ struct Session<'r> {
     manager: ServiceManager,
     frame: Frame,
     pacer: Pacer,
-    heard: Heard,
     /// Frames still to come.
     left: u64,
     ended: bool,
@@ -133,7 +129,6 @@ impl<'r> Session<'r> {
             manager,
             frame: Frame::default(),
             pacer: Pacer::default(),
-            heard: Heard::default(),
             left: run.frames.unwrap_or(u64::MAX),
             ended: false,
             started: Instant::now(),
@@ -287,7 +282,7 @@ impl<'r> Session<'r> {
 
     /// What is due with or without a frame: commands, status, the service manager.
     fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
-        self.heard.obey(&mut self.wires, &mut self.pipeline);
+        obey(&mut self.wires, &mut self.pipeline);
         self.status.write(tallies(self.csv.as_ref(), &self.wires));
         let now = Instant::now();
         self.manager.alive(now);
@@ -346,30 +341,12 @@ fn tallies<'a>(
     csv.map(Output::tally).into_iter().chain(wires)
 }
 
-/// Commands from receivers, logged at most once a second.
-#[derive(Default)]
-struct Heard {
-    told: Option<Instant>,
-    untold: u32,
-}
-
-impl Heard {
-    /// Executes the commands.
-    fn obey(&mut self, wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
-        for wire in wires {
-            while let Some(command) = wire.next_command() {
-                pipeline.obey(command);
-                let now = Instant::now();
-                if self.told.is_some_and(|told| now - told < HEARD_PERIOD) {
-                    self.untold += 1;
-                    continue;
-                }
-                tracing::info!(
-                    "command from a receiver: {command:?} ({} earlier ones not logged)",
-                    self.untold
-                );
-                (self.told, self.untold) = (Some(now), 0);
-            }
+/// Executes the commands from receivers.
+fn obey(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+    for wire in wires {
+        while let Some(command) = wire.next_command() {
+            pipeline.obey(command);
+            tracing::info!("command from a receiver: {command:?}");
         }
     }
 }

@@ -66,7 +66,7 @@ impl Failure {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Settings(_) => 2,
+            Self::Settings(_) | Self::Output(OutputError::NotBuilt { .. }) => 2,
             Self::NoSensor(_) => 3,
             _ => 1,
         }

@@ -1,4 +1,6 @@
-//! Opens the outputs enabled in the configuration.
+//! The outputs: one row each. Another one is its file in `output/`, its section in `settings/keys.rs` and a row here.
+
+use std::slice::from_ref;
 
 use crate::appliance::settings::Settings;
 use crate::output::osc::Osc;
@@ -8,154 +10,233 @@ use crate::output::osc::vrchat::VrChat;
 use crate::output::serial::Serial;
 use crate::output::{Output, OutputError};
 
+type Opened = Result<Box<dyn Output>, OutputError>;
+
+/// One output.
+pub(crate) struct Row {
+    /// What it is called.
+    name: &'static str,
+    /// Section of the configuration.
+    pub(crate) section: &'static str,
+    /// The build feature that it needs; empty = none.
+    feature: &'static str,
+    enabled: fn(&Settings) -> bool,
+    /// Where it sends to: hosts, a broker or a port.
+    pub(crate) targets: fn(&Settings) -> &[String],
+    /// Opens it; `None` if this build is without it. The names are the units', in the order of the weights.
+    open: Option<fn(&Settings, &[&str]) -> Opened>,
+}
+
+/// `Some` of what a feature of the build opens.
+macro_rules! built {
+    ($feature:literal, $open:expr) => {{
+        #[cfg(feature = $feature)]
+        let open: Option<fn(&Settings, &[&str]) -> Opened> = Some($open);
+        #[cfg(not(feature = $feature))]
+        let open = None;
+        open
+    }};
+}
+
+const OUTPUTS: [Row; 13] = [
+    Row {
+        name: "OSC",
+        section: "osc",
+        feature: "",
+        enabled: |s| s.osc.enabled,
+        targets: |s| &s.osc.targets,
+        open: Some(|s, units| Ok(Box::new(Osc::new(s.osc.clone(), units)?))),
+    },
+    Row {
+        name: "VMC",
+        section: "vmc",
+        feature: "",
+        enabled: |s| s.vmc.enabled,
+        targets: |s| &s.vmc.targets,
+        open: Some(|s, units| Ok(Box::new(Vmc::new(s.vmc.clone(), units)?))),
+    },
+    Row {
+        name: "VRChat",
+        section: "vrchat",
+        feature: "",
+        enabled: |s| s.vrchat.enabled,
+        targets: |s| &s.vrchat.targets,
+        open: Some(|s, units| Ok(Box::new(VrChat::new(s.vrchat.clone(), units)?))),
+    },
+    Row {
+        name: "FaceOSC",
+        section: "faceosc",
+        feature: "",
+        enabled: |s| s.faceosc.enabled,
+        targets: |s| &s.faceosc.targets,
+        open: Some(|s, _| Ok(Box::new(FaceOsc::new(s.faceosc.clone())?))),
+    },
+    Row {
+        name: "serial",
+        section: "serial",
+        feature: "",
+        enabled: |s| !s.serial.port.is_empty(),
+        targets: |s| from_ref(&s.serial.port),
+        open: Some(|s, units| Ok(Box::new(Serial::new(&s.serial, units)?))),
+    },
+    Row {
+        name: "Art-Net",
+        section: "artnet",
+        feature: "lights",
+        enabled: |s| s.network.artnet.enabled,
+        targets: |s| &s.network.artnet.targets,
+        open: built!("lights", |s, units| {
+            use crate::output::lights::artnet::ArtNet;
+            let (artnet, lights) = (&s.network.artnet, &s.network.lights);
+            Ok(Box::new(ArtNet::new(artnet, lights, units)?))
+        }),
+    },
+    Row {
+        name: "sACN",
+        section: "sacn",
+        feature: "lights",
+        enabled: |s| s.network.sacn.enabled,
+        targets: |s| &s.network.sacn.targets,
+        open: built!("lights", |s, units| {
+            use crate::output::lights::sacn::Sacn;
+            let (sacn, lights) = (&s.network.sacn, &s.network.lights);
+            Ok(Box::new(Sacn::new(sacn, lights, &s.network.name, units)?))
+        }),
+    },
+    Row {
+        name: "Live Link",
+        section: "live_link",
+        feature: "live-link",
+        enabled: |s| s.network.live_link.enabled,
+        targets: |s| &s.network.live_link.targets,
+        open: built!("live-link", |s, units| {
+            use crate::output::live_link::LiveLink;
+            let settings = s.network.live_link.clone();
+            Ok(Box::new(LiveLink::new(settings, &s.network.name, units)?))
+        }),
+    },
+    Row {
+        name: "WebSocket",
+        section: "websocket",
+        feature: "web",
+        enabled: |s| s.network.websocket.enabled,
+        targets: |_| &[],
+        open: built!("web", |s, units| {
+            use crate::output::web::websocket;
+            Ok(Box::new(websocket::open(&s.network.websocket, units)?))
+        }),
+    },
+    Row {
+        name: "page",
+        section: "page",
+        feature: "web",
+        enabled: |s| s.network.page.enabled,
+        targets: |_| &[],
+        open: built!("web", |s, units| {
+            use crate::output::web::page;
+            // It is no place that weights are sent to.
+            let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
+            let (page, name) = (&s.network.page, &s.network.name);
+            Ok(Box::new(page::open(page, name, &sends, units)?))
+        }),
+    },
+    Row {
+        name: "OSCQuery",
+        section: "oscquery",
+        feature: "web",
+        enabled: |s| s.network.oscquery.enabled,
+        targets: |_| &[],
+        open: built!("web", |s, units| {
+            use crate::output::web::oscquery;
+            let (query, name) = (&s.network.oscquery, &s.network.name);
+            Ok(Box::new(oscquery::open(query, &s.osc, name, units)?))
+        }),
+    },
+    Row {
+        name: "MQTT",
+        section: "mqtt",
+        feature: "mqtt",
+        enabled: |s| s.network.mqtt.enabled,
+        targets: |s| from_ref(&s.network.mqtt.broker),
+        open: built!("mqtt", |s, units| {
+            use crate::output::mqtt;
+            Ok(Box::new(mqtt::open(
+                &s.network.mqtt,
+                &s.network.name,
+                units,
+            )?))
+        }),
+    },
+    // Sends no weights: it announces the others.
+    Row {
+        name: "mDNS",
+        section: "discovery",
+        feature: "discovery",
+        enabled: |s| s.network.discovery.enabled,
+        targets: |_| &[],
+        open: built!("discovery", |s, _| {
+            use crate::output::discovery::Discovery;
+            Ok(Box::new(Discovery::new(&s.network.name, services(s))?))
+        }),
+    },
+];
+
+/// Rows of the enabled outputs.
+pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row> {
+    OUTPUTS.iter().filter(|row| (row.enabled)(settings))
+}
+
+/// Whether this build has every output that is enabled.
+///
+/// # Errors
+/// If it is without one.
+pub fn check(settings: &Settings) -> Result<(), OutputError> {
+    match enabled(settings).find(|row| row.open.is_none()) {
+        Some(row) => Err(OutputError::NotBuilt {
+            section: row.section,
+            feature: row.feature,
+        }),
+        None => Ok(()),
+    }
+}
+
 /// Opens every enabled output. `units` are the names in the order of the weights.
 pub(crate) fn open(
     settings: &Settings,
     units: &[&str],
 ) -> Result<Vec<Box<dyn Output>>, OutputError> {
-    let mut wires: Vec<Box<dyn Output>> = Vec::new();
+    check(settings)?;
     let mut settings = settings.clone();
+    let network = &mut settings.network;
     for view in [
         &mut settings.osc.view,
         &mut settings.vmc.view,
         &mut settings.vrchat.view,
         &mut settings.serial.view,
-        &mut settings.network.lights.view,
-        &mut settings.network.live_link.view,
-        &mut settings.network.websocket.view,
-        &mut settings.network.mqtt.view,
-        &mut settings.network.page.view,
+        &mut network.lights.view,
+        &mut network.live_link.view,
+        &mut network.websocket.view,
+        &mut network.mqtt.view,
+        &mut network.page.view,
     ] {
         view.units.clone_from(&settings.units);
     }
-    open_network(&settings, units, &mut wires)?;
-    if settings.osc.enabled {
-        wires.push(Box::new(Osc::new(settings.osc, units)?));
-    }
-    if settings.vmc.enabled {
-        wires.push(Box::new(Vmc::new(settings.vmc, units)?));
-    }
-    if settings.vrchat.enabled {
-        wires.push(Box::new(VrChat::new(settings.vrchat, units)?));
-    }
-    if settings.faceosc.enabled {
-        wires.push(Box::new(FaceOsc::new(settings.faceosc)?));
-    }
-    if !settings.serial.port.is_empty() {
-        wires.push(Box::new(Serial::new(&settings.serial, units)?));
-    }
-    Ok(wires)
+    let open = enabled(&settings).filter_map(|row| row.open);
+    open.map(|open| open(&settings, units)).collect()
 }
 
-/// Destinations of the enabled outputs, as text.
+/// The enabled outputs and where they send to, as text.
 pub(crate) fn named(settings: &Settings) -> String {
-    let networked = [
-        ("OSC", settings.osc.enabled, &settings.osc.targets),
-        ("VMC", settings.vmc.enabled, &settings.vmc.targets),
-        ("VRChat", settings.vrchat.enabled, &settings.vrchat.targets),
-        (
-            "FaceOSC",
-            settings.faceosc.enabled,
-            &settings.faceosc.targets,
-        ),
-    ];
-    let networked = networked.into_iter().filter(|(_, enabled, _)| *enabled);
-    let mut all: Vec<String> = networked
-        .map(|(name, _, targets)| format!("{name} to {}", targets.join(" and ")))
-        .collect();
-    if !settings.serial.port.is_empty() {
-        all.push(format!("serial to {}", settings.serial.port));
-    }
-    let network = &settings.network;
-    let features = [
-        ("Art-Net", network.artnet.enabled),
-        ("sACN", network.sacn.enabled),
-        ("Live Link", network.live_link.enabled),
-        ("WebSocket", network.websocket.enabled),
-        ("page", network.page.enabled),
-        ("OSCQuery", network.oscquery.enabled),
-        ("MQTT", network.mqtt.enabled),
-    ];
-    let features = features.iter().filter(|(_, enabled)| *enabled);
-    all.extend(features.map(|(name, _)| (*name).to_owned()));
-    all.join(", ")
+    listed(enabled(settings), settings)
 }
 
-/// An output that is an optional build feature, or why there is none.
-macro_rules! feature {
-    ($wires:ident, $section:literal, $feature:literal, $make:expr) => {
-        #[cfg(feature = $feature)]
-        $wires.push(Box::new($make));
-        #[cfg(not(feature = $feature))]
-        return Err(OutputError::NotBuilt {
-            section: $section,
-            feature: $feature,
-        });
+fn listed(rows: impl Iterator<Item = &'static Row>, settings: &Settings) -> String {
+    let one = |row: &Row| match (row.targets)(settings) {
+        [] => row.name.to_owned(),
+        targets => format!("{} to {}", row.name, targets.join(" and ")),
     };
-}
-
-/// Opens the optional outputs.
-#[allow(
-    unused_variables,
-    clippy::needless_return,
-    clippy::ptr_arg,
-    reason = "without features there is nothing to open"
-)]
-fn open_network(
-    settings: &Settings,
-    units: &[&str],
-    wires: &mut Vec<Box<dyn Output>>,
-) -> Result<(), OutputError> {
-    let network = &settings.network;
-    if network.artnet.enabled {
-        feature!(wires, "artnet", "lights", {
-            crate::output::lights::artnet::ArtNet::new(&network.artnet, &network.lights, units)?
-        });
-    }
-    if network.sacn.enabled {
-        feature!(wires, "sacn", "lights", {
-            let (sacn, lights) = (&network.sacn, &network.lights);
-            crate::output::lights::sacn::Sacn::new(sacn, lights, &network.name, units)?
-        });
-    }
-    if network.live_link.enabled {
-        feature!(wires, "live_link", "live-link", {
-            let settings = network.live_link.clone();
-            crate::output::live_link::LiveLink::new(settings, &network.name, units)?
-        });
-    }
-    if network.websocket.enabled {
-        feature!(wires, "websocket", "web", {
-            crate::output::web::websocket::open(&network.websocket, units)?
-        });
-    }
-    if network.page.enabled {
-        feature!(wires, "page", "web", {
-            // It is no place that weights are sent to.
-            let mut others = settings.clone();
-            others.network.page.enabled = false;
-            let sends = named(&others);
-            let (page, name) = (&network.page, &network.name);
-            crate::output::web::page::open(page, name, &sends, units)?
-        });
-    }
-    if network.oscquery.enabled {
-        feature!(wires, "oscquery", "web", {
-            let (oscquery, osc) = (&network.oscquery, &settings.osc);
-            crate::output::web::oscquery::open(oscquery, osc, &network.name, units)?
-        });
-    }
-    if network.discovery.enabled {
-        feature!(wires, "discovery", "discovery", {
-            crate::output::discovery::Discovery::new(&network.name, services(settings))?
-        });
-    }
-    if network.mqtt.enabled {
-        feature!(wires, "mqtt", "mqtt", {
-            crate::output::mqtt::open(&network.mqtt, &network.name, units)?
-        });
-    }
-    Ok(())
+    let rows = rows.filter(|row| row.section != "discovery");
+    rows.map(one).collect::<Vec<_>>().join(", ")
 }
 
 /// The services to announce.
@@ -204,9 +285,10 @@ mod tests {
         settings.network.lights.channels = vec!["AU26 1 1".into()];
         settings.network.artnet.enabled = true;
         let opened = open(&settings, &["AU26"]);
+        assert_eq!(check(&settings).is_ok(), opened.is_ok());
         assert_eq!(opened.is_ok(), cfg!(feature = "lights"));
         match opened {
-            Ok(wires) => assert_eq!(wires[0].tally().name, "artnet"),
+            Ok(wires) => assert_eq!(wires[1].tally().name, "artnet"),
             Err(problem) => {
                 let told = problem.to_string();
                 assert!(told.contains("build with --features lights"), "{told}");

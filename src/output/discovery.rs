@@ -8,7 +8,8 @@
 //! | `_http._tcp` | the page, or else WebSocket, `path=/` | `[page]` or `[websocket]` is enabled |
 //!
 //! Instances are named `mien NAME`, the host `mien-NAME.local`, so that nothing conflicts with a daemon's own names. The name is
-//! probed three times before it is used; if it is in use, `-2`, `-3`, … is appended. Everything is then announced twice,
+//! probed three times before it is used; if it is in use, `-2`, `-3`, … is appended, up to fifteen names; a network that
+//! refuses them all is asked for the first again at growing intervals (RFC 6762, 8.1 and 9). Everything is then announced twice,
 //! sent in reply to queries (except known answers), and withdrawn at the end. The address announced is the one on the
 //! querier's network. Memory: two datagrams. Limits: IPv4; only networks whose interfaces exist at start-up or a minute later.
 //! One file: the format, written and read, what is sent in it, and when.
@@ -40,6 +41,11 @@ const PROBE_PAUSE: Duration = Duration::from_millis(250);
 /// Announcements, and the pause between them.
 const ANNOUNCEMENTS: u8 = 2;
 const ANNOUNCE_PAUSE: Duration = Duration::from_secs(1);
+/// Names tried without a pause; then the first one again, after pauses that double.
+const NAMES: u32 = 15;
+const PAUSES_S: [u64; 2] = [5, 50];
+/// Shortest time between two checks of a name that is ours but that somebody else uses.
+const CHECK_PAUSE: Duration = Duration::from_secs(60);
 /// Interval at which new networks are joined.
 const JOIN_PAUSE: Duration = Duration::from_secs(60);
 /// Most replies per second, so that nobody can use us to flood a network.
@@ -555,8 +561,8 @@ fn owned(raw: std::os::fd::RawFd) -> OwnedFd {
     unsafe { OwnedFd::from_raw_fd(raw) }
 }
 
-/// Addresses of this host's interfaces that can be reached by multicast.
-fn interfaces(each: &mut dyn FnMut(Ipv4Addr, u32)) {
+/// Networks of this host that can be reached by multicast.
+fn interfaces(each: &mut dyn FnMut(Network)) {
     use nix::net::if_::InterfaceFlags;
     let Ok(all) = nix::ifaddrs::getifaddrs() else {
         return;
@@ -566,13 +572,17 @@ fn interfaces(each: &mut dyn FnMut(Ipv4Addr, u32)) {
             .flags
             .contains(InterfaceFlags::IFF_UP | InterfaceFlags::IFF_MULTICAST)
             || one.flags.contains(InterfaceFlags::IFF_LOOPBACK);
-        let address = one
-            .address
-            .as_ref()
-            .and_then(|address| address.as_sockaddr_in().map(|v4| Ipv4Addr::from(v4.ip())));
+        let v4 = |address: Option<&nix::sys::socket::SockaddrStorage>| {
+            address.and_then(|address| address.as_sockaddr_in().map(|v4| Ipv4Addr::from(v4.ip())))
+        };
+        let (address, mask) = (v4(one.address.as_ref()), v4(one.netmask.as_ref()));
         let number = nix::net::if_::if_nametoindex(one.interface_name.as_str());
-        if let (Some(address), Ok(number)) = (address.filter(|_| up), number) {
-            each(address, number);
+        if let (Some(address), Ok(interface)) = (address.filter(|_| up), number) {
+            each(Network {
+                address,
+                mask: mask.unwrap_or(Ipv4Addr::BROADCAST),
+                interface,
+            });
         }
     }
 }
@@ -587,20 +597,54 @@ fn towards(whom: SocketAddr) -> Option<Ipv4Addr> {
     }
 }
 
-/// Networks to announce on: our address there, and the interface's index.
-type Networks = heapless::Vec<(Ipv4Addr, u32), 8>;
+/// A network to announce on.
+#[derive(Clone, Copy)]
+struct Network {
+    /// Ours there.
+    address: Ipv4Addr,
+    mask: Ipv4Addr,
+    /// Index of the interface.
+    interface: u32,
+}
+
+type Networks = heapless::Vec<Network, 8>;
 
 /// Joins the group on every new network; whether there is any.
 fn join(socket: &UdpSocket, networks: &mut Networks) -> bool {
     let mut new = false;
-    interfaces(&mut |address, interface| {
-        if !networks.iter().any(|(known, _)| *known == address) {
+    interfaces(&mut |network| {
+        if !networks
+            .iter()
+            .any(|known| known.address == network.address)
+        {
             // Joined already is as well.
-            let _ = socket.join_multicast_v4(&GROUP, &address);
-            new |= networks.push((address, interface)).is_ok();
+            let _ = socket.join_multicast_v4(&GROUP, &network.address);
+            new |= networks.push(network).is_ok();
         }
     });
     new
+}
+
+/// Which name to try after one was refused.
+struct Claim {
+    /// Of the name; 1 is the configured one.
+    number: u32,
+    /// Names refused since one was ours.
+    refused: u32,
+}
+
+impl Claim {
+    /// The name is another's: chooses the next, and says how long to wait before it is probed.
+    fn lost(&mut self) -> Duration {
+        self.refused += 1;
+        if self.refused < NAMES {
+            self.number += 1;
+            return Duration::ZERO;
+        }
+        self.number = 1;
+        let doubled = (self.refused - NAMES).min(8);
+        Duration::from_secs((PAUSES_S[0] << doubled).min(PAUSES_S[1]))
+    }
 }
 
 /// The next step.
@@ -621,7 +665,11 @@ fn run(mut zone: Zone, counts: &Counts, bell: &UnixStream) {
         step: Step::Probe(0),
         due: Instant::now(),
         joined: Instant::now(),
-        number: 1,
+        claim: Claim {
+            number: 1,
+            refused: 0,
+        },
+        checked: None,
         said: [0; LARGEST],
         second: Instant::now(),
         answers: 0,
@@ -658,8 +706,9 @@ struct Talk<'a> {
     due: Instant,
     /// When to look for new networks again.
     joined: Instant,
-    /// Names tried so far.
-    number: u32,
+    claim: Claim,
+    /// When a name that is ours was last checked because somebody else uses it.
+    checked: Option<Instant>,
     said: [u8; LARGEST],
     /// Start of the second in which replies are counted.
     second: Instant,
@@ -696,6 +745,7 @@ impl Talk<'_> {
             Step::Announce(done) if done < ANNOUNCEMENTS => {
                 self.shout(0x8400, |address, out| zone.announce(KEEP, address, out));
                 if done == 0 {
+                    self.claim.refused = 0;
                     tracing::info!("announced as {:?} at {}.local", zone.instance, zone.host);
                 }
                 (Step::Announce(done + 1), ANNOUNCE_PAUSE)
@@ -733,17 +783,51 @@ impl Talk<'_> {
             self.answer(zone, bytes, from);
             return;
         }
-        let own = |address: Ipv4Addr| self.networks.iter().any(|(known, _)| *known == address);
+        let own = |address: Ipv4Addr| self.networks.iter().any(|known| known.address == address);
         match zone.is_taken(bytes, &own) {
-            Some(true) if from.port() == PORT => {
-                self.number += 1;
-                zone.call(self.number);
-                tracing::info!("the name is already in use, trying {:?}", zone.instance);
-                (self.step, self.due) = (Step::Probe(0), Instant::now());
-            }
+            Some(true) if from.port() == PORT && self.is_near(from) => self.contest(zone),
             Some(_) => {}
             None => {
                 counts.refused.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    /// Whether a datagram comes from one of our networks; others have no say about names here.
+    fn is_near(&self, from: SocketAddr) -> bool {
+        let SocketAddr::V4(from) = from else {
+            return false;
+        };
+        let same = |network: &Network| {
+            let mask = u32::from(network.mask);
+            u32::from(network.address) & mask == u32::from(*from.ip()) & mask
+        };
+        self.networks.iter().any(same)
+    }
+
+    /// Somebody else uses our name: one that was just probed is theirs, one that is ours is probed anew, now and then.
+    fn contest(&mut self, zone: &mut Zone) {
+        let now = Instant::now();
+        match self.step {
+            Step::Probe(0) => {}
+            Step::Probe(_) => {
+                let pause = self.claim.lost();
+                zone.call(self.claim.number);
+                if pause.is_zero() {
+                    tracing::info!("the name is already in use, trying {:?}", zone.instance);
+                } else {
+                    tracing::warn!(
+                        "{NAMES} names in a row are in use, trying {:?} again in {} s; set network.name if other boxes have them",
+                        zone.instance,
+                        pause.as_secs()
+                    );
+                }
+                (self.step, self.due) = (Step::Probe(0), now + pause);
+            }
+            _ if self.checked.is_some_and(|at| now < at + CHECK_PAUSE) => {}
+            _ => {
+                self.checked = Some(now);
+                (self.step, self.due) = (Step::Probe(0), now);
             }
         }
     }
@@ -777,7 +861,7 @@ impl Talk<'_> {
             self.voice.counts.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        match self.networks.iter().find(|(known, _)| *known == address) {
+        match self.networks.iter().find(|known| known.address == address) {
             Some(network) if !legacy => self.voice.call(listener, out.bytes(), *network),
             _ => {
                 let to = if legacy {
@@ -817,11 +901,11 @@ impl Voice<'_> {
     }
 
     /// Sends to everybody on a network.
-    fn call(&mut self, socket: &UdpSocket, bytes: &[u8], (address, interface): (Ipv4Addr, u32)) {
+    fn call(&mut self, socket: &UdpSocket, bytes: &[u8], network: Network) {
         let info = libc::in_pktinfo {
-            ipi_ifindex: interface as i32,
+            ipi_ifindex: network.interface as i32,
             ipi_spec_dst: libc::in_addr {
-                s_addr: u32::from_ne_bytes(address.octets()),
+                s_addr: u32::from_ne_bytes(network.address.octets()),
             },
             ipi_addr: libc::in_addr { s_addr: 0 },
         };
@@ -847,7 +931,7 @@ impl Voice<'_> {
         };
         for network in networks {
             let mut out = Writer::new(said, 0, flags);
-            what(network.0, &mut out);
+            what(network.address, &mut out);
             self.call(socket, out.bytes(), *network);
         }
     }
@@ -985,6 +1069,25 @@ mod tests {
             (zone.instance.as_str(), zone.host.as_str()),
             ("mien hall-2", "mien-hall-2")
         );
+    }
+
+    #[test]
+    fn a_network_that_refuses_every_name_is_asked_for_few_and_for_the_first_within_a_minute() {
+        let mut claim = Claim {
+            number: 1,
+            refused: 0,
+        };
+        let (mut seconds, mut taken) = (0, std::collections::BTreeSet::new());
+        while seconds < 600 {
+            let pause = claim.lost().as_secs();
+            assert!(pause < 60 && (claim.refused < NAMES || (pause >= 5 && claim.number == 1)));
+            taken.insert(claim.number);
+            seconds += pause;
+        }
+        assert!((NAMES as usize..=20).contains(&taken.len()), "{taken:?}");
+        // Of the fleet's own names the next free one is taken at once.
+        claim.refused = 0;
+        assert_eq!((claim.lost(), claim.number), (Duration::ZERO, 2));
     }
 
     #[test]

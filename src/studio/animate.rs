@@ -20,14 +20,6 @@ use crate::base::bounded_read;
 use crate::studio::csv;
 use crate::studio::text_files::{self, decoded};
 
-/// The options of `mien-studio animate`, explained.
-pub const OPTIONS: &str =
-    "  --mesh  a head with named morph targets, as `mien-studio bake` writes it
-  --csv   what `mien run --csv` wrote
-  --user  slot to follow; default: the first that appears
-  --out   the head with the run as an animation, .glb
-";
-
 /// Why there is no animation.
 #[derive(Debug, thiserror::Error)]
 pub enum AnimateError {

@@ -1,14 +1,12 @@
-//! The command line of the workstation: words to calls.
-//! One file: the whole grammar of the program, with the texts of its help.
+//! The command line of the workstation: words to calls. Help, manual page and completions come from what is declared here.
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use lexopt::prelude::*;
+use clap::error::{ContextKind, ErrorKind};
+use clap::{Args, Parser, Subcommand};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -20,11 +18,12 @@ use super::place;
 use super::preview;
 use super::record;
 use super::stopped::{self, Goes};
-use super::train::{self, TrainArgs, TrainError, finish, train, train_paper_into, train_person};
+use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
 use crate::appliance::service::{self, NoKinect};
+use crate::appliance::settings::Settings;
+use crate::face_model::FaceModel;
 use crate::studio::atomic_write;
-use crate::studio::evaluate;
 use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
@@ -34,221 +33,340 @@ use crate::studio::heads::{default_head, hero};
 use crate::studio::people_split::Split;
 use crate::studio::units::readings;
 
-/// One command: its name, what it takes, what it does.
-pub(super) struct Command {
-    pub(super) name: &'static str,
-    pub(super) usage: &'static str,
-    pub(super) about: &'static str,
-    pub(super) example: &'static str,
-    /// Options that take a value.
-    pub(super) options: &'static [&'static str],
-    /// Options that stand alone.
-    pub(super) flags: &'static [&'static str],
-    /// Words without an option, at most.
-    pub(super) words: usize,
-    run: fn(&Words) -> Result<(), Fault>,
+/// The workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews.
+#[derive(Parser)]
+#[command(name = "mien-studio", version)]
+pub struct Line {
+    #[command(subcommand)]
+    command: Command,
 }
 
-pub(super) const COMMANDS: &[Command] = &[
-    Command {
-        name: "train",
-        usage: "--images DIR... --out FILE [--tracks FILE] [--offsets FILE] [--data DIR] [--drawn N] [--starts N] [--seed N] [--refine MODEL] [--no-paper | --paper-of MODEL] [--hold-out-dev] | --paper-into MODEL --out FILE [--tracks FILE] [--data DIR] [--seed N] | --person SESSION --out FILE [--paper-into MODEL] [--seed N]",
-        about: "trains the face model (shape, appearance, confidence) and writes it to one file; prints the error on held-out people; with --paper-into only the paper's own model, replaced in a model file that otherwise stays unchanged; with --person a model of the one person in a recording, who must go through all expressions there",
-        example: "mien-studio train --images ../shared/data/faces_frl189 --out face.model",
-        options: &[
-            "images",
-            "out",
-            "tracks",
-            "offsets",
-            "data",
-            "drawn",
-            "starts",
-            "seed",
-            "refine",
-            "paper-of",
-            "paper-into",
-            "person",
-        ],
-        flags: &["no-paper", "hold-out-dev"],
-        words: 0,
-        run: run_train,
+#[derive(Subcommand)]
+enum Command {
+    /// Train the face model (shape, appearance, confidence) into one file; prints the error on held-out people
+    #[command(
+        after_help = "Example: mien-studio train --images ../shared/data/faces_frl189 --out face.model"
+    )]
+    Train(Train),
+    /// Fit landmarks to still pictures; reports the error if they are annotated
+    #[command(
+        after_help = "Example: mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv"
+    )]
+    Fit(FitArgs),
+    /// Show a recording, a model, the CSV of a run or a mesh as pictures and plots; an HTML page plays the recording
+    #[command(after_help = "Example: mien-studio inspect session --out session.html")]
+    Inspect(Inspect),
+    /// Rebuild the simulated sensor's built-in head from the training people
+    #[command(after_help = "Example: mien-studio simulated-head --out config/simulated.head")]
+    SimulatedHead {
+        /// The head to write
+        #[arg(long)]
+        out: PathBuf,
+        #[command(flatten)]
+        data: Data,
     },
-    Command {
-        name: "fit",
-        usage: "--images DIR --out FILE.csv [--model FILE] [--box x,y,w,h | --boxes FILE.csv] [--offsets FILE] [--pictures DIR]",
-        about: "fits landmarks to still pictures; reports the error if they are annotated",
-        example: "mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv",
-        options: &[
-            "images", "out", "model", "box", "boxes", "offsets", "pictures",
-        ],
-        flags: &[],
-        words: 0,
-        run: run_fit,
+    /// Record from the sensor or the simulator
+    #[command(
+        after_help = "Example: mien-studio record --source simulated --seconds 10 --out session"
+    )]
+    Record(Record),
+    /// Run rendered sessions of held-out people through the whole pipeline and print one table
+    #[command(
+        after_help = "Example: mien-studio evaluate --data ../shared/data --people 19 --seconds 45"
+    )]
+    Evaluate(Evaluate),
+    /// Learn how each unit is computed from all measures together: [[feature]] and [[reading]] of config/units.toml
+    #[command(after_help = "Example: mien-studio units --data ../shared/data --out readings.toml")]
+    Units(Units),
+    /// Recover moving 3D shapes from 2D tracks; reports the error if the ground truth is given
+    #[command(
+        after_help = "Example: mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv"
+    )]
+    Nrsfm(Nrsfm),
+    /// Bake 67 blendshapes onto a neutral head
+    #[command(
+        after_help = "Example: mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html"
+    )]
+    Bake(bake::request::Request),
+    /// Serve a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the shapes
+    #[command(after_help = "Example: mien-studio place --mesh head.obj --out head68.txt")]
+    Place(Place),
+    /// Write a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a
+    /// neck that stays still (.glb), or neutral with its materials (.obj)
+    #[command(after_help = "Example: mien-studio head --out head.obj")]
+    Head {
+        /// The head to write, .glb or .obj
+        #[arg(long, required_unless_present = "make")]
+        out: Option<PathBuf>,
+        /// Rebuild the data that the program makes the head from
+        #[arg(long)]
+        make: Option<PathBuf>,
+        #[command(flatten)]
+        data: Data,
     },
-    Command {
-        name: "inspect",
-        usage: "PATH [--out FILE.html|FILE.png] [--config FILE] [--model FILE]",
-        about: "shows a recording, a model, the CSV of a run or a mesh as pictures and plots; an HTML page plays the recording",
-        example: "mien-studio inspect session --out session.html",
-        options: &["out", "config", "model"],
-        flags: &[],
-        words: 1,
-        run: run_inspect,
+    /// Serve a web page: the animated head, the units, their ranges, curves, pose and state
+    #[command(after_help = "Example: mien-studio preview --csv run.csv --mesh head.glb")]
+    Preview(Preview),
+    /// Learn from sculpted shapes how skin moves, for bake; reports the error on held-out shapes
+    #[command(after_help = "Example: mien-studio skin --out config/skin.prior")]
+    Skin {
+        /// The prior to write
+        #[arg(long)]
+        out: PathBuf,
+        #[command(flatten)]
+        data: Data,
     },
-    Command {
-        name: "simulated-head",
-        usage: "--out FILE [--data DIR]",
-        about: "rebuilds the simulated sensor's built-in head from the training people",
-        example: "mien-studio simulated-head --out config/simulated.head",
-        options: &["out", "data"],
-        flags: &[],
-        words: 0,
-        run: run_simulated_head,
-    },
-    Command {
-        name: "record",
-        usage: "--out DIR [--seconds N] [--source S]",
-        about: "records from the sensor or the simulator",
-        example: "mien-studio record --source simulated --seconds 10 --out session",
-        options: &["out", "seconds", "source"],
-        flags: &[],
-        words: 0,
-        run: run_record,
-    },
-    Command {
-        name: "evaluate",
-        usage: "[--landmarks] [--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--split test|dev|train] [--seed N] [--heads [--rows NAME,...] | --wild [--pictures DIR] | --figures DIR [--rows NAME,...]]",
-        about: "runs rendered sessions of held-out people through the whole pipeline and prints one table; with --landmarks the face model alone under every condition; with --heads scenes of one or several heads, hands and rooms; with --wild people with hair, clothes and accessories in front of a sensor with realistic faults; with --figures the figures of docs/paper.md, the paper's system next to the default",
-        example: "mien-studio evaluate --data ../shared/data --people 19 --seconds 45",
-        options: &[
-            "data", "model", "config", "people", "seconds", "split", "seed", "rows", "pictures",
-            "figures",
-        ],
-        flags: &["landmarks", "heads", "wild"],
-        words: 0,
-        run: run_evaluate,
-    },
-    Command {
-        name: "units",
-        usage: "[--data DIR] [--model FILE] [--config FILE] [--people N] [--seconds N] [--seed N] [--examples FILE] [--out FILE]",
-        about: "learns how each unit is computed from all measures together: the [[feature]] and [[reading]] tables of config/units.toml",
-        example: "mien-studio units --data ../shared/data --out readings.toml",
-        options: &[
-            "data", "model", "config", "people", "seconds", "seed", "examples", "out",
-        ],
-        flags: &[],
-        words: 0,
-        run: run_units,
-    },
-    Command {
-        name: "nrsfm",
-        usage: "--tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]",
-        about: "recovers moving 3D shapes from 2D tracks; reports the error if the ground truth is given",
-        example: "mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv",
-        options: &["tracks", "rank", "out", "truth"],
-        flags: &[],
-        words: 0,
-        run: run_nrsfm,
-    },
-    Command {
-        name: "bake",
-        usage: "--mesh FILE.obj|FILE.glb --landmarks FILE|auto --out FILE.glb|FILE.usda [--recipe FILE.toml] [--controls FILE.csv] [--method aoi|paper|laplacian] [--derive-controls] [--correctives] [--unit mm|cm|m] [--dense] [--obj DIR] [--report FILE.html]",
-        about: "bakes 67 blendshapes onto a neutral head",
-        example: "mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html",
-        options: &[
-            "mesh",
-            "landmarks",
-            "out",
-            "recipe",
-            "controls",
-            "method",
-            "unit",
-            "obj",
-            "report",
-        ],
-        flags: &["derive-controls", "correctives", "dense"],
-        words: 0,
-        run: run_bake,
-    },
-    Command {
-        name: "place",
-        usage: "--mesh FILE.obj|FILE.glb [--landmarks FILE|auto] [--out FILE] [--port N]",
-        about: "serves a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the resulting shapes",
-        example: "mien-studio place --mesh head.obj --out head68.txt",
-        options: &["mesh", "landmarks", "out", "port"],
-        flags: &[],
-        words: 0,
-        run: run_place,
-    },
-    Command {
-        name: "head",
-        usage: "--out FILE.glb|FILE.obj | --make FILE [--data DIR]",
-        about: "writes a coloured head to experiment with, and its landmarks in a .txt beside it: baked with 67 shapes and a neck that stays still (.glb), or neutral with its materials (.obj); with --make rebuilds the data the program makes it from",
-        example: "mien-studio head --out head.obj",
-        options: &["out", "make", "data"],
-        flags: &[],
-        words: 0,
-        run: run_head,
-    },
-    Command {
-        name: "preview",
-        usage: "[--osc PORT | --serial PORT | --csv FILE | --source S] [--config FILE] [--box ADDRESS:PORT] [--mesh FILE.glb...] [--port N]",
-        about: "serves a web page: the animated head, the units, their ranges, curves, pose and state",
-        example: "mien-studio preview --csv run.csv --mesh head.glb",
-        options: &[
-            "osc", "serial", "baud", "full", "csv", "source", "model", "config", "box", "mesh",
-            "port",
-        ],
-        flags: &[],
-        words: 0,
-        run: run_preview,
-    },
-    Command {
-        name: "skin",
-        usage: "--out FILE [--data DIR]",
-        about: "learns from sculpted shapes how skin moves, for bake; reports the error on held-out shapes",
-        example: "mien-studio skin --out config/skin.prior",
-        options: &["out", "data"],
-        flags: &[],
-        words: 0,
-        run: run_skin,
-    },
-    Command {
-        name: "animate",
-        usage: "--mesh FILE.glb --csv FILE --out FILE.glb [--user N]",
-        about: "exports the weights of a run as a glTF animation",
-        example: "mien-studio animate --mesh head.glb --csv run.csv --out acted.glb",
-        options: &["mesh", "csv", "out", "user"],
-        flags: &[],
-        words: 0,
-        run: run_animate,
-    },
-];
+    /// Export the weights of a run as a glTF animation
+    #[command(
+        after_help = "Example: mien-studio animate --mesh head.glb --csv run.csv --out acted.glb"
+    )]
+    Animate(Animate),
+}
 
-/// What `--help` of a command says beyond its line.
-const OPTIONS: [(&str, &str); 10] = [
-    ("train", train::OPTIONS),
-    ("fit", fit::OPTIONS),
-    ("record", record::OPTIONS),
-    ("evaluate", evaluate::OPTIONS),
-    ("units", readings::OPTIONS),
-    ("preview", preview::OPTIONS),
-    ("bake", bake::request::OPTIONS),
-    ("place", place::OPTIONS),
-    ("animate", animate::OPTIONS),
-    ("nrsfm", nrsfm::OPTIONS),
-];
+#[derive(Args)]
+struct Data {
+    /// Folder of the data sets
+    #[arg(
+        long,
+        env = "MIEN_DATA",
+        hide_env_values = true,
+        default_value = "../shared/data"
+    )]
+    data: PathBuf,
+}
 
-impl Command {
-    /// Its options, one or more lines each; empty if `usage` says enough.
-    pub(super) fn details(&self) -> &'static str {
-        let found = OPTIONS.iter().find(|(name, _)| *name == self.name);
-        found.map_or("", |(_, text)| text)
+#[derive(Args)]
+struct Setup {
+    /// Face model [default: the built-in one]
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Configuration [default: the built-in one]
+    #[arg(long)]
+    config: Option<PathBuf>,
+}
+
+impl Setup {
+    fn read(&self) -> Result<(FaceModel, Settings), Fault> {
+        let settings = service::settings(self.config.as_deref()).map_err(service_fault)?;
+        let model = service::model(self.model.as_deref()).map_err(service_fault)?;
+        Ok((model, settings))
     }
 }
 
-/// What the program is.
-pub(super) const ABOUT: &str = "the workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews";
+#[derive(Args)]
+struct Train {
+    /// Folders of annotated portraits
+    #[arg(long, num_args = 1.., required_unless_present_any = ["paper_into", "person"])]
+    images: Vec<PathBuf>,
+    /// Model file to write; a page of errors on held-out people is written beside it
+    #[arg(long)]
+    out: PathBuf,
+    #[command(flatten)]
+    data: Data,
+    /// Faces drawn for training [default: 18000]
+    #[arg(long)]
+    drawn: Option<usize>,
+    /// Disturbed starts for each portrait and its mirror image [default: 4]
+    #[arg(long)]
+    starts: Option<usize>,
+    /// Seed of everything random [default: 1]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Tracks of an actor, to give the paper's model that actor's 3D shape [default: a rendered actor]
+    #[arg(long)]
+    tracks: Option<PathBuf>,
+    /// Where to write the mean offset of each landmark
+    #[arg(long)]
+    offsets: Option<PathBuf>,
+    /// Retrain only the confidence, and lids and lips from depth, of this model
+    #[arg(long)]
+    refine: Option<PathBuf>,
+    /// Leave out the paper's appearance model
+    #[arg(long, conflicts_with = "paper_of")]
+    no_paper: bool,
+    /// Keep the paper's appearance model of this model file
+    #[arg(long)]
+    paper_of: Option<PathBuf>,
+    /// Train the paper's appearance model alone and put it into this model file, which otherwise stays the same
+    #[arg(long)]
+    paper_into: Option<PathBuf>,
+    /// A recording of one person who goes through all expressions: train a model of that person alone
+    #[arg(long)]
+    person: Option<PathBuf>,
+    /// Also hold out the people used for choosing settings, to measure on them
+    #[arg(long)]
+    hold_out_dev: bool,
+}
+
+#[derive(Args)]
+struct Inspect {
+    /// What to show
+    path: PathBuf,
+    /// Page or picture to write, .html or .png
+    #[arg(long)]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    setup: Setup,
+}
+
+#[derive(Args)]
+struct Record {
+    /// Folder to write; plays with --source FOLDER of mien and mien-studio
+    #[arg(long)]
+    out: PathBuf,
+    /// How long; Ctrl-C keeps what there is
+    #[arg(long, default_value_t = 10.0)]
+    seconds: f64,
+    /// kinect, simulated[:KIND] or a folder; without a Kinect the simulator
+    #[arg(long, default_value = "kinect")]
+    source: String,
+}
+
+#[derive(Args)]
+struct Evaluate {
+    #[command(flatten)]
+    data: Data,
+    #[command(flatten)]
+    setup: Setup,
+    /// At most this many people of the split [default: all; 4 with --heads, 1 with --figures]
+    #[arg(long)]
+    people: Option<usize>,
+    /// Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --figures]
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Whose sessions: test (never looked at while building), dev (for choosing settings) or train
+    #[arg(long, default_value = "test", value_parser = split)]
+    split: Split,
+    /// Seed of everything random
+    #[arg(long, default_value_t = Sessions::default().seed)]
+    seed: u64,
+    /// The face model alone: every condition on drawn and on real faces
+    #[arg(long, group = "what")]
+    landmarks: bool,
+    /// Scenes of one and several heads, hands and rooms
+    #[arg(long, group = "what")]
+    heads: bool,
+    /// People with hair, clothes and accessories before a sensor with realistic faults
+    #[arg(long, group = "what")]
+    wild: bool,
+    /// Write the figures of docs/paper.md, the paper's system next to the default, into a folder
+    #[arg(long, group = "what")]
+    figures: Option<PathBuf>,
+    /// Only these rows of --heads or --figures, separated by commas
+    #[arg(long, value_delimiter = ',')]
+    rows: Vec<String>,
+    /// With --wild: three pictures of each person into a folder
+    #[arg(long)]
+    pictures: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Units {
+    #[command(flatten)]
+    data: Data,
+    #[command(flatten)]
+    setup: Setup,
+    /// People who act
+    #[arg(long, default_value_t = readings::Practice::default().people)]
+    people: usize,
+    /// Seconds of each
+    #[arg(long, default_value_t = readings::Practice::default().seconds)]
+    seconds: f64,
+    /// Seed of everything random
+    #[arg(long, default_value_t = readings::Practice::default().seed)]
+    seed: u64,
+    /// File with what they acted: read if it exists, else written, so that another try takes seconds
+    #[arg(long)]
+    examples: Option<PathBuf>,
+    /// Where to write the tables [default: standard output]
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Nrsfm {
+    /// 2F x P image tracks: x row, y row per frame; a missing point empty or nan
+    #[arg(long)]
+    tracks: PathBuf,
+    /// Number of shape modes, 0 for a rigid reconstruction [default: chosen from the tracks]
+    #[arg(long)]
+    rank: Option<usize>,
+    /// 3F x P shapes to write
+    #[arg(long)]
+    out: PathBuf,
+    /// 3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
+    #[arg(long)]
+    truth: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Place {
+    /// Neutral head, as for bake
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Where to begin: 68 vertex numbers, as for bake, or auto: found on a picture of the mesh
+    #[arg(long, default_value = "auto")]
+    landmarks: PathBuf,
+    /// What Save writes, for bake --landmarks [default: beside the mesh, NAME.landmarks.txt]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Where the page is served, on this machine only; 0 takes a free one
+    #[arg(long, default_value_t = place::PORT)]
+    port: u16,
+}
+
+#[derive(Args)]
+struct Preview {
+    /// PORT or ADDRESS:PORT to receive OSC at; 0.0.0.0:9130 for a mien elsewhere
+    #[arg(long, group = "feed", default_value = preview::OSC_AT)]
+    osc: String,
+    /// A serial port or tcp:host:port, any style
+    #[arg(long, group = "feed")]
+    serial: Option<String>,
+    /// Baud rate of the serial port
+    #[arg(long, default_value_t = 115_200)]
+    baud: u32,
+    /// Value of a weight of 1, serial.full of the sender
+    #[arg(long, default_value_t = 100)]
+    full: u32,
+    /// What mien run --csv wrote, to play, pause and scrub; - for standard input
+    #[arg(long, group = "feed")]
+    csv: Option<PathBuf>,
+    /// A recording, kinect or simulated: followed here, with pictures
+    #[arg(long, group = "feed")]
+    source: Option<String>,
+    /// Face model, with --source [default: the built-in one]
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Configuration file in which to save gains tried on the page
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// ADDRESS:PORT where the box hears commands (osc.listen there) [default: the host that sends, port 9131]
+    #[arg(long = "box")]
+    commands: Option<String>,
+    /// Heads with named morph targets (.glb) [default: a head of our own]
+    #[arg(long, num_args = 1..)]
+    mesh: Vec<PathBuf>,
+    /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
+    #[arg(long, default_value = preview::PAGE_AT)]
+    port: String,
+}
+
+#[derive(Args)]
+struct Animate {
+    /// A head with named morph targets, as bake writes it
+    #[arg(long)]
+    mesh: PathBuf,
+    /// What mien run --csv wrote
+    #[arg(long)]
+    csv: PathBuf,
+    /// The head with the run as an animation, .glb or .vrm
+    #[arg(long, value_parser = |text: &str| bake::request::written(text, &["glb", "vrm"]))]
+    out: PathBuf,
+    /// Slot to follow [default: the first that appears]
+    #[arg(long)]
+    user: Option<String>,
+}
 
 /// Why a command failed, and with which exit code.
 #[derive(Debug)]
@@ -273,80 +391,28 @@ impl<E: std::error::Error> From<E> for Fault {
     }
 }
 
-fn service_fault(failure: &service::Failure) -> Fault {
+fn service_fault(failure: service::Failure) -> Fault {
     Fault::Failed {
         text: failure.to_string(),
         code: failure.exit_code(),
     }
 }
 
-/// The words of one invocation.
-#[derive(Default)]
-struct Words {
-    options: BTreeMap<&'static str, Vec<OsString>>,
-    free: Vec<OsString>,
-}
-
-impl Words {
-    fn parse(command: &Command, parser: &mut lexopt::Parser) -> Result<Option<Self>, Fault> {
-        let usage = |error: lexopt::Error| Fault::Usage(error.to_string());
-        let mut words = Self::default();
-        while let Some(word) = parser.next().map_err(usage)? {
-            match word {
-                Long("help") | Short('h') => return Ok(None),
-                Long(name) => {
-                    if let Some(&name) = command.options.iter().find(|&&known| known == name) {
-                        let values = words.options.entry(name).or_default();
-                        values.extend(parser.values().map_err(usage)?);
-                    } else if let Some(&name) = command.flags.iter().find(|&&known| known == name) {
-                        words.options.entry(name).or_default();
-                    } else {
-                        return Err(usage(word.unexpected()));
-                    }
-                }
-                Value(free) if words.free.len() < command.words => words.free.push(free),
-                other => return Err(usage(other.unexpected())),
-            }
-        }
-        Ok(Some(words))
-    }
-
-    fn path(&self, name: &str) -> Option<PathBuf> {
-        self.options
-            .get(name)
-            .and_then(|values| values.last())
-            .map(PathBuf::from)
-    }
-
-    fn paths(&self, name: &str) -> Result<Vec<PathBuf>, Fault> {
-        let values = self
-            .options
-            .get(name)
-            .ok_or_else(|| Fault::Usage(format!("--{name} is missing")))?;
-        Ok(values.iter().map(PathBuf::from).collect())
-    }
-
-    fn flag(&self, name: &str) -> bool {
-        self.options.contains_key(name)
-    }
-
-    fn required(&self, name: &str) -> Result<PathBuf, Fault> {
-        self.path(name)
-            .ok_or_else(|| Fault::Usage(format!("--{name} is missing")))
-    }
-
-    fn value<T: FromStr>(&self, name: &str) -> Result<Option<T>, Fault> {
-        let Some(word) = self.options.get(name).and_then(|values| values.last()) else {
-            return Ok(None);
-        };
-        let parsed = word.to_str().and_then(|word| word.parse().ok());
-        parsed.map(Some).ok_or_else(|| {
-            Fault::Usage(format!(
-                "--{name} {} is not a valid value",
-                word.to_string_lossy()
-            ))
-        })
-    }
+/// A sentence of what is wrong with the words.
+fn sentence(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let about = text.split("\n\n").next().unwrap_or_default();
+    let about: Vec<&str> = about.split_whitespace().skip(1).collect();
+    let meant = [
+        ContextKind::SuggestedSubcommand,
+        ContextKind::SuggestedArg,
+        ContextKind::SuggestedValue,
+    ];
+    let meant = meant.iter().find_map(|&kind| error.get(kind));
+    meant.map_or_else(
+        || about.join(" "),
+        |meant| format!("{}; did you mean {meant}?", about.join(" ")),
+    )
 }
 
 /// Runs one invocation; the words after the program's name.
@@ -355,63 +421,69 @@ impl Words {
 /// [`Fault::Usage`] on wrong words, else what the command says.
 #[expect(clippy::print_stdout, reason = "help is asked for")]
 pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
-    let mut parser = lexopt::Parser::from_args(words);
-    let first = parser
-        .next()
-        .map_err(|error| Fault::Usage(error.to_string()))?;
-    let name = match first {
-        None | Some(Long("help") | Short('h')) => {
-            print!("{}", help());
-            return Ok(());
-        }
-        Some(Long("version") | Short('V')) => {
-            println!("mien-studio {}", env!("CARGO_PKG_VERSION"));
-            return Ok(());
-        }
-        Some(Value(word)) => word.to_string_lossy().into_owned(),
-        Some(other) => return Err(Fault::Usage(other.unexpected().to_string())),
+    let words = std::iter::once("mien-studio".into()).chain(words);
+    let line = match Line::try_parse_from(words) {
+        Ok(line) => line,
+        Err(error) => match error.kind() {
+            ErrorKind::DisplayHelp
+            | ErrorKind::DisplayVersion
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                print!("{error}");
+                return Ok(());
+            }
+            _ => return Err(Fault::Usage(sentence(&error))),
+        },
     };
-    if name == "help" {
-        print!("{}", help());
-        return Ok(());
-    }
-    let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
-        return Err(Fault::Usage(format!("unknown command {name:?}")));
-    };
-    match Words::parse(command, &mut parser)? {
-        Some(words) => (command.run)(&words),
-        None => {
-            println!(
-                "mien-studio {} {}\n  {}\n{}Example: {}",
-                command.name,
-                command.usage,
-                command.about,
-                command.details(),
-                command.example
-            );
+    match line.command {
+        Command::Train(words) => run_train(words),
+        Command::Fit(args) => {
+            stopped::tell(Goes::File(args.out.clone()));
+            Ok(fit::fit(&args, &mut say)?)
+        }
+        Command::Inspect(Inspect { path, out, setup }) => {
+            let (model, settings) = setup.read()?;
+            let out = inspect(&path, out.as_deref(), &model, &settings)?;
+            say(&format!("wrote {}", out.display()));
             Ok(())
         }
+        Command::SimulatedHead { out, data } => {
+            let trains = |person| Split::of(person) == Split::Train;
+            let bytes = make_simulated_head(&data.data, &out, trains)?;
+            say(&format!("wrote {}: {bytes} bytes", out.display()));
+            Ok(())
+        }
+        Command::Record(words) => run_record(&words),
+        Command::Evaluate(words) => run_evaluate(&words),
+        Command::Units(words) => run_units(words),
+        Command::Nrsfm(words) => run_nrsfm(&words),
+        Command::Bake(request) => Ok(bake::command::run(&request).map(drop)?),
+        Command::Place(Place {
+            mesh,
+            landmarks,
+            out,
+            port,
+        }) => Ok(place::run(&mesh, &landmarks, out, port, &mut say)?),
+        Command::Head { out, make, data } => {
+            if let Some(out) = make {
+                let bytes = hero::make::make(&data.data, &out)?;
+                say(&format!("wrote {}: {bytes} bytes", out.display()));
+            } else if let Some(out) = out {
+                say(&default_head::write_to(&out)?);
+            }
+            Ok(())
+        }
+        Command::Preview(words) => run_preview(words),
+        Command::Skin { out, data } => Ok(bake::command::skin(&data.data, &out)?),
+        Command::Animate(words) => {
+            let Animate {
+                mesh,
+                csv,
+                out,
+                user,
+            } = words;
+            Ok(animate::animate(&mesh, &csv, &out, user.as_deref())?)
+        }
     }
-}
-
-fn help() -> String {
-    let mut text = format!("mien-studio - {ABOUT}\n\n");
-    for command in COMMANDS {
-        text += &format!(
-            "mien-studio {} {}\n    {}\n",
-            command.name, command.usage, command.about
-        );
-    }
-    text += "\nEvery command has --help with an example.\n";
-    text
-}
-
-/// The data sets: `--data`, else `MIEN_DATA`, else `../shared/data`.
-fn data(words: &Words) -> PathBuf {
-    words
-        .path("data")
-        .or_else(|| std::env::var_os("MIEN_DATA").map(PathBuf::from))
-        .unwrap_or_else(|| Path::new("../shared/data").to_path_buf())
 }
 
 /// What the first Ctrl-C sets; the second ends the program at once.
@@ -426,20 +498,24 @@ fn stop_on_signals() -> Arc<AtomicBool> {
 }
 
 #[expect(clippy::print_stdout, reason = "the command's output")]
-fn run_record(words: &Words) -> Result<(), Fault> {
-    let out = words.required("out")?;
-    let name = words
-        .value::<String>("source")?
-        .unwrap_or_else(|| "kinect".into());
-    let seconds = words.value("seconds")?.unwrap_or(10.0);
-    let mut source = service::open(&name, NoKinect::Simulate, Default::default())
-        .map_err(|failure| service_fault(&failure))?;
+fn say(line: &str) {
+    println!("{line}");
+}
+
+fn run_record(words: &Record) -> Result<(), Fault> {
+    let Record {
+        out,
+        seconds,
+        source,
+    } = words;
+    let mut source =
+        service::open(source, NoKinect::Simulate, Default::default()).map_err(service_fault)?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
     let stop = stop_on_signals();
-    let done = record::record(&mut source, &out, seconds, now, &stop)?;
-    println!("{} frames in {}", done.frames, out.display());
+    let done = record::record(&mut source, out, *seconds, now, &stop)?;
+    say(&format!("{} frames in {}", done.frames, out.display()));
     eprintln!(
         "{}{:.1} s at {:.1} Hz, {:.1} MB{}",
         if done.stopped { "stopped: " } else { "" },
@@ -455,92 +531,58 @@ fn run_record(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
+fn split(name: &str) -> Result<Split, String> {
+    Ok(match name {
+        "test" => Split::Test,
+        "dev" => Split::Dev,
+        "train" => Split::Train,
+        _ => return Err("expected test, dev or train".into()),
+    })
+}
+
 #[expect(clippy::print_stdout, reason = "the command's output")]
-fn run_evaluate(words: &Words) -> Result<(), Fault> {
-    let defaults = Sessions::default();
-    let sessions = Sessions {
-        people: words.value("people")?.unwrap_or(defaults.people),
-        seconds: words.value("seconds")?.unwrap_or(defaults.seconds),
-        seed: words.value("seed")?.unwrap_or(defaults.seed),
-        split: match words.value::<String>("split")?.as_deref() {
-            None | Some("test") => Split::Test,
-            Some("dev") => Split::Dev,
-            Some("train") => Split::Train,
-            Some(other) => {
-                return Err(Fault::Usage(format!(
-                    "--split {other} is not test, dev or train"
-                )));
-            }
-        },
+fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
+    let (model, settings) = words.setup.read()?;
+    let data = &words.data.data;
+    let folder = words.figures.as_ref().or(words.pictures.as_ref());
+    stopped::tell(folder.map_or(Goes::Printed, |folder| Goes::Pictures(folder.clone())));
+    let sessions = |people: usize, seconds: f64| Sessions {
+        people: words.people.unwrap_or(people),
+        seconds: words.seconds.unwrap_or(seconds),
+        split: words.split,
+        seed: words.seed,
     };
-    let settings = service::settings(words.path("config").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    let model = service::model(words.path("model").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    let folder = words.path("figures").or_else(|| words.path("pictures"));
-    stopped::tell(folder.map_or(Goes::Printed, Goes::Pictures));
-    if words.flag("landmarks") {
-        // Five seconds show every condition unless more is asked for.
-        let seconds = words.value("seconds")?.unwrap_or(5.0);
-        let sessions = Sessions {
-            seconds,
-            ..sessions
-        };
-        landmark_accuracy::measure(&data(words), &model, &settings, &sessions, &mut say)?;
-        return Ok(());
-    }
-    if let Some(folder) = words.path("figures") {
-        let length = (
-            words.value("people")?.unwrap_or(1),
-            words.value("seconds")?.unwrap_or(20.0),
-        );
-        let only = rows(words, &figures::FIGURES)?;
-        let data = data(words);
-        figures::draw(&data, &model, &settings, length, &folder, &only, &mut say)?;
-        return Ok(());
-    }
-    if words.flag("heads") {
-        let rows = rows(words, &head_scenes::ROWS)?;
-        let sessions = Sessions {
-            people: words.value("people")?.unwrap_or(head_scenes::PEOPLE),
-            seconds: words.value("seconds")?.unwrap_or(head_scenes::SECONDS),
-            ..sessions
-        };
-        print!(
-            "{}",
-            head_scenes::play(&data(words), &model, &settings, &sessions, &rows)?
-        );
-        return Ok(());
-    }
-    if words.flag("wild") {
-        let sessions = Sessions {
-            seconds: words.value("seconds")?.unwrap_or(wild::SECONDS),
-            ..sessions
-        };
-        let pictures = words.path("pictures");
-        let table = wild::play(
-            &data(words),
-            &model,
-            &settings,
-            &sessions,
-            pictures.as_deref(),
-        )?;
+    let Sessions {
+        people, seconds, ..
+    } = Sessions::default();
+    if words.landmarks {
+        // Five seconds show every condition.
+        let sessions = sessions(people, 5.0);
+        landmark_accuracy::measure(data, &model, &settings, &sessions, &mut say)?;
+    } else if let Some(folder) = &words.figures {
+        let length = (words.people.unwrap_or(1), words.seconds.unwrap_or(20.0));
+        let only = rows(&words.rows, &figures::FIGURES)?;
+        figures::draw(data, &model, &settings, length, folder, only, &mut say)?;
+    } else if words.heads {
+        let rows = rows(&words.rows, &head_scenes::ROWS)?;
+        let sessions = sessions(head_scenes::PEOPLE, head_scenes::SECONDS);
+        let table = head_scenes::play(data, &model, &settings, &sessions, rows)?;
         print!("{table}");
-        return Ok(());
+    } else if words.wild {
+        let sessions = sessions(people, wild::SECONDS);
+        let pictures = words.pictures.as_deref();
+        let table = wild::play(data, &model, &settings, &sessions, pictures)?;
+        print!("{table}");
+    } else {
+        let sessions = sessions(people, seconds);
+        let table = sessions::play(data, &model, &settings, &sessions)?;
+        print!("{table}");
     }
-    print!(
-        "{}",
-        sessions::play(&data(words), &model, &settings, &sessions)?
-    );
     Ok(())
 }
 
-/// What `--rows` chooses of these; all if it is not given.
-fn rows(words: &Words, names: &[&str]) -> Result<Vec<String>, Fault> {
-    let rows = words.value::<String>("rows")?;
-    let rows: Vec<String> = rows.map_or_else(Vec::new, |rows| {
-        rows.split(',').map(str::to_owned).collect()
-    });
+/// The rows asked for, if all of them are among these.
+fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
     match rows.iter().find(|row| !names.contains(&row.as_str())) {
         Some(unknown) => Err(Fault::Usage(format!(
             "--rows {unknown} is not one of {}",
@@ -551,22 +593,19 @@ fn rows(words: &Words, names: &[&str]) -> Result<Vec<String>, Fault> {
 }
 
 #[expect(clippy::print_stdout, reason = "the command's output")]
-fn run_units(words: &Words) -> Result<(), Fault> {
-    let defaults = readings::Practice::default();
+fn run_units(words: Units) -> Result<(), Fault> {
     let practice = readings::Practice {
-        people: words.value("people")?.unwrap_or(defaults.people),
-        seconds: words.value("seconds")?.unwrap_or(defaults.seconds),
-        seed: words.value("seed")?.unwrap_or(defaults.seed),
-        examples: words.path("examples"),
+        people: words.people,
+        seconds: words.seconds,
+        seed: words.seed,
+        examples: words.examples,
     };
-    let settings = service::settings(words.path("config").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    let model = service::model(words.path("model").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    stopped::tell(words.path("out").map_or(Goes::Printed, Goes::File));
+    let (model, settings) = words.setup.read()?;
+    stopped::tell(words.out.clone().map_or(Goes::Printed, Goes::File));
     let mut progress = |line: &str| eprintln!("{line}");
-    let text = readings::learn(&data(words), &model, &settings, &practice, &mut progress)?;
-    match words.path("out") {
+    let data = &words.data.data;
+    let text = readings::learn(data, &model, &settings, &practice, &mut progress)?;
+    match words.out {
         Some(out) => atomic_write::write(&out, text)
             .map_err(|source| TrainError::Unwritable { path: out, source })?,
         None => print!("{text}"),
@@ -574,245 +613,81 @@ fn run_units(words: &Words) -> Result<(), Fault> {
     Ok(())
 }
 
-#[expect(clippy::print_stdout, reason = "the command's output")]
-fn say(line: &str) {
-    println!("{line}");
-}
-
-fn run_train(words: &Words) -> Result<(), Fault> {
-    stopped::tell(Goes::File(words.required("out")?));
+fn run_train(words: Train) -> Result<(), Fault> {
+    stopped::tell(Goes::File(words.out.clone()));
+    let model = |path: PathBuf| service::model(Some(&path)).map_err(service_fault);
     let defaults = TrainArgs::default();
-    let tracks = words
-        .path("tracks")
-        .map(|path| Tracks::read(&path))
-        .transpose()?;
-    let into = words.path("paper-into");
-    let session = words.path("person");
     let args = TrainArgs {
-        images: match into.as_ref().or(session.as_ref()) {
-            Some(_) => Vec::new(),
-            None => words.paths("images")?,
-        },
-        data: data(words),
-        out: words.required("out")?,
-        offsets: words.path("offsets"),
-        tracks,
-        drawn: words.value("drawn")?.unwrap_or(defaults.drawn),
-        starts: words.value("starts")?.unwrap_or(defaults.starts),
-        seed: words.value("seed")?.unwrap_or(defaults.seed),
-        paper_pictures: if words.flag("no-paper") {
+        images: words.images,
+        data: words.data.data,
+        out: words.out,
+        offsets: words.offsets,
+        tracks: words.tracks.map(|path| Tracks::read(&path)).transpose()?,
+        drawn: words.drawn.unwrap_or(defaults.drawn),
+        starts: words.starts.unwrap_or(defaults.starts),
+        seed: words.seed.unwrap_or(defaults.seed),
+        paper_pictures: if words.no_paper {
             0
         } else {
             defaults.paper_pictures
         },
-        paper_aam: words
-            .path("paper-of")
-            .map(|path| service::model(Some(&path)))
-            .transpose()
-            .map_err(|failure| service_fault(&failure))?
-            .map(|model| model.paper_aam),
-        hold_out_dev: words.flag("hold-out-dev"),
+        paper_aam: words.paper_of.map(model).transpose()?.map(|m| m.paper_aam),
+        hold_out_dev: words.hold_out_dev,
         ..defaults
     };
-    if let Some(session) = session {
-        train_person(&args, &session, into.as_ref(), &mut say)?;
-    } else if let Some(path) = into {
+    if let Some(session) = words.person {
+        train_person(&args, &session, words.paper_into.as_ref(), &mut say)?;
+    } else if let Some(path) = words.paper_into {
         train_paper_into(&args, &path, &mut say)?;
-    } else if let Some(path) = words.path("refine") {
-        let model = service::model(Some(&path)).map_err(|failure| service_fault(&failure))?;
-        finish(&args, model, &mut say)?;
+    } else if let Some(path) = words.refine {
+        finish(&args, model(path)?, &mut say)?;
     } else {
         train(&args, &mut say)?;
     }
     Ok(())
 }
 
-fn run_fit(words: &Words) -> Result<(), Fault> {
-    let face_box = words.value::<String>("box")?;
-    let face_box = face_box.map(|text| {
-        fit::parse_box(&text)
-            .ok_or_else(|| Fault::Usage(format!("--box {text} is not x,y,w,h in pixels")))
-    });
-    let args = FitArgs {
-        model: words.path("model"),
-        images: words.required("images")?,
-        out: words.required("out")?,
-        face_box: face_box.transpose()?,
-        boxes: words.path("boxes"),
-        offsets: words.path("offsets"),
-        pictures: words.path("pictures"),
-    };
-    stopped::tell(Goes::File(args.out.clone()));
-    fit::fit(&args, &mut say)?;
-    Ok(())
-}
-
-fn run_inspect(words: &Words) -> Result<(), Fault> {
-    let path = words
-        .free
-        .first()
-        .map(PathBuf::from)
-        .ok_or_else(|| Fault::Usage("a path is missing".into()))?;
-    let model = service::model(words.path("model").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    let settings = service::settings(words.path("config").as_deref())
-        .map_err(|failure| service_fault(&failure))?;
-    let out = inspect(&path, words.path("out").as_deref(), &model, &settings)?;
-    say(&format!("wrote {}", out.display()));
-    Ok(())
-}
-
-fn run_simulated_head(words: &Words) -> Result<(), Fault> {
-    let out = words.required("out")?;
-    let bytes = make_simulated_head(&data(words), &out, |person| {
-        Split::of(person) == Split::Train
-    })?;
-    say(&format!("wrote {}: {bytes} bytes", out.display()));
-    Ok(())
-}
-
-fn run_nrsfm(words: &Words) -> Result<(), Fault> {
-    let truth = words.path("truth");
-    stopped::tell(Goes::File(words.required("out")?));
-    nrsfm::run(
-        &words.required("tracks")?,
-        words.value("rank")?,
-        &words.required("out")?,
-        truth.as_deref(),
-    )
-    .map_err(|error| match error {
+fn run_nrsfm(words: &Nrsfm) -> Result<(), Fault> {
+    stopped::tell(Goes::File(words.out.clone()));
+    let truth = words.truth.as_deref();
+    nrsfm::run(&words.tracks, words.rank, &words.out, truth).map_err(|error| match error {
         nrsfm::Error::Usage { problem } => Fault::Usage(problem),
         other => other.into(),
     })
 }
 
-/// A file of ours by its name: binary glTF, the VRM that a head came in or, for `bake`, USD.
-fn head_out(words: &Words, endings: &[&str], written: &str) -> Result<PathBuf, Fault> {
-    let out: PathBuf = words.required("out")?;
-    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
-    if endings.iter().any(|known| ending == *known) {
-        return Ok(out);
-    }
-    Err(Fault::Usage(format!(
-        "--out {}: expected a name that ends in .{} ({written})",
-        out.display(),
-        endings.join(" or .")
-    )))
-}
-
-fn run_bake(words: &Words) -> Result<(), Fault> {
-    let method = words.value::<String>("method")?;
-    let unit = words.value::<String>("unit")?;
-    let metres = unit.as_deref().map(|unit| {
-        bake::request::metres(unit)
-            .ok_or_else(|| Fault::Usage(format!("--unit {unit} is not mm, cm or m")))
-    });
-    let request = bake::request::Request {
-        mesh: words.required("mesh")?,
-        landmarks: words.required("landmarks")?,
-        out: head_out(
-            words,
-            &["glb", "vrm", "usda"],
-            "only binary glTF and text USD are supported; --obj FOLDER also writes every shape as OBJ; \
-             FBX and .blend come out of Blender, see docs/baking.md",
-        )?,
-        recipe: words.path("recipe"),
-        controls: words.path("controls"),
-        obj: words.path("obj"),
-        report: words.path("report"),
-        metres: metres.transpose()?,
-        method: match method.as_deref() {
-            None => bake::rig::Method::default(),
-            Some(name) => bake::rig::Method::named(name).ok_or_else(|| {
-                Fault::Usage(format!("--method {name} is not aoi, paper or laplacian"))
-            })?,
-        },
-        derive: words.flag("derive-controls"),
-        correctives: words.flag("correctives"),
-        dense: words.flag("dense"),
-    };
-    bake::command::run(&request)?;
-    Ok(())
-}
-
-fn run_place(words: &Words) -> Result<(), Fault> {
-    let landmarks = words.path("landmarks").unwrap_or_else(|| "auto".into());
-    let port = words.value("port")?.unwrap_or(place::PORT);
-    let mesh = words.required("mesh")?;
-    place::run(&mesh, &landmarks, words.path("out"), port, &mut say)?;
-    Ok(())
-}
-
-fn run_skin(words: &Words) -> Result<(), Fault> {
-    Ok(bake::command::skin(&data(words), &words.required("out")?)?)
-}
-
-fn run_head(words: &Words) -> Result<(), Fault> {
-    if let Some(out) = words.path("make") {
-        let bytes = hero::make::make(&data(words), &out)?;
-        say(&format!("wrote {}: {bytes} bytes", out.display()));
-        return Ok(());
-    }
-    say(&default_head::write_to(&words.required("out")?)?);
-    Ok(())
-}
-
-fn run_preview(words: &Words) -> Result<(), Fault> {
-    let address = |option: &str, default: &str| {
-        let word = words.value::<String>(option)?;
-        let word = word.as_deref().unwrap_or(default);
+fn run_preview(words: Preview) -> Result<(), Fault> {
+    let address = |option: &str, word: &str| {
         preview::address(word).ok_or_else(|| {
             Fault::Usage(format!(
                 "--{option} {word} is not a port or an address:port"
             ))
         })
     };
-    let sources = ["osc", "serial", "csv", "source"];
-    let given: Vec<&str> = sources
-        .into_iter()
-        .filter(|name| words.flag(name))
-        .collect();
-    let feed = match given[..] {
-        [] | ["osc"] => preview::Feed::Osc(address("osc", preview::OSC_AT)?),
-        ["serial"] => preview::Feed::Serial(preview::serial::Port {
-            name: words.value("serial")?.unwrap_or_default(),
-            baud: words.value("baud")?.unwrap_or(115_200),
-            full: words.value::<u32>("full")?.unwrap_or(100).max(1) as f32,
-        }),
-        ["csv"] => preview::Feed::Csv(words.required("csv")?),
-        ["source"] => preview::Feed::Sensor {
-            name: words.value("source")?.unwrap_or_default(),
-            model: words.path("model"),
-            config: words.path("config"),
-        },
-        _ => {
-            return Err(Fault::Usage(format!(
-                "--{} and --{} cannot be shown at once",
-                given[0], given[1]
-            )));
+    let feed = if let Some(name) = words.serial {
+        preview::Feed::Serial(preview::serial::Port {
+            name,
+            baud: words.baud,
+            full: words.full.max(1) as f32,
+        })
+    } else if let Some(csv) = words.csv {
+        preview::Feed::Csv(csv)
+    } else if let Some(name) = words.source {
+        preview::Feed::Sensor {
+            name,
+            model: words.model,
+            config: words.config.clone(),
         }
+    } else {
+        preview::Feed::Osc(address("osc", &words.osc)?)
     };
+    let box_at = words.commands.as_deref();
     let request = preview::Request {
         feed,
-        meshes: words.paths("mesh").unwrap_or_default(),
-        gains: words.path("config"),
-        page: address("port", preview::PAGE_AT)?,
-        commands: match words.flag("box") {
-            true => Some(address("box", "")?),
-            false => None,
-        },
+        meshes: words.mesh,
+        gains: words.config,
+        page: address("port", &words.port)?,
+        commands: box_at.map(|word| address("box", word)).transpose()?,
     };
-    preview::run(&request, &mut say)?;
-    Ok(())
-}
-
-fn run_animate(words: &Words) -> Result<(), Fault> {
-    let user = words.value::<String>("user")?;
-    animate::animate(
-        &words.required("mesh")?,
-        &words.required("csv")?,
-        &head_out(words, &["glb", "vrm"], "binary glTF is what is written")?,
-        user.as_deref(),
-    )?;
-    Ok(())
+    Ok(preview::run(&request, &mut say)?)
 }

@@ -70,32 +70,30 @@ impl FaceBox {
 }
 
 /// What to fit.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct FitArgs {
-    /// Model file; the built-in model if `None`.
-    pub model: Option<PathBuf>,
-    /// Folder of pictures.
+    /// Folder of pictures, annotated or not
+    #[arg(long)]
     pub images: PathBuf,
-    /// CSV to write.
+    /// Table of the points: file, confidence, x0, y0, ... in pixels of the file
+    #[arg(long)]
     pub out: PathBuf,
-    /// One box for all pictures.
+    /// Face model [default: the built-in one]
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// One face box x,y,w,h for all pictures [default: the annotation's, disturbed]
+    #[arg(long = "box", value_parser = |text: &str| parse_box(text).ok_or("expected x,y,w,h in pixels"), conflicts_with = "boxes")]
     pub face_box: Option<FaceBox>,
-    /// Table of boxes, columns file, x, y, w, h.
+    /// Table of face boxes: file, x, y, w, h
+    #[arg(long)]
     pub boxes: Option<PathBuf>,
-    /// Mean offsets per landmark, as `train` writes them.
+    /// Mean offset of each landmark, as train writes them, to take out of the error
+    #[arg(long)]
     pub offsets: Option<PathBuf>,
-    /// Folder for pictures with the landmarks drawn in.
+    /// Folder for every picture with the points drawn in, numbered, the annotation's in white
+    #[arg(long)]
     pub pictures: Option<PathBuf>,
 }
-
-/// What `mien-studio fit --help` says beyond the usage.
-pub const OPTIONS: &str = "  --images    folder of pictures, annotated or not
-  --out       table of the points: file, confidence, x0, y0, ... in pixels of the file
-  --model     face model; default: the one built in
-  --box       one face box for all pictures; --boxes a table file,x,y,w,h; default: the annotation's, disturbed
-  --offsets   mean offset of each landmark, as train writes them, to take out of the error
-  --pictures  folder for every picture with the points drawn in, numbered, the annotation's in white
-";
 
 /// Why pictures cannot be fitted.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 //! `studio`.
 //!
 //! ```text
-//! cli            the command line: words to the commands below; manual: its page and completions
+//! cli            the command line: words to the commands below
 //! record         a recording from the sensor or the simulator
 //! inspect        any of our files as a page or a sheet of pictures
 //! preview        a page that shows live what is received
@@ -33,7 +33,6 @@ pub mod frame_time;
 pub mod head_turn;
 pub mod heads;
 pub mod inspect;
-pub mod manual;
 pub mod nrsfm;
 pub mod people_split;
 pub mod place;
@@ -45,3 +44,7 @@ pub mod stopped;
 pub mod text_files;
 pub mod train;
 pub mod units;
+
+#[cfg(test)]
+#[path = "../../tests/common/data.rs"]
+pub(crate) mod data;

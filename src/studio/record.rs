@@ -8,13 +8,6 @@ use crate::appliance::source::{Source, SourceError};
 use crate::sensor::Frame;
 use crate::sensor::recording::{Recorder, RecordingError};
 
-/// What `mien-studio record --help` says beyond the usage.
-pub const OPTIONS: &str =
-    "  --out      folder to write; plays with --source FOLDER of mien and mien-studio
-  --seconds  default 10; Ctrl-C keeps what there is
-  --source   kinect, simulated[:KIND] or a folder; default kinect, without one the simulator
-";
-
 /// Frames between two looks at the disk.
 const LOOKED_EVERY: u64 = 15;
 

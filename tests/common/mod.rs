@@ -6,10 +6,12 @@
 )]
 
 pub mod actors;
+pub mod data;
 pub mod paced;
 pub mod whole_run;
 
-use std::path::{Path, PathBuf};
+#[cfg(feature = "studio")]
+use std::path::Path;
 
 #[cfg(feature = "studio")]
 use mien::sensor::camera::Camera;
@@ -17,19 +19,6 @@ use mien::sensor::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
 
 /// Ticks of the sensor's counter per frame.
 pub const FRAME_TICKS: u32 = mien::sensor::FRAME_TICKS as u32;
-
-/// Where the public data sets lie: `MIEN_DATA`, or else `../shared/data`. `None`, told in one line, if they do not.
-pub fn data() -> Option<PathBuf> {
-    let path = std::env::var_os("MIEN_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    if !path.is_dir() {
-        println!("skipped: no data sets at {}; set MIEN_DATA", path.display());
-        return None;
-    }
-    Some(path)
-}
 
 /// A frame of seeded noise: every raw depth value, every colour.
 pub fn noise_frame(number: u64, seed: u64) -> Frame {

@@ -117,7 +117,7 @@ fn a_person_never_trained_on_is_followed_by_the_papers_system() {
     use mien::studio::evaluate::sessions::{Sessions, play};
     use mien::studio::people_split::Split;
 
-    let Some(data) = crate::common::data() else {
+    let Some(data) = crate::common::data::data(&[]) else {
         return;
     };
     let sessions = Sessions {
@@ -158,10 +158,7 @@ fn second_world() -> Option<PathBuf> {
         PathBuf::from,
     );
     if !world.join("Cargo.toml").is_file() {
-        println!(
-            "skipped: no second world at {}; set MIEN_WORLD",
-            world.display()
-        );
+        crate::common::data::skip(&format!("no {}; set MIEN_WORLD", world.display()));
         return None;
     }
     let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("second-world");
@@ -175,7 +172,7 @@ fn second_world() -> Option<PathBuf> {
         .env("CARGO_TARGET_DIR", &kept)
         .status();
     if !built.is_ok_and(|built| built.success()) {
-        println!("skipped: the second world does not build here");
+        crate::common::data::skip("no second world that builds here");
         return None;
     }
     let drawn = Command::new(kept.join("release/kinect-synth"))

@@ -245,7 +245,7 @@ fn what_cannot_be_opened_is_said_in_one_sentence() {
             vec!["--mesh".into(), at(&mesh), "--landmarks".into(), at(&cube)],
             "expected 68 vertex numbers",
         ),
-        (vec![], "--mesh is missing"),
+        (vec![], "not provided: --mesh"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_mien-studio"))
             .args(["place", "--port", "0"])

@@ -24,7 +24,7 @@ const FRAMES: usize = 75;
 /// Frames from the first of a head to its pose.
 const SEARCH: usize = 3;
 /// As the program has it: frames in a row until a head without a face is a user.
-const POSED_FRAMES: usize = 10;
+const POSED_FRAMES: usize = 2;
 
 /// A recording, and where its head is in truth.
 struct Session {
@@ -165,7 +165,7 @@ fn errors(played: &[Played], frame: impl Fn(&Played) -> usize) -> [f32; 2] {
     [spread(&turns).to_degrees(), spread(&places) * 1e3]
 }
 
-/// Follows depth alone: a user after ten frames, posed from then on, nothing of a face, pose right, box around the head.
+/// Follows depth alone: a user after two frames, posed from then on, nothing of a face, pose right, box around the head.
 fn is_posed(played: &[Played]) {
     let from = SEARCH + POSED_FRAMES;
     assert!(

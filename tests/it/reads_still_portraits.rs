@@ -56,7 +56,9 @@ fn mouth(head: &[Point; LANDMARKS]) -> (f32, f32) {
 
 #[test]
 fn strangers_points_are_found_within_four_per_cent() {
-    let Some(data) = common::data() else { return };
+    let Some(data) = common::data::data(&[]) else {
+        return;
+    };
     let model = FaceModel::shipped();
     let mut fitter = StillFitter::new(&model);
     let mut random = fastrand::Rng::with_seed(21);
@@ -92,7 +94,9 @@ fn strangers_points_are_found_within_four_per_cent() {
 
 #[test]
 fn a_smile_widens_the_mouth_and_raises_its_corners() {
-    let Some(data) = common::data() else { return };
+    let Some(data) = common::data::data(&[]) else {
+        return;
+    };
     let model = FaceModel::shipped();
     let mut fitter = StillFitter::new(&model);
     let portraits = read_folder(&data.join("faces_frl189")).expect("the portraits");

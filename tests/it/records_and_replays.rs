@@ -303,7 +303,9 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
 #[cfg(feature = "studio")]
 #[test]
 fn real_frames_become_a_recording() {
-    let Some(data) = common::data() else { return };
+    let Some(data) = common::data::data(&[]) else {
+        return;
+    };
     let directory = tempfile::tempdir().unwrap();
     common::write_kinect_recording(&data, &["desk_000", "five_people"], 2, directory.path());
     let mut recording = Recording::open(directory.path()).unwrap();

@@ -8,13 +8,9 @@ use mien::base::geometry::Point;
 use mien::face_model::FaceModel;
 use mien::studio::nrsfm::{Settings, Shapes, Tracks, nrsfm, rigid_mean_shape, shape_error};
 use nalgebra::{Rotation3, Vector3};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-fn data() -> Option<PathBuf> {
-    let fixed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let path = std::env::var_os("MIEN_DATA").map_or(fixed, PathBuf::from);
-    path.join("nrsfm_bench").is_dir().then_some(path)
-}
+use crate::common;
 
 /// One row of the table; the share of the rigid mean shape's error that is left.
 fn share(name: &str, tracks: &Tracks, truth: &Shapes) -> f64 {
@@ -44,8 +40,7 @@ const HEADING: &str =
 
 #[test]
 fn standard_sequences_beat_the_rigid_shape() {
-    let Some(data) = data() else {
-        println!("skipped: no nrsfm_bench under MIEN_DATA");
+    let Some(data) = common::data::data(&["nrsfm_bench"]) else {
         return;
     };
     println!("{HEADING}");
@@ -70,8 +65,7 @@ fn standard_sequences_beat_the_rigid_shape() {
 
 #[test]
 fn faces_before_a_turning_camera_beat_the_rigid_shape() {
-    let Some(data) = data() else {
-        println!("skipped: no face_mocap41 under MIEN_DATA");
+    let Some(data) = common::data::data(&["face_mocap41"]) else {
         return;
     };
     println!("{HEADING}");

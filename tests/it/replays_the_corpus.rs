@@ -34,15 +34,15 @@ const WITHIN: [i32; 7] = [2, 2, 2, 1, 1, 1, 3];
 
 /// A recording as a data set's script writes it; `None`, told in one line, if it cannot.
 fn made(set: &str, words: &[&str]) -> Option<TempDir> {
-    let script = common::data()?.join(set).join("to_session.py");
+    let script = common::data::data(&[])?.join(set).join("to_session.py");
     if !script.is_file() {
-        println!("skipped: {set} is not among the data sets");
+        common::data::skip(&format!("no {set} among the data sets"));
         return None;
     }
     let mut has = Command::new("python3");
     has.args(["-c", "import cv2, numpy"]).stderr(Stdio::null());
     if !has.status().is_ok_and(|status| status.success()) {
-        println!("skipped: no python3 with numpy and OpenCV");
+        common::data::skip("no python3 with numpy and OpenCV");
         return None;
     }
     let folder = tempfile::tempdir().unwrap();

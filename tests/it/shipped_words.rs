@@ -65,16 +65,46 @@ fn the_page_of_units_has_every_unit_s_words() {
     assert_eq!(rows.count(), unit_words::ALL.len());
 }
 
+/// The commands with their options, in one page.
+#[cfg(feature = "studio")]
+fn manual_page() -> String {
+    use clap_mangen::Man;
+    let mut line = <mien::studio::cli::Line as clap::CommandFactory>::command();
+    line.build();
+    let mut page = Vec::new();
+    let man = Man::new(line.clone());
+    man.render(&mut page).unwrap();
+    for command in line.get_subcommands().filter(|c| c.get_name() != "help") {
+        let mut text = Vec::new();
+        let man = Man::new(command.clone());
+        man.render_description_section(&mut text).unwrap();
+        man.render_synopsis_section(&mut text).unwrap();
+        man.render_options_section(&mut text).unwrap();
+        man.render_extra_section(&mut text).unwrap();
+        let text = String::from_utf8(text).unwrap().replace(".SH ", ".SS ");
+        page.extend(format!(".SH {}\n{text}", command.get_name().to_uppercase()).bytes());
+    }
+    String::from_utf8(page).unwrap()
+}
+
+#[cfg(feature = "studio")]
+fn completions(shell: clap_complete::Shell) -> String {
+    let mut text = Vec::new();
+    let mut line = <mien::studio::cli::Line as clap::CommandFactory>::command();
+    clap_complete::generate(shell, &mut line, "mien-studio", &mut text);
+    String::from_utf8(text).unwrap()
+}
+
 #[test]
 #[cfg(feature = "studio")]
 fn what_is_shipped_for_the_workstation_is_made_from_its_grammar() {
-    use mien::studio::manual;
+    use clap_complete::Shell;
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd");
     for (name, text) in [
-        ("mien-studio.1", manual::page()),
-        ("completions/mien-studio.bash", manual::bash()),
-        ("completions/_mien-studio", manual::zsh()),
-        ("completions/mien-studio.fish", manual::fish()),
+        ("mien-studio.1", manual_page()),
+        ("completions/mien-studio.bash", completions(Shell::Bash)),
+        ("completions/_mien-studio", completions(Shell::Zsh)),
+        ("completions/mien-studio.fish", completions(Shell::Fish)),
     ] {
         let path = folder.join(name);
         if std::env::var_os("MIEN_WRITE_GOLDEN").is_some() {

@@ -176,7 +176,9 @@ fn a_kind_of_file_that_is_not_written_is_refused_before_the_work() {
     ] {
         let text = refused(&[&words[..], &[name]].concat());
         assert!(
-            text.contains(&format!("--out {name}: expected a name that ends in .glb")),
+            text.contains(&format!(
+                "'{name}' for '--out <OUT>': expected a name that ends in .glb"
+            )),
             "{text}"
         );
         // USD is what bake writes, and Blender the way to FBX.

@@ -19,7 +19,7 @@ use mien::studio::train::standard_head::standard_head;
 use crate::common;
 
 fn ict() -> Option<IctHead> {
-    let data = common::data()?;
+    let data = common::data::data(&[])?;
     Some(IctHead::read(&data.join("ict_facekit")).expect("the ICT head"))
 }
 

@@ -1,7 +1,11 @@
 //! Every key of the configuration: section, name, meaning, unit, range, and where it is stored.
-//! One table, so one file: every key is next to the others of its section.
+//!
+//! One table. A row is `name: meaning => kind of value;`; printing, reading and `config/mien.toml` follow its order.
+
+use tracing::Level;
 
 use super::sections::Settings;
+use super::units::is_unit;
 use crate::expression::measures::Scale;
 use crate::output::osc::Style;
 use crate::output::osc::vmc::{Names, Role};
@@ -11,65 +15,22 @@ use crate::pose::smoothing::Smoothing;
 use crate::users::Policy;
 use crate::{expression, landmarks, pose};
 
-/// Sections in the order they are printed, with a sentence about each.
-pub(super) const SECTIONS: &[(&str, &str)] = &[
-    ("sensor", "The source of frames."),
-    ("segment", "Head segmentation in the depth picture."),
-    ("pose", "Head pose."),
-    ("landmarks", "The 68 landmarks."),
-    ("learning", "How each person's ranges are learned."),
-    (
-        "users",
-        "Which people are tracked, and what happens when a face is lost.",
-    ),
-    (UNITS, UNITS_ABOUT),
-    ("osc", "OSC over UDP, the native schema."),
-    ("vmc", "OSC for avatar programs: the VMC protocol."),
-    ("vrchat", "OSC for VRChat: Unified Expressions."),
-    ("faceosc", "OSC in FaceOSC's format."),
-    ("serial", "Serial output."),
-    (
-        "network",
-        "What the outputs below say about the box. They are optional build features, included in the package.",
-    ),
-    (
-        "lights",
-        "Lights and servos: which unit drives which channel, for Art-Net and sACN.",
-    ),
-    ("artnet", "Art-Net, the channels of [lights]."),
-    ("sacn", "sACN (E1.31), the channels of [lights]."),
-    (
-        "live_link",
-        "Unreal's Live Link, in the format of the Live Link Face app.",
-    ),
-    ("websocket", "JSON over WebSocket, for web pages."),
-    (
-        "page",
-        "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget.",
-    ),
-    (
-        "oscquery",
-        "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP.",
-    ),
-    (
-        "discovery",
-        "mDNS: the box announces OSC, OSCQuery and WebSocket, if enabled.",
-    ),
-    (
-        "mqtt",
-        "MQTT: presence, state, health, weights, and Home Assistant.",
-    ),
-    (
-        "state",
-        "What is kept across restarts about people tracked with a Kinect.",
-    ),
-    ("status", "Status files."),
-    ("log", "What is written to standard error."),
-];
-
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";
-const UNITS_ABOUT: &str = "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }";
+
+/// A section, with a sentence about it.
+pub(super) struct Section {
+    pub(super) name: &'static str,
+    pub(super) about: &'static str,
+    pub(super) keys: &'static [Key],
+}
+
+/// One key.
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    pub(super) about: &'static str,
+    pub(super) kind: fn(&mut Settings) -> Kind<'_>,
+}
 
 /// Type and range of a key's value, and where it is stored.
 pub(super) enum Kind<'a> {
@@ -85,9 +46,7 @@ pub(super) enum Kind<'a> {
         max: u32,
         unit: &'static str,
     },
-    Bool {
-        value: &'a mut bool,
-    },
+    Bool(&'a mut bool),
     Text {
         value: &'a mut String,
         form: &'static str,
@@ -100,10 +59,11 @@ pub(super) enum Kind<'a> {
         valid: fn(&str) -> bool,
         least: usize,
     },
+    /// The name at `value`; `set` stores another.
     Choice {
         value: usize,
-        names: &'static [&'static str],
-        set: fn(&mut Settings, usize),
+        names: Vec<&'static str>,
+        set: Box<dyn FnOnce(usize) + 'a>,
     },
 }
 
@@ -111,6 +71,18 @@ pub(super) enum Kind<'a> {
 pub(super) enum Number<'a> {
     Single(&'a mut f32),
     Double(&'a mut f64),
+}
+
+impl<'a> From<&'a mut f32> for Number<'a> {
+    fn from(value: &'a mut f32) -> Self {
+        Self::Single(value)
+    }
+}
+
+impl<'a> From<&'a mut f64> for Number<'a> {
+    fn from(value: &'a mut f64) -> Self {
+        Self::Double(value)
+    }
 }
 
 impl Number<'_> {
@@ -130,714 +102,373 @@ impl Number<'_> {
     }
 }
 
-/// One key.
-pub(super) struct Key {
-    pub(super) section: &'static str,
-    pub(super) name: &'static str,
-    pub(super) about: &'static str,
-    pub(super) kind: fn(&mut Settings) -> Kind<'_>,
+const ENABLED: &str = "Whether this output is enabled.";
+const SERVES: &str = "Whether this server is enabled.";
+const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
+const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
+const HOLD: &str = "How long the last weights of a lost face are held.";
+const DECAY: &str = "How long they then take to fade to neutral.";
+const FILE: &str = "the path of a file, or empty";
+const LISTEN: &str =
+    "Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.";
+
+macro_rules! sections {
+    ($s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* })*) => {
+        /// Every section and key, in the order printed.
+        pub(super) const SECTIONS: &[Section] = &[$(Section {
+            name: stringify!($section),
+            about: $of,
+            keys: &[$(Key { name: stringify!($name), about: $about, kind: |$s| $kind }),*],
+        }),*];
+    };
 }
 
-pub(super) const fn key(
-    section: &'static str,
-    name: &'static str,
-    about: &'static str,
-    kind: fn(&mut Settings) -> Kind<'_>,
-) -> Key {
-    Key {
-        section,
-        name,
-        about,
-        kind,
+sections! { s
+    sensor: "The source of frames." {
+        source: "Where frames come from; the option --source takes precedence." =>
+            text(&mut s.sensor.source, "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
+        model: "Face model file; the option --model takes precedence." =>
+            text(&mut s.sensor.model, "a path, or empty for the built-in model", |_| true);
+        near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => flag(&mut s.sensor.kinect.near_mode);
+        freeze_exposure: "Whether exposure and white balance are locked while a face is tracked." =>
+            flag(&mut s.sensor.kinect.freeze_exposure);
+        set_tilt: "Whether the motor tilts the Kinect when it is opened." => flag(&mut s.sensor.kinect.set_tilt);
+        tilt_deg: "The tilt, relative to the horizon." =>
+            float(&mut s.sensor.kinect.tilt_deg, -31.0, 31.0, "degrees");
+        reset_audio: "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming." =>
+            flag(&mut s.sensor.kinect.reset_audio);
+    }
+    segment: "Head segmentation in the depth picture." {
+        max_distance_m: "Maximum distance at which heads are detected." =>
+            float(&mut s.segment.max_distance_m, 0.4, 4.0, "m");
+        iterations: "Maximum K-means iterations per frame." => integer(&mut s.segment.iterations, 1, 100, "");
+    }
+    pose: "Head pose." {
+        method: "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP." =>
+            choice(&mut s.pose.method, &[("plane", pose::Method::Plane), ("paper", pose::Method::Paper)]);
+        smoothing: "Pose filter: none, the paper's window, or adaptive." => smoothing(&mut s.pose.smoothing);
+        window_frames: "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window)." =>
+            integer(&mut s.pose.window_frames, 1, 16, "");
+        rounds: "Maximum iterations of point-to-point ICP, which stops early when it converges (paper)." =>
+            integer(&mut s.pose.rounds, 1, 1000, "");
+        min_agreement: "Agreement with the head model below which the head counts as lost." =>
+            float(&mut s.pose.min_agreement, 0.0, 1.0, "");
+        learn_shape: "Whether the size and shape of the user's head are learned (plane)." =>
+            flag(&mut s.pose.learn_shape);
+    }
+    landmarks: "The 68 landmarks." {
+        method: "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM." =>
+            choice(&mut s.landmarks.method, &[("cascade", landmarks::Method::Cascade), ("paper", landmarks::Method::Paper)]);
+        min_confidence: "Confidence below which the face counts as lost." =>
+            float(&mut s.landmarks.cascade.min_confidence, 0.0, 1.0, "");
+        still_hz: "Cut-off of the shape filter on a still face; lower is steadier." =>
+            float(&mut s.landmarks.cascade.steadiness.still_hz, 0.05, 30.0, "Hz");
+    }
+    learning: "How each person's ranges are learned." {
+        method: "The robust learner, or sections 2.2 to 2.6 of the paper to the letter." =>
+            choice(&mut s.learning.method, &[("robust", expression::Method::Robust), ("paper", expression::Method::Paper)]);
+        scale: "What measures are divided by: the frame's eye distance, the learned one, or the method's default." =>
+            choice(&mut s.learning.scale, &[("by-method", Scale::ByMethod), ("frame", Scale::Frame), ("learned", Scale::Learnt)]);
+        best_distance_m: "Distance at which samples have full weight, equation (4)." =>
+            float(&mut s.learning.best_distance_m, 0.3, 4.0, "m");
+        half_life_s: "Half-life of what was learned, counted while the person is present; 0 never forgets." =>
+            float(&mut s.learning.half_life_s, 0.0, 86_400.0, "s");
+        range_prior: "Half seconds of expression that outweigh the population's range (robust)." =>
+            float(&mut s.learning.range_prior, 0.5, 100.0, "");
+        dead_zone: "Dead zone around rest, in deviations of the noise (robust)." =>
+            float(&mut s.learning.dead_zone, 0.0, 3.0, "");
+        smoothing_hz: "Cut-off of the weight filter on a still face; 0 disables it (robust)." =>
+            float(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz");
+        infer_covered: "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust)." =>
+            flag(&mut s.learning.infer_covered);
+        compensation_scale: "Spread of compensation samples as a share of the range; 0 is the paper's value (paper)." =>
+            float(&mut s.learning.compensation_scale, 0.0, 1.0, "");
+        gap_percent: "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper)." =>
+            float(&mut s.learning.scan.gap, 0.0, 100.0, "%");
+        count_percent: "k of section 2.5: samples without a gap that end the scan, as a share of all (paper)." =>
+            float(&mut s.learning.scan.count, 0.0, 100.0, "%");
+        scanned_percent: "m of section 2.5: maximum samples scanned, as a share of all (paper)." =>
+            float(&mut s.learning.scan.scanned, 0.0, 100.0, "%");
+        rest_percent: "Share of samples beyond the rest end of a one-way range; 0 uses l, k and m, as at the other end (paper)." =>
+            float(&mut s.learning.scan.rest, 0.0, 100.0, "%");
+        prior_s: "Time over which the population's ranges fade into the person's (paper)." =>
+            float(&mut s.learning.prior_s, 0.0, 60.0, "s");
+    }
+    users: "Which people are tracked, and what happens when a face is lost." {
+        most: "Maximum number of people tracked at once; with 1, whoever appears gets slot 0." =>
+            integer(&mut s.users.most, 1, 4, "");
+        single: "Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central." =>
+            choice(&mut s.users.single, &[("first", Policy::First), ("nearest", Policy::Nearest), ("central", Policy::Central)]);
+        hold_s: "How long values are held after the face was last seen." =>
+            float(&mut s.users.hold_s, 0.0, 10.0, "s");
+        forget_s: "How long a lost person then keeps their slot." => float(&mut s.users.forget_s, 0.0, 3600.0, "s");
+        remember_s: "How long the ranges and head shape of a person who left are kept; recognised by the head, they get their ranges and slot back; 0 never." =>
+            float(&mut s.users.remember_s, 0.0, 86_400.0, "s");
+    }
+    units: "Names and gains of units in the outputs; list only those to change: AU26 = { name = \"jaw\", gain = 1.2 }" {}
+    osc: "OSC over UDP, the native schema." {
+        enabled: ENABLED => flag(&mut s.osc.enabled);
+        target: TARGET => targets(&mut s.osc.targets);
+        prefix: "Prefix of every address." =>
+            text(&mut s.osc.prefix, "a slash and a name", |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'));
+        style: "All weights in one message, each under its own address, or both." =>
+            choice(&mut s.osc.style, &[("vector", Style::Vector), ("scalar", Style::Scalar), ("both", Style::Both)]);
+        ranges: "Whether learned ranges are sent, every 5 s." => flag(&mut s.osc.ranges);
+        commands: "Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted." =>
+            flag(&mut s.osc.commands);
+        listen: "Address on which these commands are received; 127.0.0.1 accepts this machine only." =>
+            listen(&mut s.osc.listen);
+        mirror: MIRROR => flag(&mut s.osc.view.mirror);
+        hold_s: HOLD => seconds(&mut s.osc.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.osc.loss.decay_s);
+    }
+    vmc: "OSC for avatar programs: the VMC protocol." {
+        enabled: ENABLED => flag(&mut s.vmc.enabled);
+        target: TARGET => targets(&mut s.vmc.targets);
+        role: "This program's role, as the receiver sees it." =>
+            choice(&mut s.vmc.role, &[("performer", Role::Performer), ("assistant", Role::Assistant)]);
+        names: "Names of the blend shapes: ARKit's, VRM avatars', or the units' own." =>
+            choice(&mut s.vmc.names, &[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]);
+        mirror: MIRROR => flag(&mut s.vmc.view.mirror);
+        hold_s: HOLD => seconds(&mut s.vmc.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.vmc.loss.decay_s);
+    }
+    vrchat: "OSC for VRChat: Unified Expressions." {
+        enabled: ENABLED => flag(&mut s.vrchat.enabled);
+        target: TARGET => targets(&mut s.vrchat.targets);
+        prefix: "Prefix that the avatar's author put before the parameter names." =>
+            text(&mut s.vrchat.prefix, "empty or ending in a slash", |text| text.is_empty() || text.ends_with('/'));
+        values: "Parameters as floats, as binary switches, or both." =>
+            choice(&mut s.vrchat.values, &[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]);
+        bits: "Binary switches per parameter, besides its sign." => integer(&mut s.vrchat.bits, 1, MOST_BITS, "");
+        mirror: MIRROR => flag(&mut s.vrchat.view.mirror);
+        hold_s: HOLD => seconds(&mut s.vrchat.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.vrchat.loss.decay_s);
+    }
+    faceosc: "OSC in FaceOSC's format." {
+        enabled: ENABLED => flag(&mut s.faceosc.enabled);
+        target: TARGET => targets(&mut s.faceosc.targets);
+        mirror: MIRROR => flag(&mut s.faceosc.mirror);
+        hold_s: "How long a lost face is held." => seconds(&mut s.faceosc.hold_s);
+    }
+    serial: "Serial output." {
+        port: "The port; empty = no serial output." =>
+            text(&mut s.serial.port, "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty", |text| text.strip_prefix("tcp:").is_none_or(is_host_port));
+        baud: "Baud rate." => integer(&mut s.serial.baud, 1200, 4_000_000, "bit/s");
+        style: "Lines with checksums, lines for the Arduino plotter, or binary frames." =>
+            choice(&mut s.serial.style, &[("text", serial::Style::Text), ("plot", serial::Style::Plot), ("cobs", serial::Style::Cobs)]);
+        full: "Value of a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 numbers are whole." =>
+            integer(&mut s.serial.full, 10, 10_000, "");
+        pose: "Whether head poses are sent too." => flag(&mut s.serial.pose);
+        units: "Units to send, most important first; empty = all." =>
+            texts(&mut s.serial.units, "units, like [\"AU26\", \"AU25\"]", super::units::is_unit, 0);
+        min_rate_hz: "Frame rate below which units are left out on a slow line." =>
+            float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
+        dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
+            flag(&mut s.serial.dtr);
+        mirror: MIRROR => flag(&mut s.serial.view.mirror);
+        hold_s: HOLD => seconds(&mut s.serial.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.serial.loss.decay_s);
+    }
+    network: "What the outputs below say about the box. They are optional build features, included in the package." {
+        name: "Name of the box on the network; empty = the host name." =>
+            text(&mut s.network.name, "at most 63 letters, digits and -, or empty", is_host);
+    }
+    lights: "Lights and servos: which unit drives which channel, for Art-Net and sACN." {
+        channels: "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost." =>
+            texts(&mut s.network.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
+        mirror: MIRROR => flag(&mut s.network.lights.view.mirror);
+        hold_s: HOLD => seconds(&mut s.network.lights.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.network.lights.loss.decay_s);
+    }
+    artnet: "Art-Net, the channels of [lights]." {
+        enabled: ENABLED => flag(&mut s.network.artnet.enabled);
+        target: "Destinations: hosts or broadcast addresses." => targets(&mut s.network.artnet.targets);
+    }
+    sacn: "sACN (E1.31), the channels of [lights]." {
+        enabled: ENABLED => flag(&mut s.network.sacn.enabled);
+        target: "Destinations; [] = the multicast group of each universe." =>
+            texts(&mut s.network.sacn.targets, "host:port, or several, or []", is_host_port, 0);
+        priority: "Priority; receivers use the source with the highest." =>
+            integer(&mut s.network.sacn.priority, 0, 200, "");
+    }
+    live_link: "Unreal's Live Link, in the format of the Live Link Face app." {
+        enabled: ENABLED => flag(&mut s.network.live_link.enabled);
+        target: TARGET => targets(&mut s.network.live_link.targets);
+        subject: "Subject name in Unreal; empty = the name of the box." =>
+            text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
+        mirror: MIRROR => flag(&mut s.network.live_link.view.mirror);
+        hold_s: HOLD => seconds(&mut s.network.live_link.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.network.live_link.loss.decay_s);
+    }
+    websocket: "JSON over WebSocket, for web pages." {
+        enabled: SERVES => flag(&mut s.network.websocket.enabled);
+        listen: LISTEN => listen(&mut s.network.websocket.listen);
+        mirror: MIRROR => flag(&mut s.network.websocket.view.mirror);
+        hold_s: HOLD => seconds(&mut s.network.websocket.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.network.websocket.loss.decay_s);
+    }
+    page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." {
+        enabled: SERVES => flag(&mut s.network.page.enabled);
+        listen: LISTEN => listen(&mut s.network.page.listen);
+        password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
+            text(&mut s.network.page.password_file, FILE, |_| true);
+    }
+    oscquery: "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP." {
+        enabled: SERVES => flag(&mut s.network.oscquery.enabled);
+        listen: LISTEN => listen(&mut s.network.oscquery.listen);
+    }
+    discovery: "mDNS: the box announces OSC, OSCQuery and WebSocket, if enabled." {
+        enabled: "Whether the box announces its services." => flag(&mut s.network.discovery.enabled);
+    }
+    mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
+        enabled: ENABLED => flag(&mut s.network.mqtt.enabled);
+        broker: "The broker's address." => text(&mut s.network.mqtt.broker, "host:port", is_host_port);
+        tls: "Whether the connection is encrypted with TLS, usually on port 8883." => flag(&mut s.network.mqtt.tls);
+        ca_file: "Trusted CA certificates, in PEM; the default is the system's." =>
+            text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
+        version: "Protocol version: 4 is MQTT 3.1.1, which every broker supports; 5 is MQTT 5." =>
+            integer(&mut s.network.mqtt.version, 4, 5, "");
+        user: "User name; empty = none." =>
+            text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
+        password_file: "File with the password in its first line; empty = none." =>
+            text(&mut s.network.mqtt.password_file, FILE, |_| true);
+        prefix: "Prefix of every topic; the name of the box follows it." =>
+            text(&mut s.network.mqtt.prefix, "at most 64 bytes without spaces, #, + or a slash at either end", is_topic);
+        rate_hz: "Maximum rate at which weights are sent; 0 sends none." =>
+            float(&mut s.network.mqtt.rate_hz, 0.0, 30.0, "Hz");
+        health_s: "Interval between health messages." => float(&mut s.network.mqtt.health_s, 1.0, 3600.0, "s");
+        commands: "Whether the commands forget, freeze and neutral are accepted." =>
+            flag(&mut s.network.mqtt.commands);
+        home_assistant: "Whether the box announces itself to Home Assistant (MQTT discovery)." =>
+            flag(&mut s.network.mqtt.home_assistant);
+        mirror: MIRROR => flag(&mut s.network.mqtt.view.mirror);
+        hold_s: HOLD => seconds(&mut s.network.mqtt.loss.hold_s);
+        decay_s: DECAY => seconds(&mut s.network.mqtt.loss.decay_s);
+    }
+    state: "What is kept across restarts about people tracked with a Kinect." {
+        persist: "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody." =>
+            flag(&mut s.state.persist);
+        path: "The file; rewritten once a minute and on exit." =>
+            text(&mut s.state.path, "the path of a file in an existing directory", |path| !path.is_empty());
+    }
+    status: "Status files." {
+        path: "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither." =>
+            text(&mut s.status.path, "the path of a file in an existing directory, or empty", |_| true);
+    }
+    log: "What is written to standard error." {
+        level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
+            choice(&mut s.log.level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
     }
 }
 
-const LEVELS: [tracing::Level; 5] = [
-    tracing::Level::ERROR,
-    tracing::Level::WARN,
-    tracing::Level::INFO,
-    tracing::Level::DEBUG,
-    tracing::Level::TRACE,
-];
-
-const POLICIES: [Policy; 3] = [Policy::First, Policy::Nearest, Policy::Central];
-const POSE_METHODS: [pose::Method; 2] = [pose::Method::Plane, pose::Method::Paper];
-const LANDMARK_METHODS: [landmarks::Method; 2] =
-    [landmarks::Method::Cascade, landmarks::Method::Paper];
-const LEARNING_METHODS: [expression::Method; 2] =
-    [expression::Method::Robust, expression::Method::Paper];
-const SCALES: [Scale; 3] = [Scale::ByMethod, Scale::Frame, Scale::Learnt];
-const NAMES: [Names; 4] = [Names::Arkit, Names::Vrm0, Names::Vrm1, Names::Units];
-const VALUES: [Values; 3] = [Values::Float, Values::Binary, Values::Both];
-const ROLES: [Role; 2] = [Role::Performer, Role::Assistant];
-const SERIAL_STYLES: [serial::Style; 3] = [
-    serial::Style::Text,
-    serial::Style::Plot,
-    serial::Style::Cobs,
-];
-const STYLES: [Style; 3] = [Style::Vector, Style::Scalar, Style::Both];
-
-pub(super) const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
-
-pub(super) fn index_of<T: PartialEq>(all: &[T], value: &T) -> usize {
-    all.iter().position(|one| one == value).unwrap_or_default()
-}
-
-/// Every key, in the order printed.
-pub(super) const KEYS: &[Key] = &[
-    key(
-        "sensor",
-        "source",
-        "Where frames come from; the option --source takes precedence.",
-        |s| Kind::Text {
-            value: &mut s.sensor.source,
-            form: "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording",
-            valid: |text| !text.is_empty(),
-        },
-    ),
-    key(
-        "sensor",
-        "model",
-        "Face model file; the option --model takes precedence.",
-        |s| Kind::Text {
-            value: &mut s.sensor.model,
-            form: "a path, or empty for the built-in model",
-            valid: |_| true,
-        },
-    ),
-    key(
-        "sensor",
-        "near_mode",
-        "Kinect for Windows: measure from 0.4 m instead of 0.8 m.",
-        |s| Kind::Bool {
-            value: &mut s.sensor.kinect.near_mode,
-        },
-    ),
-    key(
-        "sensor",
-        "freeze_exposure",
-        "Whether exposure and white balance are locked while a face is tracked.",
-        |s| Kind::Bool {
-            value: &mut s.sensor.kinect.freeze_exposure,
-        },
-    ),
-    key(
-        "sensor",
-        "set_tilt",
-        "Whether the motor tilts the Kinect when it is opened.",
-        |s| Kind::Bool {
-            value: &mut s.sensor.kinect.set_tilt,
-        },
-    ),
-    key(
-        "sensor",
-        "tilt_deg",
-        "The tilt, relative to the horizon.",
-        |s| Kind::Float {
-            value: Number::Single(&mut s.sensor.kinect.tilt_deg),
-            min: -31.0,
-            max: 31.0,
-            unit: "degrees",
-        },
-    ),
-    key(
-        "sensor",
-        "reset_audio",
-        "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming.",
-        |s| Kind::Bool {
-            value: &mut s.sensor.kinect.reset_audio,
-        },
-    ),
-    key(
-        "segment",
-        "max_distance_m",
-        "Maximum distance at which heads are detected.",
-        |s| single(&mut s.segment.max_distance_m, 0.4, 4.0, "m"),
-    ),
-    key(
-        "segment",
-        "iterations",
-        "Maximum K-means iterations per frame.",
-        |s| Kind::Integer {
-            value: &mut s.segment.iterations,
-            min: 1,
-            max: 100,
-            unit: "",
-        },
-    ),
-    key(
-        "pose",
-        "method",
-        "Point-to-plane ICP against the learned head, or the paper's point-to-point ICP.",
-        |s| Kind::Choice {
-            value: index_of(&POSE_METHODS, &s.pose.method),
-            names: &["plane", "paper"],
-            set: |s, index| s.pose.method = POSE_METHODS[index],
-        },
-    ),
-    key(
-        "pose",
-        "smoothing",
-        "Pose filter: none, the paper's window, or adaptive.",
-        |s| Kind::Choice {
-            value: match s.pose.smoothing {
-                Smoothing::Off => 0,
-                Smoothing::Window(_) => 1,
-                Smoothing::Adaptive { .. } => 2,
-            },
-            names: &["off", "window", "adaptive"],
-            set: |s, index| {
-                s.pose.smoothing = [
-                    Smoothing::Off,
-                    Smoothing::Window(pose::WINDOW_FRAMES as usize),
-                    Smoothing::default(),
-                ][index]
-            },
-        },
-    ),
-    key(
-        "pose",
-        "window_frames",
-        "Length of the paper's window in frames; the delay is (frames - 1) / 3 frames (window).",
-        |s| Kind::Integer {
-            value: &mut s.pose.window_frames,
-            min: 1,
-            max: 16,
-            unit: "",
-        },
-    ),
-    key(
-        "pose",
-        "rounds",
-        "Maximum iterations of point-to-point ICP, which stops early when it converges (paper).",
-        |s| Kind::Integer {
-            value: &mut s.pose.rounds,
-            min: 1,
-            max: 1000,
-            unit: "",
-        },
-    ),
-    key(
-        "pose",
-        "min_agreement",
-        "Agreement with the head model below which the head counts as lost.",
-        |s| single(&mut s.pose.min_agreement, 0.0, 1.0, ""),
-    ),
-    key(
-        "pose",
-        "learn_shape",
-        "Whether the size and shape of the user's head are learned (plane).",
-        |s| Kind::Bool {
-            value: &mut s.pose.learn_shape,
-        },
-    ),
-    key(
-        "landmarks",
-        "method",
-        "Cascade on gradient-orientation patches, or the paper's 2D+3D AAM.",
-        |s| Kind::Choice {
-            value: index_of(&LANDMARK_METHODS, &s.landmarks.method),
-            names: &["cascade", "paper"],
-            set: |s, index| s.landmarks.method = LANDMARK_METHODS[index],
-        },
-    ),
-    key(
-        "landmarks",
-        "min_confidence",
-        "Confidence below which the face counts as lost.",
-        |s| single(&mut s.landmarks.cascade.min_confidence, 0.0, 1.0, ""),
-    ),
-    key(
-        "landmarks",
-        "still_hz",
-        "Cut-off of the shape filter on a still face; lower is steadier.",
-        |s| {
-            single(
-                &mut s.landmarks.cascade.steadiness.still_hz,
-                0.05,
-                30.0,
-                "Hz",
-            )
-        },
-    ),
-    key(
-        "learning",
-        "method",
-        "The robust learner, or sections 2.2 to 2.6 of the paper to the letter.",
-        |s| Kind::Choice {
-            value: index_of(&LEARNING_METHODS, &s.learning.method),
-            names: &["robust", "paper"],
-            set: |s, index| s.learning.method = LEARNING_METHODS[index],
-        },
-    ),
-    key(
-        "learning",
-        "scale",
-        "What measures are divided by: the frame's eye distance, the learned one, or the method's default.",
-        |s| Kind::Choice {
-            value: index_of(&SCALES, &s.learning.scale),
-            names: &["by-method", "frame", "learned"],
-            set: |s, index| s.learning.scale = SCALES[index],
-        },
-    ),
-    key(
-        "learning",
-        "best_distance_m",
-        "Distance at which samples have full weight, equation (4).",
-        |s| double(&mut s.learning.best_distance_m, 0.3, 4.0, "m"),
-    ),
-    key(
-        "learning",
-        "half_life_s",
-        "Half-life of what was learned, counted while the person is present; 0 never forgets.",
-        |s| double(&mut s.learning.half_life_s, 0.0, 86_400.0, "s"),
-    ),
-    key(
-        "learning",
-        "range_prior",
-        "Half seconds of expression that outweigh the population's range (robust).",
-        |s| double(&mut s.learning.range_prior, 0.5, 100.0, ""),
-    ),
-    key(
-        "learning",
-        "dead_zone",
-        "Dead zone around rest, in deviations of the noise (robust).",
-        |s| double(&mut s.learning.dead_zone, 0.0, 3.0, ""),
-    ),
-    key(
-        "learning",
-        "smoothing_hz",
-        "Cut-off of the weight filter on a still face; 0 disables it (robust).",
-        |s| double(&mut s.learning.smoothing_hz, 0.0, 30.0, "Hz"),
-    ),
-    key(
-        "learning",
-        "infer_covered",
-        "Whether the units of a covered mouth are inferred from its last state and the time since, instead of measured (robust).",
-        |s| Kind::Bool {
-            value: &mut s.learning.infer_covered,
-        },
-    ),
-    key(
-        "learning",
-        "compensation_scale",
-        "Spread of compensation samples as a share of the range; 0 is the paper's value (paper).",
-        |s| double(&mut s.learning.compensation_scale, 0.0, 1.0, ""),
-    ),
-    key(
-        "learning",
-        "gap_percent",
-        "l of section 2.5: the gap that cuts off the end of a range, as a share of its width (paper).",
-        |s| double(&mut s.learning.scan.gap, 0.0, 100.0, "%"),
-    ),
-    key(
-        "learning",
-        "count_percent",
-        "k of section 2.5: samples without a gap that end the scan, as a share of all (paper).",
-        |s| double(&mut s.learning.scan.count, 0.0, 100.0, "%"),
-    ),
-    key(
-        "learning",
-        "scanned_percent",
-        "m of section 2.5: maximum samples scanned, as a share of all (paper).",
-        |s| double(&mut s.learning.scan.scanned, 0.0, 100.0, "%"),
-    ),
-    key(
-        "learning",
-        "rest_percent",
-        "Share of samples beyond the rest end of a one-way range; 0 uses l, k and m, as at the other end (paper).",
-        |s| double(&mut s.learning.scan.rest, 0.0, 100.0, "%"),
-    ),
-    key(
-        "learning",
-        "prior_s",
-        "Time over which the population's ranges fade into the person's (paper).",
-        |s| double(&mut s.learning.prior_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "users",
-        "most",
-        "Maximum number of people tracked at once; with 1, whoever appears gets slot 0.",
-        |s| Kind::Integer {
-            value: &mut s.users.most,
-            min: 1,
-            max: 4,
-            unit: "",
-        },
-    ),
-    key(
-        "users",
-        "single",
-        "Which person a single-person output sends (vmc, vrchat, faceosc, serial): the first to arrive, the nearest, or the most central.",
-        |s| Kind::Choice {
-            value: index_of(&POLICIES, &s.users.single),
-            names: &["first", "nearest", "central"],
-            set: |s, index| s.users.single = POLICIES[index],
-        },
-    ),
-    key(
-        "users",
-        "hold_s",
-        "How long values are held after the face was last seen.",
-        |s| single(&mut s.users.hold_s, 0.0, 10.0, "s"),
-    ),
-    key(
-        "users",
-        "forget_s",
-        "How long a lost person then keeps their slot.",
-        |s| single(&mut s.users.forget_s, 0.0, 3600.0, "s"),
-    ),
-    key(
-        "users",
-        "remember_s",
-        "How long the ranges and head shape of a person who left are kept; recognised by the head, they get their ranges and slot back; 0 never.",
-        |s| single(&mut s.users.remember_s, 0.0, 86_400.0, "s"),
-    ),
-    key("osc", "enabled", "Whether this output is enabled.", |s| {
-        Kind::Bool {
-            value: &mut s.osc.enabled,
-        }
-    }),
-    key(
-        "osc",
-        "target",
-        "Destinations: hosts, broadcast addresses or multicast groups.",
-        |s| targets(&mut s.osc.targets),
-    ),
-    key("osc", "prefix", "Prefix of every address.", |s| {
-        Kind::Text {
-            value: &mut s.osc.prefix,
-            form: "a slash and a name",
-            valid: |text| text.len() > 1 && text.starts_with('/') && !text.ends_with('/'),
-        }
-    }),
-    key(
-        "osc",
-        "style",
-        "All weights in one message, each under its own address, or both.",
-        |s| Kind::Choice {
-            value: index_of(&STYLES, &s.osc.style),
-            names: &["vector", "scalar", "both"],
-            set: |s, index| s.osc.style = STYLES[index],
-        },
-    ),
-    key(
-        "osc",
-        "ranges",
-        "Whether learned ranges are sent, every 5 s.",
-        |s| Kind::Bool {
-            value: &mut s.osc.ranges,
-        },
-    ),
-    key(
-        "osc",
-        "commands",
-        "Whether the commands /face/cmd/forget, freeze, neutral and schema are accepted.",
-        |s| Kind::Bool {
-            value: &mut s.osc.commands,
-        },
-    ),
-    key(
-        "osc",
-        "listen",
-        "Address on which these commands are received; 127.0.0.1 accepts this machine only.",
-        |s| Kind::Text {
-            value: &mut s.osc.listen,
-            form: "address:port",
-            valid: |text| text.parse::<std::net::SocketAddr>().is_ok(),
-        },
-    ),
-    key("osc", "mirror", MIRROR, |s| Kind::Bool {
-        value: &mut s.osc.view.mirror,
-    }),
-    key(
-        "osc",
-        "hold_s",
-        "How long the last weights of a lost face are held.",
-        |s| single(&mut s.osc.loss.hold_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "osc",
-        "decay_s",
-        "How long they then take to fade to neutral.",
-        |s| single(&mut s.osc.loss.decay_s, 0.0, 60.0, "s"),
-    ),
-    key("vmc", "enabled", "Whether this output is enabled.", |s| {
-        Kind::Bool {
-            value: &mut s.vmc.enabled,
-        }
-    }),
-    key(
-        "vmc",
-        "target",
-        "Destinations: hosts, broadcast addresses or multicast groups.",
-        |s| targets(&mut s.vmc.targets),
-    ),
-    key(
-        "vmc",
-        "role",
-        "This program's role, as the receiver sees it.",
-        |s| Kind::Choice {
-            value: index_of(&ROLES, &s.vmc.role),
-            names: &["performer", "assistant"],
-            set: |s, index| s.vmc.role = ROLES[index],
-        },
-    ),
-    key(
-        "vmc",
-        "names",
-        "Names of the blend shapes: ARKit's, VRM avatars', or the units' own.",
-        |s| Kind::Choice {
-            value: index_of(&NAMES, &s.vmc.names),
-            names: &["arkit", "vrm0", "vrm1", "units"],
-            set: |s, index| s.vmc.names = NAMES[index],
-        },
-    ),
-    key("vmc", "mirror", MIRROR, |s| Kind::Bool {
-        value: &mut s.vmc.view.mirror,
-    }),
-    key(
-        "vmc",
-        "hold_s",
-        "How long the last weights of a lost face are held.",
-        |s| single(&mut s.vmc.loss.hold_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "vmc",
-        "decay_s",
-        "How long they then take to fade to neutral.",
-        |s| single(&mut s.vmc.loss.decay_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "vrchat",
-        "enabled",
-        "Whether this output is enabled.",
-        |s| Kind::Bool {
-            value: &mut s.vrchat.enabled,
-        },
-    ),
-    key(
-        "vrchat",
-        "target",
-        "Destinations: hosts, broadcast addresses or multicast groups.",
-        |s| targets(&mut s.vrchat.targets),
-    ),
-    key(
-        "vrchat",
-        "prefix",
-        "Prefix that the avatar's author put before the parameter names.",
-        |s| Kind::Text {
-            value: &mut s.vrchat.prefix,
-            form: "empty or ending in a slash",
-            valid: |text| text.is_empty() || text.ends_with('/'),
-        },
-    ),
-    key(
-        "vrchat",
-        "values",
-        "Parameters as floats, as binary switches, or both.",
-        |s| Kind::Choice {
-            value: index_of(&VALUES, &s.vrchat.values),
-            names: &["float", "binary", "both"],
-            set: |s, index| s.vrchat.values = VALUES[index],
-        },
-    ),
-    key(
-        "vrchat",
-        "bits",
-        "Binary switches per parameter, besides its sign.",
-        |s| Kind::Integer {
-            value: &mut s.vrchat.bits,
-            min: 1,
-            max: MOST_BITS,
-            unit: "",
-        },
-    ),
-    key("vrchat", "mirror", MIRROR, |s| Kind::Bool {
-        value: &mut s.vrchat.view.mirror,
-    }),
-    key(
-        "vrchat",
-        "hold_s",
-        "How long the last weights of a lost face are held.",
-        |s| single(&mut s.vrchat.loss.hold_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "vrchat",
-        "decay_s",
-        "How long they then take to fade to neutral.",
-        |s| single(&mut s.vrchat.loss.decay_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "faceosc",
-        "enabled",
-        "Whether this output is enabled.",
-        |s| Kind::Bool {
-            value: &mut s.faceosc.enabled,
-        },
-    ),
-    key(
-        "faceosc",
-        "target",
-        "Destinations: hosts, broadcast addresses or multicast groups.",
-        |s| targets(&mut s.faceosc.targets),
-    ),
-    key("faceosc", "mirror", MIRROR, |s| Kind::Bool {
-        value: &mut s.faceosc.mirror,
-    }),
-    key("faceosc", "hold_s", "How long a lost face is held.", |s| {
-        single(&mut s.faceosc.hold_s, 0.0, 60.0, "s")
-    }),
-    key(
-        "serial",
-        "port",
-        "The port; empty = no serial output.",
-        |s| Kind::Text {
-            value: &mut s.serial.port,
-            form: "the path of a port, like \"/dev/serial/by-id/usb-...\" or \"/dev/ttyUSB0\", tcp:host:port, or empty",
-            valid: |text| text.strip_prefix("tcp:").is_none_or(is_host_port),
-        },
-    ),
-    key("serial", "baud", "Baud rate.", |s| Kind::Integer {
-        value: &mut s.serial.baud,
-        min: 1200,
-        max: 4_000_000,
-        unit: "bit/s",
-    }),
-    key(
-        "serial",
-        "style",
-        "Lines with checksums, lines for the Arduino plotter, or binary frames.",
-        |s| Kind::Choice {
-            value: index_of(&SERIAL_STYLES, &s.serial.style),
-            names: &["text", "plot", "cobs"],
-            set: |s, index| s.serial.style = SERIAL_STYLES[index],
-        },
-    ),
-    key(
-        "serial",
-        "full",
-        "Value of a weight of 1 in text lines; 100 gives percentages, in tenths if the line is fast enough; from 128 numbers are whole.",
-        |s| Kind::Integer {
-            value: &mut s.serial.full,
-            min: 10,
-            max: 10_000,
-            unit: "",
-        },
-    ),
-    key("serial", "pose", "Whether head poses are sent too.", |s| {
-        Kind::Bool {
-            value: &mut s.serial.pose,
-        }
-    }),
-    key(
-        "serial",
-        "units",
-        "Units to send, most important first; empty = all.",
-        |s| Kind::Texts {
-            value: &mut s.serial.units,
-            form: "units, like [\"AU26\", \"AU25\"]",
-            valid: super::units::is_unit,
-            least: 0,
-        },
-    ),
-    key(
-        "serial",
-        "min_rate_hz",
-        "Frame rate below which units are left out on a slow line.",
-        |s| single(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz"),
-    ),
-    key(
-        "serial",
-        "dtr",
-        "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged.",
-        |s| Kind::Bool {
-            value: &mut s.serial.dtr,
-        },
-    ),
-    key("serial", "mirror", MIRROR, |s| Kind::Bool {
-        value: &mut s.serial.view.mirror,
-    }),
-    key(
-        "serial",
-        "hold_s",
-        "How long the last weights of a lost face are held.",
-        |s| single(&mut s.serial.loss.hold_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "serial",
-        "decay_s",
-        "How long they then take to fade to neutral.",
-        |s| single(&mut s.serial.loss.decay_s, 0.0, 60.0, "s"),
-    ),
-    key(
-        "state",
-        "persist",
-        "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody.",
-        |s| Kind::Bool {
-            value: &mut s.state.persist,
-        },
-    ),
-    key(
-        "state",
-        "path",
-        "The file; rewritten once a minute and on exit.",
-        |s| Kind::Text {
-            value: &mut s.state.path,
-            form: "the path of a file in an existing directory",
-            valid: |path| !path.is_empty(),
-        },
-    ),
-    key(
-        "status",
-        "path",
-        "The file; rewritten once a second, with mien.prom for Prometheus beside it; empty = neither.",
-        |s| Kind::Text {
-            value: &mut s.status.path,
-            form: "the path of a file in an existing directory, or empty",
-            valid: |_| true,
-        },
-    ),
-    key(
-        "log",
-        "level",
-        "Lowest severity written; \"trace\" is the same as \"debug\".",
-        |s| Kind::Choice {
-            value: index_of(&LEVELS, &s.log.level),
-            names: &["error", "warn", "info", "debug", "trace"],
-            set: |s, index| s.log.level = LEVELS[index],
-        },
-    ),
-];
-
-pub(super) fn single<'a>(value: &'a mut f32, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
+fn float<'a>(value: impl Into<Number<'a>>, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
+    let value = value.into();
     Kind::Float {
-        value: Number::Single(value),
+        value,
         min,
         max,
         unit,
     }
 }
 
-fn double<'a>(value: &'a mut f64, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
-    Kind::Float {
-        value: Number::Double(value),
+fn seconds(value: &mut f32) -> Kind<'_> {
+    float(value, 0.0, 60.0, "s")
+}
+
+fn integer<'a>(value: &'a mut u32, min: u32, max: u32, unit: &'static str) -> Kind<'a> {
+    Kind::Integer {
+        value,
         min,
         max,
         unit,
     }
 }
 
-pub(super) fn targets(value: &mut Vec<String>) -> Kind<'_> {
+fn flag(value: &mut bool) -> Kind<'_> {
+    Kind::Bool(value)
+}
+
+fn text<'a>(value: &'a mut String, form: &'static str, valid: fn(&str) -> bool) -> Kind<'a> {
+    Kind::Text { value, form, valid }
+}
+
+fn texts<'a>(
+    value: &'a mut Vec<String>,
+    form: &'static str,
+    valid: fn(&str) -> bool,
+    least: usize,
+) -> Kind<'a> {
     Kind::Texts {
         value,
-        form: "host:port, or several as [\"host:port\", \"host:port\"]",
-        valid: is_host_port,
-        least: 1,
+        form,
+        valid,
+        least,
     }
 }
 
-pub(super) fn is_host_port(text: &str) -> bool {
+fn choice<'a, T: Copy + PartialEq>(slot: &'a mut T, all: &'static [(&'static str, T)]) -> Kind<'a> {
+    Kind::Choice {
+        value: all
+            .iter()
+            .position(|one| one.1 == *slot)
+            .unwrap_or_default(),
+        names: all.iter().map(|one| one.0).collect(),
+        set: Box::new(|index| *slot = all[index].1),
+    }
+}
+
+/// The filter; its parameters are keys of their own.
+fn smoothing(slot: &mut Smoothing) -> Kind<'_> {
+    let all = [
+        Smoothing::Off,
+        Smoothing::Window(pose::WINDOW_FRAMES as usize),
+        Smoothing::default(),
+    ];
+    let alike = |one: &Smoothing| std::mem::discriminant(one) == std::mem::discriminant(slot);
+    Kind::Choice {
+        value: all.iter().position(alike).unwrap_or_default(),
+        names: vec!["off", "window", "adaptive"],
+        set: Box::new(move |index| *slot = all[index]),
+    }
+}
+
+fn targets(value: &mut Vec<String>) -> Kind<'_> {
+    let form = "host:port, or several as [\"host:port\", \"host:port\"]";
+    texts(value, form, is_host_port, 1)
+}
+
+/// `address:port` of this machine.
+fn listen(value: &mut String) -> Kind<'_> {
+    text(value, "address:port", |text| {
+        text.parse::<std::net::SocketAddr>().is_ok()
+    })
+}
+
+fn is_host_port(text: &str) -> bool {
     text.rsplit_once(':')
         .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok())
+}
+
+fn is_host(name: &str) -> bool {
+    name.len() <= 63 && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
+}
+
+fn is_topic(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_graphic() && !"#+\"\\$".contains(c);
+    !text.is_empty()
+        && text.len() <= 64
+        && text.chars().all(plain)
+        && !text.starts_with('/')
+        && !text.ends_with('/')
+}
+
+/// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
+fn is_channel(row: &str) -> bool {
+    #[cfg(feature = "lights")]
+    let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
+    // Rows that nothing reads are not judged.
+    #[cfg(not(feature = "lights"))]
+    let read = row.split_whitespace().next();
+    read.is_some_and(|unit| ["present", "yaw", "pitch", "roll"].contains(&unit) || is_unit(unit))
 }

@@ -5,22 +5,20 @@
 //! One file: reading and writing one format; the keys have their own.
 
 mod keys;
-mod network;
-mod network_sections;
 mod sections;
 mod toml_words;
 mod units;
 
-pub use network_sections::NetworkSettings;
-pub use sections::{LogSettings, SensorSettings, Settings, StateSettings, StatusSettings};
+pub use sections::{
+    LogSettings, NetworkSettings, SensorSettings, Settings, StateSettings, StatusSettings,
+};
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::path::{Path, PathBuf};
 
-use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use keys::{Key, Kind, SECTIONS, UNITS};
+use keys::{Kind, SECTIONS, UNITS};
 use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
@@ -107,45 +105,33 @@ impl Settings {
         })?;
         let mut settings = Self::default();
         for (section, value) in document.get_ref() {
-            let section_name: &str = section.get_ref();
+            let name: &str = section.get_ref();
             let start = section.span().start;
-            if !SECTIONS.iter().any(|(name, _)| *name == section_name) {
-                let names: Vec<&str> = SECTIONS.iter().map(|(name, _)| *name).collect();
-                return Err(wrong(
-                    start,
-                    format!("one of the sections {}", names.join(", ")),
-                    section_name.into(),
-                ));
-            }
+            let Some(known) = SECTIONS.iter().find(|known| known.name == name) else {
+                let names: Vec<&str> = SECTIONS.iter().map(|known| known.name).collect();
+                let expected = format!("one of the sections {}", names.join(", "));
+                return Err(wrong(start, expected, name.into()));
+            };
             let Some(table) = value.get_ref().as_table() else {
-                return Err(wrong(
-                    start,
-                    format!("a section [{section_name}]"),
-                    describe(value.get_ref()),
-                ));
+                let expected = format!("a section [{name}]");
+                return Err(wrong(start, expected, describe(value.get_ref())));
             };
             for (key, value) in table {
-                if section_name == UNITS {
+                if name == UNITS {
                     units::assign(key.get_ref(), value, &mut settings.units).map_err(
                         |(span, expected, found)| {
-                            let span = span.unwrap_or(key.span());
-                            wrong(span.start, expected, found)
+                            wrong(span.unwrap_or(key.span()).start, expected, found)
                         },
                     )?;
                     continue;
                 }
-                let Some(known) = all_keys()
-                    .find(|k| k.section == section_name && k.name == key.get_ref().as_ref())
-                else {
-                    let names: Vec<&str> = all_keys()
-                        .filter(|k| k.section == section_name)
-                        .map(|k| k.name)
-                        .collect();
-                    let expected =
-                        format!("one of the keys {} in [{section_name}]", names.join(", "));
+                let Some(row) = known.keys.iter().find(|row| row.name == key.get_ref()) else {
+                    let names: Vec<&str> = known.keys.iter().map(|row| row.name).collect();
+                    let expected = format!("one of the keys {} in [{name}]", names.join(", "));
                     return Err(wrong(key.span().start, expected, key.get_ref().to_string()));
                 };
-                assign(known, value, &mut settings)
+                let path = format!("{name}.{}", row.name);
+                assign((row.kind)(&mut settings), &path, value.get_ref())
                     .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
             }
         }
@@ -160,33 +146,13 @@ impl Settings {
              # `mien check-config FILE` checks a copy; keys left out keep the value shown by `mien print-config`.\n",
         );
         let mut copy = self.clone();
-        for (section, about) in SECTIONS {
-            let _ = write!(text, "\n# {about}\n[{section}]\n");
-            if *section == UNITS {
+        for section in SECTIONS {
+            let _ = write!(text, "\n# {}\n[{}]\n", section.about, section.name);
+            if section.name == UNITS {
                 units::print(&self.units, &mut text);
             }
-            for key in all_keys().filter(|key| key.section == *section) {
-                let (allowed, value) = match (key.kind)(&mut copy) {
-                    Kind::Float {
-                        value,
-                        min,
-                        max,
-                        unit,
-                    } => (format!("{min} to {max}{}", with_space(unit)), value.text()),
-                    Kind::Integer {
-                        value,
-                        min,
-                        max,
-                        unit,
-                    } => (
-                        format!("{min} to {max}{}", with_space(unit)),
-                        value.to_string(),
-                    ),
-                    Kind::Bool { value } => ("true or false".into(), value.to_string()),
-                    Kind::Text { value, form, .. } => (form.into(), toml_string(value)),
-                    Kind::Texts { value, form, .. } => (form.into(), toml_strings(value)),
-                    Kind::Choice { value, names, .. } => (quoted(names), toml_string(names[value])),
-                };
+            for key in section.keys {
+                let (allowed, value) = (key.kind)(&mut copy).text();
                 let _ = write!(
                     text,
                     "# {} ({allowed})\n{} = {value}\n",
@@ -198,17 +164,33 @@ impl Settings {
     }
 }
 
-/// Every key.
-fn all_keys() -> impl Iterator<Item = &'static Key> {
-    keys::KEYS.iter().chain(network::KEYS)
+impl Kind<'_> {
+    /// What is allowed, and the value as TOML.
+    fn text(&self) -> (String, String) {
+        match self {
+            Self::Float {
+                value,
+                min,
+                max,
+                unit,
+            } => (span(min, max, unit), value.text()),
+            Self::Integer {
+                value,
+                min,
+                max,
+                unit,
+            } => (span(min, max, unit), value.to_string()),
+            Self::Bool(value) => ("true or false".into(), value.to_string()),
+            Self::Text { value, form, .. } => ((*form).into(), toml_string(value)),
+            Self::Texts { value, form, .. } => ((*form).into(), toml_strings(value)),
+            Self::Choice { value, names, .. } => (quoted(names), toml_string(names[*value])),
+        }
+    }
 }
 
-fn with_space(unit: &str) -> String {
-    if unit.is_empty() {
-        String::new()
-    } else {
-        format!(" {unit}")
-    }
+/// A range in words.
+fn span(min: impl Display, max: impl Display, unit: &str) -> String {
+    format!("{min} to {max} {unit}").trim_end().into()
 }
 
 fn quoted(names: &[&str]) -> String {
@@ -249,78 +231,54 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
 }
 
 /// Stores a validated value, or returns (expected, found).
-fn assign(
-    key: &Key,
-    value: &Spanned<DeValue<'_>>,
-    settings: &mut Settings,
-) -> Result<(), (String, String)> {
-    let path = format!("{}.{}", key.section, key.name);
-    let value = value.get_ref();
-    let refuse = |expected: String| Err((expected, describe(value)));
-    match (key.kind)(settings) {
+fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
+    let (allowed, _) = slot.text();
+    let expected = match slot {
+        Kind::Float { .. } => format!("{path} from {allowed}"),
+        Kind::Integer { .. } => format!("{path} as a whole number from {allowed}"),
+        _ => format!("{path} to be {allowed}"),
+    };
+    let stored = match slot {
         Kind::Float {
             value: slot,
             min,
             max,
-            unit,
-        } => match float(value) {
-            Some(number) if number >= f64::from(min) && number <= f64::from(max) => {
-                slot.set(number)
-            }
-            _ => return refuse(format!("{path} from {min} to {max}{}", with_space(unit))),
-        },
+            ..
+        } => float(value)
+            .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
+            .map(|number| slot.set(number)),
         Kind::Integer {
             value: slot,
             min,
             max,
-            unit,
-        } => {
-            let number = value
-                .as_integer()
-                .and_then(integer)
-                .and_then(|number| u32::try_from(number).ok());
-            match number {
-                Some(number) if (min..=max).contains(&number) => *slot = number,
-                _ => {
-                    return refuse(format!(
-                        "{path} as a whole number from {min} to {max}{}",
-                        with_space(unit)
-                    ));
-                }
-            }
-        }
-        Kind::Bool { value: slot } => match value.as_bool() {
-            Some(value) => *slot = value,
-            None => return refuse(format!("{path} to be true or false")),
-        },
+            ..
+        } => value
+            .as_integer()
+            .and_then(integer)
+            .and_then(|number| u32::try_from(number).ok())
+            .filter(|number| (min..=max).contains(number))
+            .map(|number| *slot = number),
+        Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
         Kind::Text {
-            value: slot,
-            form,
-            valid,
-        } => match value.as_str() {
-            Some(text) if valid(text) => text.clone_into(slot),
-            _ => return refuse(format!("{path} to be {form}")),
-        },
+            value: slot, valid, ..
+        } => value
+            .as_str()
+            .filter(|text| valid(text))
+            .map(|text| text.clone_into(slot)),
         Kind::Texts {
             value: slot,
-            form,
             valid,
             least,
-        } => match texts(value) {
-            Some(texts) if texts.len() >= least && texts.iter().all(|text| valid(text)) => {
-                *slot = texts.into_iter().map(str::to_owned).collect();
-            }
-            _ => return refuse(format!("{path} to be {form}")),
-        },
-        Kind::Choice { names, set, .. } => match value
+            ..
+        } => texts(value)
+            .filter(|texts| texts.len() >= least && texts.iter().all(|text| valid(text)))
+            .map(|texts| *slot = texts.into_iter().map(str::to_owned).collect()),
+        Kind::Choice { names, set, .. } => value
             .as_str()
-            .and_then(|text| names.iter().position(|n| *n == text))
-        {
-            Some(index) => set(settings, index),
-            None => return refuse(format!("{path} to be {}", quoted(names))),
-        },
-    }
-    Ok(())
+            .and_then(|text| names.iter().position(|name| *name == text))
+            .map(set),
+    };
+    stored.ok_or_else(|| (expected, describe(value)))
 }
 
 #[cfg(test)]

@@ -4,54 +4,67 @@ use std::path::{Path, PathBuf};
 
 use super::rig::Method;
 
-/// The options of `mien-studio bake`, explained.
-pub const OPTIONS: &str = "  --mesh       neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in
-               --out gets the shapes and keeps everything else
-  --landmarks  68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.
-               auto finds them in a rendering of the mesh (y up, face towards z) and writes beside --out a picture to check
-               (.landmarks.png) and a file to correct and pass back in (.landmarks.txt)
-  --out        glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda): geometry, shapes and names
-               of materials, in the mesh's own unit
-  --recipe     shapes and their control points; default: the 67 built in (config/blendshapes.toml)
-  --controls   CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
-  --method     for comparison: paper, its Procedure 1 as printed, or laplacian, plain least squares; default: aoi
-  --derive-controls  with --controls: skin between the given vertices moves as learned from sculpted shapes. With a recipe it
-               always does
-  --correctives  also the recipe's correctives, for pairs of shapes that do not combine well when simply added, named like jawOpen_mouthSmileLeft,
-               to be weighted by the product of both weights, as `mien-studio animate` does
-  --unit       unit of the mesh; default: told from the distance of the eyes
-  --dense      morph targets and blend shapes in full, for programs that cannot read sparse ones
-  --obj        also neutral.obj, one OBJ per shape and shapes.json in this folder
-  --report     pictures and figures of every shape, one HTML file
-";
-
 /// What to bake and where to put it.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, clap::Args)]
 pub struct Request {
-    /// Neutral head.
+    /// Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in --out gets
+    /// the shapes and keeps everything else
+    #[arg(long)]
     pub mesh: PathBuf,
-    /// Their file, or `auto`.
+    /// 68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.
+    /// auto finds them in a rendering of the mesh and writes beside --out a picture to check (.landmarks.png) and a file
+    /// to correct and pass back in (.landmarks.txt)
+    #[arg(long)]
     pub landmarks: PathBuf,
-    /// glTF or USD to write.
+    /// glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda), in the mesh's own unit
+    #[arg(long, value_parser = |text: &str| written(text, &["glb", "vrm", "usda"]))]
     pub out: PathBuf,
-    /// Instead of the built-in one.
+    /// Shapes and their control points [default: the 67 of config/blendshapes.toml]
+    #[arg(long)]
     pub recipe: Option<PathBuf>,
-    /// Instead of a recipe.
+    /// CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
+    #[arg(long)]
     pub controls: Option<PathBuf>,
-    /// Folder of OBJ files.
+    /// Also neutral.obj, one OBJ per shape and shapes.json in this folder
+    #[arg(long)]
     pub obj: Option<PathBuf>,
-    /// HTML file.
+    /// Pictures and figures of every shape, one HTML file
+    #[arg(long)]
     pub report: Option<PathBuf>,
-    /// Metres per unit of the mesh.
+    /// Unit of the mesh: mm, cm or m [default: from the distance of the eyes]
+    #[arg(long = "unit", value_parser = metres)]
     pub metres: Option<f64>,
-    /// What places the skin.
+    /// aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares
+    #[arg(long, default_value = "aoi", value_parser = method)]
     pub method: Method,
-    /// Points of the tool's own.
+    /// With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does
+    #[arg(long = "derive-controls")]
     pub derive: bool,
-    /// Correctives of the recipe too.
+    /// Also the recipe's correctives for pairs of shapes, named like jawOpen_mouthSmileLeft, to be weighted by the product
+    /// of both weights, as animate does
+    #[arg(long)]
     pub correctives: bool,
-    /// Targets in full.
+    /// Morph targets and blend shapes in full, for programs that cannot read sparse ones
+    #[arg(long)]
     pub dense: bool,
+}
+
+/// A file of ours by its name: binary glTF, the VRM that a head came in or, for `bake`, USD.
+pub(in crate::studio) fn written(name: &str, endings: &[&str]) -> Result<PathBuf, String> {
+    let out = PathBuf::from(name);
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if endings.iter().any(|known| ending == *known) {
+        return Ok(out);
+    }
+    let mut expected = format!("expected a name that ends in .{}", endings.join(" or ."));
+    if endings.contains(&"usda") {
+        expected += "; FBX and .blend come out of Blender, see docs/baking.md";
+    }
+    Err(expected)
+}
+
+fn method(name: &str) -> Result<Method, String> {
+    Method::named(name).ok_or_else(|| "expected aoi, paper or laplacian".into())
 }
 
 /// Whether a file is to be USD, by its name.
@@ -61,13 +74,12 @@ pub fn is_usd(path: &Path) -> bool {
         .is_some_and(|ending| ending.eq_ignore_ascii_case("usda"))
 }
 
-/// Metres per unit of a mesh in mm, cm or m.
-#[must_use]
-pub fn metres(unit: &str) -> Option<f64> {
+/// Metres per unit of a mesh.
+fn metres(unit: &str) -> Result<f64, String> {
     match unit {
-        "mm" => Some(1e-3),
-        "cm" => Some(1e-2),
-        "m" => Some(1.0),
-        _ => None,
+        "mm" => Ok(1e-3),
+        "cm" => Ok(1e-2),
+        "m" => Ok(1.0),
+        _ => Err("expected mm, cm or m".into()),
     }
 }

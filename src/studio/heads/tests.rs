@@ -1,23 +1,10 @@
 //! Dressed heads against the portraits they were made from. Skipped where the data sets are absent.
 
-use std::path::PathBuf;
-
 use super::*;
 use crate::studio::train::render::Renderer;
 
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("MIEN_DATA").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
-    let found = folder.join("ict_facekit").is_dir() && folder.join("faces_frl189").is_dir();
-    if !found {
-        println!(
-            "skipped: no data sets in {}; set MIEN_DATA",
-            folder.display()
-        );
-    }
-    found.then_some(folder)
+fn data() -> Option<std::path::PathBuf> {
+    crate::studio::data::data(&["ict_facekit", "faces_frl189"])
 }
 
 #[test]

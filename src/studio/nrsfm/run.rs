@@ -8,13 +8,6 @@ use crate::studio::atomic_write;
 use std::path::Path;
 use std::time::Instant;
 
-/// The options of `mien-studio nrsfm`, explained.
-pub const OPTIONS: &str = "\
-2F x P image tracks (x row, y row per frame; a missing point empty or nan) to 3F x P shapes.
-  --rank   number of shape modes, 0 for a rigid reconstruction; chosen from the tracks if not given
-  --truth  3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
-";
-
 /// Recovers the shapes behind the tracks of one file and writes them to `out`; prints one line per step.
 ///
 /// # Errors

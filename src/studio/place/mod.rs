@@ -35,13 +35,6 @@ use super::preview::http::{self, Answer, Request as Asked, Site};
 use crate::face_model::FaceModel;
 use surface::{Ray, Surface};
 
-/// The options of `mien-studio place`, explained.
-pub const OPTIONS: &str = "  --mesh       neutral head, as for bake
-  --landmarks  where to begin: 68 vertex numbers, as for bake; default: auto, found on a picture of the mesh
-  --out        what Save writes, for bake --landmarks; default: beside the mesh, NAME.landmarks.txt
-  --port       where the page is served, on this machine only; default 9181; 0 takes a free one
-";
-
 /// Port of the page.
 pub const PORT: u16 = 9181;
 

@@ -50,18 +50,6 @@ use http::{Answer, Request as Asked, Site};
 use hub::Hub;
 use table::TableError;
 
-/// The options of `mien-studio preview`, explained.
-pub const OPTIONS: &str =
-    "  --osc     PORT or ADDRESS:PORT to receive OSC at; default 127.0.0.1:9130, where mien sends; 0.0.0.0:9130 for a mien elsewhere
-  --serial  a port or tcp:host:port, any style; --baud N (115200), --full N (100) as serial.full of the sender
-  --csv     what mien run --csv wrote, to play, pause and scrub; - for standard input
-  --source  a recording, kinect or simulated: followed here, with pictures; --model, --config as for mien
-  --config  configuration file in which to save gains tried on the page
-  --box     ADDRESS:PORT where the box hears commands (osc.listen there); default: the host that sends, port 9131
-  --mesh    a head with named morph targets (.glb), also several; default: a head of our own
-  --port    where the page is served, PORT or ADDRESS:PORT; default 127.0.0.1:9180; 0 takes a free one
-";
-
 /// Where the page is served.
 pub const PAGE_AT: &str = "127.0.0.1:9180";
 /// Where OSC is received: where `mien` sends it.

@@ -16,24 +16,6 @@
 //! error            why training cannot be done
 //! ```
 
-/// The options of `mien-studio train`, explained.
-pub const OPTIONS: &str = "  --images       folders of annotated portraits
-  --out          model file to write; a page of errors on held-out people is written beside it
-  --data         folder of the data sets: the head that is drawn (ict_facekit) and the photographs it wears
-                 (faces_frl189); default MIEN_DATA of the environment, else ../shared/data
-  --drawn        drawn faces; default 18000
-  --starts       disturbed starts for each portrait and its mirror image; default 4
-  --seed         of everything random; default 1
-  --tracks       tracks of an actor, to give the paper's model that actor's 3D shape; default: a rendered actor
-  --offsets      where to write the mean offset of each landmark
-  --refine       retrains only the confidence, and lids and lips from depth, of this model
-  --no-paper     leaves out the paper's appearance model
-  --paper-of     keeps the paper's appearance model of this model file
-  --paper-into   trains the paper's appearance model alone and puts it into this model file, which otherwise stays the same
-  --person       a recording of one person who goes through all expressions: a model of that person alone
-  --hold-out-dev also holds out the people used for choosing settings, to measure on them
-";
-
 mod beards_glasses_hands;
 pub mod cascade;
 pub mod confidence;

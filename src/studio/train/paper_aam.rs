@@ -559,14 +559,9 @@ mod tests {
     /// they are laid on the true points. The earlier block could not open its mouth.
     #[test]
     fn shape_bases_span_the_measures_of_a_stranger() {
-        let data = std::env::var_os("MIEN_DATA").map_or_else(
-            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-            std::path::PathBuf::from,
-        );
-        if !data.join("faces_frl189").is_dir() {
-            println!("skipped: no faces_frl189 under MIEN_DATA");
+        let Some(data) = crate::studio::data::data(&["faces_frl189"]) else {
             return;
-        }
+        };
         // Every fifth person is a test person; dressing a head takes longer than drawing it.
         let heads = textured_heads(&data, |person| person == 30).unwrap();
         let asset = heads.first().expect("person 30").asset.clone();

@@ -217,14 +217,7 @@ mod tests {
     }
 
     fn person(number: usize) -> Option<HeadAsset> {
-        let data = std::env::var_os("MIEN_DATA").map_or_else(
-            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-            std::path::PathBuf::from,
-        );
-        if !data.join("faces_frl189").is_dir() {
-            println!("skipped: no faces_frl189 under MIEN_DATA");
-            return None;
-        }
+        let data = crate::studio::data::data(&["faces_frl189"])?;
         let heads = crate::studio::heads::textured_heads(&data, |person| person == number).unwrap();
         heads.first().map(|head| head.asset.clone())
     }

@@ -95,18 +95,13 @@ pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
 
     #[test]
     fn stands_on_the_front_of_the_head_evenly() {
-        let data = std::env::var_os("MIEN_DATA").map_or_else(
-            || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-            PathBuf::from,
-        );
-        let Ok(ict) = IctHead::read(&data.join("ict_facekit")) else {
-            println!("skipped: no ict_facekit under {}", data.display());
+        let Some(data) = crate::studio::data::data(&["ict_facekit"]) else {
             return;
         };
+        let ict = IctHead::read(&data.join("ict_facekit")).unwrap();
         let head = standard_head(&ict);
         println!("{} points", head.len());
         assert!((1500..=2000).contains(&head.len()), "{} points", head.len());

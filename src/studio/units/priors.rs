@@ -88,21 +88,9 @@ mod tests {
     use crate::simulator::virtual_head::Scene;
     use crate::studio::correlation::correlation;
     use crate::studio::heads::expressions::complete;
-    use std::path::PathBuf;
 
     fn head() -> Option<IctHead> {
-        let data = std::env::var_os("MIEN_DATA").map_or_else(
-            || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-            PathBuf::from,
-        );
-        let folder = data.join("ict_facekit");
-        if !folder.exists() {
-            println!(
-                "skipped: no ICT head at {}; set MIEN_DATA",
-                folder.display()
-            );
-            return None;
-        }
+        let folder = crate::studio::data::data(&["ict_facekit"])?.join("ict_facekit");
         let mut head = IctHead::read(&folder).unwrap();
         complete(&mut head);
         Some(head)

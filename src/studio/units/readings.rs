@@ -35,17 +35,6 @@ use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
 use crate::users::TrackingState;
 
-/// What `mien-studio units --help` says beyond the usage.
-pub const OPTIONS: &str = "  --data      folder of the data sets; default MIEN_DATA of the environment, else ../shared/data
-  --model     face model; default: the one built in
-  --config    configuration; default: the one built in
-  --people    that act; default 60
-  --seconds   of each; default 40
-  --seed      of everything random; default 41
-  --examples  file with what they acted: read if it exists, else written, so that another try takes seconds
-  --out       where to write the tables; default standard output
-";
-
 /// Seconds after which rest has been learnt.
 const SETTLED_S: f64 = 6.0;
 /// Every so many frames make an example: neighbours say the same.
