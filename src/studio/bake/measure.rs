@@ -76,10 +76,9 @@ impl<'a> Judge<'a> {
             .collect();
         let mut scratch = self.around.scratch();
         let some = self.around.seeing(head, &changed, &mut scratch);
-        let (inverted, collapsed) = self
-            .around
-            .inverted(head, &|v| moved[v], &some, &mut scratch);
-        (out.inverted, out.collapsed) = (inverted.len(), collapsed);
+        (out.inverted, out.collapsed) =
+            self.around
+                .inverted(head, &|v| moved[v], &some, &mut scratch);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
             let Some(ball) = ball else { continue };

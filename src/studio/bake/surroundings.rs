@@ -9,6 +9,9 @@
 use super::head::Head;
 use super::mesh::Vec3;
 
+/// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
+const AGREES: f64 = 0.3;
+
 /// The skin's triangles and how they lie in their surroundings in the neutral shape.
 pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
@@ -68,7 +71,8 @@ impl Surroundings {
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
         let neutral = |v: usize| head.mesh.positions[v];
-        out.neutral = out.lie(head, &neutral, &all, &mut out.scratch());
+        let lie = out.lie(head, &neutral, &all, &mut out.scratch());
+        out.neutral = lie.into_iter().map(|(area, cosine, _)| (area, cosine)).collect();
         out
     }
 
@@ -134,14 +138,14 @@ impl Surroundings {
         found
     }
 
-    /// Doubled area and cosine with the mean normal of the surroundings, for some of the triangles.
+    /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
     fn lie(
         &self,
         head: &Head,
         p: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
-    ) -> Vec<(f64, f64)> {
+    ) -> Vec<(f64, f64, Vec3)> {
         let Scratch {
             wanted,
             one,
@@ -198,15 +202,10 @@ impl Surroundings {
                     .iter()
                     .map(|&v| two[v as usize])
                     .sum();
-                let size = n.norm() * around.norm();
-                (
-                    n.norm(),
-                    if size > 0.0 {
-                        n.dot(&around) / size
-                    } else {
-                        0.0
-                    },
-                )
+                let around = around.try_normalize(0.0).unwrap_or_default();
+                let area = n.norm();
+                let cosine = if area > 0.0 { n.dot(&around) / area } else { 0.0 };
+                (area, cosine, around)
             })
             .collect()
     }
@@ -220,7 +219,7 @@ impl Surroundings {
         let mut scratch = self.scratch();
         let some = self.seeing(head, &changed, &mut scratch);
         let moved = |v: usize| head.mesh.positions[v] + d[v];
-        self.inverted(head, &moved, &some, &mut scratch).0.len()
+        self.inverted(head, &moved, &some, &mut scratch).0
     }
 
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
@@ -231,17 +230,32 @@ impl Surroundings {
         moved: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
-    ) -> (Vec<[u32; 3]>, usize) {
-        let (mut inverted, mut collapsed) = (Vec::new(), 0);
-        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+    ) -> (usize, usize) {
+        let lie = self.lie(head, moved, some, scratch);
+        let (mut inverted, mut collapsed) = (0, 0);
+        for (&k, (area, cosine, _)) in some.iter().zip(lie) {
             let before = self.neutral[k as usize];
-            if before.1 > 0.3 {
-                if cosine < 0.0 {
-                    inverted.push(self.triangles[k as usize]);
-                }
+            if before.1 > AGREES {
+                inverted += usize::from(cosine < 0.0);
                 collapsed += usize::from(area < 0.02 * before.0);
             }
         }
         (inverted, collapsed)
+    }
+
+    /// Inverted triangles among some, with the mean normals of their surroundings.
+    #[must_use]
+    pub fn turned_over(
+        &self,
+        head: &Head,
+        moved: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        scratch: &mut Scratch,
+    ) -> Vec<([u32; 3], Vec3)> {
+        let lie = self.lie(head, moved, some, scratch);
+        let all = some.iter().zip(lie);
+        all.filter(|(k, (_, cosine, _))| self.neutral[**k as usize].1 > AGREES && *cosine < 0.0)
+            .map(|(&k, (.., normal))| (self.triangles[k as usize], normal))
+            .collect()
     }
 }
