@@ -13,7 +13,7 @@ use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;
 use super::skin::Solved;
-use super::surroundings::{Scratch, Surroundings};
+use super::surroundings::{Flattened, Scratch, Surroundings};
 
 /// Rounds in all, those before lids that meet may move too, before smoothing and before taking back.
 const ROUNDS: usize = 64;
@@ -22,8 +22,9 @@ const SMOOTHS: usize = 12;
 const YIELDS: usize = 48;
 /// Smoothing rounds after which the patch grows by a ring.
 const GROW_EVERY: usize = 3;
-/// Height to which a triangle is turned, as part of its own in the neutral; it is turned while it is lower than half of that.
+/// Height to which a triangle is turned over its surroundings, as part of its own area in the neutral, and sweeps over all of them.
 const TURNED: f64 = 0.04;
+const SWEEPS: usize = 8;
 
 /// One shape on its way.
 struct Relaxing<'a> {
@@ -60,7 +61,7 @@ pub(super) fn relax(
     let mut scratch = around.scratch();
     let all_seen = around.seeing(head, &changed, &mut scratch);
     let moved = |v: usize| head.mesh.positions[v] + all[v];
-    let mut inverted = around.turned_over(head, &moved, &all_seen, &mut scratch);
+    let mut inverted = around.flattened(head, &moved, &all_seen, TURNED, &mut scratch);
     if inverted.is_empty() {
         return;
     }
@@ -78,11 +79,11 @@ pub(super) fn relax(
     };
     let mut patch: Vec<u32> = Vec::new();
     for round in 0..ROUNDS {
-        patch.extend(inverted.iter().flat_map(|(t, _)| t));
+        patch.extend(inverted.iter().flat_map(|t| &t.corners));
         let grows = round >= SMOOTHS && (round - SMOOTHS).is_multiple_of(GROW_EVERY);
         relaxing.widen(&mut patch, usize::from(grows));
         if round >= LIDS_HOLD {
-            for &v in inverted.iter().flat_map(|(t, _)| t) {
+            for &v in inverted.iter().flat_map(|t| &t.corners) {
                 relaxing.held[v as usize] = false;
             }
         }
@@ -146,29 +147,29 @@ impl Relaxing<'_> {
 
     /// The triangles that see the patch and are inverted or nearly so, with the normals of their surroundings; none if none is
     /// inverted.
-    fn inverted(&mut self, patch: &[u32]) -> Vec<([u32; 3], Vec3)> {
+    fn inverted(&mut self, patch: &[u32]) -> Vec<Flattened> {
         let some = self.around.seeing(self.head, patch, &mut self.scratch);
         let moved = |v: usize| self.head.mesh.positions[v] + self.all[v];
         self.around
-            .turned_over(self.head, &moved, &some, &mut self.scratch)
+            .flattened(self.head, &moved, &some, TURNED, &mut self.scratch)
     }
 
-    /// Turns triangles until they face with their surroundings, corners moving in proportion to what each turns.
-    fn turn(&mut self, inverted: &[([u32; 3], Vec3)]) {
-        for (t, normal) in inverted {
-            let at = |v: u32| self.head.mesh.positions[v as usize];
-            let [a, b, c] = t.map(at);
-            let wanted = TURNED * (b - a).cross(&(c - a)).norm();
-            let [a, b, c] = t.map(|v| at(v) + self.all[v as usize]);
-            let lacks = wanted - (b - a).cross(&(c - a)).dot(normal);
-            let by_b = (c - a).cross(normal);
-            let by_c = normal.cross(&(b - a));
+    /// Turns triangles until they rise towards their surroundings, corners moving in proportion to what each lifts; in turns, as
+    /// one moves another.
+    fn turn(&mut self, flat: &[Flattened]) {
+        for t in std::iter::repeat_n(flat, SWEEPS).flatten() {
+            let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
+            let [a, b, c] = t.corners.map(at);
+            let (by_b, by_c) = ((c - a).cross(&t.normal), t.normal.cross(&(b - a)));
+            let lacks = t.wanted - by_c.dot(&(c - a));
             let by = [-by_b - by_c, by_b, by_c];
-            let moves = t.map(|v| self.free(v));
-            let size: f64 = (0..3).filter(|&k| moves[k]).map(|k| by[k].norm_squared()).sum();
+            let moves = t.corners.map(|v| self.free(v));
+            let free = || (0..3).filter(|&k| moves[k]);
+            let size: f64 = free().map(|k| by[k].norm_squared()).sum();
             if lacks > 0.0 && size > 0.0 {
-                for k in (0..3).filter(|&k| moves[k]) {
-                    self.put(t[k], self.all[t[k] as usize] + by[k] * (lacks / size));
+                for k in free() {
+                    let v = t.corners[k];
+                    self.put(v, self.all[v as usize] + by[k] * (lacks / size));
                 }
             }
         }
@@ -189,13 +190,19 @@ impl Relaxing<'_> {
     }
 
     /// Halves the displacement where triangles are inverted, and less and less of it within `rings` of them.
-    fn take_back(&mut self, inverted: &[([u32; 3], Vec3)], rings: usize) {
-        let mut reached: Vec<u32> = inverted.iter().flat_map(|(t, _)| *t).collect();
+    fn take_back(&mut self, inverted: &[Flattened], rings: usize) {
+        let mut reached: Vec<u32> = inverted
+            .iter()
+            .filter(|t| t.inverted)
+            .flat_map(|t| t.corners)
+            .collect();
         self.widen(&mut reached, 1);
         let mut share: std::collections::BTreeMap<u32, f64> = std::collections::BTreeMap::new();
         for ring in 0..=rings {
             for &v in &reached {
-                share.entry(v).or_insert(0.5 * (1.0 - ring as f64 / (rings + 1) as f64));
+                share
+                    .entry(v)
+                    .or_insert(0.5 * (1.0 - ring as f64 / (rings + 1) as f64));
             }
             self.widen(&mut reached, 1);
         }

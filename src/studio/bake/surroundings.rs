@@ -22,6 +22,18 @@ pub struct Surroundings {
     neutral: Vec<(f64, f64)>,
 }
 
+/// A triangle that is inverted or not far from it.
+pub struct Flattened {
+    /// Its vertices.
+    pub corners: [u32; 3],
+    /// Mean normal of its surroundings.
+    pub normal: Vec3,
+    /// Doubled area that it is to have, seen along that normal.
+    pub wanted: f64,
+    /// It faces away from them.
+    pub inverted: bool,
+}
+
 /// Room for looking at the surroundings of some triangles, used again and again.
 pub struct Scratch {
     /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
@@ -72,7 +84,10 @@ impl Surroundings {
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
         let neutral = |v: usize| head.mesh.positions[v];
         let lie = out.lie(head, &neutral, &all, &mut out.scratch());
-        out.neutral = lie.into_iter().map(|(area, cosine, _)| (area, cosine)).collect();
+        out.neutral = lie
+            .into_iter()
+            .map(|(area, cosine, _)| (area, cosine))
+            .collect();
         out
     }
 
@@ -204,7 +219,11 @@ impl Surroundings {
                     .sum();
                 let around = around.try_normalize(0.0).unwrap_or_default();
                 let area = n.norm();
-                let cosine = if area > 0.0 { n.dot(&around) / area } else { 0.0 };
+                let cosine = if area > 0.0 {
+                    n.dot(&around) / area
+                } else {
+                    0.0
+                };
                 (area, cosine, around)
             })
             .collect()
@@ -243,19 +262,32 @@ impl Surroundings {
         (inverted, collapsed)
     }
 
-    /// Inverted triangles among some, with the mean normals of their surroundings.
+    /// Triangles among some that rise less than `height` of their neutral area towards their surroundings, with the mean normals
+    /// of these and the doubled area that is missing; none if none of them is inverted.
     #[must_use]
-    pub fn turned_over(
+    pub fn flattened(
         &self,
         head: &Head,
         moved: &impl Fn(usize) -> Vec3,
         some: &[u32],
+        height: f64,
         scratch: &mut Scratch,
-    ) -> Vec<([u32; 3], Vec3)> {
-        let lie = self.lie(head, moved, some, scratch);
-        let all = some.iter().zip(lie);
-        all.filter(|(k, (_, cosine, _))| self.neutral[**k as usize].1 > AGREES && *cosine < 0.0)
-            .map(|(&k, (.., normal))| (self.triangles[k as usize], normal))
-            .collect()
+    ) -> Vec<Flattened> {
+        let mut found = Vec::new();
+        let mut inverted = false;
+        for (&k, (area, cosine, normal)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+            let before = self.neutral[k as usize];
+            if before.1 > AGREES && (cosine < 0.0 || area * cosine < height * before.0) {
+                inverted |= cosine < 0.0;
+                found.push(Flattened {
+                    corners: self.triangles[k as usize],
+                    normal,
+                    wanted: height * before.0,
+                    inverted: cosine < 0.0,
+                });
+            }
+        }
+        found.retain(|_| inverted);
+        found
     }
 }
