@@ -10,16 +10,16 @@
 
 use super::contact::Contacts;
 use super::head::Head;
-use super::mesh::Vec3;
+use super::mesh::{Rings, Vec3};
 use super::recipe::Target;
 use super::skin::Solved;
 use super::surroundings::{Flattened, Scratch, Surroundings};
 
 /// Rounds in all, those before lids that meet may move too, before smoothing and before taking back.
-const ROUNDS: usize = 64;
+const ROUNDS: usize = 48;
 const LIDS_HOLD: usize = 6;
 const SMOOTHS: usize = 12;
-const YIELDS: usize = 48;
+const YIELDS: usize = 36;
 /// Smoothing rounds after which the patch grows by a ring.
 const GROW_EVERY: usize = 3;
 /// Height to which a triangle is turned over its surroundings, as part of its own area in the neutral, and sweeps over all of them.
@@ -191,24 +191,15 @@ impl Relaxing<'_> {
 
     /// Halves the displacement where triangles are inverted, and less and less of it within `rings` of them.
     fn take_back(&mut self, inverted: &[Flattened], rings: usize) {
-        let mut reached: Vec<u32> = inverted
-            .iter()
-            .filter(|t| t.inverted)
-            .flat_map(|t| t.corners)
-            .collect();
-        self.widen(&mut reached, 1);
-        let mut share: std::collections::BTreeMap<u32, f64> = std::collections::BTreeMap::new();
-        for ring in 0..=rings {
-            for &v in &reached {
-                share
-                    .entry(v)
-                    .or_insert(0.5 * (1.0 - ring as f64 / (rings + 1) as f64));
+        let turned = inverted.iter().filter(|t| t.inverted);
+        let from: Vec<u32> = turned.flat_map(|t| t.corners).collect();
+        let reached = rings_about(&self.head.rings, &from, rings + 1);
+        for (ring, some) in reached.iter().enumerate() {
+            let share = 0.5 * (1.0 - ring as f64 / reached.len() as f64);
+            for &v in some {
+                let kept = self.d[v as usize] * (1.0 - share);
+                self.put(v, self.below(v) + kept);
             }
-            self.widen(&mut reached, 1);
-        }
-        for (v, share) in share {
-            let kept = self.d[v as usize] * (1.0 - share);
-            self.put(v, self.below(v) + kept);
         }
     }
 
@@ -225,4 +216,16 @@ impl Relaxing<'_> {
         }
         self.widen(patch, 0);
     }
+}
+
+/// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
+pub(super) fn rings_about(rings: &Rings, some: &[u32], most: usize) -> Vec<Vec<u32>> {
+    let mut seen: std::collections::HashSet<u32> = some.iter().copied().collect();
+    let mut out = vec![seen.iter().copied().collect::<Vec<u32>>()];
+    for ring in 0..most {
+        let near = out[ring].iter().flat_map(|&v| rings.of(v as usize));
+        let next = near.copied().filter(|&v| seen.insert(v)).collect();
+        out.push(next);
+    }
+    out
 }

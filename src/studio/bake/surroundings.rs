@@ -12,6 +12,9 @@ use super::mesh::Vec3;
 /// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
 const AGREES: f64 = 0.3;
 
+/// An edge is torn that has grown beyond this many times its length and this part of the eye distance.
+const TORN: [f64; 2] = [5.0, 0.05];
+
 /// The skin's triangles and how they lie in their surroundings in the neutral shape.
 pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
@@ -229,16 +232,35 @@ impl Surroundings {
             .collect()
     }
 
-    /// How many triangles a displacement turns over.
+    /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
+    /// are then.
     #[must_use]
-    pub fn inverted_by(&self, head: &Head, d: &[Vec3]) -> usize {
+    pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(usize) -> Vec3) -> Vec<u32> {
         let changed: Vec<u32> = (0..d.len() as u32)
             .filter(|&v| d[v as usize] != Vec3::zeros())
             .collect();
         let mut scratch = self.scratch();
         let some = self.seeing(head, &changed, &mut scratch);
-        let moved = |v: usize| head.mesh.positions[v] + d[v];
-        self.inverted(head, &moved, &some, &mut scratch).0
+        let mut found: Vec<u32> = self
+            .flattened(head, at, &some, 0.0, &mut scratch)
+            .iter()
+            .flat_map(|t| t.corners)
+            .collect();
+        let length =
+            |p: &dyn Fn(usize) -> Vec3, v: u32, o: u32| (p(v as usize) - p(o as usize)).norm();
+        let neutral = |v: usize| head.mesh.positions[v];
+        let spare = TORN[1] * head.eye_distance;
+        for k in &some {
+            let t = self.triangles[*k as usize];
+            for (v, o) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                if length(at, v, o) > TORN[0] * length(&neutral, v, o) + spare {
+                    found.extend([v, o]);
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
     }
 
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
