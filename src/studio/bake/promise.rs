@@ -11,7 +11,7 @@ use super::mesh::Vec3;
 pub enum Deed {
     /// The middles of two groups of points end at least so far apart.
     Part,
-    /// They end at most so far apart.
+    /// They end at most so much further apart than in the neutral, where lips need not touch.
     Meet,
     /// One moves at most so many times as far as the other.
     Less,
@@ -46,10 +46,14 @@ impl Promise {
         };
         let neutral = |v: usize| head.mesh.positions[v];
         let moves = |some: &[u32]| (middle(some, at) - middle(some, &neutral)).norm();
-        let apart = || (middle(&self.one, at) - middle(&self.other, at)).norm() / w;
+        let apart =
+            |p: &dyn Fn(usize) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
         let (found, kept) = match &self.deed {
-            Deed::Part => (apart(), apart() >= self.bound),
-            Deed::Meet => (apart(), apart() <= self.bound),
+            Deed::Part => (apart(at), apart(at) >= self.bound),
+            Deed::Meet => {
+                let further = apart(at) - apart(&neutral);
+                (further, further <= self.bound)
+            }
             Deed::Less => {
                 let share = moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE);
                 (share, share <= self.bound)

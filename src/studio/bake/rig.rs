@@ -276,7 +276,15 @@ impl<'a> Rig<'a> {
             let places: Vec<u32> = faults.places.iter().copied().filter(own).collect();
             let whole = solved.d.clone();
             for rings in BLENDED_RINGS {
-                let d = self.blended(&whole, &plain, &places, rings);
+                let mut d = self.blended(&whole, &plain, &places, rings);
+                let sunk = self.contacts.sunk(&d, target).into_iter();
+                for (v, moved) in sunk.chain(self.contacts.crossed(&d, base)) {
+                    d[v as usize] = if solved.area[v as usize] {
+                        moved
+                    } else {
+                        d[v as usize]
+                    };
+                }
                 self.take(target, base, d, &mut solved.d, &mut faults);
             }
             self.take(target, base, plain, &mut solved.d, &mut faults);
