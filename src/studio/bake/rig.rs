@@ -23,7 +23,7 @@ use super::prior::Prior;
 use super::recipe::Target;
 use super::relax::{relax, rings_about};
 use super::shape::Shape;
-use super::skin::{Kept, Solved, skin};
+use super::skin::{Kept, Placing, Solved};
 use super::solve::{self, Settings, System};
 use super::sparse::Singular;
 use super::surroundings::Surroundings;
@@ -249,11 +249,15 @@ impl<'a> Rig<'a> {
         let (head, target) = (self.head, &self.targets[k]);
         let mut kept = Kept::default();
         let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
-            let u = &self.influence[k];
-            let (contacts, settings) = (&self.contacts, self.settings);
-            // Only what takes a shape back is solved from it.
-            let base = base.filter(|_| target.undo.is_some());
-            skin(head, contacts, target, u, settings, base, beyond, &mut kept)
+            let placing = Placing {
+                head,
+                contacts: &self.contacts,
+                settings: self.settings,
+                target,
+                // Only what takes a shape back is solved from it.
+                base: base.filter(|_| target.undo.is_some()),
+            };
+            placing.place(&self.influence[k], beyond, &mut kept)
         };
         let learned = self.learned.as_ref().filter(|_| target.derive);
         let mut solved = match learned {

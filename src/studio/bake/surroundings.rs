@@ -37,14 +37,15 @@ pub struct Flattened {
     pub inverted: bool,
 }
 
-/// Room for looking at the surroundings of some triangles, used again and again.
+/// Room for looking at the surroundings of some triangles, used again and again. Plain numbers: what is not looked at costs no
+/// memory.
 pub struct Scratch {
     /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
     wanted: Vec<u8>,
-    one: Vec<Vec3>,
-    two: Vec<Vec3>,
+    one: Vec<[f64; 3]>,
+    two: Vec<[f64; 3]>,
     /// Normals of triangles, as long as twice their area, where they are marked.
-    normal: Vec<Vec3>,
+    normal: Vec<[f64; 3]>,
     /// Marks of triangles, all unset between uses.
     seen: Vec<bool>,
 }
@@ -104,9 +105,9 @@ impl Surroundings {
         let n = self.starts.len() - 1;
         Scratch {
             wanted: vec![0; n],
-            one: vec![Vec3::zeros(); n],
-            two: vec![Vec3::zeros(); n],
-            normal: vec![Vec3::zeros(); self.triangles.len()],
+            one: vec![[0.0; 3]; n],
+            two: vec![[0.0; 3]; n],
+            normal: vec![[0.0; 3]; self.triangles.len()],
             seen: vec![false; self.triangles.len()],
         }
     }
@@ -197,11 +198,11 @@ impl Surroundings {
                 if !seen[k] {
                     seen[k] = true;
                     let [a, b, c] = self.triangles[k].map(|v| p(v as usize));
-                    normal[k] = (b - a).cross(&(c - a));
+                    normal[k] = (b - a).cross(&(c - a)).into();
                 }
-                sum += normal[k];
+                sum += Vec3::from(normal[k]);
             }
-            one[v as usize] = sum;
+            one[v as usize] = sum.into();
         }
         for &v in &all {
             wanted[v as usize] = 0;
@@ -211,14 +212,16 @@ impl Surroundings {
         }
         for &v in &corners {
             let ring = head.rings.of(v as usize).iter();
-            two[v as usize] = ring.fold(one[v as usize], |sum, &o| sum + one[o as usize]);
+            let own = Vec3::from(one[v as usize]);
+            let sum = ring.fold(own, |sum, &o| sum + Vec3::from(one[o as usize]));
+            two[v as usize] = sum.into();
         }
         some.iter()
             .map(|&k| {
-                let n = normal[k as usize];
+                let n = Vec3::from(normal[k as usize]);
                 let around: Vec3 = self.triangles[k as usize]
                     .iter()
-                    .map(|&v| two[v as usize])
+                    .map(|&v| Vec3::from(two[v as usize]))
                     .sum();
                 let around = around.try_normalize(0.0).unwrap_or_default();
                 let area = n.norm();
