@@ -562,4 +562,14 @@ mod tests {
                 .contains("moev")
         );
     }
+
+    #[test]
+    fn what_a_shape_must_do_is_read_with_one_group_of_points_or_two() {
+        let text = "[[shape]]\nname = \"a\"\nwhy = \"\"\nmust = [[\"part\", \"chin\", \"nose_tip\", 0.4], [\"lids\", \"L\", 0.03]]\n";
+        let recipe = Recipe::read(text).unwrap();
+        assert!(matches!(
+            recipe.shape[0].must[..],
+            [Asked::Between(..), Asked::Of(..)]
+        ));
+    }
 }

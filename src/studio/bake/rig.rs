@@ -279,7 +279,8 @@ impl<'a> Rig<'a> {
             let own = |v: &u32| others.places.binary_search(v).is_err();
             let places: Vec<u32> = faults.places.iter().copied().filter(own).collect();
             let whole = solved.d.clone();
-            for rings in BLENDED_RINGS {
+            let nowhere = places.is_empty();
+            for rings in BLENDED_RINGS.into_iter().filter(|_| !nowhere) {
                 let mut d = self.blended(&whole, &plain, &places, rings);
                 let sunk = self.contacts.sunk(&d, target).into_iter();
                 for (v, moved) in sunk.chain(self.contacts.crossed(&d, base)) {

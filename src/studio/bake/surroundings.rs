@@ -256,7 +256,8 @@ impl Surroundings {
         for k in &some {
             let t = self.triangles[*k as usize];
             for (v, o) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
-                if length(at, v, o) > TORN[0] * length(&neutral, v, o) + spare {
+                let now = length(at, v, o);
+                if now > spare && now > TORN[0] * length(&neutral, v, o) + spare {
                     found.extend([v, o]);
                 }
             }
