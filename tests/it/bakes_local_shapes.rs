@@ -123,6 +123,7 @@ fn tables(truth: &Truth, derive: bool, chosen: impl Fn(&str) -> bool) -> Vec<Tar
             tongue: None,
             undo: None,
             corrects: None,
+            must: Vec::new(),
         })
         .collect()
 }
@@ -547,7 +548,7 @@ fn heads_of_other_people_are_baked_and_their_landmarks_found() {
         println!(
             "person {seed}: {inverted} inverted triangles, lids {gap:.3} apart; landmarks off {off:.3?}"
         );
-        assert!(gap < 0.08 && inverted <= 16, "person {seed}");
+        assert!(gap < 0.04 && inverted == 0, "person {seed}");
     }
     println!("{turned} inverted triangles; landmarks off by {sums:.3?} eye distances");
     for ((name, _), (off, most)) in parts

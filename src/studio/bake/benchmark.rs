@@ -112,6 +112,7 @@ impl Truth {
             tongue: None,
             undo: None,
             corrects: None,
+            must: Vec::new(),
         }
     }
 

@@ -209,6 +209,10 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         head.eye_distance * metres * 1e3
     );
     let shapes = baked(request, &head, &targets(request, &head, ordered.vertex())?)?;
+    let promises = report::promises(&shapes);
+    if !promises.is_empty() {
+        println!("{promises}");
+    }
     let report = request.report.as_ref();
     let report = report.map(|path| Report::of(path, request, &head, &shapes));
     // From here on in the order of the file.

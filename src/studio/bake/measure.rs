@@ -76,10 +76,9 @@ impl<'a> Judge<'a> {
             .collect();
         let mut scratch = self.around.scratch();
         let some = self.around.seeing(head, &changed, &mut scratch);
-        let (inverted, collapsed) = self
-            .around
-            .inverted(head, &|v| moved[v], &some, &mut scratch);
-        (out.inverted, out.collapsed) = (inverted.len(), collapsed);
+        (out.inverted, out.collapsed) =
+            self.around
+                .inverted(head, &|v| moved[v], &some, &mut scratch);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
             let Some(ball) = ball else { continue };
@@ -151,7 +150,7 @@ fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotatio
 
 /// Largest distance of a vertex of the upper lid line from the lower one, mesh units; `p` is where vertices are. Not the other way
 /// round: the lower line goes on about the lacrimal caruncle, which no lid covers.
-fn lid_gap(head: &Head, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
+pub(super) fn lid_gap(head: &Head, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
     let seam = &head.lids[side];
     let far = |&v: &u32| {
         let spans = seam.lower.windows(2).map(|s| {

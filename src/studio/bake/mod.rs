@@ -16,7 +16,7 @@
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
 //! learn                 learned from sculpted shapes
 //! head                  axes, lids and lips (seam), eyeball, mouth, parts, nearest
-//! recipe, table         targets: which point goes where
+//! recipe, table         targets: which point goes where; promise: what a shape must do
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
 //! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
@@ -58,6 +58,7 @@ pub mod order;
 mod parts;
 pub mod patch;
 pub mod prior;
+pub mod promise;
 pub mod recipe;
 mod relax;
 pub mod render;

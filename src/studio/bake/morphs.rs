@@ -336,6 +336,7 @@ mod tests {
             name: name.into(),
             unit: Some("AU26".into()),
             upon: None,
+            misses: None,
             area: vec![true; n],
             displacement: moved,
             unknowns: 0,

@@ -279,6 +279,7 @@ mod tests {
             name: "a".into(),
             unit: None,
             upon: None,
+            misses: None,
             displacement: (0..n).map(|v| Vec3::repeat(v as f64)).collect(),
             area: vec![true; n],
             unknowns: 0,

@@ -344,6 +344,7 @@ mod tests {
             name: name.into(),
             unit: None,
             upon: None,
+            misses: None,
             displacement,
             area: vec![true; n],
             unknowns: 0,

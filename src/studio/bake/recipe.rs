@@ -9,6 +9,7 @@ use serde::Deserialize;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::names::{self, NAMES, mirrored};
+use super::promise::{Deed, Promise};
 use super::shape::PAIR;
 
 /// The shipped recipe.
@@ -33,6 +34,16 @@ pub enum RecipeError {
     /// A side that does not exist.
     #[error("shape {shape}: expected side \"L\" or \"R\", found {found:?}")]
     Side {
+        /// Shape.
+        shape: String,
+        /// The word.
+        found: String,
+    },
+    /// A promise of a kind that does not exist.
+    #[error(
+        "shape {shape}: expected part, meet, less, lids, up, down, out, in, forward or back in `must`, found {found:?}"
+    )]
+    Promise {
         /// Shape.
         shape: String,
         /// The word.
@@ -70,6 +81,14 @@ enum Measure {
     MouthWidth,
 }
 
+/// A row of `must`: with one group of points or with two.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+enum Asked {
+    Of(String, String, f64),
+    Between(String, String, String, f64),
+}
+
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
@@ -95,6 +114,8 @@ struct Entry {
     #[serde(default)]
     undo: Vec<(String, String, f64)>,
     tongue: Option<[f64; 2]>,
+    #[serde(default)]
+    must: Vec<Asked>,
 }
 
 /// Two shapes that do not simply add.
@@ -142,6 +163,8 @@ pub struct Target {
     pub undo: Option<(String, f64)>,
     /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
     pub corrects: Option<[String; 2]>,
+    /// What is checked once it is baked.
+    pub must: Vec<Promise>,
 }
 
 /// The unit of the other side: a trailing L becomes R and the other way round.
@@ -282,6 +305,7 @@ impl Target {
             tongue: self.tongue.or(other.tongue),
             undo: None,
             corrects: Some(of),
+            must: Vec::new(),
         }
     }
 }
@@ -321,6 +345,67 @@ impl Entry {
                 found: word.to_owned(),
             }),
         }
+    }
+
+    /// What the shape must do.
+    fn promises(&self, head: &Head, mirror: bool) -> Result<Vec<Promise>, RecipeError> {
+        let promise = |asked: &Asked| {
+            let (what, one, other, bound) = match asked {
+                Asked::Of(what, one, bound) => (what, one, "", *bound),
+                Asked::Between(what, one, other, bound) => (what, one, other.as_str(), *bound),
+            };
+            if what == "lids" {
+                return Ok(Promise {
+                    deed: Deed::Lids(self.side(one, mirror)?),
+                    one: Vec::new(),
+                    other: Vec::new(),
+                    bound,
+                    words: "lids".into(),
+                });
+            }
+            let (one, other) = (self.points(one, mirror)?, self.points(other, mirror)?);
+            let outwards = |&point: &usize| {
+                let middle = mirrored(point) == point;
+                let sign = if middle && mirror {
+                    -1.0
+                } else {
+                    outward(point)
+                };
+                head.axes.column(0) * sign
+            };
+            let along =
+                |axis: usize, sign: f64| Deed::Move(vec![head.axes.column(axis) * sign; one.len()]);
+            let deed = match what.as_str() {
+                "part" => Deed::Part,
+                "meet" => Deed::Meet,
+                "less" => Deed::Less,
+                "up" => along(1, 1.0),
+                "down" => along(1, -1.0),
+                "forward" => along(2, 1.0),
+                "back" => along(2, -1.0),
+                "out" => Deed::Move(one.iter().map(outwards).collect()),
+                "in" => Deed::Move(one.iter().map(|p| -outwards(p)).collect()),
+                _ => {
+                    return Err(RecipeError::Promise {
+                        shape: self.name.clone(),
+                        found: what.clone(),
+                    });
+                }
+            };
+            let mut words = what.clone();
+            for &point in one.iter().chain(&other) {
+                words = words + " " + NAMES[point];
+            }
+            let vertices = |points: Vec<usize>| points.into_iter().map(|p| head.points[p]);
+            Ok(Promise {
+                deed,
+                one: vertices(one).collect(),
+                other: vertices(other).collect(),
+                bound,
+                words,
+            })
+        };
+        self.must.iter().map(promise).collect()
     }
 
     /// Long because every field of a shape's entry has its place in the target.
@@ -431,6 +516,7 @@ impl Entry {
             }),
             undo,
             corrects: None,
+            must: self.promises(head, mirror)?,
         })
     }
 }
@@ -475,5 +561,15 @@ mod tests {
                 .to_string()
                 .contains("moev")
         );
+    }
+
+    #[test]
+    fn what_a_shape_must_do_is_read_with_one_group_of_points_or_two() {
+        let text = "[[shape]]\nname = \"a\"\nwhy = \"\"\nmust = [[\"part\", \"chin\", \"nose_tip\", 0.4], [\"lids\", \"L\", 0.03]]\n";
+        let recipe = Recipe::read(text).unwrap();
+        assert!(matches!(
+            recipe.shape[0].must[..],
+            [Asked::Between(..), Asked::Of(..)]
+        ));
     }
 }

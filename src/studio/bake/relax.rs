@@ -1,123 +1,48 @@
-//! Inverted triangles smoothed away.
+//! Inverted triangles turned back.
 //!
-//! First a small patch is filled anew. Where that does not end it, the displacement is smoothed in a patch that takes in what
-//! is inverted and grows while that lasts: equal displacements cannot invert anything, so a large enough patch ends it. What
-//! the recipe asked for gives way by what that takes, except lid lines that meet or follow a gaze.
+//! Each one is turned until it lies like its surroundings, its corners moving no further than that takes: the rest of the
+//! shape stays as it was asked for, lids that meet included. Where triangles only hand the fold on to each other, the displacement
+//! around them is smoothed as well, in a patch that grows. What outlasts that is taken back towards the neutral, or the
+//! shape beneath, by ever more and around ever more of it: a shape that is nothing inverts nothing.
 //!
-//! Units: the mesh's. Cost: a few sweeps over the patch per round; nothing outside the patch is looked at twice.
-//! Degenerate case: what is inverted after the last round stays so and is counted in the report.
+//! Units: the mesh's. Cost: at most [`ROUNDS`] looks at the patch; nothing outside it is looked at twice.
+//! Degenerate case: what cannot move, outside the area, stays inverted and is counted in the report.
 
 use super::contact::Contacts;
 use super::head::Head;
-use super::mesh::Vec3;
+use super::mesh::{Rings, Vec3};
 use super::recipe::Target;
 use super::skin::Solved;
-use super::surroundings::Surroundings;
+use super::surroundings::{Flattened, Scratch, Surroundings};
 
-/// Rounds of smoothing around inverted triangles.
-const ROUNDS: usize = 72;
-/// Rounds after which the smoothed patch grows by a ring.
+/// Rounds in all, those before lids that meet may move too, before smoothing and before taking back.
+const ROUNDS: usize = 48;
+const LIDS_HOLD: usize = 6;
+const SMOOTHS: usize = 12;
+const YIELDS: usize = 36;
+/// Smoothing rounds after which the patch grows by a ring.
 const GROW_EVERY: usize = 3;
-/// Sweeps in a round, at most: with one, a large patch would take as many rounds as it has rings. The first rounds have fewer,
-/// so that what only just is inverted is only just mended: another rounding of the mesh must not make another shape.
-const SWEEPS: usize = 16;
+/// Height to which a triangle is turned over its surroundings, as part of its own area in the neutral, and sweeps over all of them.
+const TURNED: f64 = 0.04;
+const SWEEPS: usize = 8;
 
-/// Rings around inverted triangles that are filled anew before smoothing begins to spread, and sweeps to fill them.
-const MENDED_RINGS: usize = 6;
-const MENDING_SWEEPS: usize = 60;
-
-/// Vertices with marks.
-struct Patch {
-    inside: Vec<bool>,
-    list: Vec<u32>,
-}
-
-impl Patch {
-    fn add(&mut self, v: u32) {
-        if !self.inside[v as usize] {
-            self.inside[v as usize] = true;
-            self.list.push(v);
-        }
-    }
-}
-
-/// What mending a small place needs to know.
-struct Nearby<'a> {
+/// One shape on its way.
+struct Relaxing<'a> {
     head: &'a Head,
     around: &'a Surroundings,
     contacts: &'a Contacts<'a>,
     target: &'a Target,
     base: Option<&'a [Vec3]>,
     area: &'a [bool],
-    held: &'a [bool],
+    /// Vertices of lids that meet or follow a gaze: what gives way first is the skin behind them.
+    held: Vec<bool>,
+    /// Displacement of this shape, and with the one beneath: that is what is seen and has to be smooth.
+    d: &'a mut [Vec3],
+    all: Vec<Vec3>,
+    scratch: Scratch,
 }
 
-impl Nearby<'_> {
-    /// Fills a patch around what is inverted with the smoothest displacement that its edge allows, and begins anew with a larger
-    /// one while that does not mend it. Says whether it did; if not, nothing has changed. So a few triangles cost a few rings
-    /// of skin, whichever of them another rounding of the mesh turns over.
-    fn mend(&self, inverted: &[[u32; 3]], all: &mut [Vec3], d: &mut [Vec3]) -> bool {
-        let (head, before) = (self.head, (all.to_vec(), d.to_vec()));
-        let below = |v: u32| self.base.map_or(Vec3::zeros(), |b| b[v as usize]);
-        let mut scratch = self.around.scratch();
-        let mut seeds: Vec<u32> = inverted.iter().flatten().copied().collect();
-        for rings in 1..=MENDED_RINGS {
-            all.copy_from_slice(&before.0);
-            d.copy_from_slice(&before.1);
-            let mut patch = Patch {
-                inside: vec![false; all.len()],
-                list: Vec::new(),
-            };
-            for &v in &seeds {
-                patch.add(v);
-            }
-            for _ in 0..rings {
-                for k in 0..patch.list.len() {
-                    for &o in head.rings.of(patch.list[k] as usize) {
-                        patch.add(o);
-                    }
-                }
-            }
-            let free = |v: &u32| self.area[*v as usize] && !self.held[*v as usize];
-            let inside: Vec<u32> = patch.list.iter().copied().filter(free).collect();
-            for _ in 0..MENDING_SWEEPS {
-                for &v in &inside {
-                    let ring = head.rings.of(v as usize);
-                    let sum: Vec3 = ring.iter().map(|&o| all[o as usize]).sum();
-                    all[v as usize] = sum / ring.len() as f64;
-                }
-            }
-            for &v in &inside {
-                d[v as usize] = all[v as usize] - below(v);
-            }
-            let mut touched = self.contacts.sunk(d, self.target);
-            touched.retain(|(v, _)| !self.held[*v as usize]);
-            touched.extend(self.contacts.crossed(d, self.base));
-            for (v, moved) in touched {
-                if self.area[v as usize] {
-                    d[v as usize] = moved;
-                    all[v as usize] = moved + below(v);
-                    patch.add(v);
-                }
-            }
-            let some = self.around.seeing(head, &patch.list, &mut scratch);
-            let moved = |v: usize| head.mesh.positions[v] + all[v];
-            let (now, _) = self.around.inverted(head, &moved, &some, &mut scratch);
-            if now.is_empty() {
-                return true;
-            }
-            seeds.extend(now.iter().flatten());
-            seeds.sort_unstable();
-            seeds.dedup();
-        }
-        all.copy_from_slice(&before.0);
-        d.copy_from_slice(&before.1);
-        false
-    }
-}
-
-/// Smooths until no triangle of the skin is inverted; `base` is the displacement of the shape this one is added to.
-/// Long because it is one loop whose rounds hand on patch, displacement and what is still inverted.
+/// Turns back what is inverted; `base` is the displacement of the shape this one is added to.
 pub(super) fn relax(
     head: &Head,
     around: &Surroundings,
@@ -128,124 +53,179 @@ pub(super) fn relax(
 ) {
     let Solved { d, area, .. } = solved;
     let n = d.len();
-    let positions = &head.mesh.positions;
     let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
-    // What is seen is this shape upon the other one: that is what has to be smooth.
-    let mut all: Vec<Vec3> = (0..n).map(|v| d[v] + below(v)).collect();
-    let mut scratch = around.scratch();
+    let all: Vec<Vec3> = (0..n).map(|v| d[v] + below(v)).collect();
     let changed: Vec<u32> = (0..n as u32)
         .filter(|&v| all[v as usize] != Vec3::zeros())
         .collect();
-    let mut some = around.seeing(head, &changed, &mut scratch);
-    let (mut inverted, _) = around.inverted(head, &|v| positions[v] + all[v], &some, &mut scratch);
+    let mut scratch = around.scratch();
+    let all_seen = around.seeing(head, &changed, &mut scratch);
+    let moved = |v: usize| head.mesh.positions[v] + all[v];
+    let mut inverted = around.flattened(head, &moved, &all_seen, TURNED, &mut scratch);
     if inverted.is_empty() {
         return;
     }
-    let closes = target.close.iter().flatten().any(|c| c.0 > 0.99);
-    let mut held = vec![false; n];
-    // Lids that meet stay so, and lids that follow a gaze follow it: what gives way is the skin behind them.
-    for (side, seam) in head.lids.iter().enumerate() {
-        let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
-        if shut || target.gaze[side].is_some() {
-            for v in seam.both() {
-                let t = seam.across(&head.mesh, &positions[v as usize]);
-                held[v as usize] = (0.07..0.93).contains(&t);
-            }
-        }
-    }
-    let nearby = Nearby {
+    let mut relaxing = Relaxing {
         head,
         around,
         contacts,
         target,
         base,
         area,
-        held: &held,
+        held: held(head, target),
+        d,
+        all,
+        scratch,
     };
-    if nearby.mend(&inverted, &mut all, d) {
-        return;
-    }
-    let mut patch = Patch {
-        inside: vec![false; n],
-        list: Vec::new(),
-    };
-    let mut smoothed: Vec<Vec3> = Vec::new();
+    let mut patch: Vec<u32> = Vec::new();
     for round in 0..ROUNDS {
-        for &v in inverted.iter().flatten() {
-            patch.add(v);
-            for &o in head.rings.of(v as usize) {
-                patch.add(o);
-            }
-            // What cannot be had with lids that meet gives way at last, vertex by vertex.
-            if round >= ROUNDS / 2 {
-                held[v as usize] = false;
+        patch.extend(inverted.iter().flat_map(|t| &t.corners));
+        let grows = round >= SMOOTHS && (round - SMOOTHS).is_multiple_of(GROW_EVERY);
+        relaxing.widen(&mut patch, usize::from(grows));
+        if round >= LIDS_HOLD {
+            for &v in inverted.iter().flat_map(|t| &t.corners) {
+                relaxing.held[v as usize] = false;
             }
         }
-        if round % GROW_EVERY == GROW_EVERY - 1 {
-            for k in 0..patch.list.len() {
-                for &o in head.rings.of(patch.list[k] as usize) {
-                    patch.add(o);
-                }
-            }
-        }
-        // Slivers in a fold outlast all smoothing: in the second half they and more and more around them move as one; at lids
-        // that meet they alone do, as more would open these.
-        let late = (round + 1).saturating_sub(ROUNDS / 2);
-        let together = if closes { 0 } else { late.div_ceil(GROW_EVERY) };
-        let free = |v: u32| area[v as usize] && !held[v as usize];
-        if late > 0 {
-            for t in &inverted {
-                let mut cluster = t.to_vec();
-                for _ in 0..together {
-                    for k in 0..cluster.len() {
-                        cluster.extend(head.rings.of(cluster[k] as usize));
-                    }
-                    cluster.sort_unstable();
-                    cluster.dedup();
-                }
-                cluster.retain(|&v| free(v));
-                let sum: Vec3 = cluster.iter().map(|&v| all[v as usize]).sum();
-                for &v in &cluster {
-                    all[v as usize] = sum / cluster.len() as f64;
-                    patch.add(v);
-                }
-            }
+        if round >= YIELDS {
+            relaxing.take_back(&inverted, round + 1 - YIELDS);
         } else {
-            let inside: Vec<u32> = patch.list.iter().copied().filter(|&v| free(v)).collect();
-            for _ in 0..SWEEPS.min(round + 1) {
-                smoothed.clear();
-                smoothed.extend(inside.iter().map(|&v| {
-                    let ring = head.rings.of(v as usize);
-                    let sum: Vec3 = ring.iter().map(|&o| all[o as usize]).sum();
-                    (all[v as usize] + sum / ring.len() as f64) / 2.0
-                }));
-                for (&v, s) in inside.iter().zip(&smoothed) {
-                    all[v as usize] = *s;
-                }
+            if round >= SMOOTHS {
+                relaxing.smooth(&patch);
             }
+            relaxing.turn(&inverted);
         }
-        for &v in &patch.list {
-            d[v as usize] = all[v as usize] - below(v as usize);
-        }
-        for (v, lifted) in contacts.sunk(d, target) {
-            if !held[v as usize] {
-                d[v as usize] = lifted;
-                all[v as usize] = lifted + below(v as usize);
-            }
-        }
-        // Smoothing must not bring back what the contacts have mended.
-        for (v, parted) in contacts.crossed(d, base) {
-            if area[v as usize] {
-                d[v as usize] = parted;
-                all[v as usize] = parted + below(v as usize);
-                patch.add(v);
-            }
-        }
-        // Only the patch has changed; what lies around it is unturned since the last look.
-        some = around.seeing(head, &patch.list, &mut scratch);
-        (inverted, _) = around.inverted(head, &|v| positions[v] + all[v], &some, &mut scratch);
+        relaxing.part(&mut patch);
+        inverted = relaxing.inverted(&patch);
         if inverted.is_empty() {
             break;
         }
     }
+}
+
+/// Lids that meet stay so, and lids that follow a gaze follow it.
+fn held(head: &Head, target: &Target) -> Vec<bool> {
+    let mut held = vec![false; head.mesh.positions.len()];
+    for (side, seam) in head.lids.iter().enumerate() {
+        let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
+        if shut || target.gaze[side].is_some() {
+            for v in seam.both() {
+                let t = seam.across(&head.mesh, &head.mesh.positions[v as usize]);
+                held[v as usize] = (0.07..0.93).contains(&t);
+            }
+        }
+    }
+    held
+}
+
+impl Relaxing<'_> {
+    fn below(&self, v: u32) -> Vec3 {
+        self.base.map_or(Vec3::zeros(), |b| b[v as usize])
+    }
+
+    fn put(&mut self, v: u32, all: Vec3) {
+        self.all[v as usize] = all;
+        self.d[v as usize] = all - self.below(v);
+    }
+
+    fn free(&self, v: u32) -> bool {
+        self.area[v as usize] && !self.held[v as usize]
+    }
+
+    /// Adds so many rings; each vertex is once in a patch, ascending.
+    fn widen(&self, patch: &mut Vec<u32>, rings: usize) {
+        for _ in 0..rings {
+            for k in 0..patch.len() {
+                patch.extend(self.head.rings.of(patch[k] as usize));
+            }
+            patch.sort_unstable();
+            patch.dedup();
+        }
+        patch.sort_unstable();
+        patch.dedup();
+    }
+
+    /// The triangles that see the patch and are inverted or nearly so, with the normals of their surroundings; none if none is
+    /// inverted.
+    fn inverted(&mut self, patch: &[u32]) -> Vec<Flattened> {
+        let some = self.around.seeing(self.head, patch, &mut self.scratch);
+        let moved = |v: usize| self.head.mesh.positions[v] + self.all[v];
+        self.around
+            .flattened(self.head, &moved, &some, TURNED, &mut self.scratch)
+    }
+
+    /// Turns triangles until they rise towards their surroundings, corners moving in proportion to what each lifts; in turns, as
+    /// one moves another.
+    fn turn(&mut self, flat: &[Flattened]) {
+        for t in std::iter::repeat_n(flat, SWEEPS).flatten() {
+            let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
+            let [a, b, c] = t.corners.map(at);
+            let (by_b, by_c) = ((c - a).cross(&t.normal), t.normal.cross(&(b - a)));
+            let lacks = t.wanted - by_c.dot(&(c - a));
+            let by = [-by_b - by_c, by_b, by_c];
+            let moves = t.corners.map(|v| self.free(v));
+            let free = || (0..3).filter(|&k| moves[k]);
+            let size: f64 = free().map(|k| by[k].norm_squared()).sum();
+            if lacks > 0.0 && size > 0.0 {
+                for k in free() {
+                    let v = t.corners[k];
+                    self.put(v, self.all[v as usize] + by[k] * (lacks / size));
+                }
+            }
+        }
+    }
+
+    /// Half of the way to the mean of the neighbours.
+    fn smooth(&mut self, patch: &[u32]) {
+        let inside: Vec<u32> = patch.iter().copied().filter(|&v| self.free(v)).collect();
+        let mean = |&v: &u32| {
+            let ring = self.head.rings.of(v as usize);
+            let sum: Vec3 = ring.iter().map(|&o| self.all[o as usize]).sum();
+            (self.all[v as usize] + sum / ring.len() as f64) / 2.0
+        };
+        let smoothed: Vec<Vec3> = inside.iter().map(mean).collect();
+        for (v, all) in inside.into_iter().zip(smoothed) {
+            self.put(v, all);
+        }
+    }
+
+    /// Halves the displacement where triangles are inverted, and less and less of it within `rings` of them.
+    fn take_back(&mut self, inverted: &[Flattened], rings: usize) {
+        let turned = inverted.iter().filter(|t| t.inverted);
+        let from: Vec<u32> = turned.flat_map(|t| t.corners).collect();
+        let reached = rings_about(&self.head.rings, &from, rings + 1);
+        for (ring, some) in reached.iter().enumerate() {
+            let share = 0.5 * (1.0 - ring as f64 / reached.len() as f64);
+            for &v in some {
+                let kept = self.d[v as usize] * (1.0 - share);
+                self.put(v, self.below(v) + kept);
+            }
+        }
+    }
+
+    /// Turning and smoothing must not bring back what the contacts have mended.
+    fn part(&mut self, patch: &mut Vec<u32>) {
+        let mut touched = self.contacts.sunk(self.d, self.target);
+        touched.retain(|(v, _)| !self.held[*v as usize]);
+        touched.extend(self.contacts.crossed(self.d, self.base));
+        for (v, moved) in touched {
+            if self.area[v as usize] {
+                self.put(v, moved + self.below(v));
+                patch.push(v);
+            }
+        }
+        self.widen(patch, 0);
+    }
+}
+
+/// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
+pub(super) fn rings_about(rings: &Rings, some: &[u32], most: usize) -> Vec<Vec<u32>> {
+    let mut seen: std::collections::HashSet<u32> = some.iter().copied().collect();
+    let mut out = vec![seen.iter().copied().collect::<Vec<u32>>()];
+    for ring in 0..most {
+        let near = out[ring].iter().flat_map(|&v| rings.of(v as usize));
+        let next = near.copied().filter(|&v| seen.insert(v)).collect();
+        out.push(next);
+    }
+    out
 }

@@ -43,6 +43,25 @@ fn number(value: f64) -> String {
     }
 }
 
+/// How many shapes do what they must, and what the others miss; empty if nothing is asked of any.
+#[must_use]
+pub fn promises(shapes: &[Shape]) -> String {
+    let asked = || shapes.iter().filter_map(|s| Some((s, s.misses.as_ref()?)));
+    let missed: Vec<String> = asked()
+        .filter(|(_, misses)| !misses.is_empty())
+        .map(|(shape, misses)| format!("{} ({})", shape.name, misses.join(", ")))
+        .collect();
+    let (all, kept) = (asked().count(), asked().count() - missed.len());
+    match (all, missed.is_empty()) {
+        (0, _) => String::new(),
+        (_, true) => format!("All {all} shapes that are checked do what they must."),
+        _ => format!(
+            "{kept} of {all} shapes that are checked do what they must; not: {}.",
+            missed.join("; ")
+        ),
+    }
+}
+
 /// The report as HTML, and the figures it shows.
 #[must_use]
 pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>) {
@@ -69,7 +88,8 @@ pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>
     );
     let _ = write!(
         out,
-        "<h1>{title}</h1><p>{} shapes on {} vertices. ",
+        "<h1>{title}</h1><p>{}</p><p>{} shapes on {} vertices. ",
+        promises(shapes),
         shapes.len(),
         head.mesh.positions.len()
     );

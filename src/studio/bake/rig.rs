@@ -21,15 +21,18 @@ use super::mesh::{Rings, Vec3};
 use super::names::LANDMARKS;
 use super::prior::Prior;
 use super::recipe::Target;
-use super::relax::relax;
+use super::relax::{relax, rings_about};
 use super::shape::Shape;
-use super::skin::{Kept, Solved, skin};
+use super::skin::{Kept, Placing, Solved};
 use super::solve::{self, Settings, System};
 use super::sparse::Singular;
 use super::surroundings::Surroundings;
 
 /// Displacements below this part of the eye distance are nothing: 0.04 micrometres.
 const NOTHING: f64 = 1e-6;
+
+/// Rings around a place where what was learned is at fault within which it gives way to the plain solution.
+const BLENDED_RINGS: [usize; 2] = [6, 16];
 
 /// Which method places the skin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,7 +88,6 @@ pub fn bake(
 }
 
 /// The same with another prior of the skin, or none.
-/// Long because the closure that makes one shape shares all that is made once for all of them.
 ///
 /// # Errors
 /// If a system is singular.
@@ -98,114 +100,40 @@ pub fn bake_with(
     done: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Shape>, Singular> {
     faer::set_global_parallelism(faer::Par::Seq);
-    let w = head.eye_distance;
-    let learned = || {
-        prior
-            .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
-            .and_then(|prior| Canonical::new(head, prior))
-    };
-    let (influence, (around, contacts, learned)) = rayon::join(
-        || fields(head, targets, settings),
-        || (Surroundings::new(head), Contacts::new(head), learned()),
-    );
-    let influence = influence?;
-    let whole = match method {
-        Method::Aoi => None,
-        Method::Paper => Some(printed(head, targets)?),
-        Method::Laplacian => Some(plain(head, targets)?),
-    };
-    let one = |k: usize, base: Option<&[Vec3]>| {
-        let start = Instant::now();
-        let target = &targets[k];
-        let solved = match &whole {
-            Some(all) => Solved {
-                d: all[k].clone(),
-                area: head.skin.clone(),
-                unknowns: 0,
-            },
-            None => {
-                let mut kept = Kept::default();
-                let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
-                    skin(
-                        head,
-                        &contacts,
-                        target,
-                        &influence[k],
-                        settings,
-                        base,
-                        beyond,
-                        &mut kept,
-                    )
-                };
-                let mut solved = match learned.as_ref().filter(|_| target.derive) {
-                    None => place(target, None)?,
-                    Some(learned) => {
-                        let alone = landmarks_alone(head, target);
-                        let first = place(&alone, None)?;
-                        let moved: Vec<Vec3> = head.points[..LANDMARKS]
-                            .iter()
-                            .map(|&v| first.d[v as usize])
-                            .collect();
-                        let beyond = learned.beyond(head, &moved, &first.d);
-                        place(target, Some(&beyond))?
-                    }
-                };
-                if !target.exact {
-                    // What was learned does not fit here if it inverts triangles that the solve alone does not: where smoothing
-                    // must mend it, another rounding of the mesh may make another shape.
-                    let inverted = |solved: &Solved| around.inverted_by(head, &solved.d);
-                    let mend = |solved: &mut Solved| {
-                        relax(head, &around, &contacts, target, base, solved);
-                    };
-                    let learned = learned.is_some() && target.derive;
-                    let mut other = (learned && inverted(&solved) > 0)
-                        .then(|| place(target, None))
-                        .transpose()?;
-                    if let Some(alone) = &mut other
-                        && inverted(alone) < inverted(&solved)
-                    {
-                        std::mem::swap(alone, &mut solved);
-                    }
-                    mend(&mut solved);
-                    if let Some(other) = &mut other
-                        && inverted(&solved) > 0
-                    {
-                        mend(other);
-                        if inverted(other) < inverted(&solved) {
-                            std::mem::swap(other, &mut solved);
-                        }
-                    }
-                }
-                solved
+    let rig = Rig::new(head, targets, settings, method, prior)?;
+    let solved: Result<Vec<Vec<(usize, Shape)>>, Singular> = rows(targets)
+        .par_iter()
+        .map(|row| {
+            let mut made: Vec<(usize, Shape)> = Vec::with_capacity(row.len());
+            for &k in row {
+                let base = beneath(&targets[k]);
+                let base = base.and_then(|name| made.iter().find(|s| s.1.name == *name));
+                let shape = rig.shape(k, base.map(|s| &s.1.displacement[..]))?;
+                done(&shape.name);
+                made.push((k, shape));
             }
-        };
-        let Solved {
-            d: mut displacement,
-            mut area,
-            unknowns,
-        } = solved;
-        followers(head, target, &mut displacement, &mut area);
-        for d in &mut displacement {
-            if d.norm() < NOTHING * w {
-                *d = Vec3::zeros();
-            }
-        }
-        done(&target.name);
-        Ok(Shape {
-            name: target.name.clone(),
-            unit: target.unit.clone(),
-            upon: target.upon.clone(),
-            displacement,
-            area,
-            unknowns,
-            milliseconds: start.elapsed().as_secs_f64() * 1e3,
+            Ok(made)
         })
-    };
-    // A shape that takes another one back follows it in the same breath; the longest such rows begin.
+        .collect();
+    let mut shapes: Vec<(usize, Shape)> = solved?.into_iter().flatten().collect();
+    shapes.sort_by_key(|s| s.0);
+    let mut shapes: Vec<Shape> = shapes.into_iter().map(|s| s.1).collect();
+    take_off_pairs(&mut shapes, targets, NOTHING * head.eye_distance);
+    Ok(shapes)
+}
+
+/// The shape that one takes back or is added to.
+fn beneath(target: &Target) -> Option<&String> {
+    let undone = target.undo.as_ref().map(|(name, _)| name);
+    undone.or(target.upon.as_ref())
+}
+
+/// A shape upon another one follows it in the same breath; the longest such rows begin.
+fn rows(targets: &[Target]) -> Vec<Vec<usize>> {
     let mut rows: Vec<Vec<usize>> = Vec::new();
     for (k, target) in targets.iter().enumerate() {
-        let base = target.undo.as_ref();
-        let base = base.and_then(|(name, _)| targets[..k].iter().position(|t| t.name == *name));
+        let base = beneath(target);
+        let base = base.and_then(|name| targets[..k].iter().position(|t| t.name == *name));
         match rows
             .iter_mut()
             .find(|row| base.is_some_and(|b| row.contains(&b)))
@@ -215,24 +143,218 @@ pub fn bake_with(
         }
     }
     rows.sort_by_key(|row| std::cmp::Reverse(row.len()));
-    let solved: Result<Vec<Vec<(usize, Shape)>>, Singular> = rows
-        .par_iter()
-        .map(|row| {
-            let mut done: Vec<(usize, Shape)> = Vec::with_capacity(row.len());
-            for &k in row {
-                let base = targets[k].undo.as_ref();
-                let base = base.and_then(|(name, _)| done.iter().find(|s| s.1.name == *name));
-                let shape = one(k, base.map(|s| &s.1.displacement[..]))?;
-                done.push((k, shape));
-            }
-            Ok(done)
+    rows
+}
+
+/// What is made once for all shapes.
+struct Rig<'a> {
+    head: &'a Head,
+    targets: &'a [Target],
+    settings: &'a Settings,
+    influence: Vec<Vec<f64>>,
+    around: Surroundings,
+    contacts: Contacts<'a>,
+    learned: Option<Canonical<'a>>,
+    /// All skins by a method of comparison.
+    compared: Option<Vec<Vec<Vec3>>>,
+}
+
+/// What is wrong with a skin, the worst first: promises missed, triangles inverted and edges torn.
+struct Faults {
+    missed: usize,
+    /// Vertices of these triangles and edges.
+    places: Vec<u32>,
+}
+
+impl Faults {
+    fn rank(&self) -> (usize, usize) {
+        (self.missed, self.places.len())
+    }
+}
+
+impl<'a> Rig<'a> {
+    fn new(
+        head: &'a Head,
+        targets: &'a [Target],
+        settings: &'a Settings,
+        method: Method,
+        prior: Option<&'a Prior>,
+    ) -> Result<Self, Singular> {
+        let learned = || {
+            prior
+                .filter(|_| method == Method::Aoi && targets.iter().any(|t| t.derive))
+                .and_then(|prior| Canonical::new(head, prior))
+        };
+        let (influence, (around, contacts, learned)) = rayon::join(
+            || fields(head, targets, settings),
+            || (Surroundings::new(head), Contacts::new(head), learned()),
+        );
+        Ok(Self {
+            head,
+            targets,
+            settings,
+            influence: influence?,
+            around,
+            contacts,
+            learned,
+            compared: match method {
+                Method::Aoi => None,
+                Method::Paper => Some(printed(head, targets)?),
+                Method::Laplacian => Some(plain(head, targets)?),
+            },
         })
-        .collect();
-    let mut shapes: Vec<(usize, Shape)> = solved?.into_iter().flatten().collect();
-    shapes.sort_by_key(|s| s.0);
-    let mut shapes: Vec<Shape> = shapes.into_iter().map(|s| s.1).collect();
-    take_off_pairs(&mut shapes, targets, NOTHING * w);
-    Ok(shapes)
+    }
+
+    /// One shape; `base` is the displacement of the one it is added to.
+    fn shape(&self, k: usize, base: Option<&[Vec3]>) -> Result<Shape, Singular> {
+        let (head, target) = (self.head, &self.targets[k]);
+        let start = Instant::now();
+        let Solved {
+            d: mut displacement,
+            mut area,
+            unknowns,
+        } = match &self.compared {
+            Some(all) => Solved {
+                d: all[k].clone(),
+                area: head.skin.clone(),
+                unknowns: 0,
+            },
+            None => self.safest(k, base)?,
+        };
+        followers(head, target, &mut displacement, &mut area);
+        for d in &mut displacement {
+            if d.norm() < NOTHING * head.eye_distance {
+                *d = Vec3::zeros();
+            }
+        }
+        Ok(Shape {
+            name: target.name.clone(),
+            unit: target.unit.clone(),
+            upon: target.upon.clone(),
+            misses: (!target.must.is_empty()).then(|| {
+                let at = self.moved(&displacement, base);
+                let missed = target.must.iter().map(|m| m.missed(head, &at));
+                missed.flatten().collect()
+            }),
+            displacement,
+            area,
+            unknowns,
+            milliseconds: start.elapsed().as_secs_f64() * 1e3,
+        })
+    }
+
+    /// The skin with the fewest faults: as learned; where that is at fault, blended into the plain solution around the places,
+    /// ever wider; the plain one; and each of them relaxed only if that makes it no worse.
+    fn safest(&self, k: usize, base: Option<&[Vec3]>) -> Result<Solved, Singular> {
+        let (head, target) = (self.head, &self.targets[k]);
+        let mut kept = Kept::default();
+        let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
+            let placing = Placing {
+                head,
+                contacts: &self.contacts,
+                settings: self.settings,
+                target,
+                // Only what takes a shape back is solved from it.
+                base: base.filter(|_| target.undo.is_some()),
+            };
+            placing.place(&self.influence[k], beyond, &mut kept)
+        };
+        let learned = self.learned.as_ref().filter(|_| target.derive);
+        let mut solved = match learned {
+            None => place(target, None)?,
+            Some(learned) => {
+                let first = place(&landmarks_alone(head, target), None)?;
+                let landmarks = head.points[..LANDMARKS].iter();
+                let moved: Vec<Vec3> = landmarks.map(|&v| first.d[v as usize]).collect();
+                place(target, Some(&learned.beyond(head, &moved, &first.d)))?
+            }
+        };
+        if target.exact {
+            return Ok(solved);
+        }
+        let mut faults = self.faults(target, base, &solved.d);
+        if learned.is_some() && faults.rank() > (0, 0) {
+            let plain = place(target, None)?.d;
+            let others = self.faults(target, base, &plain);
+            let own = |v: &u32| others.places.binary_search(v).is_err();
+            let places: Vec<u32> = faults.places.iter().copied().filter(own).collect();
+            let whole = solved.d.clone();
+            let nowhere = places.is_empty();
+            for rings in BLENDED_RINGS.into_iter().filter(|_| !nowhere) {
+                let mut d = self.blended(&whole, &plain, &places, rings);
+                let sunk = self.contacts.sunk(&d, target).into_iter();
+                for (v, moved) in sunk.chain(self.contacts.crossed(&d, base)) {
+                    d[v as usize] = if solved.area[v as usize] {
+                        moved
+                    } else {
+                        d[v as usize]
+                    };
+                }
+                self.take(target, base, d, &mut solved.d, &mut faults);
+            }
+            self.take(target, base, plain, &mut solved.d, &mut faults);
+        }
+        if !faults.places.is_empty() {
+            let before = solved.d.clone();
+            relax(
+                head,
+                &self.around,
+                &self.contacts,
+                target,
+                base,
+                &mut solved,
+            );
+            let relaxed = std::mem::replace(&mut solved.d, before);
+            self.take(target, base, relaxed, &mut solved.d, &mut faults);
+        }
+        Ok(solved)
+    }
+
+    /// Takes another skin if it has fewer faults.
+    fn take(
+        &self,
+        target: &Target,
+        base: Option<&[Vec3]>,
+        other: Vec<Vec3>,
+        d: &mut Vec<Vec3>,
+        faults: &mut Faults,
+    ) {
+        let others = self.faults(target, base, &other);
+        if others.rank() < faults.rank() {
+            (*d, *faults) = (other, others);
+        }
+    }
+
+    /// Where vertices are.
+    fn moved<'d>(&self, d: &'d [Vec3], base: Option<&'d [Vec3]>) -> impl Fn(usize) -> Vec3 {
+        let positions = &self.head.mesh.positions;
+        move |v| positions[v] + d[v] + base.map_or(Vec3::zeros(), |b| b[v])
+    }
+
+    fn faults(&self, target: &Target, base: Option<&[Vec3]>, d: &[Vec3]) -> Faults {
+        let (head, at) = (self.head, self.moved(d, base));
+        let missed = target.must.iter().filter(|m| m.missed(head, &at).is_some());
+        Faults {
+            missed: missed.count(),
+            places: self.around.faults(head, d, &at),
+        }
+    }
+
+    /// `plain` around some places, `learned` so many rings away, evenly from one to the other.
+    fn blended(&self, learned: &[Vec3], plain: &[Vec3], places: &[u32], rings: usize) -> Vec<Vec3> {
+        let mut out = learned.to_vec();
+        for (ring, some) in rings_about(&self.head.rings, places, rings)
+            .iter()
+            .enumerate()
+        {
+            let share = (2.0 * ring as f64 / rings as f64 - 1.0).max(0.0);
+            for &v in some {
+                let v = v as usize;
+                out[v] = plain[v] + (learned[v] - plain[v]) * share;
+            }
+        }
+        out
+    }
 }
 
 /// Leaves of what two shapes make together what they do not make by being added; lengths below `nothing` are 0.

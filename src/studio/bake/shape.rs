@@ -21,6 +21,8 @@ pub struct Shape {
     pub unit: Option<String>,
     /// Shape it is meant to be added to.
     pub upon: Option<String>,
+    /// What it must do and does not, in words; `None` if nothing is asked of it.
+    pub misses: Option<Vec<String>>,
     /// Per vertex, mesh units.
     pub displacement: Vec<Vec3>,
     /// Vertices that were allowed to move.

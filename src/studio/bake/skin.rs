@@ -83,34 +83,89 @@ impl Kept {
     }
 }
 
-/// Places the skin of one shape; `u` is its influence, `base` the displacement of the shape it takes back, `beyond` what the
-/// skin is expected to do beyond the solve: the energy then is that of the difference, inside the area; `kept` what other solves
-/// of the same shape left.
-/// Long because it is one system of equations: unknowns, rows and right-hand sides are numbered as they are met.
-///
-/// # Errors
-/// If a system is singular.
-pub(super) fn skin(
-    head: &Head,
-    contacts: &Contacts,
-    target: &Target,
-    u: &[f64],
-    settings: &Settings,
-    base: Option<&[Vec3]>,
-    beyond: Option<&[Vec3]>,
-    kept: &mut Kept,
-) -> Result<Solved, Singular> {
-    let w = head.eye_distance;
-    let positions = &head.mesh.positions;
-    let mut goal = goals(head, target);
-    let mut u = u.to_vec();
-    // Derived points speak for their surroundings by plain distance: they are few and far from lids and lips.
-    for v in &head.points[LANDMARKS..] {
-        if let Some(size) = goal.get(v).map(Vec3::norm) {
+/// One shape to be placed.
+pub(super) struct Placing<'a> {
+    pub(super) head: &'a Head,
+    pub(super) contacts: &'a Contacts<'a>,
+    pub(super) settings: &'a Settings,
+    pub(super) target: &'a Target,
+    /// Displacement of the shape that this one takes back.
+    pub(super) base: Option<&'a [Vec3]>,
+}
+
+/// Where one shape's vertices must go and how strongly it acts on each.
+struct Asked {
+    goal: BTreeMap<u32, Vec3>,
+    /// Influence, mesh units.
+    u: Vec<f64>,
+    area: Vec<bool>,
+}
+
+impl Placing<'_> {
+    /// Places the skin; `u` is the influence of the landmarks, `beyond` what the skin is expected to do beyond the solve: the
+    /// energy then is that of the difference, inside the area; `kept` what other solves of the same shape left.
+    ///
+    /// # Errors
+    /// If a system is singular.
+    pub(super) fn place(
+        &self,
+        u: &[f64],
+        beyond: Option<&[Vec3]>,
+        kept: &mut Kept,
+    ) -> Result<Solved, Singular> {
+        let (head, edge) = (self.head, self.settings.edge * self.head.eye_distance);
+        let mut asked = Asked {
+            goal: goals(head, self.target),
+            u: u.to_vec(),
+            area: Vec::new(),
+        };
+        self.derived_points_act(&mut asked);
+        self.lids_act(&mut asked);
+        let inside = |v: usize| head.skin[v] && asked.u[v] > edge;
+        asked.area = (0..asked.u.len()).map(inside).collect();
+        self.mouth_follows_jaw(&mut asked);
+        self.lips_go_back(&mut asked);
+        // Towards the area's edge what is expected fades, so that outside nothing moves at all.
+        let fades = FADES * head.eye_distance;
+        let fade = |v: usize| ((asked.u[v] - edge) / fades).clamp(0.0, 1.0);
+        let beyond: Option<Vec<Vec3>> = beyond.map(|beyond| {
+            let some = beyond.iter().enumerate();
+            some.map(|(v, d)| {
+                if asked.area[v] {
+                    d * fade(v)
+                } else {
+                    Vec3::zeros()
+                }
+            })
+            .collect()
+        });
+        let mut d = vec![Vec3::zeros(); asked.u.len()];
+        let system = kept.system(head, &asked.area, &asked.goal)?;
+        let unknowns = system.unknowns();
+        self.solve(system, &asked, beyond.as_deref(), &mut d);
+        // A table of controls says itself how lids and lips go.
+        if !self.target.exact {
+            self.part(&mut asked, beyond.as_deref(), &mut d)?;
+        }
+        let Asked { goal, mut area, .. } = asked;
+        for &v in goal.keys() {
+            area[v as usize] = true;
+        }
+        Ok(Solved { d, area, unknowns })
+    }
+
+    /// Derived points speak for their surroundings by plain distance: they are few and far from lids and lips.
+    fn derived_points_act(&self, asked: &mut Asked) {
+        let (head, settings) = (self.head, self.settings);
+        let (w, positions) = (head.eye_distance, &head.mesh.positions);
+        for v in &head.points[LANDMARKS..] {
+            let Some(size) = asked.goal.get(v).map(Vec3::norm) else {
+                continue;
+            };
             let (reach, p) = (settings.reach * w, positions[*v as usize]);
             // Beyond this the point speaks of less than the area's edge.
             let last = settings.disc * w + reach * (size / (settings.edge * w)).ln();
-            for (k, u) in u.iter_mut().enumerate() {
+            for (k, u) in asked.u.iter_mut().enumerate() {
                 let far = (positions[k] - p).norm_squared();
                 if last > 0.0 && far < last * last && head.skin[k] {
                     let far = far.sqrt() - settings.disc * w;
@@ -119,118 +174,118 @@ pub(super) fn skin(
             }
         }
     }
-    // Lid lines that are closed speak for the skin beside them, up to the corners, whose landmarks stay.
-    for side in (0..2).filter(|&s| target.close[s].is_some()) {
-        let seam = &head.lids[side];
-        let reach = BESIDE_LID * w;
-        let line: Vec<(Vec3, f64)> = seam
-            .both()
-            .filter_map(|v| Some((positions[v as usize], goal.get(&v)?.norm())))
-            .collect();
-        let apart = Apart::new(line.iter().map(|(p, _)| *p), reach);
-        for (k, u) in u.iter_mut().enumerate().filter(|&(k, _)| head.skin[k]) {
-            let q = positions[k];
-            if apart.is(&q) {
-                continue;
-            }
-            for (p, size) in &line {
-                *u = u.max(size * (1.0 - (q - p).norm() / reach));
+
+    /// Lid lines that are closed speak for the skin beside them, up to the corners, whose landmarks stay.
+    fn lids_act(&self, asked: &mut Asked) {
+        let (head, positions) = (self.head, &self.head.mesh.positions);
+        for side in (0..2).filter(|&s| self.target.close[s].is_some()) {
+            let reach = BESIDE_LID * head.eye_distance;
+            let line: Vec<(Vec3, f64)> = head.lids[side]
+                .both()
+                .filter_map(|v| Some((positions[v as usize], asked.goal.get(&v)?.norm())))
+                .collect();
+            let apart = Apart::new(line.iter().map(|(p, _)| *p), reach);
+            for (k, u) in asked.u.iter_mut().enumerate() {
+                let q = positions[k];
+                if head.skin[k] && !apart.is(&q) {
+                    for (p, size) in &line {
+                        *u = u.max(size * (1.0 - (q - p).norm() / reach));
+                    }
+                }
             }
         }
     }
-    let mut area: Vec<bool> = (0..positions.len())
-        .map(|v| head.skin[v] && u[v] > settings.edge * w)
-        .collect();
-    let by_lips = |v: usize, reach: f64| {
+
+    fn by_lips(&self, v: usize, reach: f64) -> bool {
+        let positions = &self.head.mesh.positions;
         let near = |l: u32| (positions[l as usize] - positions[v]).norm_squared() < reach * reach;
-        head.lips.both().any(near)
-    };
-    if let Some(jaw) = &target.jaw {
-        for v in 0..positions.len() {
-            let share = f64::from(head.socket[v]);
+        self.head.lips.both().any(near)
+    }
+
+    /// The mouth's inside goes with the jaw, its lower half rigidly, except around the lips.
+    fn mouth_follows_jaw(&self, asked: &mut Asked) {
+        let (head, w) = (self.head, self.head.eye_distance);
+        let Some(jaw) = &self.target.jaw else { return };
+        for (v, &share) in head.socket.iter().enumerate() {
+            let share = f64::from(share);
             if share.is_nan() {
                 continue;
             }
-            area[v] = true;
-            u[v] = u[v].max(settings.edge * w * 1.01);
-            if !(0.05..=0.95).contains(&share) && !by_lips(v, LIP_FREE * w) {
-                let p = positions[v];
+            asked.area[v] = true;
+            asked.u[v] = asked.u[v].max(self.settings.edge * w * 1.01);
+            if !(0.05..=0.95).contains(&share) && !self.by_lips(v, LIP_FREE * w) {
+                let p = head.mesh.positions[v];
                 let moved = jaw.transform_point(&p.into()).coords - p;
-                goal.entry(v as u32).or_insert(moved * share);
+                asked.goal.entry(v as u32).or_insert(moved * share);
             }
         }
     }
-    if let (Some(base), Some((_, share))) = (base, &target.undo) {
+
+    /// Lips go back the way that the other shape took them; the inside stays where the jaw took it, except around them.
+    fn lips_go_back(&self, asked: &mut Asked) {
+        let (head, w) = (self.head, self.head.eye_distance);
+        let (Some(base), Some((_, share))) = (self.base, &self.target.undo) else {
+            return;
+        };
         for v in head.lips.both() {
-            goal.insert(v, -base[v as usize] * *share);
+            asked.goal.insert(v, -base[v as usize] * *share);
         }
-        for v in 0..positions.len() {
-            // The inside stays where the jaw took it, except around the lips.
-            if !head.socket[v].is_nan() {
-                area[v] = by_lips(v, 2.0 * LIP_FREE * w);
-            }
+        for v in (0..asked.u.len()).filter(|&v| !head.socket[v].is_nan()) {
+            asked.area[v] = self.by_lips(v, 2.0 * LIP_FREE * w);
         }
     }
-    // Towards the area's edge what is expected fades, so that outside nothing moves at all.
-    let fade = |v: usize| ((u[v] - settings.edge * w) / (FADES * w)).clamp(0.0, 1.0);
-    let beyond: Option<Vec<Vec3>> = beyond.map(|beyond| {
-        let faded = beyond.iter().enumerate();
-        faded
-            .map(|(v, d)| if area[v] { d * fade(v) } else { Vec3::zeros() })
-            .collect()
-    });
-    let full = settings.full * w;
-    let delta = |v: usize| (u[v] / full).min(1.0);
-    let solve = |system: &System, goal: &BTreeMap<u32, Vec3>, d: &mut [Vec3]| {
-        for (&v, &moved) in goal {
-            d[v as usize] = moved;
-        }
-        for (d, beyond) in d.iter_mut().zip(beyond.iter().flatten()) {
+
+    fn solve(&self, system: &System, asked: &Asked, beyond: Option<&[Vec3]>, d: &mut [Vec3]) {
+        let put = |d: &mut [Vec3]| {
+            for (&v, &moved) in &asked.goal {
+                d[v as usize] = moved;
+            }
+        };
+        let full = self.settings.full * self.head.eye_distance;
+        let delta = |v: usize| (asked.u[v] / full).min(1.0);
+        put(d);
+        for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d -= beyond;
         }
-        system.deform(&head.operator, positions, d, delta, settings.rounds);
-        for (d, beyond) in d.iter_mut().zip(beyond.iter().flatten()) {
+        let (operator, positions) = (&self.head.operator, &self.head.mesh.positions);
+        system.deform(operator, positions, d, delta, self.settings.rounds);
+        for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d += beyond;
         }
-        for (&v, &moved) in goal {
-            d[v as usize] = moved;
-        }
-    };
-    let mut d = vec![Vec3::zeros(); positions.len()];
-    let system = kept.system(head, &area, &goal)?;
-    let unknowns = system.unknowns();
-    solve(system, &goal, &mut d);
-    // A table of controls says itself how lids and lips go.
-    for round in (0..=CONTACT_ROUNDS).filter(|_| !target.exact) {
-        let (sunk, crossed) = (contacts.sunk(&d, target), contacts.crossed(&d, base));
-        if sunk.is_empty() && crossed.is_empty() {
-            break;
-        }
-        if round == CONTACT_ROUNDS {
-            for (v, lifted) in sunk {
-                d[v as usize] = lifted;
+        put(d);
+    }
+
+    /// Lifts sunk lid skin, parts crossed lips, and solves what lies around the contact again; further away its effect has faded.
+    fn part(
+        &self,
+        asked: &mut Asked,
+        beyond: Option<&[Vec3]>,
+        d: &mut [Vec3],
+    ) -> Result<(), Singular> {
+        let (head, positions) = (self.head, &self.head.mesh.positions);
+        for round in 0..=CONTACT_ROUNDS {
+            let sunk = self.contacts.sunk(d, self.target);
+            let crossed = self.contacts.crossed(d, self.base);
+            if sunk.is_empty() && crossed.is_empty() {
+                break;
             }
-            goal.extend(crossed);
-            break;
+            if round == CONTACT_ROUNDS {
+                for (v, lifted) in sunk {
+                    d[v as usize] = lifted;
+                }
+                asked.goal.extend(crossed);
+                break;
+            }
+            let touched = sunk.iter().chain(&crossed);
+            let places = touched.map(|&(v, _)| positions[v as usize]);
+            let apart = Apart::new(places, CONTACT_REACH * head.eye_distance);
+            let area = asked.area.iter().zip(positions);
+            let around: Vec<bool> = area.map(|(&inside, p)| inside && !apart.is(p)).collect();
+            asked.goal.extend(sunk);
+            asked.goal.extend(crossed);
+            let system = System::new(&head.operator, &around, asked.goal.keys().copied())?;
+            self.solve(&system, asked, beyond, d);
         }
-        // Only what lies around the contact is solved again; further away its effect has faded.
-        let mut around = area.clone();
-        let apart = Apart::new(
-            sunk.iter()
-                .chain(&crossed)
-                .map(|&(v, _)| positions[v as usize]),
-            CONTACT_REACH * w,
-        );
-        for (v, inside) in around.iter_mut().enumerate() {
-            *inside = *inside && !apart.is(&positions[v]);
-        }
-        goal.extend(sunk);
-        goal.extend(crossed);
-        let system = System::new(&head.operator, &around, goal.keys().copied())?;
-        solve(&system, &goal, &mut d);
+        Ok(())
     }
-    for &v in goal.keys() {
-        area[v as usize] = true;
-    }
-    Ok(Solved { d, area, unknowns })
 }

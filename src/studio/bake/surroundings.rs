@@ -9,6 +9,12 @@
 use super::head::Head;
 use super::mesh::Vec3;
 
+/// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
+const AGREES: f64 = 0.3;
+
+/// An edge is torn that has grown beyond this many times its length and this part of the eye distance.
+const TORN: [f64; 2] = [5.0, 0.05];
+
 /// The skin's triangles and how they lie in their surroundings in the neutral shape.
 pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
@@ -19,14 +25,27 @@ pub struct Surroundings {
     neutral: Vec<(f64, f64)>,
 }
 
-/// Room for looking at the surroundings of some triangles, used again and again.
+/// A triangle that is inverted or not far from it.
+pub struct Flattened {
+    /// Its vertices.
+    pub corners: [u32; 3],
+    /// Mean normal of its surroundings.
+    pub normal: Vec3,
+    /// Doubled area that it is to have, seen along that normal.
+    pub wanted: f64,
+    /// It faces away from them.
+    pub inverted: bool,
+}
+
+/// Room for looking at the surroundings of some triangles, used again and again. Plain numbers: what is not looked at costs no
+/// memory.
 pub struct Scratch {
     /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
     wanted: Vec<u8>,
-    one: Vec<Vec3>,
-    two: Vec<Vec3>,
+    one: Vec<[f64; 3]>,
+    two: Vec<[f64; 3]>,
     /// Normals of triangles, as long as twice their area, where they are marked.
-    normal: Vec<Vec3>,
+    normal: Vec<[f64; 3]>,
     /// Marks of triangles, all unset between uses.
     seen: Vec<bool>,
 }
@@ -68,7 +87,11 @@ impl Surroundings {
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
         let neutral = |v: usize| head.mesh.positions[v];
-        out.neutral = out.lie(head, &neutral, &all, &mut out.scratch());
+        let lie = out.lie(head, &neutral, &all, &mut out.scratch());
+        out.neutral = lie
+            .into_iter()
+            .map(|(area, cosine, _)| (area, cosine))
+            .collect();
         out
     }
 
@@ -82,9 +105,9 @@ impl Surroundings {
         let n = self.starts.len() - 1;
         Scratch {
             wanted: vec![0; n],
-            one: vec![Vec3::zeros(); n],
-            two: vec![Vec3::zeros(); n],
-            normal: vec![Vec3::zeros(); self.triangles.len()],
+            one: vec![[0.0; 3]; n],
+            two: vec![[0.0; 3]; n],
+            normal: vec![[0.0; 3]; self.triangles.len()],
             seen: vec![false; self.triangles.len()],
         }
     }
@@ -134,14 +157,14 @@ impl Surroundings {
         found
     }
 
-    /// Doubled area and cosine with the mean normal of the surroundings, for some of the triangles.
+    /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
     fn lie(
         &self,
         head: &Head,
         p: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
-    ) -> Vec<(f64, f64)> {
+    ) -> Vec<(f64, f64, Vec3)> {
         let Scratch {
             wanted,
             one,
@@ -175,11 +198,11 @@ impl Surroundings {
                 if !seen[k] {
                     seen[k] = true;
                     let [a, b, c] = self.triangles[k].map(|v| p(v as usize));
-                    normal[k] = (b - a).cross(&(c - a));
+                    normal[k] = (b - a).cross(&(c - a)).into();
                 }
-                sum += normal[k];
+                sum += Vec3::from(normal[k]);
             }
-            one[v as usize] = sum;
+            one[v as usize] = sum.into();
         }
         for &v in &all {
             wanted[v as usize] = 0;
@@ -189,38 +212,59 @@ impl Surroundings {
         }
         for &v in &corners {
             let ring = head.rings.of(v as usize).iter();
-            two[v as usize] = ring.fold(one[v as usize], |sum, &o| sum + one[o as usize]);
+            let own = Vec3::from(one[v as usize]);
+            let sum = ring.fold(own, |sum, &o| sum + Vec3::from(one[o as usize]));
+            two[v as usize] = sum.into();
         }
         some.iter()
             .map(|&k| {
-                let n = normal[k as usize];
+                let n = Vec3::from(normal[k as usize]);
                 let around: Vec3 = self.triangles[k as usize]
                     .iter()
-                    .map(|&v| two[v as usize])
+                    .map(|&v| Vec3::from(two[v as usize]))
                     .sum();
-                let size = n.norm() * around.norm();
-                (
-                    n.norm(),
-                    if size > 0.0 {
-                        n.dot(&around) / size
-                    } else {
-                        0.0
-                    },
-                )
+                let around = around.try_normalize(0.0).unwrap_or_default();
+                let area = n.norm();
+                let cosine = if area > 0.0 {
+                    n.dot(&around) / area
+                } else {
+                    0.0
+                };
+                (area, cosine, around)
             })
             .collect()
     }
 
-    /// How many triangles a displacement turns over.
+    /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
+    /// are then.
     #[must_use]
-    pub fn inverted_by(&self, head: &Head, d: &[Vec3]) -> usize {
+    pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(usize) -> Vec3) -> Vec<u32> {
         let changed: Vec<u32> = (0..d.len() as u32)
             .filter(|&v| d[v as usize] != Vec3::zeros())
             .collect();
         let mut scratch = self.scratch();
         let some = self.seeing(head, &changed, &mut scratch);
-        let moved = |v: usize| head.mesh.positions[v] + d[v];
-        self.inverted(head, &moved, &some, &mut scratch).0.len()
+        let mut found: Vec<u32> = self
+            .flattened(head, at, &some, 0.0, &mut scratch)
+            .iter()
+            .flat_map(|t| t.corners)
+            .collect();
+        let length =
+            |p: &dyn Fn(usize) -> Vec3, v: u32, o: u32| (p(v as usize) - p(o as usize)).norm();
+        let neutral = |v: usize| head.mesh.positions[v];
+        let spare = TORN[1] * head.eye_distance;
+        for k in &some {
+            let t = self.triangles[*k as usize];
+            for (v, o) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                let now = length(at, v, o);
+                if now > spare && now > TORN[0] * length(&neutral, v, o) + spare {
+                    found.extend([v, o]);
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
     }
 
     /// Inverted triangles among some, and how many of them lost 98 % of their area.
@@ -231,17 +275,45 @@ impl Surroundings {
         moved: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
-    ) -> (Vec<[u32; 3]>, usize) {
-        let (mut inverted, mut collapsed) = (Vec::new(), 0);
-        for (&k, (area, cosine)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+    ) -> (usize, usize) {
+        let lie = self.lie(head, moved, some, scratch);
+        let (mut inverted, mut collapsed) = (0, 0);
+        for (&k, (area, cosine, _)) in some.iter().zip(lie) {
             let before = self.neutral[k as usize];
-            if before.1 > 0.3 {
-                if cosine < 0.0 {
-                    inverted.push(self.triangles[k as usize]);
-                }
+            if before.1 > AGREES {
+                inverted += usize::from(cosine < 0.0);
                 collapsed += usize::from(area < 0.02 * before.0);
             }
         }
         (inverted, collapsed)
+    }
+
+    /// Triangles among some that rise less than `height` of their neutral area towards their surroundings, with the mean normals
+    /// of these and the doubled area that is missing; none if none of them is inverted.
+    #[must_use]
+    pub fn flattened(
+        &self,
+        head: &Head,
+        moved: &impl Fn(usize) -> Vec3,
+        some: &[u32],
+        height: f64,
+        scratch: &mut Scratch,
+    ) -> Vec<Flattened> {
+        let mut found = Vec::new();
+        let mut inverted = false;
+        for (&k, (area, cosine, normal)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+            let before = self.neutral[k as usize];
+            if before.1 > AGREES && (cosine < 0.0 || area * cosine < height * before.0) {
+                inverted |= cosine < 0.0;
+                found.push(Flattened {
+                    corners: self.triangles[k as usize],
+                    normal,
+                    wanted: height * before.0,
+                    inverted: cosine < 0.0,
+                });
+            }
+        }
+        found.retain(|_| inverted);
+        found
     }
 }

@@ -90,6 +90,7 @@ pub fn targets(
                     tongue: None,
                     undo: None,
                     corrects: None,
+                    must: Vec::new(),
                 });
                 targets.last_mut().expect("just pushed")
             }

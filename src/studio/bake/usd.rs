@@ -463,6 +463,7 @@ mod tests {
             name: name.into(),
             unit: unit.map(Into::into),
             upon: None,
+            misses: None,
             area: vec![true; displacement.len()],
             displacement,
             unknowns: 0,
