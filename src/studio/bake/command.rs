@@ -228,7 +228,16 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let out = match source.foreign {
         _ if is_usd(&request.out) => {
             let looks = Looks::of(&request.mesh, &source.obj);
-            usd::emit(&source.mesh, &looks, &shapes, metres, request.dense).into_bytes()
+            let pictures = looks.beside(&request.out, &source.mesh.materials)?;
+            usd::emit(
+                &source.mesh,
+                &looks,
+                &pictures,
+                &shapes,
+                metres,
+                request.dense,
+            )
+            .into_bytes()
         }
         Some(foreign) => foreign.patched(&shapes, request.dense).emit(),
         None => {

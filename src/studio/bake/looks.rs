@@ -1,4 +1,5 @@
-//! Colours of an OBJ: what its material files (MTL) say of each material, and their pictures, as glTF materials.
+//! Colours of an OBJ: what its material files (MTL) say of each material, and their pictures, as glTF materials
+//! or, for USD, as files beside it.
 //!
 //! Read are `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG, which is carried over as it is; paths are relative to
 //! the file that names them. Colours are sRGB there and linear in glTF. What is missing or damaged leaves the material as it
@@ -9,22 +10,44 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::files::{read, read_bytes};
+use super::error::BakeError;
+use super::files::{read, read_bytes, write};
 use super::glb::{Glb, push};
 use crate::studio::srgb::linear;
 
 /// A material.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Look {
+pub(super) struct Look {
     /// Linear red, green and blue.
     colour: Option<[f64; 3]>,
     opacity: Option<f64>,
     picture: Option<PathBuf>,
 }
 
+impl Look {
+    /// Its picture, if that can be read and glTF and USD have the like, and what glTF calls it.
+    fn picture(&self) -> Option<(&'static str, Vec<u8>)> {
+        let bytes = read_bytes(self.picture.as_ref()?).ok()?;
+        Some((kind(&bytes)?, bytes))
+    }
+
+    /// Linear red, green, blue and opacity; `None` for the colour if the file says nothing of it.
+    pub(super) fn surface(&self) -> (Option<[f64; 3]>, f64) {
+        (self.colour, self.opacity.unwrap_or(1.0))
+    }
+}
+
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Looks(HashMap<String, Look>);
+
+/// Names of pictures beside a file, by material.
+pub(super) type Beside = HashMap<String, String>;
+
+/// What any system lets a file be called.
+fn plain(c: char) -> char {
+    if c.is_ascii_alphanumeric() { c } else { '_' }
+}
 
 /// Three numbers from 0 to 1.
 fn colour(words: &str) -> Option<[f64; 3]> {
@@ -83,10 +106,33 @@ impl Looks {
         }
     }
 
-    /// Colour of a material, if it has one and no picture.
-    pub(super) fn colour(&self, name: &str) -> Option<[f64; 3]> {
-        let look = self.0.get(name).filter(|look| look.picture.is_none());
-        look.and_then(|look| look.colour)
+    /// The look of a material.
+    pub(super) fn get(&self, name: &str) -> Option<&Look> {
+        self.0.get(name)
+    }
+
+    /// Puts the pictures of these materials beside a file; their names there, by material.
+    ///
+    /// # Errors
+    /// If one cannot be written.
+    pub(super) fn beside(&self, out: &Path, names: &[String]) -> Result<Beside, BakeError> {
+        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+        let stem: String = stem.chars().map(plain).collect();
+        let mut beside = Beside::new();
+        for (k, name) in names.iter().enumerate() {
+            let Some((kind, bytes)) = self.get(name).and_then(Look::picture) else {
+                continue;
+            };
+            let ending = kind.strip_prefix("image/").unwrap_or_default();
+            // By number: the names of two materials may differ in what no file can be called only.
+            let file = format!(
+                "{stem}_{}_{k}.{ending}",
+                name.chars().map(plain).collect::<String>()
+            );
+            write(&out.with_file_name(&file), &bytes)?;
+            beside.insert(name.clone(), file);
+        }
+        Ok(beside)
     }
 
     /// Gives the materials of a file that have these names their colours and pictures.
@@ -106,9 +152,7 @@ impl Looks {
             if opacity < 1.0 {
                 glb.json["materials"][k]["alphaMode"] = json!("BLEND");
             }
-            let picture = look.picture.as_ref().and_then(|path| read_bytes(path).ok());
-            let picture = picture.and_then(|bytes| Some((kind(&bytes)?, bytes)));
-            let Some((kind, bytes)) = picture else {
+            let Some((kind, bytes)) = look.picture() else {
                 continue;
             };
             let view = glb.push_view(&bytes, 0);

@@ -178,6 +178,52 @@ impl Mesh {
         normals
     }
 
+    /// Materials of sheets that one can look behind: strands of hair, lashes, cloth, a mask. OBJ cannot say which these are.
+    /// A part is one if the square of its border is more than [`SHEET`] times its area: 12.6 of a disc, 6.3 of half a
+    /// ball, 1 to 2 of a head that is open at the neck, 0 of what is closed. Vertices at one place are one.
+    #[must_use]
+    pub fn sheets(&self) -> Vec<bool> {
+        const SHEET: f64 = 4.0;
+        let mut places = HashMap::new();
+        let place = self.positions.iter().map(|p| {
+            let next = places.len() as u32;
+            let key = [p.x, p.y, p.z].map(f64::to_bits);
+            *places.entry(key).or_insert(next)
+        });
+        let place: Vec<u32> = place.collect();
+        let ends = |f: usize| {
+            let face = self.face(f);
+            (0..face.len()).map(move |k| [k, (k + 1) % face.len()].map(|k| face[k].vertex as usize))
+        };
+        // Faces at an edge belong together: how many there are, one of them, and how long it is.
+        let mut edges: HashMap<[u32; 2], (u32, usize, f64)> = HashMap::new();
+        let mut part: Vec<usize> = (0..self.faces()).collect();
+        for f in 0..self.faces() {
+            for [a, b] in ends(f) {
+                let key = [place[a].min(place[b]), place[a].max(place[b])];
+                let long = (self.positions[a] - self.positions[b]).norm();
+                let edge = edges.entry(key).or_insert((0, f, long));
+                edge.0 += 1;
+                let [one, other] = [f, edge.1].map(|f| root(&mut part, f));
+                part[one.max(other)] = one.min(other);
+            }
+        }
+        let (mut border, mut area) = (vec![0.0; self.faces()], vec![0.0; self.faces()]);
+        for (count, f, long) in edges.into_values() {
+            border[root(&mut part, f)] += if count == 1 { long } else { 0.0 };
+        }
+        let mut thin = vec![false; self.materials.len()];
+        for f in 0..self.faces() {
+            let twice = ends(f).map(|[a, b]| self.positions[a].cross(&self.positions[b]));
+            area[root(&mut part, f)] += 0.5 * twice.sum::<Vec3>().norm();
+        }
+        for f in 0..self.faces() {
+            let part = root(&mut part, f);
+            thin[self.face_material[f] as usize] |= border[part].powi(2) > SHEET * area[part];
+        }
+        thin
+    }
+
     /// Vertices on a border: an edge that belongs to one face only.
     #[must_use]
     pub fn border(&self) -> Vec<bool> {
@@ -198,6 +244,15 @@ impl Mesh {
         }
         border
     }
+}
+
+/// The face that stands for those joined with `f`; the way there becomes shorter.
+fn root(part: &mut [usize], mut f: usize) -> usize {
+    while part[f] != f {
+        part[f] = part[part[f]];
+        f = part[f];
+    }
+    f
 }
 
 /// Components of the subgraph of vertices that pass `keep`; `u32::MAX` for the others. Returns labels and their number.
@@ -279,5 +334,31 @@ pub(super) mod tests {
                 .all(|n| n.z > 0.5)
         );
         assert_eq!(rings.of(7).len(), 4);
+    }
+
+    #[test]
+    fn what_one_can_look_behind_is_told_from_what_is_closed_or_open_only_at_the_neck() {
+        let mut mesh = sheet(6, 0.5);
+        assert_eq!(mesh.sheets(), [true]);
+        // A box without its bottom, five times as tall as wide; its corners are split as glTF splits them.
+        let at = |k: usize, y: f64| {
+            Vec3::new([0.0, 1.0, 1.0, 0.0][k % 4], y, [0.0, 0.0, 1.0, 1.0][k % 4])
+        };
+        let mut faces: Vec<[Vec3; 4]> = (0..4)
+            .map(|k| [at(k, 0.0), at(k + 1, 0.0), at(k + 1, 5.0), at(k, 5.0)])
+            .collect();
+        faces.push([0, 1, 2, 3].map(|k| at(k, 5.0)));
+        mesh.materials.push("box".into());
+        for face in faces {
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(face);
+            let corner = |k| Corner {
+                vertex: first + k,
+                uv: None,
+                normal: None,
+            };
+            mesh.push_face(&[0, 1, 2, 3].map(corner), 1);
+        }
+        assert_eq!(mesh.sheets(), [true, false]);
     }
 }

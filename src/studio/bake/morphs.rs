@@ -249,13 +249,14 @@ impl Split {
     fn primitives(
         &self,
         glb: &mut Glb,
-        materials: &[String],
+        mesh: &Mesh,
         attributes: &Value,
         targets: &[Value],
         names: &[&str],
     ) -> Vec<Value> {
         let mut primitives = Vec::new();
-        for (triangles, name) in self.triangles.iter().zip(materials) {
+        let materials = mesh.materials.iter().zip(mesh.sheets());
+        for (triangles, (name, thin)) in self.triangles.iter().zip(materials) {
             if triangles.is_empty() {
                 continue;
             }
@@ -264,10 +265,11 @@ impl Split {
             let indices = glb.push_accessor(json!({
                 "bufferView": view, "componentType": U32, "count": triangles.len(), "type": "SCALAR",
             }));
-            let material = push(
-                &mut glb.json["materials"],
-                json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}}),
-            );
+            let mut material = json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}});
+            if thin {
+                material["doubleSided"] = true.into();
+            }
+            let material = push(&mut glb.json["materials"], material);
             let mut primitive =
                 json!({"attributes": attributes, "indices": indices, "material": material});
             if !targets.is_empty() {
@@ -305,7 +307,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
-    let primitives = split.primitives(&mut glb, &mesh.materials, &attributes, &targets, &names);
+    let primitives = split.primitives(&mut glb, mesh, &attributes, &targets, &names);
     let mut head = json!({"name": "head", "primitives": primitives});
     if !targets.is_empty() {
         head["weights"] = json!(vec![0.0; shapes.len()]);

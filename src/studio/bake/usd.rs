@@ -19,7 +19,8 @@
 //! Normals and texture coordinates are written if the mesh has them. Normals turn with the shapes where a vertex has one;
 //! with several (hard edges) they stay as they are, for UsdSkel has no such offsets.
 //!
-//! Limits: from glTF only geometry and shapes come here; materials have the colours of an OBJ's, without pictures.
+//! Materials have the colours and pictures of an OBJ's, the pictures as files beside this one; colours of vertices are
+//! `displayColor`, times the material's, and shown where there is no picture. Limits: from glTF only geometry and shapes come here.
 //! One file: one format, written from top to bottom; a third of it is its tests.
 
 use std::collections::{HashMap, HashSet};
@@ -27,7 +28,7 @@ use std::fmt::Write as _;
 
 use rayon::prelude::*;
 
-use super::looks::Looks;
+use super::looks::{Beside, Look, Looks};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::{COLOUR, NORMAL_NOTHING, ROUGHNESS, single};
 use super::shape::Shape;
@@ -220,10 +221,13 @@ struct Used {
     prim: String,
     /// Linear red, green and blue.
     colour: [f64; 3],
+    opacity: f64,
+    /// File beside this one.
+    picture: Option<String>,
     faces: Vec<usize>,
 }
 
-fn used(mesh: &Mesh, looks: &Looks) -> Vec<Used> {
+fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside) -> Vec<Used> {
     let mut names = Siblings::default();
     let mut faces: Vec<Vec<usize>> = vec![Vec::new(); mesh.materials.len()];
     for (f, &material) in mesh.face_material.iter().enumerate() {
@@ -231,14 +235,49 @@ fn used(mesh: &Mesh, looks: &Looks) -> Vec<Used> {
     }
     let of = mesh.materials.iter().zip(faces);
     of.filter(|(_, faces)| !faces.is_empty())
-        .map(|(name, faces)| Used {
-            prim: names.name(name),
-            colour: looks
-                .colour(name)
-                .unwrap_or([COLOUR[0], COLOUR[1], COLOUR[2]]),
-            faces,
+        .map(|(name, faces)| {
+            let picture = pictures.get(name).cloned();
+            let (colour, opacity) = looks.get(name).map_or((None, 1.0), Look::surface);
+            let plain = match picture {
+                Some(_) => [1.0; 3],
+                None => [COLOUR[0], COLOUR[1], COLOUR[2]],
+            };
+            Used {
+                prim: names.name(name),
+                colour: colour.unwrap_or(plain),
+                opacity,
+                picture,
+                faces,
+            }
         })
         .collect()
+}
+
+/// Colours of the vertices if the mesh has them, else of the faces: what a viewer without materials shows.
+fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
+    const NAME: &str = "color3f[] primvars:displayColor";
+    let of = |used: &Used| used.colour.map(|c| c as f32);
+    let mut material = vec![0; mesh.faces()];
+    for (k, used) in used.iter().enumerate() {
+        used.faces.iter().for_each(|&f| material[f] = k);
+    }
+    if mesh.tints.is_empty() {
+        attribute(out, NAME, &tuples(used.iter().map(of)), "uniform");
+        let _ = writeln!(
+            out,
+            "        int[] primvars:displayColor:indices = {}",
+            whole(material)
+        );
+        return;
+    }
+    let mut tints = mesh.tints.clone();
+    for (f, &k) in material.iter().enumerate() {
+        for v in mesh.face(f).iter().map(|c| c.vertex as usize) {
+            let colour = of(&used[k]);
+            tints[v] = [0, 1, 2].map(|c| mesh.tints[v][c] * colour[c]);
+        }
+    }
+    attribute(out, NAME, &tuples(tints), "vertex");
 }
 
 /// The geometry of the neutral head.
@@ -323,27 +362,76 @@ fn subsets(out: &mut String, used: &[Used], siblings: &mut Siblings) {
     }
 }
 
-fn materials(out: &mut String, used: &[Used]) {
+/// What a surface's colour is read from, if it is not one number: a picture at the texture coordinates, or the vertices.
+fn shaders(out: &mut String, used: &Used, tinted: bool) {
+    let path = format!("</head/materials/{}", used.prim);
+    let [r, g, b] = used.colour;
+    let (kind, reader, name) = match &used.picture {
+        Some(_) => ("float2", "place", "st"),
+        None if tinted => ("float3", "vertices", "displayColor"),
+        None => return,
+    };
+    let _ = write!(
+        out,
+        r#"
+            def Shader "{reader}"
+            {{
+                uniform token info:id = "UsdPrimvarReader_{kind}"
+                string inputs:varname = "{name}"
+                {kind} outputs:result
+            }}
+"#
+    );
+    if let Some(file) = &used.picture {
+        let _ = write!(
+            out,
+            r#"
+            def Shader "picture"
+            {{
+                uniform token info:id = "UsdUVTexture"
+                asset inputs:file = @./{file}@
+                float4 inputs:scale = ({r}, {g}, {b}, 1)
+                token inputs:sourceColorSpace = "sRGB"
+                float2 inputs:st.connect = {path}/place.outputs:result>
+                token inputs:wrapS = "repeat"
+                token inputs:wrapT = "repeat"
+                float3 outputs:rgb
+            }}
+"#
+        );
+    }
+}
+
+fn materials(out: &mut String, used: &[Used], tinted: bool) {
     out.push_str("\n    def Scope \"materials\"\n    {\n");
-    for Used { prim, colour, .. } in used {
-        let [r, g, b] = colour;
+    for one in used {
+        let Used { prim, opacity, .. } = one;
+        let [r, g, b] = one.colour;
+        let path = format!("</head/materials/{prim}");
+        let colour = match &one.picture {
+            Some(_) => format!(".connect = {path}/picture.outputs:rgb>"),
+            None if tinted => format!(".connect = {path}/vertices.outputs:result>"),
+            None => format!(" = ({r}, {g}, {b})"),
+        };
         let _ = write!(
             out,
             r#"        def Material "{prim}"
         {{
-            token outputs:surface.connect = </head/materials/{prim}/surface.outputs:surface>
+            token outputs:surface.connect = {path}/surface.outputs:surface>
 
             def Shader "surface"
             {{
                 uniform token info:id = "UsdPreviewSurface"
-                color3f inputs:diffuseColor = ({r}, {g}, {b})
+                color3f inputs:diffuseColor{colour}
                 float inputs:metallic = 0
+                float inputs:opacity = {opacity}
                 float inputs:roughness = {ROUGHNESS}
                 token outputs:surface
             }}
-        }}
 "#
         );
+        shaders(out, one, tinted);
+        out.push_str("        }\n");
     }
     out.push_str("    }\n");
 }
@@ -394,6 +482,7 @@ def SkelRoot "head" (
 pub(super) fn emit(
     mesh: &Mesh,
     looks: &Looks,
+    pictures: &Beside,
     shapes: &[Shape],
     metres: f64,
     dense: bool,
@@ -404,13 +493,18 @@ pub(super) fn emit(
     let names = format!("[{}]", names.join(", "));
     let smooth = mesh.vertex_normals(&mesh.positions);
     let normals = Normals::of(mesh, &smooth);
-    let used = used(mesh, looks);
+    let used = used(mesh, looks, pictures);
 
     let mut out = skeleton(mesh, metres, &names, shapes.len());
     out.push_str(
         "    def Mesh \"face\" (\n        prepend apiSchemas = [\"SkelBindingAPI\", \"MaterialBindingAPI\"]\n    )\n    {\n",
     );
     geometry(&mut out, mesh, &normals);
+    colours(&mut out, mesh, &used);
+    // Of the whole mesh here, not of a material.
+    if mesh.sheets().contains(&true) {
+        out.push_str("        uniform bool doubleSided = 1\n");
+    }
     // Which material a face has: the mesh's one, or that of the subset it is in.
     let _ = match &used[..] {
         [one] => writeln!(
@@ -436,7 +530,7 @@ pub(super) fn emit(
     }
     subsets(&mut out, &used, &mut siblings);
     out.push_str("    }\n");
-    materials(&mut out, &used);
+    materials(&mut out, &used, !mesh.tints.is_empty());
     out.push_str("}\n");
     out
 }
@@ -486,7 +580,14 @@ mod tests {
     fn numbers_come_back_bit_by_bit_and_only_points_that_move_are_listed() {
         let mesh = sheet(6, 0.1);
         let shapes = shapes(36);
-        let text = emit(&mesh, &Looks::default(), &shapes, 0.01, false);
+        let text = emit(
+            &mesh,
+            &Looks::default(),
+            &Beside::new(),
+            &shapes,
+            0.01,
+            false,
+        );
         assert!(text.starts_with("#usda 1.0\n(\n"));
         assert!(text.contains("\n    metersPerUnit = 0.01\n    upAxis = \"Y\"\n"));
         let points = array(&text, "def Mesh", "points");
@@ -518,7 +619,14 @@ mod tests {
             assert!(text.contains(&line), "{line}");
         }
 
-        let dense = emit(&mesh, &Looks::default(), &shapes, 0.01, true);
+        let dense = emit(
+            &mesh,
+            &Looks::default(),
+            &Beside::new(),
+            &shapes,
+            0.01,
+            true,
+        );
         assert!(!dense.contains("pointIndices"));
         let full = array(&dense, "BlendShape \"jawOpen\"", "offsets");
         assert_eq!((full.len(), full[9] as f32, full[12]), (108, 0.1, 0.0));
@@ -531,7 +639,14 @@ mod tests {
             .iter()
             .map(|n| shape(n, None, vec![Vec3::y(); 16]))
             .collect();
-        let text = emit(&sheet(4, 0.1), &Looks::default(), &all, 1.0, false);
+        let text = emit(
+            &sheet(4, 0.1),
+            &Looks::default(),
+            &Beside::new(),
+            &all,
+            1.0,
+            false,
+        );
         assert!(text.contains(
             r#"skel:blendShapes = ["jaw open", "jaw_open", "2nd", "höher", "say \"a\\\"", ""]"#
         ));
@@ -563,7 +678,14 @@ mod tests {
         let mut up = vec![Vec3::zeros(); 16];
         up[5] = Vec3::new(0.0, 0.0, 0.1);
         let shapes = [shape("up", None, up)];
-        let text = emit(&mesh, &Looks::default(), &shapes, 1.0, false);
+        let text = emit(
+            &mesh,
+            &Looks::default(),
+            &Beside::new(),
+            &shapes,
+            1.0,
+            false,
+        );
         assert_eq!(array(&text, "def Mesh", "normals")[..3], [0.0, 0.0, 1.0]);
         assert!(text.contains("interpolation = \"vertex\""));
         let rows = array(&text, "BlendShape \"up\"", "pointIndices");
@@ -589,7 +711,14 @@ mod tests {
 
         // Of a vertex that another face has too.
         mesh.corners[1].normal = Some(1);
-        let hard = emit(&mesh, &Looks::default(), &shapes, 1.0, false);
+        let hard = emit(
+            &mesh,
+            &Looks::default(),
+            &Beside::new(),
+            &shapes,
+            1.0,
+            false,
+        );
         assert_eq!(array(&hard, "def Mesh", "normals").len(), 3 * 36);
         assert!(!hard.contains("normalOffsets"));
     }

@@ -188,8 +188,11 @@ fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, marks: &[Vec3]) -> [f32
             let [r, g, b] = [0.60, 1.0, 1.08].map(|k: f32| shade.powf(k));
             let ear = smooth(0.070, 0.082, p.x.abs()) as f32;
             let ear = ear * smooth(-0.075, -0.055, p.y) as f32;
-            // The inner side of the lips is as red as they are.
-            let near = smooth(0.012, 0.006, (p.y + 0.0665).abs()) * smooth(0.030, 0.024, p.x.abs());
+            // The inner side of the lips is as red as they are; the nape is as high and looks back too.
+            let front = smooth(-0.060, -0.040, p.z);
+            let near = front
+                * smooth(0.012, 0.006, (p.y + 0.0665).abs())
+                * smooth(0.030, 0.024, p.x.abs());
             let inner = (near * smooth(0.15, -0.25, normal.z)) as f32;
             let red = |k: usize| 1.0 - ear * [0.0, 0.16, 0.18][k] - inner * [0.30, 0.55, 0.52][k];
             [r * red(0), g * red(1), b * red(2)]

@@ -27,11 +27,12 @@ pub(super) fn reaches(p: &Vec3) -> bool {
     angle(p).abs() < REACH * 0.98
 }
 
-/// Place in the picture, 0…1 from the top left.
+/// Place in the picture, 0…1 from the top left. What lies beyond is a little inside its edges: OBJ cannot say that a
+/// picture does not repeat, and beneath its lower edge the hair of its upper one would show.
 pub(super) fn place(p: &Vec3) -> [f32; 2] {
     let u = 0.5 + 0.5 * angle(p) / REACH;
     let v = (HEIGHT_M[1] - p.y) / (HEIGHT_M[1] - HEIGHT_M[0]);
-    [u, v].map(|t| t.clamp(0.0, 1.0) as f32)
+    [u, v].map(|t| t.clamp(0.01, 0.99) as f32)
 }
 
 /// On the picture: metres aside, height.
