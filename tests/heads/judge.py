@@ -1,0 +1,430 @@
+"""Heads that played no part in the work, baked and judged: a table of heads and methods.
+
+python judge.py STUDIO DATA WORK [--heads A,B] [--methods aoi,carried] [--shapes] [--prior FILE]
+STUDIO is mien-studio, DATA the shared data, WORK a folder that is kept: what is there of the same binary is not baked again.
+Needs numpy and scipy. None of the product's code is used, only the OBJ files that `bake --obj` writes.
+
+What is judged, all in eye distances w (between landmarks 39 and 42):
+
+found     largest distance of one of the landmarks 17 to 67 from where it is known to be, where it is known; else the
+          confidence that `bake --landmarks auto` prints. 'no' if there was no bake.
+inverted  triangles, summed over all shapes, whose normal opposes the area-weighted mean normal of the triangles up to two
+          rings around it in the moved mesh (cosine below 0) though it agreed in the neutral (above 0.3). Skin only: the
+          connected part with the chin, without faces that fill the slit between two lids or lips. A shape that is meant
+          upon another one is judged upon it.
+jaw       by how much the inner lips (landmarks 62 and 66) part in jawOpen, upwards; and the upper one's way over the lower's.
+lids      largest distance of a vertex of the upper lid line from the lower line in eyeBlink; both lines are shortest ways
+          along edges through the landmarks of the lid.
+error     against shapes that others sculpted on the same head. Over the vertices of the skin that a camera in front sees
+          (orthographic, along the face's axis: the normal points to it, and no part of the head is in front by more than
+          0.05 w, by a depth buffer of cells of 0.01 w), |g b - t| / |t|, where g is the one gain of the shape that makes it
+          least: how far a shape goes is taste. All vertices count the same. A shape sculpted for both sides at once is
+          compared with the sum of both. Mean over the shapes and the worst; `both` counts only shapes that ICT has too.
+
+carried   what anybody could do in an hour: ICT's neutral is warped onto the head by a thin-plate spline (kernel r) through the
+          68 landmarks; each vertex of the skin takes the displacement of the nearest point of the warped surface.
+"""
+import argparse
+import hashlib
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+
+METHODS = ["aoi", "paper", "laplacian", "carried"]
+# ICT's names of what ours are called; a name alone is its own.
+ICT = {"cheekPuff": "cheekPuff_L cheekPuff_R", "browInnerUp": "browInnerUp_L browInnerUp_R"}
+CELL, IN_FRONT = 0.01, 0.05
+
+
+def positions(text):
+    lines = [line for line in text.split("\n") if line.startswith("v ")]
+    return np.array([line.split()[1:4] for line in lines], dtype=float)
+
+
+def polygons(text):
+    lines = (line.split()[1:] for line in text.split("\n") if line.startswith("f "))
+    return [[int(corner.split("/")[0]) - 1 for corner in line] for line in lines]
+
+
+def displacement(path):
+    return np.fromfile(path, dtype="<f4").reshape(-1, 3).astype(float)
+
+
+def unit(v):
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)
+
+
+class Head:
+    """A neutral mesh with its landmarks."""
+
+    def __init__(self, p, faces, landmarks):
+        self.p, self.landmarks = p, np.asarray(landmarks)
+        self.w, self.axes = frame(p[self.landmarks])
+        self.triangles = triangles(p, faces)
+        n = len(p)
+        t = self.triangles
+        a, b = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]).T
+        length = np.linalg.norm(p[a] - p[b], axis=1) + 1e-12
+        both = coo_matrix((np.r_[length, length], (np.r_[a, b], np.r_[b, a])), (n, n)).tocsr()
+        self.ring = both > 0
+        # Edges of a face, not the cut through it: what lines go along.
+        edges = np.array([(f[k - 1], f[k]) for f in faces for k in range(len(f))])
+        a, b = edges.T
+        length = np.linalg.norm(p[a] - p[b], axis=1) + 1e-12
+        graph = coo_matrix((length, (a, b)), (n, n)).tocsr()
+        self.graph = graph.maximum(graph.T)
+        part = connected_components(self.graph, directed=False)[1]
+        self.skin = part == part[self.landmarks[8]]
+        self.lids = [self.seam([42, 43, 44, 45], [42, 47, 46, 45]), self.seam([36, 37, 38, 39], [36, 41, 40, 39])]
+        self.lips = self.seam([60, 61, 62, 63, 64], [60, 67, 66, 65, 64])
+        keep = self.skin[t[:, 0]] & ~self.films(faces)
+        self.skin_triangles = t[keep]
+        self.neutral = self.lie(p)
+
+    def seam(self, *rows):
+        lines = []
+        for row in rows:
+            line = [self.landmarks[row[0]]]
+            for a, b in zip(row, row[1:]):
+                a, b = self.landmarks[a], self.landmarks[b]
+                before = dijkstra(self.graph, directed=False, indices=a, return_predecessors=True, limit=2 * self.w)[1]
+                way = [b]
+                while way[-1] != a and before[way[-1]] >= 0:
+                    way.append(before[way[-1]])
+                line += way[::-1][1:]
+            lines.append(np.array(line))
+        return lines
+
+    def films(self, faces):
+        """Triangles of faces whose corners lie on the two lines of one seam, on both of them."""
+        out = []
+        seams = [(set(u), set(l)) for u, l in [*self.lids, self.lips]]
+        for f in faces:
+            film = any(
+                all(v in u or v in l for v in f) and any(v not in l for v in f) and any(v not in u for v in f) for u, l in seams
+            )
+            out += [film] * (len(f) - 2)
+        return np.array(out)
+
+    def lie(self, p):
+        t = self.skin_triangles
+        normal = np.cross(p[t[:, 1]] - p[t[:, 0]], p[t[:, 2]] - p[t[:, 0]])
+        one = np.zeros_like(p)
+        for k in range(3):
+            np.add.at(one, t[:, k], normal)
+        two = one + self.ring @ one
+        around = two[t].sum(1)
+        size = np.linalg.norm(normal, axis=1) * np.linalg.norm(around, axis=1)
+        return np.where(size > 0, (normal * around).sum(1) / np.maximum(size, 1e-300), 0)
+
+    def inverted(self, d):
+        return int(((self.neutral > 0.3) & (self.lie(self.p + d) < 0)).sum())
+
+    def visible(self):
+        """Vertices of the skin that a camera in front sees."""
+        q = (self.p @ self.axes) / self.w
+        t = self.triangles
+        normal = np.zeros_like(q)
+        flat = np.cross(q[t[:, 1]] - q[t[:, 0]], q[t[:, 2]] - q[t[:, 0]])
+        for k in range(3):
+            np.add.at(normal, t[:, k], flat)
+        cell = np.floor((q[:, :2] - q[:, :2].min(0)) / CELL).astype(int)
+        size = cell.max(0) + 2
+        depth = np.full(size, -np.inf)
+        # Every triangle is sprinkled with points closer than half a cell.
+        longest = np.max([np.linalg.norm(q[t[:, k]] - q[t[:, k - 1]], axis=1) for k in range(3)], axis=0)
+        steps = np.minimum(np.ceil(longest / (0.5 * CELL)).astype(int) + 1, 400)
+        for n in np.unique(steps):
+            i, j = np.tril_indices(n + 1)
+            weights = np.column_stack([n - i, i - j, j]) / n
+            at = np.einsum("gk,mkc->mgc", weights, q[t[steps == n]]).reshape(-1, 3)
+            c = np.floor((at[:, :2] - q[:, :2].min(0)) / CELL).astype(int)
+            np.maximum.at(depth, (c[:, 0], c[:, 1]), at[:, 2])
+        seen = q[:, 2] > depth[cell[:, 0], cell[:, 1]] - IN_FRONT
+        return self.skin & seen & (normal[:, 2] > 0)
+
+    def lid_gap(self, d):
+        worst = 0.0
+        for side, name in enumerate(["eyeBlinkLeft", "eyeBlinkRight"]):
+            if name not in d:
+                continue
+            p = self.p + d[name]
+            upper, lower = self.lids[side]
+            a, b = p[lower[:-1]], p[lower[1:]]
+            for v in upper:
+                line = b - a
+                along = ((p[v] - a) * line).sum(1) / np.maximum((line**2).sum(1), 1e-300)
+                far = np.linalg.norm(a + line * np.clip(along, 0, 1)[:, None] - p[v], axis=1)
+                worst = max(worst, far.min() / self.w)
+        return worst
+
+    def jaw(self, d):
+        up, lower = d[self.landmarks[62]], d[self.landmarks[66]]
+        part = (up - lower) @ self.axes[:, 1] / self.w
+        return part, np.linalg.norm(up) / max(np.linalg.norm(lower), 1e-12)
+
+
+def frame(l):
+    """Eye distance and axes (columns left, up, out) of a face by its landmarks."""
+    left = l[42] - l[39]
+    w = np.linalg.norm(left)
+    left = left / w
+    up = 0.5 * (l[39] + l[42]) - l[8]
+    up = unit(up - left * (up @ left))
+    if up[1] > 0.8:
+        up = unit(np.array([0, 1, 0]) - left * left[1])
+    return w, np.column_stack([left, up, np.cross(left, up)])
+
+
+def triangles(p, faces):
+    """Quads are cut along their shorter diagonal."""
+    out = []
+    for f in faces:
+        if len(f) == 4 and ((p[f[1]] - p[f[3]]) ** 2).sum() < ((p[f[0]] - p[f[2]]) ** 2).sum() * (1 - 1e-9):
+            out += [(f[0], f[1], f[3]), (f[1], f[2], f[3])]
+        else:
+            out += [(f[0], f[k - 1], f[k]) for k in range(2, len(f))]
+    return np.array(out)
+
+
+# ------------------------------------------------------------------------------------------------------ carried over
+
+
+def warp(source, target):
+    """The thin-plate map through both sets of points."""
+    n = len(source)
+    kernel = lambda p: -np.linalg.norm(p[:, None] - source[None], axis=2)
+    line = lambda p: np.column_stack([np.ones(len(p)), p])
+    system = np.block([[kernel(source), line(source)], [line(source).T, np.zeros((4, 4))]])
+    x = np.linalg.lstsq(system, np.r_[target, np.zeros((4, 3))], rcond=None)[0]
+    return lambda p: kernel(p) @ x[:n] + line(p) @ x[n:]
+
+
+def nearest(points, p, t):
+    """For every point: the triangle and the weights of its corners at the nearest place of a surface."""
+    middle = p[t].mean(1)
+    found = cKDTree(middle).query(points, k=24)[1]
+    best = np.full(len(points), np.inf)
+    corner, weight = np.zeros((len(points), 3), int), np.zeros((len(points), 3))
+    for column in found.T:
+        a, b, c = p[t[column, 0]], p[t[column, 1]], p[t[column, 2]]
+        w = barycentric(points, a, b, c)
+        at = w[:, :1] * a + w[:, 1:2] * b + w[:, 2:] * c
+        far = ((at - points) ** 2).sum(1)
+        nearer = far < best
+        best[nearer], corner[nearer], weight[nearer] = far[nearer], t[column[nearer]], w[nearer]
+    return corner, weight
+
+
+def barycentric(p, a, b, c):
+    """Weights of the nearest point of each triangle."""
+    dot = lambda x, y: (x * y).sum(1)
+    ab, ac, ap = b - a, c - a, p - a
+    d = [dot(ab, ab), dot(ab, ac), dot(ac, ac)]
+    e, f = dot(ap, ab), dot(ap, ac)
+    size = np.maximum(d[0] * d[2] - d[1] ** 2, 1e-300)
+    v, w = (d[2] * e - d[1] * f) / size, (d[0] * f - d[1] * e) / size
+    inside = np.column_stack([1 - v - w, v, w])
+    best, far = inside, np.where((inside >= 0).all(1), 0.0, np.inf)
+    for i, j, q, r in [(0, 1, a, b), (1, 2, b, c), (2, 0, c, a)]:
+        s = np.clip(dot(p - q, r - q) / np.maximum(dot(r - q, r - q), 1e-300), 0, 1)
+        edge = np.zeros_like(inside)
+        edge[:, i], edge[:, j] = 1 - s, s
+        away = dot(q + s[:, None] * (r - q) - p, q + s[:, None] * (r - q) - p)
+        away = np.where(np.isfinite(far) & (far == 0), np.inf, away)
+        nearer = away < far
+        best = np.where(nearer[:, None], edge, best)
+        far = np.where(nearer, away, far)
+    return best
+
+
+def ict_shapes(data, name):
+    """Sum of ICT's shapes that one of ours is; None if it has none."""
+    names = ICT.get(name, name.replace("Left", "_L").replace("Right", "_R")).split()
+    if name in ("mouthLeft", "mouthRight", "jawLeft", "jawRight"):
+        names = [name]
+    paths = [data / "ict_facekit/expr" / f"{n}.f32" for n in names]
+    return sum(map(displacement, paths)) if all(p.exists() for p in paths) else None
+
+
+def carried(head, data, names):
+    """ICT's shapes on another head, by name."""
+    text = (data / "ict_facekit/generic_neutral_mesh.obj").read_text()
+    p = positions(text)
+    marks = np.loadtxt(data / "ict_facekit/landmarks68.txt", dtype=int)
+    w, axes = frame(p[marks])
+    there = warp(p[marks] @ axes / w, head.p[head.landmarks] @ head.axes / head.w)(p @ axes / w)
+    # The skin: face, head and neck, sockets of mouth and eyes.
+    t = triangles(p, [f for f in polygons(text) if max(f) < 14062])
+    here = np.flatnonzero(head.skin)
+    corner, weight = nearest(head.p[here] @ head.axes / head.w, there, t)
+    out = {}
+    for name in names:
+        d = ict_shapes(data, name)
+        if d is not None:
+            moved = np.zeros_like(head.p)
+            moved[here] = (d[corner] * weight[..., None]).sum(1) @ axes / w @ head.axes.T * head.w
+            out[name] = moved
+    return out
+
+
+# ------------------------------------------------------------------------------------------------------------- heads
+
+
+def vitruvian(data):
+    folder = data / "head_vitruvian"
+    rows = [line.split(",")[:2] for line in (folder / "index.csv").read_text().split("\n")[1:] if line]
+    return folder / "head.obj", None, {ours: displacement(folder / "shapes" / file) for file, ours in rows}
+
+
+def person(data, work, seed):
+    """A person of ICT's identity modes at random; sculpted are its own shapes, which the skin was learned from."""
+    text = (data / "ict_facekit/generic_neutral_mesh.obj").read_text()
+    marks = np.loadtxt(data / "ict_facekit/landmarks68.txt", dtype=int)
+    p = positions(text)
+    random = np.random.default_rng(seed)
+    for k in range(40):
+        p = p + displacement(data / f"ict_facekit/id/identity{k:03}.f32") * random.normal()
+    path = work / "head.obj"
+    rows = iter(p)
+    lines = ("v %.6f %.6f %.6f" % tuple(next(rows)) if line.startswith("v ") else line for line in text.split("\n"))
+    path.write_text("\n".join(lines))
+    return path, marks, "ict"
+
+
+def heads(data, work):
+    """Name of every head with what makes its file, known landmarks and sculpted shapes."""
+    out = {"vitruvian": lambda: vitruvian(data)}
+    for path in sorted((data / "heads_makehuman").glob("*.obj")):
+        out[path.stem] = lambda path=path: (path, None, None)
+    marks = lambda folder: np.loadtxt(data / folder / "landmarks68.txt", dtype=int)
+    out["ict"] = lambda: (data / "ict_facekit/generic_neutral_mesh.obj", marks("ict_facekit"), "ict")
+    for seed in range(1, 4):
+        out[f"ict-person-{seed}"] = lambda seed=seed: person(data, work / f"ict-person-{seed}", seed)
+    out["canonical"] = lambda: (data / "canonical_face/canonical_face_model.obj", marks("canonical_face"), None)
+    awkward = pathlib.Path(__file__).with_name("awkward.py")
+    if awkward.exists():
+        folder = work / "awkward"
+        if not folder.exists():
+            subprocess.run([sys.executable, awkward, data, folder], check=True, stdout=subprocess.DEVNULL)
+        for path in sorted([*folder.glob("*.obj"), *folder.glob("*.glb")]):
+            out[path.stem] = lambda path=path: (path, None, None)
+    return out
+
+
+def bake(studio, path, method, folder, extra):
+    """Runs the baker; returns its words, or None where it refused."""
+    out = folder / method
+    out.mkdir(parents=True, exist_ok=True)
+    marks = "auto" if method == "aoi" else folder / "aoi" / "h.landmarks.txt"
+    words = [studio, "bake", "--mesh", path, "--landmarks", marks, "--out", out / "h.glb", "--obj", out / "obj"]
+    stamp = hashlib.sha256(pathlib.Path(studio).read_bytes() + pathlib.Path(path).read_bytes() + repr(extra).encode())
+    stamp, kept = stamp.hexdigest(), out / "stamp"
+    if kept.exists() and kept.read_text().startswith(stamp):
+        return kept.read_text()[len(stamp) :]
+    ran = subprocess.run([*map(str, words), "--method", method, *extra], capture_output=True, text=True)
+    if ran.returncode:
+        print(f"   {path}, {method}: {ran.stderr.strip()[-300:]}", file=sys.stderr)
+        return None
+    kept.write_text(stamp + ran.stdout)
+    return ran.stdout
+
+
+def baked(out):
+    """Neutral text, displacement of every shape, what each is meant upon."""
+    text = (out / "obj/neutral.obj").read_text()
+    p = positions(text)
+    listed = json.loads((out / "obj/shapes.json").read_text())["shapes"]
+    d = {s["name"]: positions((out / "obj" / s["file"]).read_text()) - p for s in listed}
+    return p, text, d, {s["name"]: s["upon"] for s in listed}
+
+
+def errors(head, d, sculpted):
+    """Error of every sculpted shape with the best gain, over what a camera in front sees."""
+    seen = head.visible()
+    out = {}
+    for name, true in sculpted.items():
+        parts = [d.get(n) for n in name.split("+")]
+        if all(part is not None for part in parts):
+            b, t = sum(parts)[seen].ravel(), true[seen].ravel()
+            gain = (b @ t) / max(b @ b, 1e-300)
+            out[name] = np.linalg.norm(gain * b - t) / np.linalg.norm(t)
+    return out
+
+
+def judge(head, d, upon):
+    inverted = sum(head.inverted(moved + (d[upon[name]] if upon.get(name) else 0)) for name, moved in d.items())
+    part, ratio = head.jaw(d["jawOpen"])
+    return inverted, part, ratio, head.lid_gap(d)
+
+
+def one(name, make, options):
+    folder = options.work / name
+    folder.mkdir(parents=True, exist_ok=True)
+    path, known, sculpted = make()
+    extra = ["--prior", options.prior] if options.prior else []
+    head, table = None, {}
+    for method in options.methods:
+        found = "-"
+        if method == "carried":
+            if head is None or name.startswith("ict"):
+                continue
+            d, upon = carried(head, options.data, first), {}
+        else:
+            said = bake(options.studio, path, method, folder, extra if method == "aoi" else [])
+            if said is None:
+                print(f"{name:24} {method:10} no")
+                continue
+            p, text, d, upon = baked(folder / method)
+            if head is None:
+                marks = np.loadtxt(folder / "aoi/h.landmarks.txt", dtype=int)
+                if marks.max() >= len(p) or len(d) == 0:
+                    marks = np.minimum(marks, len(p) - 1)
+                head, first = Head(p, polygons(text), marks), d
+            found = said.split("confidence ")[1].split(":")[0] if "confidence" in said else "-"
+            if known is not None and method == "aoi":
+                off = np.linalg.norm(head.p[known] - head.p[head.landmarks], axis=1) / head.w
+                found = f"{off[17:].max():.3f}"
+        if sculpted == "ict":
+            sculpted = {n: t for n, t in ((n, ict_shapes(options.data, n)) for n in d) if t is not None}
+        inverted, part, ratio, gap = judge(head, d, upon)
+        line = f"{name:24} {method:10} found {found:5}  inverted {inverted:4}  jaw {part:5.2f} ({ratio:4.2f})  lids {gap:.3f}"
+        if sculpted:
+            e = table[method] = errors(head, d, sculpted)
+            worst = max(e, key=e.get)
+            both = [e[n] for n in e if ict_shapes(options.data, n) is not None]
+            line += f"  error {np.mean(list(e.values())):.3f} of {len(e)}, {np.mean(both):.3f} of both {len(both)} (worst {worst} {e[worst]:.3f})"
+        print(line, flush=True)
+    if options.shapes and table:
+        print(f"   {'':46}" + "".join(f"{m:>10}" for m in table))
+        for shape in sculpted:
+            print(f"   {shape:46}" + "".join(f"{table[m].get(shape, float('nan')):10.3f}" for m in table))
+
+
+def main():
+    ask = argparse.ArgumentParser()
+    ask.add_argument("studio")
+    ask.add_argument("data", type=pathlib.Path)
+    ask.add_argument("work", type=pathlib.Path)
+    ask.add_argument("--heads", default="")
+    ask.add_argument("--methods", default=",".join(METHODS))
+    ask.add_argument("--prior", help="another prior of the skin for aoi")
+    ask.add_argument("--shapes", action="store_true", help="every sculpted shape")
+    options = ask.parse_args()
+    options.methods = options.methods.split(",")
+    options.work.mkdir(parents=True, exist_ok=True)
+    chosen = options.heads.split(",") if options.heads else None
+    for name, make in heads(options.data, options.work).items():
+        if chosen is None or any(name.startswith(c) for c in chosen):
+            (options.work / name).mkdir(parents=True, exist_ok=True)
+            one(name, make, options)
+
+
+if __name__ == "__main__":
+    main()
