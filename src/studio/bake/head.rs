@@ -18,7 +18,7 @@ use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3};
 use super::names::LANDMARKS;
-use super::seam::{Seam, films, shortest};
+use super::seam::{Seam, films, line};
 use super::solve::stiffness;
 
 /// Why a head cannot be baked.
@@ -59,6 +59,9 @@ pub enum HeadError {
         landmark: usize,
     },
 }
+
+/// Inside of the mouth nearer than this to the lip line along the surface stays free, in eye distances.
+pub(super) const LIP_FREE: f64 = 0.2;
 
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,6 +106,8 @@ pub struct Head {
     pub lids: [Seam; 2],
     /// Share of the jaw's motion for every vertex behind the lips, `NaN` elsewhere.
     pub socket: Vec<f32>,
+    /// Distance of the mouth's inside from the lip lines along the surface, infinite elsewhere.
+    pub from_lips: Vec<f32>,
     /// Skin behind the lids of either eye.
     pub behind_lids: Vec<bool>,
     /// Eyeballs, left and right.
@@ -172,11 +177,8 @@ impl Head {
             return Err(HeadError::Apart { landmark });
         }
         let line = |ks: &[usize]| {
-            let mut path = vec![points[ks[0]]];
-            for pair in ks.windows(2) {
-                path.extend(shortest(&mesh, &rings, points[pair[0]], points[pair[1]]).skip(1));
-            }
-            path
+            let through: Vec<u32> = ks.iter().map(|&k| points[k]).collect();
+            line(&mesh, &rings, &through)
         };
         let lips = Seam {
             upper: line(&[60, 61, 62, 63, 64]),
@@ -224,6 +226,7 @@ impl Head {
 
         let mut head = Self {
             socket: vec![f32::NAN; n],
+            from_lips: vec![f32::INFINITY; n],
             behind_lids: vec![false; n],
             follow: vec![Follow::Still; n],
             tongue: vec![0.0; n],
@@ -245,6 +248,14 @@ impl Head {
         head.find_sockets();
         head.find_parts(&component, skin_label);
         Ok(head)
+    }
+
+    /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the
+    /// skin. The rest of the inside is free, so that lips can roll.
+    #[must_use]
+    pub fn deep(&self, v: usize) -> bool {
+        let far = f64::from(self.from_lips[v]);
+        far.is_finite() && far >= LIP_FREE * self.eye_distance
     }
 
     /// Position of a control point.

@@ -15,6 +15,7 @@ use super::head::smooth;
 use super::laplacian::Operator;
 use super::mesh::{Rings, Vec3};
 use super::nearest::Nearest;
+use super::seam::distances;
 use super::sparse::Factor;
 
 /// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
@@ -29,6 +30,38 @@ const OUTWARDS: f64 = 0.5;
 const TONGUE: [f64; 2] = [0.38, 0.55];
 /// The tongue's root: this part of its length from the back stays.
 const ROOT: f64 = 0.35;
+
+/// Fills in what is `NaN` among `some` vertices by the harmonic field between what is given there and around them; 0 where
+/// nothing reaches.
+fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
+    let mut place = vec![u32::MAX; value.len()];
+    for &v in some {
+        if value[v as usize].is_nan() && operator.area[v as usize] > 0.0 {
+            place[v as usize] = 0;
+        }
+    }
+    let eliminated = operator.elimination.iter().copied();
+    let free: Vec<u32> = eliminated.filter(|&v| place[v as usize] == 0).collect();
+    for (k, &v) in free.iter().enumerate() {
+        place[v as usize] = k as u32;
+    }
+    for v in value.iter_mut().filter(|v| v.is_nan()) {
+        *v = 0.0;
+    }
+    let Ok(factor) = Factor::of(&operator.positive, &free, &place, &[]) else {
+        return;
+    };
+    let pulled = |&v: &u32| {
+        let row = operator.positive.row(v as usize);
+        let given = row.filter(|&(c, _)| place[c] == u32::MAX);
+        [given.fold(0.0, |sum, (c, weight)| sum - weight * value[c])]
+    };
+    let mut solved: Vec<[f64; 1]> = free.iter().map(pulled).collect();
+    factor.solve(&mut solved);
+    for (&v, &[share]) in free.iter().zip(&solved) {
+        value[v as usize] = share;
+    }
+}
 
 /// One large piece of the mouth's inside and the teeth around it.
 pub(super) struct Piece<'a> {
@@ -58,10 +91,9 @@ impl Piece<'_> {
     /// Share of the jaw's motion for each of the piece's vertices; `None` if it does not touch both rows of teeth.
     pub(super) fn shares(&self) -> Option<Vec<f64>> {
         let touch = AT_TOOTH * self.eye_distance;
-        let mut place = vec![u32::MAX; self.positions.len()];
-        let mut given = vec![f64::NAN; self.vertices.len()];
+        let mut value = vec![f64::NAN; self.positions.len()];
         let mut touched = [false; 2];
-        for (k, &v) in self.vertices.iter().enumerate() {
+        for &v in self.vertices {
             let p = &self.positions[v as usize];
             let far = |row: usize| {
                 let tooth = self.teeth[row].of(p);
@@ -70,36 +102,16 @@ impl Piece<'_> {
             let (upper, lower) = (far(0), far(1));
             if upper.min(lower) < touch {
                 let row = usize::from(lower < upper);
-                given[k] = row as f64;
+                value[v as usize] = row as f64;
                 touched[row] = true;
-            } else if self.operator.area[v as usize] > 0.0 {
-                place[v as usize] = 0;
             }
         }
         if touched != [true; 2] {
             return None;
         }
-        let eliminated = self.operator.elimination.iter().copied();
-        let free: Vec<u32> = eliminated.filter(|&v| place[v as usize] == 0).collect();
-        for (k, &v) in free.iter().enumerate() {
-            place[v as usize] = k as u32;
-        }
-        let mut value = vec![0.0; self.positions.len()];
-        for (&v, &share) in self.vertices.iter().zip(&given) {
-            value[v as usize] = if share.is_nan() { 0.0 } else { share };
-        }
-        let factor = Factor::of(&self.operator.positive, &free, &place, &[]).ok()?;
-        let pulled = |&v: &u32| {
-            let row = self.operator.positive.row(v as usize);
-            let given = row.filter(|&(c, _)| place[c] == u32::MAX);
-            [given.fold(0.0, |sum, (c, weight)| sum - weight * value[c])]
-        };
-        let mut solved: Vec<[f64; 1]> = free.iter().map(pulled).collect();
-        factor.solve(&mut solved);
-        for (&v, &[share]) in free.iter().zip(&solved) {
-            value[v as usize] = smooth(STAYS, GOES, share);
-        }
-        Some(self.vertices.iter().map(|&v| value[v as usize]).collect())
+        harmonic(self.operator, self.vertices, &mut value);
+        let share = |&v: &u32| smooth(STAYS, GOES, value[v as usize]);
+        Some(self.vertices.iter().map(share).collect())
     }
 
     /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip.
@@ -123,9 +135,12 @@ impl Piece<'_> {
         for (k, &v) in self.vertices.iter().enumerate() {
             local[v as usize] = k as u32;
         }
-        let sides: Vec<u32> = (0..self.vertices.len() as u32)
-            .filter(|&k| {
-                let v = self.vertices[k as usize] as usize;
+        let sides: Vec<u32> = self
+            .vertices
+            .iter()
+            .copied()
+            .filter(|&v| {
+                let (k, v) = (local[v as usize], v as usize);
                 let p = self.positions[v];
                 let Some(tooth) = self.teeth[1].of(&p) else {
                     return false;
@@ -136,30 +151,12 @@ impl Piece<'_> {
                     && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * self.eye_distance
             })
             .collect();
-        // Distances along edges from the sides, relaxed until nothing changes; the piece is small.
-        let mut along = vec![f64::INFINITY; self.vertices.len()];
-        let mut queue: std::collections::VecDeque<u32> = sides.iter().copied().collect();
-        for &k in &sides {
-            along[k as usize] = 0.0;
-        }
         let last = TONGUE[1] * self.eye_distance;
-        while let Some(k) = queue.pop_front() {
-            let v = self.vertices[k as usize];
-            for &o in self.rings.of(v as usize) {
-                let there = local[o as usize];
-                if there == u32::MAX || shares[there as usize] < 0.5 {
-                    continue;
-                }
-                let edge = self.positions[v as usize] - self.positions[o as usize];
-                let total = along[k as usize] + edge.norm();
-                if total < along[there as usize] && total < last {
-                    along[there as usize] = total;
-                    queue.push_back(there);
-                }
-            }
-        }
+        let far = distances(self.positions, self.rings, &sides, |v| {
+            local[v] != u32::MAX && shares[local[v] as usize] >= 0.5
+        });
+        let along = self.vertices.iter().map(|&v| f64::from(far[v as usize]));
         let member: Vec<f64> = along
-            .iter()
             .map(|d| 1.0 - smooth(TONGUE[0] * self.eye_distance, last, d.min(last)))
             .collect();
         let depth = |k: usize| self.positions[self.vertices[k] as usize].dot(&self.out);

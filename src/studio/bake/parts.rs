@@ -7,10 +7,15 @@ use super::head::{Follow, Head, smooth};
 use super::mesh::{Vec3, connected};
 use super::mouth::Piece;
 use super::nearest::Nearest;
-use super::seam::Seam;
+use super::seam::{Seam, distances};
 
 /// A part of the mouth smaller than this is a tooth and moves as a whole, in eye distances.
 const TOOTH: f64 = 1.2;
+/// The mouth's inside stays where the lower lip is nearer than the upper one by less than the first, and goes with the jaw where
+/// it is nearer by the second, in eye distances: palate and throat stay, the tongue bends.
+const LOWER: [f64; 2] = [0.05, 0.25];
+/// Sweeps over the inside that even this out.
+const EVENED: usize = 30;
 
 impl Head {
     pub(super) fn find_sockets(&mut self) {
@@ -40,20 +45,67 @@ impl Head {
                 }
             }
         }
-        let soft = 0.06 * self.eye_distance;
         for v in 0..n {
             if label[v] == u32::MAX || label[v] == chin {
                 continue;
             }
             match owner[label[v] as usize] {
-                1 => {
-                    let below = self.below_bite(&self.mesh.positions[v]);
-                    self.socket[v] = smooth(-soft, soft, below) as f32;
-                }
+                1 => self.socket[v] = 0.0,
                 2 => self.behind_lids[v] = true,
                 _ => {}
             }
         }
+        self.share_socket();
+    }
+
+    /// Shares of the mouth's inside, by how much nearer along the surface the lower lip is than the upper one: a tooth is as
+    /// much further from either as it is high, and so takes the share of the gum it stands on, however the rows overlap.
+    fn share_socket(&mut self) {
+        let (socket, positions) = (&self.socket, &self.mesh.positions);
+        let far = |lines: &[&Vec<u32>], corners: f64| {
+            let of = |&v: &u32| {
+                let t = self.lips.across(&self.mesh, &positions[v as usize]);
+                (corners..=1.0 - corners).contains(&t)
+            };
+            let from: Vec<u32> = lines
+                .iter()
+                .flat_map(|l| l.iter().copied().filter(of))
+                .collect();
+            distances(positions, &self.rings, &from, |v| !socket[v].is_nan())
+        };
+        let (upper, lower) = (&self.lips.upper, &self.lips.lower);
+        // Near the corners both lips are one.
+        let (from_upper, from_lower) = (far(&[upper], 0.15), far(&[lower], 0.15));
+        let from_lips = far(&[upper, lower], f64::NEG_INFINITY);
+        let inside = |v: &usize| !self.socket[*v].is_nan();
+        let inside: Vec<usize> = (0..self.socket.len()).filter(inside).collect();
+        let mut nearer: Vec<f64> = from_upper
+            .iter()
+            .zip(&from_lower)
+            .map(|(u, l)| f64::from(u - l))
+            .map(|d| if d.is_nan() { 0.0 } else { d })
+            .collect();
+        // Ways along edges are ragged: folds between teeth and gums would turn over.
+        for _ in 0..EVENED {
+            let mean = |&v: &usize| {
+                let ring = self.rings.of(v).iter().map(|&o| o as usize);
+                let (mut sum, mut count) = (nearer[v], 1.0);
+                for o in ring.filter(|&o| !self.socket[o].is_nan()) {
+                    sum += nearer[o];
+                    count += 1.0;
+                }
+                sum / count
+            };
+            let evened: Vec<f64> = inside.iter().map(mean).collect();
+            for (&v, d) in inside.iter().zip(evened) {
+                nearer[v] = d;
+            }
+        }
+        let [stays, goes] = LOWER.map(|d| d * self.eye_distance);
+        for v in inside {
+            self.socket[v] = smooth(stays, goes, nearer[v]) as f32;
+        }
+        self.from_lips = from_lips;
     }
 
     pub(super) fn find_parts(&mut self, component: &[u32], skin_label: u32) {

@@ -103,9 +103,11 @@ pub(super) fn relax(
     }
 }
 
-/// Lids that meet stay so, and lids that follow a gaze follow it.
+/// Lids that meet stay so, and lids that follow a gaze follow it; what the jaw alone moves is out of sight and gives way to nothing.
 fn held(head: &Head, target: &Target) -> Vec<bool> {
-    let mut held = vec![false; head.mesh.positions.len()];
+    let mut held: Vec<bool> = (0..head.mesh.positions.len())
+        .map(|v| head.deep(v))
+        .collect();
     for (side, seam) in head.lids.iter().enumerate() {
         let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
         if shut || target.gaze[side].is_some() {

@@ -67,6 +67,49 @@ pub(super) fn films(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
     film
 }
 
+#[derive(PartialEq)]
+struct Step(f64, u32);
+impl Eq for Step {}
+impl Ord for Step {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        other.0.total_cmp(&self.0).then(other.1.cmp(&self.1))
+    }
+}
+impl PartialOrd for Step {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// Distance of every vertex from the nearest of `sources`, along edges between vertices that pass `within`; infinite where no
+/// way leads.
+pub(super) fn distances(
+    positions: &[Vec3],
+    rings: &Rings,
+    sources: &[u32],
+    within: impl Fn(usize) -> bool,
+) -> Vec<f32> {
+    let mut best = vec![f32::INFINITY; positions.len()];
+    let mut heap: BinaryHeap<Step> = sources.iter().map(|&v| Step(0.0, v)).collect();
+    for &v in sources {
+        best[v as usize] = 0.0;
+    }
+    while let Some(Step(length, v)) = heap.pop() {
+        if length as f32 > best[v as usize] {
+            continue;
+        }
+        for &o in rings.of(v as usize).iter().filter(|&&o| within(o as usize)) {
+            let edge = positions[v as usize] - positions[o as usize];
+            let total = length + edge.norm();
+            if (total as f32) < best[o as usize] {
+                best[o as usize] = total as f32;
+                heap.push(Step(total, o));
+            }
+        }
+    }
+    best
+}
+
 /// Vertices of the shortest way along edges from `a` to `b`; empty after `a` if there is none.
 pub(super) fn shortest(
     mesh: &Mesh,
@@ -74,19 +117,6 @@ pub(super) fn shortest(
     a: u32,
     b: u32,
 ) -> impl Iterator<Item = u32> + use<> {
-    #[derive(PartialEq)]
-    struct Step(f64, u32);
-    impl Eq for Step {}
-    impl Ord for Step {
-        fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-            other.0.total_cmp(&self.0).then(other.1.cmp(&self.1))
-        }
-    }
-    impl PartialOrd for Step {
-        fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-            Some(self.cmp(other))
-        }
-    }
     let mut best = std::collections::HashMap::from([(a, (0.0, a))]);
     let mut heap = BinaryHeap::from([Step(0.0, a)]);
     while let Some(Step(length, v)) = heap.pop() {
@@ -116,4 +146,18 @@ pub(super) fn shortest(
     path.push(a);
     path.reverse();
     path.into_iter()
+}
+
+/// A way through `points` without the detours that come back to where they began.
+pub(super) fn line(mesh: &Mesh, rings: &Rings, points: &[u32]) -> Vec<u32> {
+    let mut path = vec![points[0]];
+    for pair in points.windows(2) {
+        for v in shortest(mesh, rings, pair[0], pair[1]).skip(1) {
+            if let Some(k) = path.iter().position(|&o| o == v) {
+                path.truncate(k);
+            }
+            path.push(v);
+        }
+    }
+    path
 }

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use super::contact::Contacts;
 use super::goals::goals;
-use super::head::Head;
+use super::head::{Head, LIP_FREE};
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::recipe::Target;
@@ -24,8 +24,6 @@ const BESIDE_LID: f64 = 0.22;
 const CONTACT_ROUNDS: usize = 2;
 /// Skin within this of what touched is solved again, in eye distances.
 const CONTACT_REACH: f64 = 0.4;
-/// Inside of the mouth nearer than this to the lip line stays free, in eye distances, so that lips can roll.
-const LIP_FREE: f64 = 0.2;
 
 /// What skin is expected to do beyond the solve counts fully where the influence is this much above the edge's, in eye
 /// distances: 0.1 mm.
@@ -196,12 +194,6 @@ impl Placing<'_> {
         }
     }
 
-    fn by_lips(&self, v: usize, reach: f64) -> bool {
-        let positions = &self.head.mesh.positions;
-        let near = |l: u32| (positions[l as usize] - positions[v]).norm_squared() < reach * reach;
-        self.head.lips.both().any(near)
-    }
-
     /// The mouth's inside goes with the jaw, its lower half rigidly, except around the lips.
     fn mouth_follows_jaw(&self, asked: &mut Asked) {
         let (head, w) = (self.head, self.head.eye_distance);
@@ -213,7 +205,7 @@ impl Placing<'_> {
             }
             asked.area[v] = true;
             asked.u[v] = asked.u[v].max(self.settings.edge * w * 1.01);
-            if !(0.05..=0.95).contains(&share) && !self.by_lips(v, LIP_FREE * w) {
+            if head.deep(v) {
                 let p = head.mesh.positions[v];
                 let moved = jaw.transform_point(&p.into()).coords - p;
                 asked.goal.entry(v as u32).or_insert(moved * share);
@@ -231,7 +223,7 @@ impl Placing<'_> {
             asked.goal.insert(v, -base[v as usize] * *share);
         }
         for v in (0..asked.u.len()).filter(|&v| !head.socket[v].is_nan()) {
-            asked.area[v] = self.by_lips(v, 2.0 * LIP_FREE * w);
+            asked.area[v] = f64::from(head.from_lips[v]) < 2.0 * LIP_FREE * w;
         }
     }
 
