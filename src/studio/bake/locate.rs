@@ -56,12 +56,16 @@ const MOST_ROUND: usize = 100;
 /// Short looks worth a closer one at once, and how many at last.
 const PROMISING: f32 = 0.4;
 const CLOSELY: usize = 3;
+/// Half a gap that is looked over, pixels.
+const GAP: f64 = 3.0;
 /// Points of eyes, nose and lips that may lie beside the head.
 const MISSED: usize = 3;
 /// Points so far from where people have them, in inner-eye-corner distances, are hardly a face.
 const UNLIKE: f64 = 0.25;
 /// A face less certain than this is none.
 const LEAST: f32 = 0.2;
+/// A point less certain than this wants to be looked at: named by `bake`, low in `place`.
+pub const LOW: f32 = 0.4;
 /// Sure enough to look in no other direction.
 const SURE: f32 = 0.5;
 /// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
@@ -86,13 +90,11 @@ type Fit = (f32, f32, [[f32; 2]; LANDMARKS]);
 pub enum LocateError {
     /// No direction shows a face.
     #[error(
-        "expected a face in the picture of the mesh (y up, face towards z), found none with more than {confidence:.2} confidence; give the 68 vertices with --landmarks FILE"
+        "expected a face in a picture of the mesh, found none with more than {confidence:.2} confidence; place the 68 points with mien-studio place"
     )]
     NoFace {
         /// The best there was.
         confidence: f32,
-        /// What that looked like.
-        seen: Option<Box<RgbImage>>,
     },
 }
 
@@ -111,6 +113,24 @@ pub struct Located {
     pub facing: &'static str,
     /// The head with the points drawn in.
     pub picture: RgbImage,
+}
+
+impl Located {
+    /// Whether it is likely enough to be a face.
+    #[must_use]
+    pub fn is_face(&self) -> bool {
+        self.confidence >= LEAST
+    }
+
+    /// Points less sure than [`LOW`], the least sure first.
+    #[must_use]
+    pub fn unsure(&self) -> Vec<usize> {
+        let mut unsure: Vec<usize> = (0..LANDMARKS)
+            .filter(|&k| self.of_points[k] < LOW)
+            .collect();
+        unsure.sort_by(|&a, &b| self.of_points[a].total_cmp(&self.of_points[b]));
+        unsure
+    }
 }
 
 /// The head from one direction.
@@ -132,10 +152,9 @@ struct Seen {
 /// If no face is to be seen.
 pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let found = guess(mesh, model)?;
-    if found.confidence < LEAST {
+    if !found.is_face() {
         return Err(LocateError::NoFace {
             confidence: found.confidence,
-            seen: Some(Box::new(found.picture)),
         });
     }
     Ok(found)
@@ -184,10 +203,7 @@ pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
             break;
         }
     }
-    let face = best.ok_or(LocateError::NoFace {
-        confidence: 0.0,
-        seen: None,
-    })?;
+    let face = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
     Ok(face.located(mesh, &rings, &parts, model))
 }
 
@@ -400,7 +416,13 @@ impl Search<'_> {
     fn plausible(&self, seen: &Seen, points: &[[f32; 2]; LANDMARKS]) -> f32 {
         let mut there = [Vec3::zeros(); LANDMARKS];
         for (there, &[x, y]) in there.iter_mut().zip(points) {
-            let Some(depth) = seen.canvas.depth(f64::from(x), f64::from(y)) else {
+            // The nearest thereabouts: not what lies behind a gap between lips or lids.
+            let around = [-GAP, 0.0, GAP];
+            let depths = around
+                .iter()
+                .flat_map(|dx| around.map(|dy| (f64::from(x) + dx, f64::from(y) + dy)));
+            let depths = depths.filter_map(|(x, y)| seen.canvas.depth(x, y));
+            let Some(depth) = depths.reduce(f64::max) else {
                 continue;
             };
             *there = Vec3::new(f64::from(x), -f64::from(y), depth);

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 
 use serde_json::{Value, json};
 
-use super::glb::{Glb, GlbError};
+use super::glb::{FLOAT, Glb, GlbError};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::Encoded;
 use super::shape::Shape;
@@ -42,6 +42,7 @@ impl Foreign {
     /// If it has no triangles, or data that are compressed, external or damaged.
     pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
         let content = |expected, found: String| GlbError::Content { expected, found };
+        is_plain(&glb.json)?;
         let buffers = glb.json["buffers"].as_array().map_or(0, Vec::len);
         if buffers != 1 || !glb.json["buffers"][0]["uri"].is_null() {
             return Err(content(
@@ -268,6 +269,25 @@ impl Foreign {
         add_expressions(&mut self.glb.json, &bound);
         self.glb
     }
+}
+
+/// Whether positions are stored as they are, not packed: by the name of the extension if not.
+fn is_plain(json: &Value) -> Result<(), GlbError> {
+    let used = json["extensionsUsed"].as_array().into_iter().flatten();
+    let packed = used.filter_map(Value::as_str).find(|&name| match name {
+        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => true,
+        // Often of normals and texture coordinates only.
+        "KHR_mesh_quantization" => primitives(json)
+            .filter_map(|p| p["attributes"]["POSITION"].as_u64())
+            .any(|a| json["accessors"][a as usize]["componentType"] != FLOAT),
+        _ => false,
+    });
+    packed.map_or(Ok(()), |name| {
+        Err(GlbError::Content {
+            expected: "positions that are not compressed",
+            found: format!("{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"),
+        })
+    })
 }
 
 /// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
