@@ -2,15 +2,17 @@
 
     python tests/heads/awkward.py OUT [DATA]    (DATA: ../shared/data; needs numpy)
 
-Writes OUT/HEAD-WHAT.obj, metres, y up and face towards +z unless WHAT says otherwise. What is made of a head is the same for every
-head; nothing but the mouth's middle and the unit is known of it.
+Writes OUT/HEAD-WHAT.obj (split: .glb), metres, y up and face towards +z unless WHAT says otherwise. What is made of a head is the same for every
+head; only its unit is known.
 """
+import json
+import struct
 import sys
 from pathlib import Path
 
 import numpy as np
 
-# Metres per unit, and where the lips meet, in units of the file.
+# File, metres per unit, and a shape that opens the lips where there is one.
 HEADS = {
     "vitruvian": ("head_vitruvian/head.obj", 1.0, "head_vitruvian/shapes/jawOpen.f32"),
     "ict": ("ict_facekit/generic_neutral_mesh.obj", 0.01, "ict_facekit/expr/jawOpen.f32"),
@@ -100,6 +102,23 @@ def subdivided(places, faces, wanted=100_000):
                 cut += [[f[k], edge[k], len(more) - 1, edge[k - 1]] for k in range(len(f))]
         places, faces = np.array(more), cut
     return places, faces
+
+
+def glb(path, places, faces):
+    """Triangles as binary glTF; its rows are sewn by whoever reads them."""
+    points, order = places.astype("<f4"), np.array(faces, "<u4")
+    data = points.tobytes() + order.tobytes()
+    rows = {"componentType": 5126, "type": "VEC3", "count": len(points), "min": points.min(0).tolist(), "max": points.max(0).tolist()}
+    text = json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}], "buffers": [{"byteLength": len(data)}],
+        "accessors": [{"bufferView": 0, **rows}, {"bufferView": 1, "componentType": 5125, "type": "SCALAR", "count": order.size}],
+        "bufferViews": [{"buffer": 0, "byteLength": points.nbytes}, {"buffer": 0, "byteOffset": points.nbytes, "byteLength": order.nbytes}],
+    }).encode()
+    text += b" " * (-len(text) % 4)
+    with open(path, "wb") as out:
+        out.write(struct.pack("<5I", 0x46546C67, 2, 28 + len(text) + len(data), len(text), 0x4E4F534A) + text)
+        out.write(struct.pack("<2I", len(data), 0x004E4942) + data)
 
 
 def seams_split(places, faces):
@@ -217,7 +236,10 @@ def main(out, data):
         mouth = (abs(p[:, 0]) < 0.03) & (abs(p[:, 1] - below) < 0.035) & (deep > 0.008) & (deep < 0.06)
         made["no-cavity"] = kept(p, f, ~mouth)
         for what, (places, faces) in made.items():
-            write(out / f"{name}-{what}.obj", places, faces)
+            if what == "split":
+                glb(out / f"{name}-{what}.glb", places, faces)
+            else:
+                write(out / f"{name}-{what}.obj", places, faces)
 
 
 if __name__ == "__main__":

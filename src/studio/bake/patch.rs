@@ -275,7 +275,9 @@ impl Foreign {
 fn is_plain(json: &Value) -> Result<(), GlbError> {
     let used = json["extensionsUsed"].as_array().into_iter().flatten();
     let packed = used.filter_map(Value::as_str).find(|&name| match name {
-        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => true,
+        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => {
+            true
+        }
         // Often of normals and texture coordinates only.
         "KHR_mesh_quantization" => primitives(json)
             .filter_map(|p| p["attributes"]["POSITION"].as_u64())
@@ -285,7 +287,9 @@ fn is_plain(json: &Value) -> Result<(), GlbError> {
     packed.map_or(Ok(()), |name| {
         Err(GlbError::Content {
             expected: "positions that are not compressed",
-            found: format!("{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"),
+            found: format!(
+                "{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"
+            ),
         })
     })
 }
