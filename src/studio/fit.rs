@@ -368,6 +368,11 @@ impl<'a> StillFitter<'a> {
         self.face(log_odds, &fit, &placement)
     }
 
+    /// A short look at a box: one guess, upright and from in front, in a sixth of the time of [`Self::fit`].
+    pub fn glance(&mut self, picture: &Picture, face_box: &FaceBox) -> FittedFace {
+        self.follow(picture, &self.view_in_box(face_box, 0.0, 0.0, 0.0))
+    }
+
     /// Fits the face in a box; `roll` in radians, clockwise in the picture.
     pub fn fit(&mut self, picture: &Picture, face_box: &FaceBox, roll: f32) -> FittedFace {
         let mut best: Option<(f32, FaceFit, Placement)> = None;

@@ -13,10 +13,11 @@ use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
 use super::learn::{Lesson, means};
-use super::locate::locate;
+use super::locate::guess;
 use super::looks::Looks;
 use super::measure::Figures;
 use super::mesh::{Mesh, Vec3};
+use super::names::NAMES;
 use super::obj;
 use super::order::Ordered;
 use super::patch::Foreign;
@@ -31,6 +32,8 @@ use super::{morphs, report, usd};
 use crate::face_model::FaceModel;
 use crate::studio::text_files;
 
+/// How many of the points found least surely are named.
+const NAMED: usize = 5;
 /// What a vertex of a shape takes: its displacement, its influence and whether it could move.
 const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
@@ -330,27 +333,44 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
 fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Vec<u64>, BakeError> {
-    let found = locate(mesh, &FaceModel::shipped()).map_err(|source| BakeError::Locate {
-        path: request.mesh.clone(),
-        source,
-    })?;
     let (picture, text) = (
         request.out.with_extension("landmarks.png"),
         request.out.with_extension("landmarks.txt"),
     );
-    let mut png = std::io::Cursor::new(Vec::new());
-    found
-        .picture
-        .write_to(&mut png, image::ImageFormat::Png)
-        .map_err(|e| BakeError::Write {
+    let drawn = |seen: &image::RgbImage| {
+        let mut png = std::io::Cursor::new(Vec::new());
+        let drawn = seen.write_to(&mut png, image::ImageFormat::Png);
+        drawn.map_err(|e| BakeError::Write {
             path: picture.clone(),
             source: std::io::Error::other(e),
         })?;
-    write(&picture, png.get_ref())?;
+        write(&picture, png.get_ref())
+    };
+    let model = FaceModel::shipped();
+    let found = guess(mesh, &model).map_err(|source| BakeError::Locate {
+        path: request.mesh.clone(),
+        source,
+    })?;
+    drawn(&found.picture)?;
+    if !found.is_face() {
+        return Err(BakeError::Unseen {
+            mesh: request.mesh.clone(),
+            confidence: found.confidence,
+            picture,
+        });
+    }
     write(&text, landmark_text(&found.vertices, foreign).as_bytes())?;
+    let unsure = found.unsure();
+    let names: Vec<&str> = unsure.iter().take(NAMED).map(|&k| NAMES[k]).collect();
+    let doubts = match unsure.len() {
+        0 => String::new(),
+        count => format!("; {count} points unsure, least {}", names.join(", ")),
+    };
     println!(
-        "landmarks found with confidence {:.2}: look at {}; to correct them, edit {} and give it with --landmarks",
+        "face found with confidence {:.2}, up {}, facing {}{doubts}: look at {}; to correct points, use mien-studio place, or edit {} and give it with --landmarks",
         found.confidence,
+        found.up,
+        found.facing,
         picture.display(),
         text.display()
     );

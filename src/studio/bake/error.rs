@@ -70,6 +70,18 @@ pub enum BakeError {
         /// Why.
         source: LocateError,
     },
+    /// Nothing like a face is seen.
+    #[error(
+        "{mesh}: expected a face, found none with more than {confidence:.2} confidence ({picture} shows what was seen); place the points with: mien-studio place --mesh {mesh}"
+    )]
+    Unseen {
+        /// The mesh.
+        mesh: PathBuf,
+        /// The best there was.
+        confidence: f32,
+        /// What that looked like.
+        picture: PathBuf,
+    },
     /// The head does not fit its landmarks.
     #[error(transparent)]
     Head(#[from] HeadError),

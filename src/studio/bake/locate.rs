@@ -1,13 +1,15 @@
 //! `--landmarks auto`: the 68 vertices of a head that comes without them.
 //!
-//! The head is drawn from in front, the shipped face model is fitted to the picture in boxes around the foremost point, and
-//! each fitted point is cast back to the visible vertex it lies on. What lines an opening (lids, inner lips) goes to the
-//! nearest vertex of a rim: visible, with a neighbour that is not. A head that mirrors itself gets points that do. Brows and
-//! jaw, which plaster does not show, are where the other points say that people have them ([`super::by_shape`]).
+//! Up may be y or z, the face look along any level axis. Every part of the mesh that may be skin is drawn from there, alone but
+//! for the eyeballs, and the shipped face model takes short looks: about the eyeballs, or below the top of the part in all
+//! sizes. What it makes of them must lie in space as faces do ([`by_shape`]). The best are looked at closely, in boxes
+//! around, and each fitted point is cast back to the visible vertex it lies on. What lines an opening (lids, inner lips) goes
+//! to the nearest vertex of a rim: visible, with a neighbour that is not. A face that mirrors itself gets points that do. Brows
+//! and jaw, which plaster does not show, are where the other points say that people have them.
 //!
-//! Frame: y up, the face towards z (or, tried if nothing is found there, −z or ±x). Units: the mesh's; pictures in pixels.
-//! Cost: about 60 fits, well below a second. Limits: the model has learned photographs, not plaster: a face without brows
-//! and lips in colour is placed to some hundredths of its width, so that the picture wants a look.
+//! Units: the mesh's; pictures in pixels. Cost: 0.2 to 0.4 s where a face is found at once, 4 s on a core before it is said that
+//! there is none. Limits: the model has learned photographs of people, not plaster and not cartoons; colours and
+//! textures are not drawn; a head that leans is not found.
 //! One file: from a mesh to its 68 vertices, each step used by the next only.
 
 use image::RgbImage;
@@ -27,18 +29,51 @@ use crate::studio::inspect::canvas;
 const PIXELS: u32 = 360;
 /// The picture to look at is larger by this.
 const ENLARGED: u32 = 3;
-/// Height and width of the picture in widths of the head at its foremost point.
+/// Height and width of the picture looked at closely, in widths of the head.
 const FRAME: f64 = 2.0;
-/// Widths of the face box tried, in widths of the head.
+/// Widths of the face box tried there, in widths of the head.
 const BOXES: [f64; 4] = [0.72, 0.82, 0.92, 1.02];
-/// Heights of the box's middle tried above the foremost point, in widths of the head.
+/// Heights of the box's middle tried above the middle of the picture, in widths of the head.
 const MIDDLES: [f64; 3] = [0.12, 0.04, -0.04];
+/// What is usual of the two.
+const BOX: f64 = 0.84;
+const MIDDLE: f64 = 0.04;
+/// Squares about eyeballs: sides, and how far below them, in distances of their centres.
+const EYE_SIDES: [f64; 3] = [2.4, 2.05, 1.75];
+const EYES_BELOW: [f64; 3] = [0.4, 0.55, 0.7];
+/// Squares below the top of a head without: the largest in heights of the mesh, how many, each smaller by a step, and how
+/// far below, in sides.
+const LARGEST: f64 = 0.95;
+const SIZES: usize = 15;
+const STEP: f64 = 1.2;
+const TOP_BELOW: [f64; 5] = [0.5, 0.7, 0.9, 1.1, 1.3];
+/// A picture for short looks, in sides of its largest square.
+const AROUND: f64 = 2.8;
+/// Parts with a smaller share of the vertices of the largest are not its skin; so many are tried.
+const SMALLEST_SKIN: usize = 12;
+const SKINS: usize = 3;
+/// Least and largest extent of an eyeball, also of half a one; more of them than this are not looked through.
+const ROUND: f64 = 0.4;
+const MOST_ROUND: usize = 100;
+/// Short looks worth a closer one at once, and how many at last.
+const PROMISING: f32 = 0.4;
+const CLOSELY: usize = 3;
+/// Half a gap that is looked over, pixels.
+const GAP: f64 = 3.0;
+/// Points of eyes, nose and lips that may lie beside the head.
+const MISSED: usize = 3;
+/// Points so far from where people have them, in inner-eye-corner distances, are hardly a face.
+const UNLIKE: f64 = 0.25;
 /// A face less certain than this is none.
 const LEAST: f32 = 0.2;
+/// A point less certain than this wants to be looked at: named by `bake`, low in `place`.
+pub const LOW: f32 = 0.4;
 /// Sure enough to look in no other direction.
 const SURE: f32 = 0.5;
 /// A rim vertex further than this from a fitted point is another opening's, in widths of the head.
 const RIM: f64 = 0.03;
+/// A vertex so far before or behind where people have a point is not it, in inner-eye-corner distances.
+const DEEP: f64 = 0.4;
 /// Points 0 to 16 are the jaw's, up to 26 the brows'.
 const UNMARKED: usize = 27;
 /// A point this far from where the others say it is, in inner-eye-corner distances, is hardly believed.
@@ -59,7 +94,7 @@ type Fit = (f32, f32, [[f32; 2]; LANDMARKS]);
 pub enum LocateError {
     /// No direction shows a face.
     #[error(
-        "expected a face in the picture of the mesh (y up, face towards z), found none with more than {confidence:.2} confidence; give the 68 vertices with --landmarks FILE"
+        "expected a face in a picture of the mesh, found none with more than {confidence:.2} confidence; place the 68 points with mien-studio place"
     )]
     NoFace {
         /// The best there was.
@@ -76,16 +111,42 @@ pub struct Located {
     /// Of each point, 0 to 1: that of the face, less where fits from other boxes, the nearest vertex or what all other points
     /// say are elsewhere.
     pub of_points: [f32; LANDMARKS],
+    /// Axis of the mesh that points up.
+    pub up: &'static str,
+    /// Axis of the mesh that the face looks along.
+    pub facing: &'static str,
     /// The head with the points drawn in.
     pub picture: RgbImage,
+}
+
+impl Located {
+    /// Whether it is likely enough to be a face.
+    #[must_use]
+    pub fn is_face(&self) -> bool {
+        self.confidence >= LEAST
+    }
+
+    /// Points less sure than [`LOW`], the least sure first.
+    #[must_use]
+    pub fn unsure(&self) -> Vec<usize> {
+        let mut unsure: Vec<usize> = (0..LANDMARKS)
+            .filter(|&k| self.of_points[k] < LOW)
+            .collect();
+        unsure.sort_by(|&a, &b| self.of_points[a].total_cmp(&self.of_points[b]));
+        unsure
+    }
 }
 
 /// The head from one direction.
 struct Seen {
     /// Mesh to (right, up, towards the viewer).
     to_view: Matrix3<f64>,
-    /// The foremost point there, where the picture's middle is.
-    tip: Vec3,
+    /// The middle of the picture there.
+    middle: Vec3,
+    /// What mirrors the head lies there, to the right.
+    plane: f64,
+    /// Pixels per unit.
+    scale: f64,
     canvas: Canvas,
 }
 
@@ -95,7 +156,7 @@ struct Seen {
 /// If no face is to be seen.
 pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let found = guess(mesh, model)?;
-    if found.confidence < LEAST {
+    if !found.is_face() {
         return Err(LocateError::NoFace {
             confidence: found.confidence,
         });
@@ -109,83 +170,395 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
 /// If there is nothing to look at.
 pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let rings = mesh.rings();
-    let (component, count) = mesh.components(&rings);
-    let mut size = vec![0_usize; count];
-    for &c in &component {
-        size[c as usize] += 1;
-    }
-    let largest = (0..count).max_by_key(|&c| size[c]).unwrap_or(0) as u32;
-    let skin: Vec<bool> = component.iter().map(|&c| c == largest).collect();
-    let mut fitter = StillFitter::new(model);
-    let mut best: Option<(Fit, [f32; LANDMARKS], Seen)> = None;
-    for quarter in [0, 2, 1, 3] {
-        if best.as_ref().is_some_and(|b| b.0.1 > SURE) {
+    let parts = Parts::new(mesh, &rings);
+    let mut search = Search {
+        mesh,
+        parts: &parts,
+        model,
+        fitter: StillFitter::new(model),
+        by_eyes: parts.balls.is_some(),
+    };
+    let mut best: Option<Face> = None;
+    let ways = [true, false]
+        .into_iter()
+        .filter(|&eyes| !eyes || parts.balls.is_some());
+    'all: for (by_eyes, &skin) in
+        ways.flat_map(|way| parts.skins.iter().map(move |skin| (way, skin)))
+    {
+        search.by_eyes = by_eyes;
+        let mut glances: Vec<Glance> = Vec::new();
+        for to_view in parts.frames(by_eyes) {
+            let first = glances.len();
+            search.glances(skin, &to_view, &mut glances);
+            // Looked at closely where it is, before anything else is looked at.
+            let promising = |g: &&Glance| g.score > PROMISING;
+            if let Some(&seen) = glances[first..].iter().max_by(by_score).filter(promising) {
+                better(&mut best, search.closely(skin, &seen));
+                if best.as_ref().is_some_and(|b| b.confidence > SURE) {
+                    break 'all;
+                }
+            }
+        }
+        glances.sort_by(|a, b| b.score.total_cmp(&a.score));
+        for seen in glances.iter().take(CLOSELY) {
+            better(&mut best, search.closely(skin, seen));
+        }
+        if best.as_ref().is_some_and(|b| b.confidence > SURE) {
             break;
         }
-        let seen = look(
-            mesh,
-            &component,
-            &skin,
-            f64::from(quarter) * std::f64::consts::FRAC_PI_2,
-        );
-        let luma: Vec<u8> = seen
-            .canvas
-            .image
-            .pixels()
-            .map(|p| image::Pixel::to_luma(p).0[0])
-            .collect();
-        let picture = Picture {
-            luma: &luma,
-            width: PIXELS as usize,
-            height: PIXELS as usize,
+    }
+    let face = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
+    Ok(face.located(mesh, &rings, &parts, model))
+}
+
+fn by_score(a: &&Glance, b: &&Glance) -> std::cmp::Ordering {
+    a.score.total_cmp(&b.score)
+}
+
+/// Keeps the face that is surer.
+fn better(best: &mut Option<Face>, face: Option<Face>) {
+    let Some(face) = face else { return };
+    if best.as_ref().is_none_or(|b| face.confidence > b.confidence) {
+        *best = Some(face);
+    }
+}
+
+/// What hangs together in a mesh.
+struct Parts {
+    /// Part of every vertex.
+    of: Vec<u32>,
+    /// What may carry the face, the likeliest first.
+    skins: Vec<u32>,
+    /// Those that are eyeballs, or lie in them, and the centres of the two.
+    balls: Option<(Vec<u32>, [Vec3; 2])>,
+}
+
+impl Parts {
+    fn new(mesh: &Mesh, rings: &super::mesh::Rings) -> Self {
+        let (of, count) = mesh.components(rings);
+        let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+        let (mut boxes, mut size) = (vec![none; count], vec![0_usize; count]);
+        for (p, &c) in mesh.positions.iter().zip(&of) {
+            let b = &mut boxes[c as usize];
+            *b = (b.0.inf(p), b.1.sup(p));
+            size[c as usize] += 1;
+        }
+        let balls = eyeballs(&boxes);
+        // Skin goes round both eyes; hair and clothes may have more vertices.
+        let holds = |c: u32| {
+            let Some((_, centers)) = &balls else {
+                return false;
+            };
+            let (low, high) = boxes[c as usize];
+            centers
+                .iter()
+                .all(|p| p.inf(&high) == *p && p.sup(&low) == *p)
         };
-        let width_px = f64::from(PIXELS) / FRAME;
-        let middle = f64::from(PIXELS) / 2.0;
+        let mut skins: Vec<u32> = (0..count as u32).collect();
+        skins.sort_by_key(|&c| std::cmp::Reverse((holds(c), size[c as usize])));
+        let most = skins.iter().map(|&c| size[c as usize]).max().unwrap_or(0);
+        skins.retain(|&c| size[c as usize] * SMALLEST_SKIN > most);
+        skins.truncate(SKINS);
+        Self { of, skins, balls }
+    }
+
+    /// Views to try: up is y or z; four ways to face, but only those with the eyes level, where there are eyes.
+    fn frames(&self, by_eyes: bool) -> Vec<Matrix3<f64>> {
+        let across = self
+            .balls
+            .as_ref()
+            .filter(|_| by_eyes)
+            .map(|(_, [a, b])| (b - a).normalize());
+        let ups = [
+            Matrix3::identity(),
+            Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0),
+        ];
+        let turned = ups.iter().flat_map(|up| {
+            [0, 2, 1, 3].map(|quarter| {
+                let (sin, cos) = (f64::from(quarter) * std::f64::consts::FRAC_PI_2).sin_cos();
+                Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos) * up
+            })
+        });
+        let level = |m: &Matrix3<f64>| across.is_none_or(|a| (m * a).x.abs() > 0.9);
+        turned.filter(level).collect()
+    }
+}
+
+/// The pair of round parts of one size that lie level beside each other, and what else is round and in them.
+fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
+    let middle = |c: usize| (boxes[c].0 + boxes[c].1) / 2.0;
+    let wide = |c: usize| (boxes[c].1 - boxes[c].0).max();
+    let round = |&c: &usize| {
+        let size = boxes[c].1 - boxes[c].0;
+        size.max() > 0.0
+            && size.min() > ROUND * size.max()
+            && size.sum() - size.min() > 1.7 * size.max()
+    };
+    let round: Vec<usize> = (0..boxes.len()).filter(round).collect();
+    let whole = boxes
+        .iter()
+        .fold(Vec3::zeros(), |most, b| most.sup(&(b.1 - b.0)))
+        .max();
+    let mut best: Option<(f64, usize, usize)> = None;
+    for (k, &a) in round.iter().enumerate().take(MOST_ROUND) {
+        for &b in round[k + 1..].iter().take(MOST_ROUND) {
+            let (size, apart) = (0.5 * (wide(a) + wide(b)), middle(b) - middle(a));
+            let along = apart.amax();
+            let off = (apart.norm_squared() - along * along).max(0.0).sqrt();
+            let alike = (wide(a) - wide(b)).abs() < 0.15 * size && off < 0.3 * size;
+            let is_pair = alike && (1.4..4.5).contains(&(along / size)) && size < 0.3 * whole;
+            // Of several in each other the largest.
+            if is_pair && best.is_none_or(|(most, ..)| size > most) {
+                best = Some((size, a, b));
+            }
+        }
+    }
+    let (size, a, b) = best?;
+    let centers = [middle(a), middle(b)];
+    let within = |&&c: &&usize| {
+        centers.iter().any(|p| (middle(c) - p).norm() < 0.3 * size) && wide(c) < 1.2 * size
+    };
+    let all = round.iter().filter(within).map(|&c| c as u32).collect();
+    Some((all, centers))
+}
+
+/// A square in a view where a face may be, and what a short look made of it.
+#[derive(Clone, Copy)]
+struct Glance {
+    to_view: Matrix3<f64>,
+    /// In the view, the mesh's unit.
+    middle: Vec3,
+    side: f64,
+    score: f32,
+}
+
+/// A face looked at closely.
+struct Face {
+    skin: u32,
+    confidence: f32,
+    points: [[f32; 2]; LANDMARKS],
+    of_points: [f32; LANDMARKS],
+    /// Where people have the points in depth, pixels.
+    depths: [f64; LANDMARKS],
+    seen: Seen,
+}
+
+/// What is needed to look somewhere.
+struct Search<'a> {
+    mesh: &'a Mesh,
+    parts: &'a Parts,
+    model: &'a FaceModel,
+    fitter: StillFitter<'a>,
+    /// Where eyeballs are, not anywhere.
+    by_eyes: bool,
+}
+
+impl Search<'_> {
+    /// Short looks at one direction: about the eyes if there are any, else below the top of the head, in all sizes.
+    fn glances(&mut self, skin: u32, to_view: &Matrix3<f64>, found: &mut Vec<Glance>) {
+        let view: Vec<Vec3> = self.mesh.positions.iter().map(|p| to_view * p).collect();
+        let mut squares: Vec<(Vec3, f64)> = Vec::new();
+        if let Some((_, [a, b])) = self.parts.balls.as_ref().filter(|_| self.by_eyes) {
+            let (middle, apart) = (to_view * (a + b) / 2.0, (b - a).norm());
+            for (side, below) in EYE_SIDES.iter().flat_map(|&s| EYES_BELOW.map(|b| (s, b))) {
+                squares.push((middle - Vec3::y() * (below * apart), side * apart));
+            }
+        } else {
+            let of_skin = || {
+                (0..view.len())
+                    .filter(|&v| self.parts.of[v] == skin)
+                    .map(|v| view[v])
+            };
+            let reach = |low: f64| {
+                let near = of_skin().filter(|p| p.y >= low);
+                near.fold(
+                    (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY)),
+                    |(a, b), p| (a.inf(&p), b.sup(&p)),
+                )
+            };
+            let (low, high) = reach(f64::NEG_INFINITY);
+            let mut side = LARGEST * (high.y - low.y);
+            for _ in 0..SIZES {
+                let (left, right) = reach(high.y - 1.7 * side);
+                for below in TOP_BELOW {
+                    let middle = Vec3::new(
+                        0.5 * (left.x + right.x),
+                        high.y - below * side,
+                        0.5 * (left.z + right.z),
+                    );
+                    squares.push((middle, side));
+                }
+                side /= STEP;
+            }
+        }
+        // One picture for squares of about a size.
+        let mut drawn: Option<(Seen, f64)> = None;
+        for (middle, side) in squares {
+            if drawn
+                .as_ref()
+                .is_none_or(|(_, largest)| !(0.55 * largest..=1.001 * largest).contains(&side))
+            {
+                drawn = Some((
+                    look(self.mesh, self.parts, skin, to_view, &middle, side * AROUND),
+                    side,
+                ));
+            }
+            let Some((seen, _)) = &drawn else { continue };
+            let luma = seen.luma();
+            let face_box = seen.square(&middle, side);
+            let face = self.fitter.glance(&picture(&luma), &face_box);
+            let score = face.confidence * self.plausible(seen, &face.points).0;
+            let (middle, side) = seen.unsquare(&face.points);
+            found.push(Glance {
+                to_view: *to_view,
+                middle,
+                side,
+                score,
+            });
+        }
+    }
+
+    /// How much the points are like a face in space, 1 if they lie as people have them, upright and towards the viewer; and
+    /// the depths that people have there, pixels.
+    fn plausible(&self, seen: &Seen, points: &[[f32; 2]; LANDMARKS]) -> (f32, [f64; LANDMARKS]) {
+        let mut there = [Vec3::zeros(); LANDMARKS];
+        for (there, &[x, y]) in there.iter_mut().zip(points) {
+            // The nearest thereabouts: not what lies behind a gap between lips or lids.
+            let around = [-GAP, 0.0, GAP];
+            let depths = around
+                .iter()
+                .flat_map(|dx| around.map(|dy| (f64::from(x) + dx, f64::from(y) + dy)));
+            let depths = depths.filter_map(|(x, y)| seen.canvas.depth(x, y));
+            let Some(depth) = depths.reduce(f64::max) else {
+                continue;
+            };
+            *there = Vec3::new(f64::from(x), -f64::from(y), depth);
+        }
+        let hit = there[27..].iter().filter(|p| **p != Vec3::zeros()).count();
+        if hit < LANDMARKS - 27 - MISSED {
+            return (0.0, there.map(|p| p.z));
+        }
+        // Where the picture shows nothing, nothing is known.
+        let depth = there[30].z;
+        for (p, &[x, y]) in there
+            .iter_mut()
+            .zip(points)
+            .filter(|(p, _)| **p == Vec3::zeros())
+        {
+            *p = Vec3::new(f64::from(x), -f64::from(y), depth);
+        }
+        let Some(laid) = by_shape::laid(&self.model.shape, &there) else {
+            return (0.0, there.map(|p| p.z));
+        };
+        let eyes = (laid.points[39] - laid.points[42]).norm();
+        let off: f64 = (27..LANDMARKS)
+            .map(|k| (laid.points[k] - there[k]).norm_squared())
+            .sum();
+        let off = (off / (LANDMARKS - 27) as f64).sqrt() / (UNLIKE * eyes);
+        let (across, up) = (
+            laid.points[45] - laid.points[36],
+            laid.points[27] - laid.points[57],
+        );
+        let out = across.cross(&up).normalize();
+        let facing = ((out.z - 0.5) / 0.4).clamp(0.0, 1.0)
+            * ((up.normalize().y - 0.5) / 0.4).clamp(0.0, 1.0);
+        let like = (-0.5 * off * off).exp() * facing;
+        (like as f32, laid.points.map(|p| p.z))
+    }
+
+    /// The full fit in boxes about a face that was glanced at.
+    fn closely(&mut self, skin: u32, glance: &Glance) -> Option<Face> {
+        let width = glance.side / BOX;
+        let middle = glance.middle - Vec3::y() * (MIDDLE * width);
+        let seen = look(
+            self.mesh,
+            self.parts,
+            skin,
+            &glance.to_view,
+            &middle,
+            FRAME * width,
+        );
+        let luma = seen.luma();
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
-            let side = share * width_px;
-            let face_box = FaceBox {
-                x: (middle - 0.5 * side) as f32,
-                y: (middle - above * width_px - 0.5 * side) as f32,
-                width: side as f32,
-                height: side as f32,
-            };
-            let face = fitter.fit(&picture, &face_box, 0.0);
-            // The nose's tip is the foremost point of a head that faces us.
-            let [x, y] = face.points[30].map(|p| f64::from(p) - middle);
-            let score = face.confidence - (x.hypot(y) / width_px) as f32;
+            let face_box = seen.square(&(middle + Vec3::y() * (above * width)), share * width);
+            let face = self.fitter.fit(&picture(&luma), &face_box, 0.0);
+            let score = face.confidence * self.plausible(&seen, &face.points).0;
             fits.push((score, face.confidence, face.points));
         }
         // The first of equals.
         fits.sort_by(|a, b| b.0.total_cmp(&a.0));
-        if let Some(&fit) = fits.first()
-            && best.as_ref().is_none_or(|b| fit.1 > b.0.1)
-        {
-            best = Some((fit, agreed(&fits), seen));
+        let &(confidence, _, points) = fits.first()?;
+        let of_points = agreed(&fits);
+        let (_, depths) = self.plausible(&seen, &points);
+        Some(Face {
+            skin,
+            confidence,
+            points,
+            of_points,
+            depths,
+            seen,
+        })
+    }
+}
+
+impl Face {
+    /// The vertices, and how sure each is.
+    fn located(
+        self,
+        mesh: &Mesh,
+        rings: &super::mesh::Rings,
+        parts: &Parts,
+        model: &FaceModel,
+    ) -> Located {
+        let Self {
+            confidence,
+            points,
+            mut of_points,
+            depths,
+            mut seen,
+            ..
+        } = self;
+        let skin: Vec<bool> = parts.of.iter().map(|&c| c == self.skin).collect();
+        let (mut vertices, symmetric) = cast(mesh, rings, &skin, &points, &depths, &mut seen);
+        // A vertex that is not where the point was seen is as unsure.
+        let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
+        for ((sure, point), &v) in of_points.iter_mut().zip(&points).zip(&vertices) {
+            let at = seen.screen(&mesh.positions[v as usize]);
+            *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
+        }
+        // What the picture says of brows and jaw is left.
+        of_points[..UNMARKED].fill(confidence);
+        let shares = by_the_rest(mesh, &skin, model, &seen, symmetric, &mut vertices);
+        for (sure, share) in of_points.iter_mut().zip(shares) {
+            *sure *= share as f32;
+        }
+        let picture = with_points(mesh, &seen, &vertices);
+        Located {
+            vertices: vertices.into_iter().map(u64::from).collect(),
+            confidence,
+            of_points,
+            up: axis(&seen.to_view, 1),
+            facing: axis(&seen.to_view, 2),
+            picture,
         }
     }
-    let ((_, confidence, points), mut of_points, seen) =
-        best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
-    let (mut vertices, symmetric) = cast(mesh, &rings, &skin, &points, &seen);
-    // A vertex that is not where the point was seen is as unsure.
-    let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
-    for ((sure, point), &v) in of_points.iter_mut().zip(&points).zip(&vertices) {
-        let at = seen.screen(&mesh.positions[v as usize]);
-        *sure /= halved(apart(*point, [at.x as f32, at.y as f32]) / eyes);
+}
+
+/// A row of a view as an axis of the mesh.
+fn axis(to_view: &Matrix3<f64>, row: usize) -> &'static str {
+    let along = to_view.row(row);
+    let k = along.iamax_full().1;
+    let names = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
+    names[k][usize::from(along[k] > 0.0)]
+}
+
+fn picture(luma: &[u8]) -> Picture<'_> {
+    Picture {
+        luma,
+        width: PIXELS as usize,
+        height: PIXELS as usize,
     }
-    // What the picture says of brows and jaw is left.
-    of_points[..UNMARKED].fill(confidence);
-    let shares = by_the_rest(mesh, &skin, model, &seen, symmetric, &mut vertices);
-    for (sure, share) in of_points.iter_mut().zip(shares) {
-        *sure *= share as f32;
-    }
-    let picture = with_points(mesh, &seen, &vertices);
-    Ok(Located {
-        vertices: vertices.into_iter().map(u64::from).collect(),
-        confidence,
-        of_points,
-        picture,
-    })
 }
 
 /// The head enlarged, with the points drawn in.
@@ -253,7 +626,7 @@ fn by_the_rest(
         let mut there = laid.points[k];
         if symmetric {
             let mut other = laid.points[MIRROR[k]];
-            other.x = 2.0 * seen.tip.x - other.x;
+            other.x = 2.0 * seen.plane - other.x;
             there = (there + other) / 2.0;
         }
         if k < UNMARKED {
@@ -273,64 +646,76 @@ impl Seen {
     fn screen(&self, p: &Vec3) -> Vec3 {
         self.canvas.screen(&(self.to_view * p))
     }
+
+    fn luma(&self) -> Vec<u8> {
+        let pixels = self.canvas.image.pixels();
+        pixels.map(|p| image::Pixel::to_luma(p).0[0]).collect()
+    }
+
+    /// Pixels of a square in the view.
+    fn square(&self, middle: &Vec3, side: f64) -> FaceBox {
+        let (at, side) = (self.canvas.screen(middle), side * self.scale);
+        FaceBox {
+            x: (at.x - 0.5 * side) as f32,
+            y: (at.y - 0.5 * side) as f32,
+            width: side as f32,
+            height: side as f32,
+        }
+    }
+
+    /// The square in the view that points fill, its middle and side.
+    fn unsquare(&self, points: &[[f32; 2]; LANDMARKS]) -> (Vec3, f64) {
+        let b = FaceBox::around(points);
+        let half = f64::from(PIXELS) / 2.0;
+        let [x, y] = [b.x + 0.5 * b.width, b.y + 0.5 * b.height].map(f64::from);
+        let off = Vec3::new(x - half, half - y, 0.0) / self.scale;
+        (
+            self.middle + off,
+            f64::from(b.width * b.height).sqrt() / self.scale,
+        )
+    }
 }
 
-/// Draws the head seen along one of four directions: skin, and eyes with an iris.
-fn look(mesh: &Mesh, component: &[u32], skin: &[bool], yaw: f64) -> Seen {
-    let (sin, cos) = yaw.sin_cos();
-    let to_view = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
+/// Draws the head: skin, and eyes with an iris.
+fn look(
+    mesh: &Mesh,
+    parts: &Parts,
+    skin: u32,
+    to_view: &Matrix3<f64>,
+    middle: &Vec3,
+    height: f64,
+) -> Seen {
     let view: Vec<Vec3> = mesh.positions.iter().map(|p| to_view * p).collect();
-    let of_skin = || (0..view.len()).filter(|&v| skin[v]).map(|v| view[v]);
-    let tip = of_skin()
-        .max_by(|a, b| a.z.total_cmp(&b.z))
-        .unwrap_or_default();
-    let tall = of_skin().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max)
-        - of_skin().map(|p| p.y).fold(f64::INFINITY, f64::min);
-    let level = || {
-        of_skin()
-            .filter(|p| (p.y - tip.y).abs() < 0.05 * tall)
-            .map(|p| p.x)
-    };
-    let width = level().fold(f64::NEG_INFINITY, f64::max) - level().fold(f64::INFINITY, f64::min);
-    let balls = eyeballs(&view, component, &tip, width);
+    let centers = parts
+        .balls
+        .as_ref()
+        .map(|(all, centers)| (all, centers.map(|c| to_view * c)));
     let tint = |t: [u32; 3]| {
-        let v = t[0] as usize;
-        if skin[v] {
+        let part = parts.of[t[0] as usize];
+        if part == skin {
             return Some([205.0, 165.0, 140.0]);
         }
-        let (_, center) = balls.iter().find(|(c, _)| *c == component[v])?;
-        let middle = t.iter().map(|&v| view[v as usize]).sum::<Vec3>() / 3.0 - center;
-        Some(if middle.z > IRIS * middle.norm() {
+        let (all, centers) = centers.as_ref()?;
+        if !all.contains(&part) {
+            return None;
+        }
+        let at = t.iter().map(|&v| view[v as usize]).sum::<Vec3>() / 3.0;
+        let [a, b] = centers.map(|c| at - c);
+        let off = if a.norm() < b.norm() { a } else { b };
+        Some(if off.z > IRIS * off.norm() {
             [60.0, 45.0, 35.0]
         } else {
             [235.0, 238.0, 245.0]
         })
     };
-    let canvas = paint(mesh, &view, &tip, width * FRAME, PIXELS, tint);
+    let canvas = paint(mesh, &view, middle, height, PIXELS, tint);
     Seen {
-        to_view,
-        tip,
+        to_view: *to_view,
+        middle: *middle,
+        plane: middle.x,
+        scale: f64::from(PIXELS) / height,
         canvas,
     }
-}
-
-/// Parts that look like eyeballs, with their centres: round, above the tip and beside it.
-fn eyeballs(view: &[Vec3], component: &[u32], tip: &Vec3, width: f64) -> Vec<(u32, Vec3)> {
-    let count = component.iter().max().map_or(0, |&c| c as usize + 1);
-    let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-    let mut boxes = vec![none; count];
-    for (p, &c) in view.iter().zip(component) {
-        let b = &mut boxes[c as usize];
-        *b = (b.0.inf(p), b.1.sup(p));
-    }
-    let eye = |&(c, (low, high)): &(usize, (Vec3, Vec3))| {
-        let (size, middle) = (high - low, (low + high) / 2.0 - tip);
-        let round = size.min() > 0.6 * size.max() && (0.1..0.32).contains(&(size.max() / width));
-        let place = middle.y > 0.0 && (0.08..0.4).contains(&(middle.x.abs() / width));
-        (round && place).then_some((c as u32, (low + high) / 2.0))
-    };
-    let numbered: Vec<(usize, (Vec3, Vec3))> = boxes.into_iter().enumerate().collect();
-    numbered.iter().filter_map(eye).collect()
 }
 
 /// The vertex under each fitted point, and whether the head mirrors itself.
@@ -339,7 +724,8 @@ fn cast(
     rings: &super::mesh::Rings,
     skin: &[bool],
     points: &[[f32; 2]; LANDMARKS],
-    seen: &Seen,
+    depths: &[f64; LANDMARKS],
+    seen: &mut Seen,
 ) -> (Vec<u32>, bool) {
     let n = mesh.positions.len();
     let width_px = f64::from(PIXELS) / FRAME;
@@ -353,9 +739,9 @@ fn cast(
     let rim: Vec<bool> = (0..n)
         .map(|v| visible[v] && (border[v] || rings.of(v).iter().any(|&o| !visible[o as usize])))
         .collect();
-    // Mirrored points in a mirrored head: the mean of both sides about the plane through the tip.
-    let middle = f64::from(PIXELS) / 2.0;
-    let symmetric = mirrored(&screen, skin, middle, width_px);
+    // Mirrored points in a mirrored head: the mean of both sides.
+    let (middle, symmetric) = plane(&screen, skin, points, width_px);
+    seen.plane = seen.middle.x + (middle - f64::from(PIXELS) / 2.0) / seen.scale;
     let aim = |k: usize| {
         let p = points[k].map(f64::from);
         let q = points[MIRROR[k]].map(f64::from);
@@ -366,6 +752,7 @@ fn cast(
         }
     };
     let up = |v: usize| (seen.to_view * normals[v]).y;
+    let deep = DEEP * f64::from(apart(points[39], points[42]));
     let mut taken: Vec<u32> = Vec::with_capacity(LANDMARKS);
     for k in 0..LANDMARKS {
         let [x, y] = aim(k);
@@ -381,33 +768,62 @@ fn cast(
             40 | 41 | 46 | 47 | 65..=67 => rim[v] && up(v) > -0.1,
             _ => rim[v],
         };
+        // What is seen through an opening lies too deep.
+        let level = |v: usize| (screen[v].z - depths[k]).abs() < deep;
         let edge = matches!(k, 36..=47 | 60..=67)
-            .then(|| nearest(&lines).filter(|&v| far(v) < RIM * width_px))
+            .then(|| nearest(&|v| lines(v) && level(v)).filter(|&v| far(v) < RIM * width_px))
             .flatten();
-        let vertex = edge.or_else(|| nearest(&|_| true)).unwrap_or(0);
+        let vertex = edge
+            .or_else(|| nearest(&level))
+            .or_else(|| nearest(&|_| true));
+        let vertex = vertex.unwrap_or(0);
         taken.push(vertex as u32);
     }
     (taken, symmetric)
 }
 
-/// Whether nearly all of the skin has a partner on the other side of the middle.
-fn mirrored(screen: &[Vec3], skin: &[bool], middle: f64, width_px: f64) -> bool {
-    let cell = 0.02 * width_px;
+/// Where the plane is that mirrors the face, in pixels from the left, and whether nearly all of the face has a partner there.
+fn plane(
+    screen: &[Vec3],
+    skin: &[bool],
+    points: &[[f32; 2]; LANDMARKS],
+    width_px: f64,
+) -> (f64, bool) {
+    let mean = points.iter().map(|p| f64::from(p[0])).sum::<f64>() / LANDMARKS as f64;
+    let [top, chin] = [27, 8].map(|k| f64::from(points[k][1]));
+    // Shoulders and hair need not mirror.
+    let tall = (chin - top).abs();
+    let near = |p: &&Vec3| p.y > top - 0.5 * tall && p.y < chin && (p.x - mean).abs() < width_px;
+    let all: Vec<&Vec3> = screen
+        .iter()
+        .zip(skin)
+        .filter(|s| *s.1)
+        .map(|s| s.0)
+        .filter(near)
+        .collect();
+    let [low, high] =
+        [f64::min, f64::max].map(|f| all.iter().map(|p| p.x).reduce(f).unwrap_or(mean));
+    let tip = all
+        .iter()
+        .max_by(|a, b| a.z.total_cmp(&b.z))
+        .map_or(mean, |p| p.x);
+    let alone = [tip, 0.5 * (low + high), mean].map(|at| (alone(&all, at, 0.02 * width_px), at));
+    let (alone, at) = alone
+        .into_iter()
+        .reduce(|a, b| if b.0 < a.0 { b } else { a })
+        .unwrap_or((1.0, mean));
+    let symmetric = alone < 0.05;
+    (if symmetric { at } else { mean }, symmetric)
+}
+
+/// Share of places that have no partner on the other side.
+fn alone(all: &[&Vec3], middle: f64, cell: f64) -> f64 {
     let key = |x: f64, p: &Vec3| [x, p.y, p.z].map(|c| (c / cell).round() as i64);
-    let some = || {
-        screen
-            .iter()
-            .zip(skin)
-            .filter(|(_, skin)| **skin)
-            .map(|(p, _)| p)
-    };
-    let there: std::collections::HashSet<[i64; 3]> = some().map(|p| key(p.x - middle, p)).collect();
-    let (mut alone, mut all) = (0, 0);
-    for p in some() {
+    let there: std::collections::HashSet<[i64; 3]> =
+        all.iter().map(|p| key(p.x - middle, p)).collect();
+    let alone = all.iter().filter(|p| {
         let [x, y, z] = key(middle - p.x, p);
-        let near = |d: i64| there.contains(&[x + d, y, z]);
-        all += 1;
-        alone += usize::from(!(near(0) || near(1) || near(-1)));
-    }
-    alone * 20 < all
+        !(-1..=1).any(|d| there.contains(&[x + d, y, z]))
+    });
+    alone.count() as f64 / all.len().max(1) as f64
 }

@@ -280,6 +280,29 @@ impl Foreign {
     }
 }
 
+/// Whether positions are stored as they are, not packed: by the name of the extension if not.
+fn is_plain(json: &Value) -> Result<(), GlbError> {
+    let used = json["extensionsUsed"].as_array().into_iter().flatten();
+    let packed = used.filter_map(Value::as_str).find(|&name| match name {
+        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => {
+            true
+        }
+        // Often of normals and texture coordinates only.
+        "KHR_mesh_quantization" => primitives(json)
+            .filter_map(|p| p["attributes"]["POSITION"].as_u64())
+            .any(|a| json["accessors"][a as usize]["componentType"] != FLOAT),
+        _ => false,
+    });
+    packed.map_or(Ok(()), |name| {
+        Err(GlbError::Content {
+            expected: "positions that are not compressed",
+            found: format!(
+                "{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"
+            ),
+        })
+    })
+}
+
 /// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
 fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
     let refuse = |expected, found: &Value| {

@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 use super::bake::command::{Source, landmark_text};
 use super::bake::error::BakeError;
 use super::bake::head::{Head, HeadError};
-use super::bake::locate::guess;
+use super::bake::locate::{LOW, guess};
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
@@ -159,10 +159,21 @@ impl Place {
         start["names"] = json!(&NAMES[..LANDMARKS]);
         start["partners"] = json!(partners);
         start["confidence"] = json!(self.confidence);
+        start["low"] = json!(LOW);
         start["out"] = json!(self.out.display().to_string());
         start["exists"] = json!(self.out.exists());
         start["symmetric"] = json!(self.surface.is_symmetric());
         start
+    }
+
+    /// How many points are where they were found with little confidence, and not set by hand.
+    fn guessed(&self, points: &[u64], set: &[usize]) -> usize {
+        let Some(confidence) = &self.confidence else {
+            return 0;
+        };
+        (0..LANDMARKS)
+            .filter(|k| confidence[*k] < LOW && points[*k] == self.points[*k] && !set.contains(k))
+            .count()
     }
 
     /// Bakes all shapes with these points; how long it took, seconds.
@@ -229,6 +240,13 @@ impl Place {
                 Ok(self.told(&self.surface.moved(&points, k, &ray, mirror)))
             }
             "/bake" => {
+                let set = numbers::<usize>(word("hand")).unwrap_or_default();
+                let guessed = self.guessed(&points, &set);
+                if guessed > 0 {
+                    return Err(format!(
+                        "{guessed} points are hardly more than guessed: set them, or press Confirm if they are right"
+                    ));
+                }
                 let seconds = self.bake(&points).map_err(|error| error.to_string())?;
                 let baked = self.baked.lock().unwrap_or_else(PoisonError::into_inner);
                 let names: Vec<&str> = baked.iter().map(|s| s.name.as_str()).collect();

@@ -208,7 +208,8 @@ function changed() {
   byId("undo").disabled = !past.length;
   byId("stale").hidden = bakedOf === null || bakedOf === points;
   document.title = `${unsaved ? "* " : ""}mien place – ${start.name}`;
-  const unsure = start.confidence ? start.confidence.map((c, k) => [c, k]).filter(([c, k]) => c < SURE[0][0] && !now.hand.has(k)) : [];
+  const unsure = start.confidence ? start.confidence.map((c, k) => [c, k]).filter(([c, k]) => c < start.low && !now.hand.has(k)) : [];
+  byId("confirm").hidden = !unsure.length;
   unsure.sort((a, b) => a[0] - b[0]);
   byId("first").replaceChildren(...unsure.slice(0, 8).map(([, k]) => {
     const button = Object.assign(document.createElement("button"), { textContent: `${k} ${start.names[k].replaceAll("_", " ")}` });
@@ -254,7 +255,7 @@ async function bake() {
   byId("bake").disabled = true;
   say("baking…");
   const points = now.points.join();
-  const answer = await post("/bake");
+  const answer = await post("/bake", { hand: [...now.hand].join() });
   say(answer.said, !answer.ok);
   if (answer.ok) {
     bakedOf = points;
@@ -302,6 +303,13 @@ byId("look").addEventListener("change", ({ target }) => {
 byId("front").addEventListener("click", front);
 byId("undo").addEventListener("click", undo);
 byId("bake").addEventListener("click", bake);
+// Somebody has looked: all points count as set.
+byId("confirm").addEventListener("click", () => {
+  past.push(now);
+  now = { ...now, hand: new Set(now.points.keys()) };
+  changed();
+  bake();
+});
 byId("shape").addEventListener("change", load);
 byId("weight").addEventListener("input", ({ target }) => { byId("weighs").textContent = Number(target.value).toFixed(2); });
 for (const [id, take] of [["mirror", () => {}], ["wire", (on) => { view.wireframe = on; }]]) {
