@@ -13,7 +13,7 @@ use std::collections::HashMap;
 
 use serde_json::{Value, json};
 
-use super::glb::{FLOAT, Glb, GlbError};
+use super::glb::{Glb, GlbError};
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::Encoded;
 use super::shape::Shape;
@@ -26,15 +26,6 @@ const ROW_BYTES: usize = 64;
 const PRIMITIVES: usize = 4096;
 /// Targets that a mesh may have already.
 const TARGETS: usize = 1024;
-
-const QUANTIZED: &str = "KHR_mesh_quantization";
-/// Extensions that pack vertices; one command of glTF Transform unpacks them all.
-const PACKED: [&str; 3] = [
-    "EXT_meshopt_compression",
-    "KHR_draco_mesh_compression",
-    QUANTIZED,
-];
-const UNPACK: &str = "npx @gltf-transform/cli dequantize in.glb out.glb";
 
 /// A head read from a file, and where its vertices came from.
 pub struct Foreign {
@@ -290,7 +281,8 @@ fn is_plain(json: &Value) -> Result<(), GlbError> {
         // Often of normals and texture coordinates only.
         "KHR_mesh_quantization" => primitives(json)
             .filter_map(|p| p["attributes"]["POSITION"].as_u64())
-            .any(|a| json["accessors"][a as usize]["componentType"] != FLOAT),
+            // 5126: float.
+            .any(|a| json["accessors"][a as usize]["componentType"] != 5126),
         _ => false,
     });
     packed.map_or(Ok(()), |name| {
@@ -326,31 +318,6 @@ fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
         return refuse("at most 4096 primitives", &json!(primitives));
     }
     add_expressions_to(json)
-}
-
-/// Refuses data that are not as they stand, by the extension that made them so and the command that undoes it.
-/// Before buffers are counted: meshopt keeps an empty second one for readers without it.
-fn is_plain(json: &Value) -> Result<(), GlbError> {
-    let whole_numbers = || {
-        primitives(json).any(|p| {
-            let accessor = p["attributes"]["POSITION"].as_u64().unwrap_or(u64::MAX);
-            let kind = &json["accessors"][accessor as usize]["componentType"];
-            !kind.is_null() && *kind != FLOAT
-        })
-    };
-    let uses = |name: &str| {
-        let used = json["extensionsUsed"].as_array();
-        used.is_some_and(|all| all.iter().any(|e| e == name))
-    };
-    for extension in PACKED {
-        if uses(extension) && (extension != QUANTIZED || whole_numbers()) {
-            return Err(GlbError::Content {
-                expected: "data that are not compressed",
-                found: format!("{extension}; undo it with `{UNPACK}`"),
-            });
-        }
-    }
-    Ok(())
 }
 
 /// Sets a key of `extras`. The standard lets these be of any type: what is no object goes along under a key of its own.
@@ -515,22 +482,6 @@ mod tests {
         let outside = json!({"buffers": [{"byteLength": 4, "uri": "head.bin"}]});
         let text = Foreign::read(glb(outside)).err().unwrap().to_string();
         assert!(text.contains("single .glb"), "{text}");
-    }
-
-    #[test]
-    fn packed_files_are_refused_by_the_name_of_what_packed_them() {
-        let two = json!([{"byteLength": 0}, {"byteLength": 0}]);
-        for extension in PACKED {
-            let json = json!({
-                "buffers": two,
-                "extensionsUsed": ["KHR_materials_unlit", extension],
-                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-                "accessors": [{"componentType": 5122, "count": 0}],
-            });
-            let bin = Vec::new();
-            let text = Foreign::read(Glb { json, bin }).err().unwrap().to_string();
-            assert!(text.contains(extension) && text.contains(UNPACK), "{text}");
-        }
     }
 
     /// Every place in a description, as a path.
