@@ -182,26 +182,26 @@ pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     let ways = [true, false]
         .into_iter()
         .filter(|&eyes| !eyes || parts.balls.is_some());
-    'all: for (by_eyes, &skin) in
-        ways.flat_map(|way| parts.skins.iter().map(move |skin| (way, skin)))
-    {
+    'all: for by_eyes in ways {
         search.by_eyes = by_eyes;
         let mut glances: Vec<Glance> = Vec::new();
         for to_view in parts.frames(by_eyes) {
-            let first = glances.len();
-            search.glances(skin, &to_view, &mut glances);
-            // Looked at closely where it is, before anything else is looked at.
-            let promising = |g: &&Glance| g.score > PROMISING;
-            if let Some(&seen) = glances[first..].iter().max_by(by_score).filter(promising) {
-                better(&mut best, search.closely(skin, &seen));
-                if best.as_ref().is_some_and(|b| b.confidence > SURE) {
-                    break 'all;
+            for &skin in &parts.skins {
+                let first = glances.len();
+                search.glances(skin, &to_view, &mut glances);
+                // Looked at closely where it is, before anything else is looked at.
+                let promising = |g: &&Glance| g.score > PROMISING;
+                if let Some(seen) = glances[first..].iter().max_by(by_score).filter(promising) {
+                    better(&mut best, search.closely(seen));
+                    if best.as_ref().is_some_and(|b| b.confidence > SURE) {
+                        break 'all;
+                    }
                 }
             }
         }
         glances.sort_by(|a, b| b.score.total_cmp(&a.score));
         for seen in glances.iter().take(CLOSELY) {
-            better(&mut best, search.closely(skin, seen));
+            better(&mut best, search.closely(seen));
         }
         if best.as_ref().is_some_and(|b| b.confidence > SURE) {
             break;
@@ -325,6 +325,7 @@ fn eyeballs(boxes: &[(Vec3, Vec3)]) -> Option<(Vec<u32>, [Vec3; 2])> {
 /// A square in a view where a face may be, and what a short look made of it.
 #[derive(Clone, Copy)]
 struct Glance {
+    skin: u32,
     to_view: Matrix3<f64>,
     /// In the view, the mesh's unit.
     middle: Vec3,
@@ -410,6 +411,7 @@ impl Search<'_> {
             let score = face.confidence * self.plausible(seen, &face.points).0;
             let (middle, side) = seen.unsquare(&face.points);
             found.push(Glance {
+                skin,
                 to_view: *to_view,
                 middle,
                 side,
@@ -422,17 +424,21 @@ impl Search<'_> {
     /// the depths that people have there, pixels.
     fn plausible(&self, seen: &Seen, points: &[[f32; 2]; LANDMARKS]) -> (f32, [f64; LANDMARKS]) {
         let mut there = [Vec3::zeros(); LANDMARKS];
+        let deep = 0.5 * DEEP * f64::from(apart(points[39], points[42]));
         for (there, &[x, y]) in there.iter_mut().zip(points) {
-            // The nearest thereabouts: not what lies behind a gap between lips or lids.
+            let (x, y) = (f64::from(x), f64::from(y));
             let around = [-GAP, 0.0, GAP];
-            let depths = around
+            let around = around
                 .iter()
-                .flat_map(|dx| around.map(|dy| (f64::from(x) + dx, f64::from(y) + dy)));
-            let depths = depths.filter_map(|(x, y)| seen.canvas.depth(x, y));
-            let Some(depth) = depths.reduce(f64::max) else {
-                continue;
-            };
-            *there = Vec3::new(f64::from(x), -f64::from(y), depth);
+                .flat_map(|dx| around.map(|dy| (x + dx, y + dy)));
+            let nearest = around
+                .filter_map(|(x, y)| seen.canvas.depth(x, y))
+                .reduce(f64::max);
+            let Some(nearest) = nearest else { continue };
+            // Not what lies behind a gap between lips or lids.
+            let here = seen.canvas.depth(x, y).filter(|d| nearest - d < deep);
+            let depth = here.unwrap_or(nearest);
+            *there = Vec3::new(x, -y, depth);
         }
         let hit = there[27..].iter().filter(|p| **p != Vec3::zeros()).count();
         if hit < LANDMARKS - 27 - MISSED {
@@ -467,13 +473,13 @@ impl Search<'_> {
     }
 
     /// The full fit in boxes about a face that was glanced at.
-    fn closely(&mut self, skin: u32, glance: &Glance) -> Option<Face> {
+    fn closely(&mut self, glance: &Glance) -> Option<Face> {
         let width = glance.side / BOX;
         let middle = glance.middle - Vec3::y() * (MIDDLE * width);
         let seen = look(
             self.mesh,
             self.parts,
-            skin,
+            glance.skin,
             &glance.to_view,
             &middle,
             FRAME * width,
@@ -492,7 +498,7 @@ impl Search<'_> {
         let of_points = agreed(&fits);
         let (_, depths) = self.plausible(&seen, &points);
         Some(Face {
-            skin,
+            skin: glance.skin,
             confidence,
             points,
             of_points,
