@@ -399,7 +399,6 @@ fn commands_fill_no_log() {
     );
     let said = folder.path().join("said");
     let log = std::fs::File::create(&said).unwrap();
-    let start = Instant::now();
     let mut service = Service::start_with(folder.path(), &config, &[], Stdio::null(), log);
     assert_eq!(service.next_but(&["STATUS="]), "READY=1");
     let forget = b"/face/cmd/forget\0\0\0\0,i\0\0\0\0\0\0";
@@ -417,11 +416,8 @@ fn commands_fill_no_log() {
         .lines()
         .filter(|line| line.contains("command from a receiver"))
         .count();
-    let most = start.elapsed().as_secs() as usize + 1;
-    assert!(
-        lines >= 1 && lines <= most,
-        "{lines} lines in {most} s:\n{said}"
-    );
+    // Eight lines of a kind at once, then one a minute.
+    assert!((1..=8).contains(&lines), "{lines} lines:\n{said}");
 }
 
 #[test]

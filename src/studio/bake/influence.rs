@@ -82,8 +82,6 @@ pub struct Field {
     /// Which control each vertex belongs to, `u32::MAX` for the free ones.
     owner: Vec<u32>,
     free: Vec<u32>,
-    /// Vertices of discs, from the rim inwards, each with the neighbour further out.
-    inwards: Vec<(u32, u32)>,
     factor: Factor,
     /// Couplings of free unknowns (place) to controls, with weights.
     pull: Vec<(u32, u32, f64)>,
@@ -126,23 +124,6 @@ impl Field {
                 free.push(vertex);
             }
         }
-        let mut inwards: Vec<(u32, u32)> = Vec::new();
-        let mut reached: Vec<bool> = owner.iter().map(|&o| o == u32::MAX).collect();
-        for &c in controls {
-            reached[c as usize] = true;
-        }
-        let mut rim = free.clone();
-        while !rim.is_empty() {
-            let before = inwards.len();
-            for &v in &rim {
-                for &o in rings.of(v as usize) {
-                    if active[o as usize] && !std::mem::replace(&mut reached[o as usize], true) {
-                        inwards.push((o, v));
-                    }
-                }
-            }
-            rim = inwards[before..].iter().map(|step| step.0).collect();
-        }
         let screen: Vec<f64> = free
             .iter()
             .map(|&v| operator.area[v as usize] / (lambda * lambda))
@@ -159,7 +140,6 @@ impl Field {
         Ok(Self {
             owner,
             free,
-            inwards,
             factor,
             pull,
             controls: controls.len(),
@@ -192,9 +172,6 @@ impl Field {
                             .collect();
                         for (&v, x) in self.free.iter().zip(&x) {
                             u[v as usize] = x[s].max(0.0);
-                        }
-                        for &(v, outer) in &self.inwards {
-                            u[v as usize] = u[v as usize].max(u[outer as usize]);
                         }
                         u
                     })
