@@ -1,6 +1,6 @@
 """Heads that played no part in the work, baked and judged: a table of heads and methods.
 
-python judge.py STUDIO DATA WORK [--heads A,B] [--methods aoi,carried] [--shapes] [--prior FILE]
+python judge.py STUDIO DATA WORK [--heads A,B] [--methods aoi,carried] [--shapes]
 STUDIO is mien-studio, DATA the shared data, WORK a folder that is kept: what is there of the same binary is not baked again.
 Needs numpy and scipy. None of the product's code is used, only the OBJ files that `bake --obj` writes.
 
@@ -312,23 +312,23 @@ def heads(data, work):
     if awkward.exists():
         folder = work / "awkward"
         if not folder.exists():
-            subprocess.run([sys.executable, awkward, data, folder], check=True, stdout=subprocess.DEVNULL)
+            subprocess.run([sys.executable, awkward, folder, data], check=True, stdout=subprocess.DEVNULL)
         for path in sorted([*folder.glob("*.obj"), *folder.glob("*.glb")]):
             out[path.stem] = lambda path=path: (path, None, None)
     return out
 
 
-def bake(studio, path, method, folder, extra):
+def bake(studio, path, method, folder):
     """Runs the baker; returns its words, or None where it refused."""
     out = folder / method
     out.mkdir(parents=True, exist_ok=True)
     marks = "auto" if method == "aoi" else folder / "aoi" / "h.landmarks.txt"
     words = [studio, "bake", "--mesh", path, "--landmarks", marks, "--out", out / "h.glb", "--obj", out / "obj"]
-    stamp = hashlib.sha256(pathlib.Path(studio).read_bytes() + pathlib.Path(path).read_bytes() + repr(extra).encode())
+    stamp = hashlib.sha256(pathlib.Path(studio).read_bytes() + pathlib.Path(path).read_bytes())
     stamp, kept = stamp.hexdigest(), out / "stamp"
     if kept.exists() and kept.read_text().startswith(stamp):
         return kept.read_text()[len(stamp) :]
-    ran = subprocess.run([*map(str, words), "--method", method, *extra], capture_output=True, text=True)
+    ran = subprocess.run([*map(str, words), "--method", method], capture_output=True, text=True)
     if ran.returncode:
         print(f"   {path}, {method}: {ran.stderr.strip()[-300:]}", file=sys.stderr)
         return None
@@ -368,7 +368,6 @@ def one(name, make, options):
     folder = options.work / name
     folder.mkdir(parents=True, exist_ok=True)
     path, known, sculpted = make()
-    extra = ["--prior", options.prior] if options.prior else []
     head, table = None, {}
     for method in options.methods:
         found = "-"
@@ -377,7 +376,7 @@ def one(name, make, options):
                 continue
             d, upon = carried(head, options.data, first), {}
         else:
-            said = bake(options.studio, path, method, folder, extra if method == "aoi" else [])
+            said = bake(options.studio, path, method, folder)
             if said is None:
                 print(f"{name:24} {method:10} no")
                 continue
@@ -387,7 +386,7 @@ def one(name, make, options):
                 if marks.max() >= len(p) or len(d) == 0:
                     marks = np.minimum(marks, len(p) - 1)
                 head, first = Head(p, polygons(text), marks), d
-            found = said.split("confidence ")[1].split(":")[0] if "confidence" in said else "-"
+            found = said.split("confidence ")[1].split(",")[0].split(":")[0] if "confidence" in said else "-"
             if known is not None and method == "aoi":
                 off = np.linalg.norm(head.p[known] - head.p[head.landmarks], axis=1) / head.w
                 found = f"{off[17:].max():.3f}"
@@ -414,7 +413,6 @@ def main():
     ask.add_argument("work", type=pathlib.Path)
     ask.add_argument("--heads", default="")
     ask.add_argument("--methods", default=",".join(METHODS))
-    ask.add_argument("--prior", help="another prior of the skin for aoi")
     ask.add_argument("--shapes", action="store_true", help="every sculpted shape")
     options = ask.parse_args()
     options.methods = options.methods.split(",")
