@@ -12,7 +12,7 @@ pub struct Request {
     #[arg(long)]
     pub mesh: PathBuf,
     /// 68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.
-    /// auto finds them in renderings of the mesh and writes beside --out a picture to check (.landmarks.png) and a file
+    /// auto finds them in a rendering of the mesh and writes beside --out a picture to check (.landmarks.png) and a file
     /// to correct and pass back in (.landmarks.txt)
     #[arg(long)]
     pub landmarks: PathBuf,
