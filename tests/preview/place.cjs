@@ -50,8 +50,13 @@ const seen = (k) => {
   page.on("console", (message) => { if (["error", "warning"].includes(message.type())) complaints.push(message.text()); });
   page.on("pageerror", (error) => complaints.push(error.message));
   await page.goto(url);
-  await page.waitForFunction(() => window.mien?.baked);
+  // What was guessed is not baked before somebody has said that it is right.
+  await page.waitForFunction(() => window.mien?.baked || (window.mien && !document.querySelector("#confirm").hidden));
+  const guessed = await page.isVisible("#confirm");
+  check("guessed points are not baked", guessed !== (await page.evaluate(() => window.mien.baked)));
   check("it says that nothing is saved", (await page.textContent("#state")) === "not saved yet" && !fs.existsSync(out));
+  if (guessed) await page.click("#confirm");
+  await page.waitForFunction(() => window.mien.baked);
   await lies(page, 1600);
 
   await page.selectOption("#look", "48-67");
