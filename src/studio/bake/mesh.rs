@@ -179,7 +179,7 @@ impl Mesh {
     }
 
     /// Materials of sheets that one can look behind: strands of hair, lashes, cloth, a mask. OBJ cannot say which these are.
-    /// A part is one if the square of its border is more than [`SHEET`] times its area: 12.6 of a disc, 6.3 of half a
+    /// A part is one if the square of its border is more than `SHEET` times its area: 12.6 of a disc, 6.3 of half a
     /// ball, 1 to 2 of a head that is open at the neck, 0 of what is closed. Vertices at one place are one.
     #[must_use]
     pub fn sheets(&self) -> Vec<bool> {
