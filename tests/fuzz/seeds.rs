@@ -293,6 +293,7 @@ fn head() -> (Mesh, Vec<Shape>) {
         let mut displacement = vec![Vec3::zeros(); 16];
         displacement[moved] = Vec3::z();
         Shape {
+            misses: None,
             name: name.into(),
             unit: Some("AU26".into()),
             upon: None,
