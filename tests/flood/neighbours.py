@@ -1,5 +1,6 @@
-"""neighbours.py MIEN [SECONDS [together]]: hostile neighbours, each for SECONDS (20) against a run of its own, beside one that is
-left alone; `together` throws a broker and one of the others at the same run, in half the time. MIEN needs --features wires.
+"""neighbours.py MIEN [SECONDS [together | WORD]]: hostile neighbours, each for SECONDS (20) against a run of its own, beside one
+that is left alone; `together` throws a broker and one of the others at the same run, in half the time; WORD picks those whose
+names have it. MIEN needs --features wires.
 
   * an MQTT broker that refuses the subscription over and over, publishes without end, drips a byte a second, announces a
     length that never comes, or hangs up at once;
@@ -24,7 +25,7 @@ import threading
 import time
 
 MIEN = sys.argv[1]
-SECONDS, TOGETHER = int(sys.argv[2]) if len(sys.argv) > 2 else 20, sys.argv[3:] == ["together"]
+SECONDS, WORD = int(sys.argv[2]) if len(sys.argv) > 2 else 20, sys.argv[3] if len(sys.argv) > 3 else ""
 LOG, NAMES, BACK, FLAT, RATIO, FRAMES = 20_000, 20, 60, 1.0, 2.0, 0.97
 # Frames a second of a calm run on a machine of its own.
 OWN = 27
@@ -32,6 +33,8 @@ CLIENTS = 300
 CONNACK = bytes([0x20, 2, 0, 0])
 NOISE = bytes([0x30, 9, 0, 5]) + b"a/b/c" + b"no"
 GROUP = "224.0.0.251"
+# Of nobody else's box.
+NAME = f"hall{os.getpid()}"
 
 
 def broker(config, bytes_of):
@@ -98,7 +101,7 @@ class Thief:
 
     def __init__(self, config):
         self.names, self.back = [], None
-        config.append('[network]\nname = "hall"\n[discovery]\nenabled = true\n')
+        config.append(f'[network]\nname = "{NAME}"\n[discovery]\nenabled = true\n')
         self.ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
@@ -112,7 +115,7 @@ class Thief:
         """The host that a datagram of the box names, and whether it is a probe."""
         with contextlib.suppress(TimeoutError, IndexError, ValueError):
             heard = self.ear.recv(2000)
-            at = heard.index(b"mien-hall") - 1
+            at = heard.index(f"mien-{NAME}".encode()) - 1
             return heard[at:at + 1 + heard[at]], not heard[2] & 0x80
         return None, False
 
@@ -128,7 +131,8 @@ class Thief:
         """Seconds until the box has the configured name again."""
         gone = time.monotonic()
         while time.monotonic() < gone + 65:
-            if self.named() == (b"\x09mien-hall", False):
+            host, is_probe = self.named()
+            if host and not is_probe and host[1:].decode() == f"mien-{NAME}":
                 return time.monotonic() - gone
         return float("inf")
 
@@ -218,8 +222,9 @@ class Run:
 def main():
     print("frames/s   log, B  MiB more  ms/frame")
     missed, shared, others = [], False, list(OTHERS.items())
-    alone = [[one] for one in [*BROKERS.items(), *others]]
-    for attacks in [[one, *others[k:k + 1]] for k, one in enumerate(BROKERS.items())] if TOGETHER else alone:
+    pairs = [[one, *others[k:k + 1]] for k, one in enumerate(BROKERS.items())]
+    alone = [[one] for one in [*BROKERS.items(), *others] if WORD in one[0]]
+    for attacks in pairs if WORD == "together" else alone:
         with tempfile.TemporaryDirectory() as folder:
             both = calm, _ = Run(folder, []), Run(folder, attacks)
             end = time.monotonic() + SECONDS
