@@ -59,9 +59,9 @@ pub(super) fn relax(
         .filter(|&v| all[v as usize] != Vec3::zeros())
         .collect();
     let mut scratch = around.scratch();
-    let all_seen = around.seeing(head, &changed, &mut scratch);
+    let all_seen = around.seeing(&changed, &mut scratch);
     let moved = |v: usize| head.mesh.positions[v] + all[v];
-    let mut inverted = around.flattened(head, &moved, &all_seen, TURNED, &mut scratch);
+    let mut inverted = around.flattened(&moved, &all_seen, TURNED, &mut scratch);
     if inverted.is_empty() {
         return;
     }
@@ -150,10 +150,10 @@ impl Relaxing<'_> {
     /// The triangles that see the patch and are inverted or nearly so, with the normals of their surroundings; none if none is
     /// inverted.
     fn inverted(&mut self, patch: &[u32]) -> Vec<Flattened> {
-        let some = self.around.seeing(self.head, patch, &mut self.scratch);
+        let some = self.around.seeing(patch, &mut self.scratch);
         let moved = |v: usize| self.head.mesh.positions[v] + self.all[v];
         self.around
-            .flattened(self.head, &moved, &some, TURNED, &mut self.scratch)
+            .flattened(&moved, &some, TURNED, &mut self.scratch)
     }
 
     /// Turns triangles until they rise towards their surroundings, corners moving in proportion to what each lifts; in turns, as
