@@ -65,7 +65,9 @@ impl Ordered {
             for v in face.iter_mut() {
                 *v = vertex[*v as usize];
             }
-            let least = (0..face.len()).min_by_key(|&k| face[k]).unwrap_or(0);
+            // A quad stays cut between its first and its third corner.
+            let firsts = (0..face.len()).step_by(if face.len() == 4 { 2 } else { 1 });
+            let least = firsts.min_by_key(|&k| face[k]).unwrap_or(0);
             face.rotate_left(least);
         }
         faces.sort_unstable();

@@ -62,8 +62,9 @@ impl Surroundings {
             if head.film[f] || !head.skin[face[0].vertex as usize] {
                 continue;
             }
-            for t in head.mesh.split(f) {
-                triangles.push(t.map(|k| face[k].vertex));
+            // A quad as the file cuts it: from its first corner ([`super::order`]).
+            for k in 2..face.len() {
+                triangles.push([0, k - 1, k].map(|k| face[k].vertex));
             }
         }
         let n = head.mesh.positions.len();
