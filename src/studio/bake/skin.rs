@@ -257,7 +257,8 @@ impl Placing<'_> {
         let (head, positions) = (self.head, &self.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {
             let sunk = self.contacts.sunk(d, self.target);
-            let crossed = self.contacts.crossed(d, self.base);
+            let mut crossed = self.contacts.crossed(d, self.base);
+            crossed.extend(self.contacts.pierced(d, self.base));
             if sunk.is_empty() && crossed.is_empty() {
                 break;
             }
