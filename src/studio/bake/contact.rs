@@ -19,7 +19,7 @@ const SUNK: f64 = 1e-4;
 /// Lips that cross by less than this are left, in eye distances: 0.05 mm.
 const TOUCH: f64 = 0.0015;
 /// The mouth's inside can come through skin no further before it than this, and stays this far behind it, in eye distances.
-const LIP_EDGE: f64 = 0.1;
+const EDGE: f64 = 0.1;
 const BEFORE: f64 = 0.2;
 const BEHIND: f64 = 0.015;
 
@@ -63,7 +63,8 @@ impl<'a> Contacts<'a> {
     }
 
     fn outside(&self, v: u32) -> bool {
-        self.head.skin[v as usize] && self.head.socket[v as usize].is_nan()
+        let (head, v) = (self.head, v as usize);
+        head.skin[v] && head.socket[v].is_nan() && head.from_lids[v].is_infinite()
     }
 
     fn find_inside(&mut self) {
@@ -93,16 +94,17 @@ impl<'a> Contacts<'a> {
             let behind = apart.dot(&self.normal(before, &at));
             (apart.norm() < BEFORE * w
                 && behind > 0.0
-                && f64::from(head.from_lips[v as usize]) > LIP_EDGE * w)
+                && f64::from(head.from_lips[v as usize].min(2.0 * head.from_lids[v as usize]))
+                    > EDGE * w)
                 .then(|| (v, before, behind.min(BEHIND * w)))
         });
         self.inside = close.collect();
     }
 
-    /// On a lip line or beside it: what is nearest to it may be seen between the lips.
-    fn at_lips(&self, v: u32) -> bool {
-        let lips = &self.head.lips;
-        let on = |v: &u32| lips.both().any(|o| o == *v);
+    /// On the line of lips or lids or beside it: what is nearest to it may be seen between them.
+    fn at_line(&self, v: u32) -> bool {
+        let seams = || [&self.head.lips].into_iter().chain(&self.head.lids);
+        let on = |v: &u32| seams().any(|seam| seam.both().any(|o| o == *v));
         on(&v) || self.head.rings.of(v as usize).iter().any(|o| on(o))
     }
 
@@ -142,7 +144,7 @@ impl<'a> Contacts<'a> {
             }
             let normal = self.normal(skin, &at);
             let depth = (at(skin) - p).dot(&normal);
-            if depth < 0.0 && !self.at_lips(skin) {
+            if depth < 0.0 && !self.at_line(skin) {
                 found.push((v, d[v as usize] - normal * (behind - depth)));
             }
         }

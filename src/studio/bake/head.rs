@@ -62,6 +62,8 @@ pub enum HeadError {
 
 /// Inside of the mouth nearer than this to the lip line along the surface stays free, in eye distances.
 pub(super) const LIP_FREE: f64 = 0.2;
+/// Skin behind lids further than this from their lines stays where it is, in eye distances: it lines the socket.
+pub(super) const LID_FREE: f64 = 0.12;
 
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,8 +110,8 @@ pub struct Head {
     pub socket: Vec<f32>,
     /// Distance of the mouth's inside from the lip lines along the surface, infinite elsewhere.
     pub from_lips: Vec<f32>,
-    /// Skin behind the lids of either eye.
-    pub behind_lids: Vec<bool>,
+    /// Distance of the skin behind the lids from their lines along the surface, infinite elsewhere.
+    pub from_lids: Vec<f32>,
     /// Eyeballs, left and right.
     pub balls: [Option<Ball>; 2],
     /// How each vertex moves.
@@ -227,7 +229,7 @@ impl Head {
         let mut head = Self {
             socket: vec![f32::NAN; n],
             from_lips: vec![f32::INFINITY; n],
-            behind_lids: vec![false; n],
+            from_lids: vec![f32::INFINITY; n],
             follow: vec![Follow::Still; n],
             tongue: vec![0.0; n],
             balls: [None, None],

@@ -45,15 +45,16 @@ impl Head {
                 }
             }
         }
-        for v in 0..n {
-            if label[v] == u32::MAX || label[v] == chin {
-                continue;
-            }
-            match owner[label[v] as usize] {
-                1 => self.socket[v] = 0.0,
-                2 => self.behind_lids[v] = true,
-                _ => {}
-            }
+        let owned = |v: usize, id: u8| {
+            label[v] != u32::MAX && label[v] != chin && owner[label[v] as usize] == id
+        };
+        for v in (0..n).filter(|&v| owned(v, 1)) {
+            self.socket[v] = 0.0;
+        }
+        let lids: Vec<u32> = self.lids.iter().flat_map(Seam::both).collect();
+        self.from_lids = distances(&self.mesh.positions, &self.rings, &lids, |v| owned(v, 2));
+        for v in lids {
+            self.from_lids[v as usize] = f32::INFINITY;
         }
         self.share_socket();
     }
@@ -169,7 +170,9 @@ impl Head {
         // Lashes and the like follow the nearest skin around the opening they stand on.
         let candidates: Vec<u32> = (0..n as u32)
             .filter(|&v| self.skin[v as usize])
-            .filter(|&v| !self.behind_lids[v as usize] && self.socket[v as usize].is_nan())
+            .filter(|&v| {
+                self.from_lids[v as usize].is_infinite() && self.socket[v as usize].is_nan()
+            })
             .collect();
         let nearest = Nearest::new(&self.mesh.positions, &candidates);
         for v in 0..n {
