@@ -105,7 +105,7 @@ impl<'a> Contacts<'a> {
     fn at_line(&self, v: u32) -> bool {
         let seams = || [&self.head.lips].into_iter().chain(&self.head.lids);
         let on = |v: &u32| seams().any(|seam| seam.both().any(|o| o == *v));
-        on(&v) || self.head.rings.of(v as usize).iter().any(|o| on(o))
+        on(&v) || self.head.rings.of(v as usize).iter().any(on)
     }
 
     /// Normal of the skin at a vertex, by the ring around it.
@@ -144,7 +144,8 @@ impl<'a> Contacts<'a> {
             }
             let normal = self.normal(skin, &at);
             let depth = (at(skin) - p).dot(&normal);
-            if depth < 0.0 && !self.at_line(skin) {
+            let near = far(skin).sqrt() < 0.5 * BEFORE * head.eye_distance;
+            if depth < 0.0 && near && !self.at_line(skin) {
                 found.push((v, d[v as usize] - normal * (behind - depth)));
             }
         }

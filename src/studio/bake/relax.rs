@@ -39,6 +39,7 @@ struct Relaxing<'a> {
     /// Displacement of this shape, and with the one beneath: that is what is seen and has to be smooth.
     d: &'a mut Vec<Vec3>,
     all: Vec<Vec3>,
+    began: Vec<Vec3>,
     scratch: Scratch,
 }
 
@@ -69,6 +70,7 @@ pub(super) fn relax(
         area,
         held: held(head, target),
         d,
+        began: all.clone(),
         all,
         scratch: around.scratch(),
     };
@@ -166,9 +168,13 @@ impl Relaxing<'_> {
             let free = || (0..3).filter(|&k| moves[k]);
             let size: f64 = free().map(|k| by[k].norm_squared()).sum();
             if lacks > 0.0 && size > 0.0 {
+                // A sliver would be turned by a spike: no corner goes further than an edge.
+                let edge = (t.wanted / TURNED).sqrt();
                 for k in free() {
                     let v = t.corners[k];
-                    self.put(v, self.all[v as usize] + by[k] * (lacks / size));
+                    let from = self.began[v as usize];
+                    let moved = self.all[v as usize] + by[k] * (lacks / size) - from;
+                    self.put(v, from + moved.cap_magnitude(edge));
                 }
             }
         }
