@@ -25,6 +25,7 @@ use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::Settings;
 use mien::studio::bake::surroundings::Surroundings;
+use mien::studio::heads::hero::Hero;
 
 fn data(name: &str) -> Option<PathBuf> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
@@ -612,6 +613,82 @@ fn the_recipe_fits_a_coarse_mask_of_triangles() {
     };
     assert_eq!(shapes.len(), 67);
     assert_eq!(judged(&head, &shapes), 0);
+}
+
+/// A bar of square section through some places.
+fn bar(mesh: &mut Mesh, along: &[Vec3], thick: f64) {
+    let first = mesh.positions.len() as u32;
+    for p in along {
+        let corner = |(x, y): (f64, f64)| p + Vec3::new(x - 0.1 * y, y, 0.3 * x) * thick;
+        let around = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+        mesh.positions.extend(around.map(corner));
+    }
+    for (k, side) in (1..along.len() as u32).flat_map(|k| (0..4).map(move |side| (k, side))) {
+        let (here, next) = (first + 4 * k, (side + 1) % 4);
+        let corner = |vertex| Corner {
+            vertex,
+            uv: None,
+            normal: None,
+        };
+        let face = [here - 4 + side, here - 4 + next, here + next, here + side];
+        mesh.push_face(&face.map(corner), 0);
+    }
+}
+
+/// Rims, temples and pads, each a part of its own, and a strip on the left brow.
+fn dressed(mesh: &mut Mesh, landmarks: &[u64]) -> [std::ops::Range<usize>; 2] {
+    let at = |k: usize| mesh.positions[landmarks[k] as usize];
+    let eyes = [36, 42].map(|k| (k..k + 6).map(at).sum::<Vec3>() / 6.0);
+    let (w, nose) = ((at(42) - at(39)).norm(), at(28));
+    let brow = [22, 23, 24, 25, 26].map(|k| at(k) + Vec3::new(0.0, 0.0, 0.02 * w));
+    let start = mesh.positions.len();
+    for eye in eyes {
+        let (side, front) = (eye.x.signum(), eye + Vec3::new(0.0, -0.1 * w, 0.8 * w));
+        let rim = (0..25).map(|k| {
+            let (sin, cos) = (f64::from(k) * 0.2618).sin_cos();
+            front + Vec3::new(cos, 0.8 * sin, 0.0) * (0.75 * w)
+        });
+        bar(mesh, &rim.collect::<Vec<_>>(), 0.04 * w);
+        let temple = |k| front + Vec3::new(0.8 * side, 0.0, -0.1 * f64::from(k)) * w;
+        bar(mesh, &(0..30).map(temple).collect::<Vec<_>>(), 0.03 * w);
+        let pad = [-0.1, 0.0, 0.1].map(|y| nose + Vec3::new(0.3 * side, y, -0.2) * w);
+        bar(mesh, &pad, 0.03 * w);
+        let arm = [pad[1], front - Vec3::x() * (0.72 * side * w)];
+        bar(mesh, &arm, 0.01 * w);
+    }
+    let end = mesh.positions.len();
+    bar(mesh, &brow, 0.02 * w);
+    [start..end, end..mesh.positions.len()]
+}
+
+#[test]
+fn glasses_stay_and_lashes_and_brows_go_along() {
+    let hero = Hero::shipped();
+    let mut mesh = hero.face.mesh.clone();
+    let hair = |v: usize| hero.face.mesh.positions[v];
+    let bare = mesh.positions.len();
+    let [glasses, brow] = dressed(&mut mesh, &hero.landmarks);
+    let head = Head::new(mesh, &hero.landmarks).unwrap();
+    let mut targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
+    let wanted = "eyeBlinkLeft eyeLookDownLeft cheekSquintLeft noseSneerLeft mouthSmileLeft browOuterUpLeft jawOpen";
+    targets.retain(|t| wanted.split(' ').any(|name| name == t.name));
+    assert_eq!(targets.len(), 7);
+    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    let w = head.eye_distance;
+    let way = |name: &str, some: &mut dyn Iterator<Item = usize>| {
+        let shape = shapes.iter().find(|s| s.name == name).unwrap();
+        some.map(|v| shape.displacement[v].norm() / w)
+            .fold(0.0, f64::max)
+    };
+    for target in &targets {
+        let moved = way(&target.name, &mut glasses.clone());
+        assert!(moved == 0.0, "{} bends glasses by {moved}", target.name);
+    }
+    assert!(way("browOuterUpLeft", &mut brow.clone()) > 0.1);
+    // Lashes: before the upper lid, on no part of the skin.
+    let tip = head.point(43) + (head.point(43) - head.balls[0].as_ref().unwrap().center) * 0.1;
+    let is_lash = |v: &usize| !head.skin[*v] && (hair(*v) - tip).norm() < 0.2 * w;
+    assert!(way("eyeBlinkLeft", &mut (0..bare).filter(is_lash)) > 0.1);
 }
 
 /// Baked and sculpted shapes of one head, each from three sides, as a picture in the folder for temporary files: to look at.
