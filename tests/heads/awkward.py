@@ -2,9 +2,10 @@
 
     python tests/heads/awkward.py OUT [DATA]    (DATA: ../shared/data; needs numpy)
 
-Writes OUT/HEAD-WHAT.obj (split, glasses: .glb), metres, y up and face towards +z unless WHAT says otherwise, and beside it what
+Writes OUT/HEAD-WHAT.obj (split, glasses: .glb; nodes: .gltf), metres, y up and face towards +z unless WHAT says otherwise, and beside it what
 must not bend: OUT/HEAD-WHAT.rigid.json. What is made of a head is the same for every head; only its unit is known.
 """
+import base64
 import json
 import struct
 import sys
@@ -119,6 +120,29 @@ def glb(path, places, faces):
     with open(path, "wb") as out:
         out.write(struct.pack("<5I", 0x46546C67, 2, 28 + len(text) + len(data), len(text), 0x4E4F534A) + text)
         out.write(struct.pack("<2I", len(data), 0x004E4942) + data)
+
+
+def gltf(path, *meshes):
+    """glTF as text, lying on its back in centimetres and set upright by nodes; each mesh about its own middle and with a buffer of
+    its own, the first in a file beside, the others in the text."""
+    out = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "meshes": [], "buffers": [], "bufferViews": [], "accessors": [],
+           "nodes": [{"rotation": [-(0.5**0.5), 0, 0, 0.5**0.5], "children": [1]},
+                     {"matrix": [0.01, 0, 0, 0, 0, 0.01, 0, 0, 0, 0, 0.01, 0, 0, 0, 0, 1], "children": []}]}
+    for k, (places, faces) in enumerate(meshes):
+        lying = places[:, [0, 2, 1]] * [100, -100, 100]
+        points, order = (lying - lying.mean(0)).astype("<f4"), np.array(triangles(faces), "<u4")
+        data = points.tobytes() + order.tobytes()
+        uri = path.stem + " 1.bin"
+        if k == 0:
+            path.with_name(uri).write_bytes(data)
+        out["buffers"].append({"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode() if k else uri.replace(" ", "%20")})
+        out["bufferViews"] += [{"buffer": k, "byteLength": points.nbytes}, {"buffer": k, "byteOffset": points.nbytes, "byteLength": order.nbytes}]
+        out["accessors"] += [{"bufferView": 2 * k, "componentType": 5126, "type": "VEC3", "count": len(points), "min": points.min(0).tolist(), "max": points.max(0).tolist()},
+                             {"bufferView": 2 * k + 1, "componentType": 5125, "type": "SCALAR", "count": order.size}]
+        out["meshes"].append({"primitives": [{"attributes": {"POSITION": 2 * k}, "indices": 2 * k + 1}]})
+        out["nodes"][1]["children"].append(2 + k)
+        out["nodes"].append({"mesh": k, "translation": lying.mean(0).tolist()})
+    path.write_text(json.dumps(out))
 
 
 def seams_split(places, faces):
@@ -262,6 +286,8 @@ def main(out, data):
         deep = np.array([front.get(tuple(c), -9) for c in cell]) - p[:, 2]
         mouth = (abs(p[:, 0]) < 0.03) & (abs(p[:, 1] - below) < 0.035) & (deep > 0.008) & (deep < 0.06)
         made["no-cavity"] = kept(p, f, ~mouth)
+        gltf(out / f"{name}-nodes.gltf", kept(p, f, skin), kept(p, f, ~skin), worn["glasses"])
+        (out / f"{name}-nodes.rigid.json").write_text(json.dumps({"glasses": len(worn["glasses"][0])}))
         for what, (places, faces) in made.items():
             rigid = {"dressed": worn, "glasses": {"glasses": worn["glasses"]}}.get(what, {})
             if rigid:

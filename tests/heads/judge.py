@@ -315,7 +315,7 @@ def heads(data, work):
         folder = work / "awkward"
         if not folder.exists():
             subprocess.run([sys.executable, awkward, folder, data], check=True, stdout=subprocess.DEVNULL)
-        for path in sorted([*folder.glob("*.obj"), *folder.glob("*.glb")]):
+        for path in sorted([*folder.glob("*.obj"), *folder.glob("*.gl*")]):
             out[path.stem] = lambda path=path: (path, None, None)
     return out
 

@@ -20,7 +20,7 @@ use mien::studio::bake::order::Ordered;
 use mien::studio::bake::patch::Foreign;
 use mien::studio::bake::prior::Prior;
 use mien::studio::bake::recipe::{Recipe, SHIPPED, Target};
-use mien::studio::bake::render::{View, draw};
+use mien::studio::bake::render::{Outside, View};
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
 use mien::studio::bake::solve::Settings;
@@ -773,7 +773,7 @@ fn draws_baked_shapes_beside_sculpted_ones() {
             for (turn, yaw) in [0.0, 0.7, 1.4].into_iter().enumerate() {
                 let mut view = View::face(&head);
                 view.yaw = yaw;
-                let picture = draw(&head, d, &view, PIXELS);
+                let picture = Outside::plain(&head).draw(&head, d, &view, PIXELS);
                 let x = (3 * k + turn) as u32 * PIXELS;
                 image::imageops::replace(
                     &mut sheet,

@@ -39,13 +39,13 @@ impl Ordered {
             .collect();
         // As glTF has them: by material.
         let mut triangles = Vec::with_capacity(2 * source.faces());
-        for material in 0..source.materials.len() as u32 {
-            for f in (0..source.faces()).filter(|&f| source.face_material[f] == material) {
-                let face = source.face(f);
-                let cut = source.split(f);
-                let cut = cut.iter().map(|t| t.map(|k| face[k].vertex));
-                triangles.extend(cut.filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
-            }
+        let mut by_material: Vec<usize> = (0..source.faces()).collect();
+        by_material.sort_by_key(|&f| source.face_material[f]);
+        for f in by_material {
+            let face = source.face(f);
+            let cut = source.split(f);
+            let cut = cut.iter().map(|t| t.map(|k| face[k].vertex));
+            triangles.extend(cut.filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
         }
         let same = sewn(&single, &triangles, &vec![0; triangles.len()]);
         for t in &mut triangles {
