@@ -101,18 +101,9 @@ impl Truth {
         let (name, d) = &self.shapes[s];
         Target {
             name: name.clone(),
-            unit: None,
-            upon: None,
             controls: self.landmarks.iter().map(|&v| (v, d[v as usize])).collect(),
             exact: true,
-            derive: false,
-            close: [None; 2],
-            gaze: [None; 2],
-            jaw: None,
-            tongue: None,
-            undo: None,
-            corrects: None,
-            must: Vec::new(),
+            ..Target::default()
         }
     }
 

@@ -12,7 +12,7 @@
 //! Units: the mesh's. Cost: sorting vertices and faces. Limits: texture, normals and materials stay with the file.
 
 use super::head::HeadError;
-use super::mesh::{Corner, Mesh, Vec3};
+use super::mesh::{Corner, Mesh, Vec3, extent_of};
 use super::shape::Shape;
 use super::weld::{faces, sewn};
 
@@ -129,10 +129,8 @@ fn order(positions: &[Vec3], faces: &[Vec<u32>], same: &[u32]) -> Vec<u32> {
     for &v in faces.iter().flatten() {
         used[v as usize] = true;
     }
-    let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-    for (p, _) in positions.iter().zip(&used).filter(|(_, used)| **used) {
-        (low, high) = (low.inf(p), high.sup(p));
-    }
+    let placed = positions.iter().zip(&used).filter(|(_, used)| **used);
+    let (low, high) = extent_of(placed.map(|(p, _)| p));
     let cell = ((high - low).max() / CELLS).max(f64::MIN_POSITIVE);
     let key = |v: u32| {
         let p = positions[v as usize];

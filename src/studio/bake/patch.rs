@@ -12,7 +12,7 @@
 
 use std::collections::HashMap;
 
-use nalgebra::{Matrix3, Point3};
+use nalgebra::{Matrix3, Matrix4, Point3};
 use serde_json::{Value, json};
 
 use super::glb::{Glb, GlbError};
@@ -48,22 +48,24 @@ struct Rows {
     back: Option<Matrix3<f64>>,
 }
 
-impl Foreign {
-    /// Reads the meshes of a file as one.
-    /// Long because rows, parts and triangles are numbered together as the file's meshes are met.
-    ///
-    /// # Errors
-    /// If it has no triangles, or data that are compressed, external or damaged.
-    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
-        let content = |expected, found: String| GlbError::Content { expected, found };
-        is_plain(&glb.json)?;
-        // Rows of all position accessors one after the other, and triangles between them.
-        let mut places: Vec<[f32; 3]> = Vec::new();
-        let mut sources: Vec<Rows> = Vec::new();
-        let (mut uv, mut tints): (Vec<[f32; 2]>, Vec<[f32; 3]>) = Default::default();
-        let (mut triangles, mut parts, mut materials) = (Vec::new(), Vec::new(), Vec::new());
-        can_be_added_to(&glb.json)?;
-        let mut at_known: HashMap<usize, usize> = HashMap::new();
+/// Rows of all position accessors one after the other, and triangles between them.
+#[derive(Default)]
+struct Gathered {
+    places: Vec<[f32; 3]>,
+    /// Of each row; empty if no mesh has any.
+    uv: Vec<[f32; 2]>,
+    tints: Vec<[f32; 3]>,
+    sources: Vec<Rows>,
+    triangles: Vec<[u32; 3]>,
+    /// Of each triangle the source and the material.
+    parts: Vec<u32>,
+    materials: Vec<Option<u64>>,
+}
+
+impl Gathered {
+    fn of(glb: &Glb) -> Result<Self, GlbError> {
+        let mut all = Self::default();
+        let mut known: HashMap<usize, usize> = HashMap::new();
         // What may refer to the same data again and again.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
@@ -73,12 +75,9 @@ impl Foreign {
             })?;
             Ok::<_, GlbError>(())
         };
-        let placed = placed(&glb);
-        let none = json!([]);
-        let meshes = glb.json["meshes"]
-            .as_array()
-            .unwrap_or(none.as_array().expect("made so"));
-        for (primitive, placed) in meshes.iter().zip(&placed).flat_map(|(mesh, placed)| {
+        let placed = placed(glb);
+        let meshes = glb.json["meshes"].as_array().into_iter().flatten();
+        for (primitive, placed) in meshes.zip(&placed).flat_map(|(mesh, placed)| {
             let list = mesh["primitives"].as_array().into_iter().flatten();
             list.map(move |primitive| (primitive, placed))
         }) {
@@ -91,127 +90,159 @@ impl Foreign {
             if primitive["mode"].as_u64().unwrap_or(4) != 4 {
                 continue;
             }
-            let at = match at_known.get(&accessor) {
+            let at = match known.get(&accessor) {
                 Some(&at) => at,
                 None => {
                     take(count)?;
-                    at_known.insert(accessor, sources.len());
-                    sources.push(Rows {
-                        accessor,
-                        first: places.len(),
-                        vertices: vec![0; count],
-                        back: placed.and_then(|m| m.fixed_view::<3, 3>(0, 0).try_inverse()),
-                    });
-                    let rows = glb.floats(accessor, 3)?;
-                    places.extend(rows.chunks_exact(3).map(|r| match placed {
-                        Some(placed) => {
-                            let p = Point3::new(r[0], r[1], r[2]).cast();
-                            single(&placed.transform_point(&p).coords)
-                        }
-                        None => [r[0], r[1], r[2]],
-                    }));
-                    // What is damaged there costs colours only.
-                    let of_corners = |name: &str, width: usize| {
-                        let at = primitive["attributes"][name].as_u64()? as usize;
-                        let wide = usize::from(glb.json["accessors"][at]["type"] == "VEC4");
-                        let rows = glb.floats(at, width + wide).ok()?;
-                        Some((rows, width + wide))
-                    };
-                    if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
-                        uv.extend(
-                            rows.chunks_exact(width)
-                                .map(|r| [r[0], 1.0 - r[1]])
-                                .take(count),
-                        );
-                    }
-                    uv.resize(places.len(), [0.0; 2]);
-                    if let Some((rows, width)) = of_corners("COLOR_0", 3) {
-                        tints.resize(places.len() - count, [1.0; 3]);
-                        tints.extend(
-                            rows.chunks_exact(width)
-                                .map(|r| [r[0], r[1], r[2]])
-                                .take(count),
-                        );
-                    }
-                    sources.len() - 1
+                    known.insert(accessor, all.sources.len());
+                    all.add(glb, &primitive["attributes"], accessor, placed.as_ref())?;
+                    all.sources.len() - 1
                 }
             };
-            let (first, count) = (sources[at].first, sources[at].vertices.len());
+            let first = all.sources[at].first as u32;
             let order: Vec<u32> = match primitive["indices"].as_u64() {
                 Some(indices) => glb.indices(indices as usize)?,
                 None => (0..count as u32).collect(),
             };
             take(order.len())?;
             if order.iter().any(|&k| k as usize >= count) {
-                return Err(content(
-                    "indices of vertices that exist",
-                    format!("one beyond the {count} of accessor {accessor}"),
-                ));
+                return Err(GlbError::Content {
+                    expected: "indices of vertices that exist",
+                    found: format!("one beyond the {count} of accessor {accessor}"),
+                });
             }
             for t in order.chunks_exact(3) {
-                triangles.push([t[0], t[1], t[2]].map(|k| first as u32 + k));
-                parts.push(at as u32);
-                materials.push(primitive["material"].as_u64());
+                all.triangles.push([t[0], t[1], t[2]].map(|k| first + k));
+                all.parts.push(at as u32);
+                all.materials.push(primitive["material"].as_u64());
             }
         }
-        let same = sewn(&places, &triangles, &parts);
-        let mut mesh = Mesh {
-            uv,
-            ..Mesh::default()
+        Ok(all)
+    }
+
+    /// Adds the rows of an accessor, where `placed` puts them.
+    fn add(
+        &mut self,
+        glb: &Glb,
+        attributes: &Value,
+        accessor: usize,
+        placed: Option<&Matrix4<f64>>,
+    ) -> Result<(), GlbError> {
+        let first = self.places.len();
+        let rows = glb.floats(accessor, 3)?;
+        self.places.extend(rows.chunks_exact(3).map(|r| {
+            let stored = [r[0], r[1], r[2]];
+            placed.map_or(stored, |placed| {
+                let p = Point3::from(stored).cast();
+                single(&placed.transform_point(&p).coords)
+            })
+        }));
+        let count = self.places.len() - first;
+        self.sources.push(Rows {
+            accessor,
+            first,
+            vertices: vec![0; count],
+            back: placed.and_then(|m| m.fixed_view::<3, 3>(0, 0).try_inverse()),
+        });
+        // What is damaged there costs colours only.
+        let of_corners = |name: &str, width: usize| {
+            let at = attributes[name].as_u64()? as usize;
+            let listed = &glb.json["accessors"][at];
+            let width = width + usize::from(listed["type"] == "VEC4");
+            let rows = glb
+                .floats(at, width)
+                .ok()
+                .filter(|_| listed["count"] == count)?;
+            rows.iter().all(|x| x.is_finite()).then_some((rows, width))
         };
+        if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
+            self.uv.resize(first, [0.0; 2]);
+            // From the top in glTF.
+            let rows = rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]);
+            self.uv.extend(rows);
+        }
+        if let Some((rows, width)) = of_corners("COLOR_0", 3) {
+            self.tints.resize(first, [1.0; 3]);
+            let rows = rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]);
+            self.tints.extend(rows);
+        }
+        Ok(())
+    }
+
+    /// One mesh, with the names of the file's materials; the sources get to know their vertices.
+    fn mesh(&mut self, names: &[String]) -> Mesh {
+        let same = sewn(&self.places, &self.triangles, &self.parts);
+        let mut mesh = Mesh::default();
         // A vertex takes its number where it comes first.
-        let mut vertex: Vec<u32> = Vec::with_capacity(places.len());
-        for (row, p) in places.iter().enumerate() {
+        let mut vertex: Vec<u32> = Vec::with_capacity(self.places.len());
+        for (row, p) in self.places.iter().enumerate() {
             let first = same[row] as usize;
             vertex.push(if first == row {
                 mesh.positions.push(Vec3::from(p.map(f64::from)));
-                if !tints.is_empty() {
-                    mesh.tints.push(tints.get(row).copied().unwrap_or([1.0; 3]));
+                if !self.tints.is_empty() {
+                    let tint = self.tints.get(row).copied();
+                    mesh.tints.push(tint.unwrap_or([1.0; 3]));
                 }
                 mesh.positions.len() as u32 - 1
             } else {
                 vertex[first]
             });
         }
-        for rows in &mut sources {
+        for rows in &mut self.sources {
             let all = rows.first..rows.first + rows.vertices.len();
             rows.vertices.copy_from_slice(&vertex[all]);
         }
-        let welded: Vec<[u32; 3]> = triangles
+        let has_uv = !self.uv.is_empty();
+        if has_uv {
+            self.uv.resize(self.places.len(), [0.0; 2]);
+        }
+        mesh.uv = std::mem::take(&mut self.uv);
+        let welded = self
+            .triangles
             .iter()
-            .map(|t| t.map(|row| vertex[row as usize]))
-            .collect();
-        let names = material_names(&glb.json);
+            .map(|t| t.map(|row| vertex[row as usize]));
         let mut number: HashMap<Option<u64>, u32> = HashMap::new();
         let mut at = 0;
-        for face in faces(&mesh.positions, &welded) {
+        for face in faces(&mesh.positions, &welded.collect::<Vec<_>>()) {
             // Of one triangle or two that follow each other.
-            let rows = triangles[at..at + face.len() - 2].as_flattened();
-            let material = *number.entry(materials[at]).or_insert_with(|| {
-                let name = materials[at].and_then(|m| names.get(m as usize));
-                mesh.materials
-                    .push(name.cloned().unwrap_or_else(|| "skin".into()));
+            let rows = self.triangles[at..at + face.len() - 2].as_flattened();
+            let named = self.materials[at];
+            let material = *number.entry(named).or_insert_with(|| {
+                let name = named.and_then(|m| names.get(m as usize)).cloned();
+                mesh.materials.push(name.unwrap_or_else(|| "skin".into()));
                 mesh.materials.len() as u32 - 1
             });
             at += face.len() - 2;
-            let corners = face.iter().map(|&v| Corner {
-                vertex: v,
-                uv: rows.iter().copied().find(|&row| vertex[row as usize] == v),
+            let row = |v: u32| rows.iter().copied().find(|&row| vertex[row as usize] == v);
+            let corners = face.iter().map(|&vertex| Corner {
+                vertex,
+                uv: row(vertex).filter(|_| has_uv),
                 normal: None,
             });
             mesh.push_face(&corners.collect::<Vec<_>>(), material);
         }
-        if mesh.faces() == 0
-            || mesh
-                .positions
-                .iter()
-                .any(|p| !p.iter().all(|x| x.is_finite()))
-        {
-            return Err(content(
-                "triangles with finite positions",
-                format!("{} faces", mesh.faces()),
-            ));
+        mesh
+    }
+}
+
+impl Foreign {
+    /// Reads the meshes of a file as one.
+    ///
+    /// # Errors
+    /// If it has no triangles, or data that are compressed, external or damaged.
+    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
+        is_plain(&glb.json)?;
+        can_be_added_to(&glb.json)?;
+        let mut gathered = Gathered::of(&glb)?;
+        let mesh = gathered.mesh(&material_names(&glb.json));
+        let finite = |p: &Vec3| p.iter().all(|x| x.is_finite());
+        if mesh.faces() == 0 || !mesh.positions.iter().all(finite) {
+            return Err(GlbError::Content {
+                expected: "triangles with finite positions",
+                found: format!("{} faces", mesh.faces()),
+            });
         }
+        let sources = gathered.sources;
         Ok((mesh, Self { glb, sources }))
     }
 
