@@ -238,7 +238,10 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let out = match source.foreign {
         _ if is_usd(&request.out) => {
             let looks = &source.looks;
-            let pictures = looks.beside(&request.out, &source.mesh.materials)?;
+            let pictures = looks.beside(&request.out, &source.mesh.materials);
+            for (file, bytes) in pictures.values() {
+                write(&request.out.with_file_name(file), bytes)?;
+            }
             usd::emit(
                 &source.mesh,
                 looks,

@@ -11,11 +11,11 @@ use std::path::Path;
 use image::RgbaImage;
 use serde_json::{Value, json};
 
-use super::error::BakeError;
-use super::files::{read, read_bytes, write};
 use super::glb::{Glb, push};
 use super::mesh::{Corner, Mesh};
+use crate::base::bounded_read;
 use crate::studio::srgb::linear;
+use crate::studio::text_files;
 
 /// A material.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,8 +40,8 @@ impl Look {
 #[derive(Debug, Default, PartialEq)]
 pub(in crate::studio) struct Looks(HashMap<String, Look>);
 
-/// Names of pictures beside a file, by material.
-pub(super) type Beside = HashMap<String, String>;
+/// Pictures as files beside one by material: their names, and what is in them.
+pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;
 
 /// What any system lets a file be called.
 fn plain(c: char) -> char {
@@ -72,7 +72,7 @@ impl Looks {
         let folder = path.parent().unwrap_or(Path::new(""));
         for name in obj.lines().filter_map(|line| after(line, "mtllib")) {
             let file = folder.join(name);
-            if let Ok(text) = read(&file) {
+            if let Ok(text) = text_files::read(&file) {
                 looks.add(&text, file.parent().unwrap_or(Path::new("")));
             }
         }
@@ -100,7 +100,7 @@ impl Looks {
             } else if let Some(clear) = after(line, "Tr").and_then(share) {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
-                let bytes = read_bytes(&folder.join(picture)).ok();
+                let bytes = bounded_read::read(&folder.join(picture), text_files::MOST).ok();
                 look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
         }
@@ -156,29 +156,22 @@ impl Looks {
         self.0.get(name)
     }
 
-    /// Puts the pictures of these materials beside a file; their names there, by material.
-    ///
-    /// # Errors
-    /// If one cannot be written.
-    pub(super) fn beside(&self, out: &Path, names: &[String]) -> Result<Beside, BakeError> {
+    /// The pictures of these materials as files beside one.
+    pub(super) fn beside<'a>(&'a self, out: &Path, names: &[String]) -> Beside<'a> {
         let stem = out.file_stem().unwrap_or_default().to_string_lossy();
         let stem: String = stem.chars().map(plain).collect();
-        let mut beside = Beside::new();
-        for (k, name) in names.iter().enumerate() {
-            let Some(bytes) = self.get(name).and_then(|look| look.picture.as_ref()) else {
-                continue;
-            };
-            let kind = kind(bytes).unwrap_or_default();
-            let ending = kind.strip_prefix("image/").unwrap_or_default();
+        let numbered = names.iter().enumerate();
+        let file = numbered.filter_map(|(k, name)| {
+            let bytes = self.get(name)?.picture.as_ref()?;
+            let ending = kind(bytes)?.strip_prefix("image/")?;
+            let word: String = name.chars().map(plain).collect();
             // By number: the names of two materials may differ in what no file can be called only.
-            let file = format!(
-                "{stem}_{}_{k}.{ending}",
-                name.chars().map(plain).collect::<String>()
-            );
-            write(&out.with_file_name(&file), bytes)?;
-            beside.insert(name.clone(), file);
-        }
-        Ok(beside)
+            Some((
+                name.clone(),
+                (format!("{stem}_{word}_{k}.{ending}"), &bytes[..]),
+            ))
+        });
+        file.collect()
     }
 
     /// Gives the materials of a file that have these names their colours and pictures.
@@ -233,11 +226,19 @@ pub(super) fn material_names(json: &Value) -> Vec<String> {
     names
 }
 
+/// A material as it is drawn.
+struct Surface {
+    /// Linear.
+    colour: [f64; 3],
+    opacity: f64,
+    picture: Option<RgbaImage>,
+}
+
 /// The surface of a mesh as it is drawn.
 pub(in crate::studio) struct Surfaces<'a> {
     mesh: &'a Mesh,
-    /// Of each material its colour, linear, its opacity, and its picture.
-    of: Vec<Option<([f64; 3], f64, Option<RgbaImage>)>>,
+    /// Of each material of which anything is known.
+    of: Vec<Option<Surface>>,
 }
 
 impl<'a> Surfaces<'a> {
@@ -250,9 +251,14 @@ impl<'a> Surfaces<'a> {
                 true => picture.into_rgba8(),
                 false => image::DynamicImage::from(picture.into_rgb8()).into_rgba8(),
             });
+            let picture = picture.filter(|picture| !picture.is_empty());
             let known = picture.is_some() || look.colour.is_some();
             let (colour, opacity) = look.surface();
-            known.then(|| (colour.unwrap_or([1.0; 3]), opacity, picture))
+            known.then(|| Surface {
+                colour: colour.unwrap_or([1.0; 3]),
+                opacity,
+                picture,
+            })
         };
         Self {
             mesh,
@@ -277,41 +283,31 @@ impl<'a> Surfaces<'a> {
         corners: [Corner; 3],
         shares: [f64; 3],
     ) -> Option<[f64; 3]> {
-        let shown = |linear: f64| linear.clamp(0.0, 1.0).powf(1.0 / 2.2);
-        let mean = |of: &dyn Fn(Corner) -> f64| {
+        let mesh = self.mesh;
+        let mean = |of: &dyn Fn(Corner) -> f32| {
             let all = corners.iter().zip(shares);
-            all.map(|(&corner, share)| of(corner) * share).sum::<f64>()
+            all.map(|(&corner, share)| f64::from(of(corner)) * share)
+                .sum::<f64>()
         };
-        let mut colour = [255.0; 3];
-        if !self.mesh.tints.is_empty() {
-            colour = [0, 1, 2].map(|c| {
-                255.0 * shown(mean(&|k| f64::from(self.mesh.tints[k.vertex as usize][c])))
-            });
+        let surface = self.of[material as usize].as_ref();
+        let mut light = surface.map_or([1.0; 3], |surface| surface.colour);
+        if !mesh.tints.is_empty() {
+            for (c, light) in light.iter_mut().enumerate() {
+                *light *= mean(&|k| mesh.tints[k.vertex as usize][c]);
+            }
         }
-        let Some((factor, mut opacity, picture)) = self.of[material as usize]
-            .as_ref()
-            .map(|(f, o, p)| (f, *o, p))
-        else {
-            return Some(colour);
-        };
-        if let Some(picture) = picture {
-            let uv = |axis: usize| {
-                mean(&|k| {
-                    k.uv.map_or(0.0, |k| f64::from(self.mesh.uv[k as usize][axis]))
-                })
-            };
+        let mut colour = light.map(|c| 255.0 * c.clamp(0.0, 1.0).powf(1.0 / 2.2));
+        let mut opacity = surface.map_or(1.0, |surface| surface.opacity);
+        if let Some(picture) = surface.and_then(|surface| surface.picture.as_ref()) {
+            let uv = |axis| mean(&|k| k.uv.map_or(0.0, |k| mesh.uv[k as usize][axis]));
             let texel = |share: f64, size: u32| {
                 ((share - share.floor()) * f64::from(size)).min(f64::from(size - 1)) as u32
             };
             let (width, height) = picture.dimensions();
             let texel = picture.get_pixel(texel(uv(0), width), texel(1.0 - uv(1), height));
-            opacity *= f64::from(texel[3]) / 255.0;
-            for c in 0..3 {
-                colour[c] *= f64::from(texel[c]) / 255.0;
-            }
-        }
-        for c in 0..3 {
-            colour[c] *= shown(factor[c]);
+            let [r, g, b, a] = texel.0.map(|x| f64::from(x) / 255.0);
+            colour = [colour[0] * r, colour[1] * g, colour[2] * b];
+            opacity *= a;
         }
         (opacity > 0.5).then_some(colour)
     }

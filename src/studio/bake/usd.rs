@@ -218,7 +218,7 @@ struct Used {
     faces: Vec<usize>,
 }
 
-fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside) -> Vec<Used> {
+fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
     let mut names = Siblings::default();
     let mut faces: Vec<Vec<usize>> = vec![Vec::new(); mesh.materials.len()];
     for (f, &material) in mesh.face_material.iter().enumerate() {
@@ -227,7 +227,7 @@ fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside) -> Vec<Used> {
     let of = mesh.materials.iter().zip(faces);
     of.filter(|(_, faces)| !faces.is_empty())
         .map(|(name, faces)| {
-            let picture = pictures.get(name).cloned();
+            let picture = pictures.get(name).map(|(file, _)| file.clone());
             let (colour, opacity) = looks.get(name).map_or((None, 1.0), Look::surface);
             let plain = match picture {
                 Some(_) => [1.0; 3],
@@ -464,7 +464,7 @@ def SkelRoot "head" (
 pub(super) fn emit(
     mesh: &Mesh,
     looks: &Looks,
-    pictures: &Beside,
+    pictures: &Beside<'_>,
     shapes: &[Shape],
     metres: f64,
     dense: bool,
