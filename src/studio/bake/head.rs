@@ -6,7 +6,7 @@
 //! * lid and lip lines: shortest paths along edges through the landmarks of the contour, for lids on one edge of the rim;
 //! * sockets: what the skin falls into when those lines are cut out (absent where the mesh is open);
 //! * eyeballs: round parts right behind the eyes; jaw, upper teeth, tongue: parts inside the mouth, told apart by the
-//!   height of the bite; everything else follows the skin nearest to it (lashes, tear line, brows of their own).
+//!   height of the bite; what lies on lids, balls or skin goes with them, all else is worn and stays.
 //!
 //! Frame: `axes` maps (left, up, out) of the face to mesh coordinates. Units: the mesh's own.
 //! Cost: linear, plus a few shortest paths. Limits: a head without eyeballs or teeth simply has none.

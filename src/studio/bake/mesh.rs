@@ -258,6 +258,13 @@ fn root(part: &mut [usize], mut f: usize) -> usize {
     f
 }
 
+/// Smallest and largest coordinates of some places; beyond all bounds if there are none.
+pub(in crate::studio) fn extent_of<'a>(places: impl IntoIterator<Item = &'a Vec3>) -> (Vec3, Vec3) {
+    let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+    let wider = |(low, high): (Vec3, Vec3), p: &Vec3| (low.inf(p), high.sup(p));
+    places.into_iter().fold(none, wider)
+}
+
 /// Components of the subgraph of vertices that pass `keep`; `u32::MAX` for the others. Returns labels and their number.
 pub fn connected(
     rings: &Rings,
