@@ -65,7 +65,7 @@ pub(super) const LIP_FREE: f64 = 0.2;
 /// A lid's line may pass a landmark so far beside it, in eye distances: points are put on one or the other edge of its rim.
 const LID_SLACK: f64 = 0.07;
 /// Skin behind lids further than this from their lines stays where it is, in eye distances: it lines the socket.
-pub(super) const LID_FREE: f64 = 0.12;
+const LID_FREE: f64 = 0.12;
 
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -260,6 +260,17 @@ impl Head {
     pub fn deep(&self, v: usize) -> bool {
         let far = f64::from(self.from_lips[v]);
         far.is_finite() && far >= LIP_FREE * self.eye_distance
+    }
+
+    /// Whether a vertex is skin that lines an eye's socket and stays: far behind the lids, and beside the ball or behind its middle.
+    #[must_use]
+    pub fn lines_socket(&self, v: usize) -> bool {
+        let far = f64::from(self.from_lids[v]);
+        let out = self.axes.column(2);
+        let behind = |ball: &Ball| (self.mesh.positions[v] - ball.center).dot(&out) < 0.0;
+        far.is_finite()
+            && far >= LID_FREE * self.eye_distance
+            && self.balls.iter().flatten().all(behind)
     }
 
     /// Position of a control point.

@@ -167,7 +167,7 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     Ok(found)
 }
 
-/// The same with however little confidence, for a person to correct: as it is coloured, then as if of plaster.
+/// The same with however little confidence, for a person to correct: as if of plaster, then as it is coloured.
 ///
 /// # Errors
 /// If there is nothing to look at.
@@ -178,12 +178,12 @@ pub(in crate::studio) fn guess(
 ) -> Result<Located, LocateError> {
     let rings = mesh.rings();
     let mut parts = Parts::new(mesh, &rings);
-    parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
     let mut best = None;
-    loop {
-        search(mesh, &parts, model, &mut best);
-        if is_sure(&best) || parts.surfaces.take().is_none() {
-            break;
+    search(mesh, &parts, model, &mut best);
+    if !is_sure(&best) {
+        parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
+        if parts.surfaces.is_some() {
+            search(mesh, &parts, model, &mut best);
         }
     }
     let face = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;

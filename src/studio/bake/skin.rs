@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use super::contact::Contacts;
 use super::goals::goals;
-use super::head::{Head, LID_FREE, LIP_FREE};
+use super::head::{Head, LIP_FREE};
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::recipe::Target;
@@ -119,9 +119,7 @@ impl Placing<'_> {
         };
         self.derived_points_act(&mut asked);
         self.lids_act(&mut asked);
-        let free = LID_FREE * head.eye_distance;
-        let lines_socket = |v: usize| (free..f64::INFINITY).contains(&f64::from(head.from_lids[v]));
-        let inside = |v: usize| head.skin[v] && asked.u[v] > edge && !lines_socket(v);
+        let inside = |v: usize| head.skin[v] && asked.u[v] > edge && !head.lines_socket(v);
         asked.area = (0..asked.u.len()).map(inside).collect();
         self.mouth_follows_jaw(&mut asked);
         self.lips_go_back(&mut asked);
