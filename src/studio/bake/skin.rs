@@ -119,7 +119,9 @@ impl Placing<'_> {
         };
         self.derived_points_act(&mut asked);
         self.lids_act(&mut asked);
-        let inside = |v: usize| head.skin[v] && asked.u[v] > edge && !head.lines_socket(v);
+        let shuts = self.target.close.iter().any(Option::is_some);
+        let inside =
+            |v: usize| head.skin[v] && asked.u[v] > edge && !(shuts && head.lines_socket(v));
         asked.area = (0..asked.u.len()).map(inside).collect();
         self.mouth_follows_jaw(&mut asked);
         self.lips_go_back(&mut asked);
