@@ -103,7 +103,7 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -l rank -
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -l out -d '3F x P shapes to write' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -l truth -d '3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand nrsfm" -s h -l help -d 'Print help'
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l mesh -d 'Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in --out gets the shapes and keeps everything else' -r -F
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l mesh -d 'Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB, glTF or VRM, whose copy in --out gets the shapes and keeps everything else' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l landmarks -d '68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order. auto finds them in a rendering of the mesh and writes beside --out a picture to check (.landmarks.png) and a file to correct and pass back in (.landmarks.txt)' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l out -d 'glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda), in the mesh\'s own unit' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l recipe -d 'Shapes and their control points [default: the 67 of config/blendshapes.toml]' -r -F

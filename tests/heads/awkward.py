@@ -2,9 +2,10 @@
 
     python tests/heads/awkward.py OUT [DATA]    (DATA: ../shared/data; needs numpy)
 
-Writes OUT/HEAD-WHAT.obj (split: .glb), metres, y up and face towards +z unless WHAT says otherwise. What is made of a head is the same for every
-head; only its unit is known.
+Writes OUT/HEAD-WHAT.obj (split, glasses: .glb; nodes: .gltf), metres, y up and face towards +z unless WHAT says otherwise, and beside it what
+must not bend: OUT/HEAD-WHAT.rigid.json. What is made of a head is the same for every head; only its unit is known.
 """
+import base64
 import json
 import struct
 import sys
@@ -121,6 +122,29 @@ def glb(path, places, faces):
         out.write(struct.pack("<2I", len(data), 0x004E4942) + data)
 
 
+def gltf(path, *meshes):
+    """glTF as text, lying on its back in centimetres and set upright by nodes; each mesh about its own middle and with a buffer of
+    its own, the first in a file beside, the others in the text."""
+    out = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "meshes": [], "buffers": [], "bufferViews": [], "accessors": [],
+           "nodes": [{"rotation": [-(0.5**0.5), 0, 0, 0.5**0.5], "children": [1]},
+                     {"matrix": [0.01, 0, 0, 0, 0, 0.01, 0, 0, 0, 0, 0.01, 0, 0, 0, 0, 1], "children": []}]}
+    for k, (places, faces) in enumerate(meshes):
+        lying = places[:, [0, 2, 1]] * [100, -100, 100]
+        points, order = (lying - lying.mean(0)).astype("<f4"), np.array(triangles(faces), "<u4")
+        data = points.tobytes() + order.tobytes()
+        uri = path.stem + " 1.bin"
+        if k == 0:
+            path.with_name(uri).write_bytes(data)
+        out["buffers"].append({"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode() if k else uri.replace(" ", "%20")})
+        out["bufferViews"] += [{"buffer": k, "byteLength": points.nbytes}, {"buffer": k, "byteOffset": points.nbytes, "byteLength": order.nbytes}]
+        out["accessors"] += [{"bufferView": 2 * k, "componentType": 5126, "type": "VEC3", "count": len(points), "min": points.min(0).tolist(), "max": points.max(0).tolist()},
+                             {"bufferView": 2 * k + 1, "componentType": 5125, "type": "SCALAR", "count": order.size}]
+        out["meshes"].append({"primitives": [{"attributes": {"POSITION": 2 * k}, "indices": 2 * k + 1}]})
+        out["nodes"][1]["children"].append(2 + k)
+        out["nodes"].append({"mesh": k, "translation": lying.mean(0).tolist()})
+    path.write_text(json.dumps(out))
+
+
 def seams_split(places, faces):
     """Two charts of texture, left and right, as glTF stores them: vertices of the middle twice."""
     more, twin, out = list(places), {}, []
@@ -162,8 +186,37 @@ def dome(middle, size, lowest, n, rows):
                     for a in up])
 
 
-def dressed(places, faces, eyes):
-    """A cap with a peak, hair of more vertices than the skin, glasses before the eyes."""
+def tube(along, radius, n=8):
+    """A thin bar through some places, closed in section."""
+    along = np.array(along, float)
+    ends = np.gradient(along, axis=0)
+    across = np.cross(ends, [0.3, 1, 0.2])
+    across *= radius / np.linalg.norm(across, axis=1)[:, None]
+    third = np.cross(ends / np.linalg.norm(ends, axis=1)[:, None], across)
+    return lattice([ring(p, a, b, n) for p, a, b in zip(along, across, third)])
+
+
+def glasses(places, eyes):
+    """Rims with lenses, a bridge, temples back to the ears and pads that rest on the nose; all parts of their own."""
+    made, nose = [], places[abs(places[:, 0]) < 0.004]
+    front = max(eyes[0][2] + 0.026, nose[abs(nose[:, 1] - eyes[0][1]) < 0.004][:, 2].max() + 0.003)
+    for eye in eyes:
+        at, side = np.array([eye[0], eye[1] - 0.005, front]), np.sign(eye[0])
+        made.append(lattice([ring(at + [0, 0, z], [r, 0, 0], [0, 0.8 * r, 0]) for r, z in [(0.025, 0), (0.025, 0.003), (0.028, 0.003), (0.028, 0)]]))
+        made.append(lattice([ring(at + [0, 0, 0.0015], [r, 0, 0], [0, 0.8 * r, 0]) for r in (0.025, 0.018, 0.01, 0.001)]))
+        wide = max(abs(eye[0]) + 0.032, abs(places[(abs(places[:, 1] - at[1]) < 0.01) & (places[:, 2] > front - 0.09), 0]).max() + 0.002)
+        made.append(tube([[side * (abs(eye[0]) + 0.027), at[1], front], *([side * wide, at[1], front - 0.012 * k] for k in range(1, 9))], 0.0015))
+        wing = places[(abs(places[:, 0] - side * 0.009) < 0.003) & (abs(places[:, 1] - at[1] + 0.006) < 0.004)]
+        pad = np.array([side * 0.010, at[1] - 0.006, wing[:, 2].max() + 0.0015])
+        made.append(lattice([ring(pad + [side * x, 0, 0], [0, r, 0], [0, 0, 0.6 * r], 8) for x, r in [(-0.001, 0.001), (-0.001, 0.005), (0.001, 0.005), (0.001, 0.001)]]))
+        made.append(tube([pad, pad + [side * 0.002, 0.002, 0.002], at - [side * 0.0252, 0, 0]], 0.0006))
+    inner = [e + [-np.sign(e[0]) * 0.0265, 0, 0] for e in eyes]
+    made.append(tube([[e[0], eyes[0][1], front + 0.001 * (k == 1)] for k, e in enumerate([inner[0], np.mean(inner, 0), inner[1]])], 0.0015))
+    return joined(*made)
+
+
+def dressed(places, eyes):
+    """A cap with a peak, hair of more vertices than the skin, rings at the ears, glasses: none may bend."""
     low, high = places.min(0), places.max(0)
     skull = places[places[:, 1] > eyes[:, 1].mean() + 0.02]
     middle, half = (skull.min(0) + skull.max(0)) / 2, (skull.max(0) - skull.min(0)) / 2
@@ -174,14 +227,11 @@ def dressed(places, faces, eyes):
     peak = lattice([ring(front + [0, -0.004 * k, 0.0], [0.075 - 0.004 * k, 0, 0], [0, -0.012, 0.06 + 0.003 * k]) for k in range(3)])
     back = middle - [0, 0.04, 0.03]
     hair = dome(back, [half[0] + 0.012, tall + 0.03, half[2]], -50, 200, 110)
-    frames = []
-    for eye in eyes:
-        at = eye + [0, -0.005, 0.028]
-        frames.append(lattice([ring(at, [r, 0, 0], [0, 0.8 * r, 0]) + [0, 0, z] for r, z in [(0.025, 0), (0.025, 0.003), (0.028, 0.003), (0.028, 0), (0.025, 0)]]))
-        side = np.sign(eye[0])
-        bow = [ring([eye[0] + side * 0.03, at[1], z], [0.0015, 0, 0], [0, 0.0015, 0], 6) for z in np.linspace(at[2], at[2] - 0.10, 8)]
-        frames.append(lattice(bow))
-    return joined((places, faces), cap, peak, hair, *frames)
+    beside = places[abs(places[:, 1] - eyes[0][1]) < 0.03]
+    ears = [beside[(s * beside[:, 0]).argmax()] for s in (-1, 1)]
+    rings = [lattice([ring(e + [0, -0.02, 0] + 0.002 * np.array([np.cos(t), 0, 0]), [0, 0.008 + 0.002 * np.sin(t), 0], [0, 0, 0.008 + 0.002 * np.sin(t)], 16)
+                      for t in np.linspace(0, 2 * np.pi, 7)]) for e in ears]
+    return {"cap": joined(cap, peak), "hair": hair, "rings": joined(*rings), "glasses": glasses(places, eyes)}
 
 
 def with_shoulders(places, faces):
@@ -209,7 +259,7 @@ def main(out, data):
         # Eyeballs: the two roundest parts of their size beside the middle.
         balls = [k for k, (a, b) in boxes.items() if (b - a).min() > 0.7 * (b - a).max() and 0.018 < (b - a).max() < 0.04]
         eyes = np.array([p[np.isin(part, [k for k in balls if np.sign(p[part == k][0][0]) == s])].mean(0) for s in (-1, 1)])
-        below, head = eyes[0][1] - 0.065, p.copy()
+        below, worn = eyes[0][1] - 0.065, dressed(p, eyes)
         made = {
             "triangulated": (p, triangles(f)),
             "coarse": decimated(p, f),
@@ -219,7 +269,8 @@ def main(out, data):
             "z-up": (p[:, [0, 2, 1]] * [1, -1, 1], f),
             "to-minus-x": (p[:, [2, 1, 0]] * [-1, 1, 1], f),
             "centimetres": (p * 100, f),
-            "dressed": dressed(p, f, eyes),
+            "dressed": joined((p, f), *worn.values()),
+            "glasses": joined(seams_split(p, f), worn["glasses"]),
             "no-eyeballs": kept(p, f, ~np.isin(part, balls)),
             "neck-high": kept(p, f, p[:, 1] > below - 0.075),
             "shoulders": with_shoulders(p, f),
@@ -235,9 +286,16 @@ def main(out, data):
         deep = np.array([front.get(tuple(c), -9) for c in cell]) - p[:, 2]
         mouth = (abs(p[:, 0]) < 0.03) & (abs(p[:, 1] - below) < 0.035) & (deep > 0.008) & (deep < 0.06)
         made["no-cavity"] = kept(p, f, ~mouth)
+        gltf(out / f"{name}-nodes.gltf", kept(p, f, skin), kept(p, f, ~skin), worn["glasses"])
+        (out / f"{name}-nodes.rigid.json").write_text(json.dumps({"glasses": len(worn["glasses"][0])}))
         for what, (places, faces) in made.items():
-            if what == "split":
-                glb(out / f"{name}-{what}.glb", places, faces)
+            rigid = {"dressed": worn, "glasses": {"glasses": worn["glasses"]}}.get(what, {})
+            if rigid:
+                # Counted from the end: what is read may have fewer vertices before them.
+                sizes = {k: len(q) for k, (q, _) in rigid.items()}
+                (out / f"{name}-{what}.rigid.json").write_text(json.dumps(sizes))
+            if what in ("split", "glasses"):
+                glb(out / f"{name}-{what}.glb", places, triangles(faces))
             else:
                 write(out / f"{name}-{what}.obj", places, faces)
 

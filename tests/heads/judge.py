@@ -15,6 +15,8 @@ inverted  triangles, summed over all shapes, whose normal opposes the area-weigh
 jaw       by how much the inner lips (landmarks 62 and 66) part in jawOpen, upwards; and the upper one's way over the lower's.
 lids      largest distance of a vertex of the upper lid line from the lower line in eyeBlink; both lines are shortest ways
           along edges through the landmarks of the lid.
+bends     of what is worn (HEAD.rigid.json beside the head names it), the furthest way of a vertex in any shape from where the
+          part's best rigid motion takes it, and, in brackets, the furthest way at all: a head that stays moves nothing.
 error     against shapes that others sculpted on the same head. Over the vertices of the skin that a camera in front sees
           (orthographic, along the face's axis: the normal points to it, and no part of the head is in front by more than
           0.05 w, by a depth buffer of cells of 0.01 w), |g b - t| / |t|, where g is the one gain of the shape that makes it
@@ -313,7 +315,7 @@ def heads(data, work):
         folder = work / "awkward"
         if not folder.exists():
             subprocess.run([sys.executable, awkward, folder, data], check=True, stdout=subprocess.DEVNULL)
-        for path in sorted([*folder.glob("*.obj"), *folder.glob("*.glb")]):
+        for path in sorted([*folder.glob("*.obj"), *folder.glob("*.gl*")]):
             out[path.stem] = lambda path=path: (path, None, None)
     return out
 
@@ -358,6 +360,28 @@ def errors(head, d, sculpted):
     return out
 
 
+def rigid(here, there):
+    """The places moved as one, as near to the others as can be (Kabsch)."""
+    a, b = here - here.mean(0), there - there.mean(0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    u[:, -1] *= np.sign(np.linalg.det(u @ v))
+    return a @ u @ v + there.mean(0)
+
+
+def worn(path, head, d):
+    """Words about what must not bend; its parts are the last of the mesh, in order."""
+    listed = pathlib.Path(path).with_suffix(".rigid.json")
+    sizes, said = json.loads(listed.read_text()) if listed.exists() else {}, ""
+    at = len(head.p) - sum(sizes.values())
+    for name, size in sizes.items():
+        some = slice(at, at + size)
+        at += size
+        way = lambda off: max(np.linalg.norm(x, axis=1).max() / head.w for x in off)
+        bent = way(rigid(head.p[some], head.p[some] + moved[some]) - head.p[some] - moved[some] for moved in d.values())
+        said += f" {name} {bent:.3f} ({way(moved[some] for moved in d.values()):.3f})"
+    return "  bends" + said if said else ""
+
+
 def judge(head, d, upon):
     inverted = sum(head.inverted(moved + (d[upon[name]] if upon.get(name) else 0)) for name, moved in d.items())
     part, ratio = head.jaw(d["jawOpen"])
@@ -394,6 +418,7 @@ def one(name, make, options):
             sculpted = {n: t for n, t in ((n, ict_shapes(options.data, n)) for n in d) if t is not None}
         inverted, part, ratio, gap = judge(head, d, upon)
         line = f"{name:24} {method:10} found {found:5}  inverted {inverted:4}  jaw {part:5.2f} ({ratio:4.2f})  lids {gap:.3f}"
+        line += worn(path, head, d)
         if sculpted:
             e = table[method] = errors(head, d, sculpted)
             worst = max(e, key=e.get)

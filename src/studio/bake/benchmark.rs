@@ -6,14 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
-use rayon::prelude::*;
-
-use super::influence::{self, Field};
-use super::laplacian::Operator;
 use super::mesh::{Mesh, Vec3};
+use super::obj;
 use super::recipe::Target;
-use super::solve::{self, Settings, System};
-use super::{obj, sparse::Singular};
 
 /// Why the comparison cannot run.
 #[derive(Debug, thiserror::Error)]
@@ -29,9 +24,6 @@ pub enum BenchmarkError {
     /// The mesh text is damaged.
     #[error(transparent)]
     Obj(#[from] obj::ObjError),
-    /// A system could not be solved.
-    #[error(transparent)]
-    Singular(#[from] Singular),
 }
 
 /// The truth: mesh, landmarks and expression displacements in the source's centimetres.
@@ -101,18 +93,9 @@ impl Truth {
         let (name, d) = &self.shapes[s];
         Target {
             name: name.clone(),
-            unit: None,
-            upon: None,
             controls: self.landmarks.iter().map(|&v| (v, d[v as usize])).collect(),
             exact: true,
-            derive: false,
-            close: [None; 2],
-            gaze: [None; 2],
-            jaw: None,
-            tongue: None,
-            undo: None,
-            corrects: None,
-            must: Vec::new(),
+            ..Target::default()
         }
     }
 
@@ -138,145 +121,4 @@ impl Truth {
         }
         (miss / size).sqrt()
     }
-}
-
-/// One row of the table: the method and its error per shape.
-pub struct Row {
-    /// Method.
-    pub name: String,
-    /// Error per shape, in the order of [`Truth::shapes`].
-    pub errors: Vec<f64>,
-}
-
-impl Row {
-    /// Mean over the shapes.
-    #[must_use]
-    pub fn mean(&self) -> f64 {
-        self.errors.iter().sum::<f64>() / self.errors.len() as f64
-    }
-}
-
-/// Runs all methods.
-/// Long because it is the table: every method with how it is called.
-///
-/// # Errors
-/// If a system cannot be solved.
-pub fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, BenchmarkError> {
-    let mesh = &truth.mesh;
-    let n = mesh.positions.len();
-    let node: Vec<u32> = (0..n as u32).collect();
-    let w = (mesh.positions[truth.landmarks[39] as usize]
-        - mesh.positions[truth.landmarks[42] as usize])
-        .norm();
-    let operator = Operator::new(
-        mesh,
-        &node,
-        n,
-        |_| false,
-        |v| {
-            let soft = truth.landmarks[36..].iter();
-            let far = soft.map(|&l| (mesh.positions[l as usize] - mesh.positions[v]).norm());
-            solve::stiffness(far.fold(f64::INFINITY, f64::min) / w)
-        },
-    );
-    let printed = operator.printed();
-    let rings = mesh.rings();
-    let (component, _) = mesh.components(&rings);
-    let skin: Vec<bool> = (0..n)
-        .map(|v| component[v] == component[truth.landmarks[0] as usize])
-        .collect();
-    // The sockets behind lids and lips stay free, or the lids could not move.
-    let head: Vec<bool> = (0..n)
-        .map(|v| (Truth::FACE.end..11_248).contains(&v))
-        .collect();
-    let free = vec![false; n];
-    let moves: Vec<Vec<Vec3>> = truth
-        .shapes
-        .iter()
-        .map(|(_, d)| truth.landmarks.iter().map(|&v| d[v as usize]).collect())
-        .collect();
-    let row = |name: &str, baked: &[Vec<Vec3>]| Row {
-        name: name.into(),
-        errors: baked
-            .iter()
-            .enumerate()
-            .map(|(s, d)| truth.error(s, d))
-            .collect(),
-    };
-    let mut table = Vec::new();
-    for (name, held) in [
-        ("plain Laplacian, nothing else held", &free),
-        ("plain Laplacian, head and neck held", &head),
-    ] {
-        let baked = solve::plain(&printed, &skin, held, &truth.landmarks, &moves, 100.0)?;
-        table.push(row(name, &baked));
-    }
-    let given = |shape: &[Vec3]| {
-        let mut d = vec![Vec3::zeros(); n];
-        for (&v, &displacement) in truth.landmarks.iter().zip(shape) {
-            d[v as usize] = displacement;
-        }
-        d
-    };
-    let whole = System::new(&printed, &skin, truth.landmarks.iter().copied())?;
-    for s in [0.5, 2.0, 10.0] {
-        let baked: Vec<_> = moves
-            .par_iter()
-            .map(|shape| {
-                let controls: Vec<(u32, Vec3)> = truth
-                    .landmarks
-                    .iter()
-                    .copied()
-                    .zip(shape.iter().copied())
-                    .collect();
-                let d = influence::propagate(&rings, &mesh.positions, &controls, 10.0, 100);
-                let u: Vec<f64> = d.iter().map(Vec3::norm).collect();
-                let mut d = given(shape);
-                let delta = |v: usize| (u[v] * s).min(1.0);
-                whole.deform(&printed, &mesh.positions, &mut d, delta, 7);
-                d
-            })
-            .collect();
-        table.push(row(
-            &format!("Procedure 1 as printed, s = {s} per cm"),
-            &baked,
-        ));
-    }
-    let field = Field::new(
-        &operator,
-        &rings,
-        &mesh.positions,
-        &skin,
-        &truth.landmarks,
-        settings.reach * w,
-        settings.disc * w,
-    )?;
-    let lengths: Vec<Vec<f64>> = moves
-        .iter()
-        .map(|m| m.iter().map(Vec3::norm).collect())
-        .collect();
-    let u = field.spread(&lengths);
-    for rounds in [0, settings.rounds] {
-        let baked: Result<Vec<_>, Singular> = moves
-            .par_iter()
-            .zip(&u)
-            .map(|(shape, u)| {
-                let area: Vec<bool> = u
-                    .iter()
-                    .zip(&skin)
-                    .map(|(&u, &skin)| skin && u > settings.edge * w)
-                    .collect();
-                let system = System::new(&operator, &area, truth.landmarks.iter().copied())?;
-                let mut d = given(shape);
-                let delta = |v: usize| (u[v] / (settings.full * w)).min(1.0);
-                system.deform(&operator, &mesh.positions, &mut d, delta, rounds);
-                Ok(d)
-            })
-            .collect();
-        table.push(row(
-            &format!("AOI, {rounds} rounds of Procedure 1"),
-            &baked?,
-        ));
-    }
-    Ok(table)
 }

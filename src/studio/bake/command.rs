@@ -23,6 +23,7 @@ use super::order::Ordered;
 use super::patch::Foreign;
 use super::prior::Prior;
 use super::recipe::{Recipe, SHIPPED, Target};
+use super::render::Outside;
 use super::request::{Request, is_usd};
 use super::rig;
 use super::shape::Shape;
@@ -66,6 +67,7 @@ pub(in crate::studio) fn landmark_text(vertices: &[u64], foreign: Option<&Foreig
 /// A mesh as it came.
 pub(in crate::studio) struct Source {
     pub(in crate::studio) mesh: Mesh,
+    pub(in crate::studio) looks: Looks,
     /// As OBJ text, if it came so or OBJ is wanted.
     obj: String,
     /// The glTF that it came in.
@@ -75,16 +77,19 @@ pub(in crate::studio) struct Source {
 impl Source {
     pub(in crate::studio) fn read(request: &Request) -> Result<Self, BakeError> {
         let bytes = read_bytes(&request.mesh)?;
-        if bytes.starts_with(b"glTF") {
+        let folder = request.mesh.parent().unwrap_or(Path::new(""));
+        if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
             let refuse = |source| BakeError::Glb {
                 path: request.mesh.clone(),
                 source,
             };
-            let glb = Glb::parse(&bytes).map_err(refuse)?;
+            let glb = Glb::read(&bytes, folder).map_err(refuse)?;
+            let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
             let obj = request.obj.is_some().then(|| obj::emit(&mesh));
             return Ok(Self {
                 mesh,
+                looks,
                 obj: obj.unwrap_or_default(),
                 foreign: Some(foreign),
             });
@@ -96,6 +101,7 @@ impl Source {
         })?;
         Ok(Self {
             mesh,
+            looks: Looks::of(&request.mesh, &obj),
             obj,
             foreign: None,
         })
@@ -104,7 +110,7 @@ impl Source {
     /// Vertex numbers of the landmarks, as told or as found.
     fn landmarks(&self, request: &Request) -> Result<Vec<u64>, BakeError> {
         if request.landmarks.as_os_str() == "auto" {
-            return found(request, &self.mesh, self.foreign.as_ref());
+            return found(request, self);
         }
         self.told(&request.landmarks)
     }
@@ -217,7 +223,8 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         println!("{promises}");
     }
     let report = request.report.as_ref();
-    let report = report.map(|path| Report::of(path, request, &head, &shapes));
+    let outside = || Outside::new(&source.mesh, ordered.vertex(), &source.looks);
+    let report = report.map(|path| Report::of(path, request, &head, &outside(), &shapes));
     // From here on in the order of the file.
     let shapes: Vec<Shape> = shapes
         .into_par_iter()
@@ -230,11 +237,14 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     );
     let out = match source.foreign {
         _ if is_usd(&request.out) => {
-            let looks = Looks::of(&request.mesh, &source.obj);
-            let pictures = looks.beside(&request.out, &source.mesh.materials)?;
+            let looks = &source.looks;
+            let pictures = looks.beside(&request.out, &source.mesh.materials);
+            for (file, bytes) in pictures.values() {
+                write(&request.out.with_file_name(file), bytes)?;
+            }
             usd::emit(
                 &source.mesh,
-                &looks,
+                looks,
                 &pictures,
                 &shapes,
                 metres,
@@ -245,7 +255,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         Some(foreign) => foreign.patched(&shapes, request.dense).emit(),
         None => {
             let mut glb = morphs::build(&source.mesh, &shapes, metres, request.dense);
-            Looks::of(&request.mesh, &source.obj).paint(&mut glb);
+            source.looks.paint(&mut glb);
             glb.emit()
         }
     };
@@ -273,10 +283,16 @@ struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn of(path: &'a Path, request: &Request, head: &Head, shapes: &[Shape]) -> Self {
+    fn of(
+        path: &'a Path,
+        request: &Request,
+        head: &Head,
+        outside: &Outside<'_>,
+        shapes: &[Shape],
+    ) -> Self {
         let name = request.mesh.file_name().unwrap_or_default();
         let title = format!("Blendshapes of {}", name.to_string_lossy());
-        let (text, figures) = report::html(head, shapes, &title);
+        let (text, figures) = report::html(head, outside, shapes, &title);
         Self {
             path,
             text,
@@ -332,7 +348,7 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
-fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Vec<u64>, BakeError> {
+fn found(request: &Request, source: &Source) -> Result<Vec<u64>, BakeError> {
     let (picture, text) = (
         request.out.with_extension("landmarks.png"),
         request.out.with_extension("landmarks.txt"),
@@ -347,7 +363,7 @@ fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Ve
         write(&picture, png.get_ref())
     };
     let model = FaceModel::shipped();
-    let found = guess(mesh, &model).map_err(|source| BakeError::Locate {
+    let found = guess(&source.mesh, &source.looks, &model).map_err(|source| BakeError::Locate {
         path: request.mesh.clone(),
         source,
     })?;
@@ -359,7 +375,10 @@ fn found(request: &Request, mesh: &Mesh, foreign: Option<&Foreign>) -> Result<Ve
             picture,
         });
     }
-    write(&text, landmark_text(&found.vertices, foreign).as_bytes())?;
+    write(
+        &text,
+        landmark_text(&found.vertices, source.foreign.as_ref()).as_bytes(),
+    )?;
     let unsure = found.unsure();
     let names: Vec<&str> = unsure.iter().take(NAMED).map(|&k| NAMES[k]).collect();
     let doubts = match unsure.len() {

@@ -1,4 +1,5 @@
-//! Where skin meets eyeballs and where lips meet: what went too far in a solved shape, and how far back is right.
+//! Where skin meets eyeballs, where lips meet and where the mouth's inside meets the skin before it: what went too far in a
+//! solved shape, and how far back is right.
 //!
 //! Units: displacements and positions in the mesh's. Memory: a few thousand vertices around the eyes and the lip lines.
 //! Limits: only the front half of a ball counts; behind its widest part the socket's skin is out of sight.
@@ -6,6 +7,7 @@
 use super::head::Head;
 use super::measure::lip_gaps;
 use super::mesh::Vec3;
+use super::nearest::Nearest;
 use super::recipe::Target;
 
 /// Height that moving lid skin keeps above the eyeball, in eye distances: a lid's edge is not thinner.
@@ -16,6 +18,10 @@ const BALL_REACH: f64 = 0.75;
 const SUNK: f64 = 1e-4;
 /// Lips that cross by less than this are left, in eye distances: 0.05 mm.
 const TOUCH: f64 = 0.0015;
+/// The mouth's inside can come through skin no further before it than this, and stays this far behind it, in eye distances.
+const EDGE: f64 = 0.1;
+const BEFORE: f64 = 0.2;
+const BEHIND: f64 = 0.015;
 
 /// What can touch what on one head, measured on the neutral.
 pub(super) struct Contacts<'a> {
@@ -24,6 +30,10 @@ pub(super) struct Contacts<'a> {
     beside: [Vec<(u32, f64)>; 2],
     /// Height of the upper above the lower inner lip line.
     lips: Vec<f64>,
+    /// The mouth's inside: vertex, the nearest of the skin before it, and how far behind that it must stay.
+    inside: Vec<(u32, u32, f64)>,
+    /// Corners of the skin's faces: vertex, the one after and the one before it in the face; ascending.
+    corners: Vec<[u32; 3]>,
 }
 
 impl<'a> Contacts<'a> {
@@ -41,11 +51,105 @@ impl<'a> Contacts<'a> {
                 .collect()
         });
         let gaps = lip_gaps(head, |v| head.mesh.positions[v as usize]);
-        Self {
+        let mut out = Self {
             head,
             beside,
             lips: gaps.into_iter().map(|(.., gap)| gap).collect(),
+            inside: Vec::new(),
+            corners: Vec::new(),
+        };
+        out.find_inside();
+        out
+    }
+
+    fn outside(&self, v: u32) -> bool {
+        let (head, v) = (self.head, v as usize);
+        head.skin[v] && head.socket[v].is_nan() && head.from_lids[v].is_infinite()
+    }
+
+    fn find_inside(&mut self) {
+        let (head, w) = (self.head, self.head.eye_distance);
+        let positions = &head.mesh.positions;
+        let at = |v: u32| positions[v as usize];
+        let all = 0..positions.len() as u32;
+        let (outside, inside): (Vec<u32>, Vec<u32>) = all
+            .filter(|&v| head.skin[v as usize])
+            .partition(|&v| self.outside(v));
+        if inside.is_empty() {
+            return;
         }
+        let mut corners_of = Vec::new();
+        for f in (0..head.mesh.faces()).filter(|&f| !head.film[f]) {
+            let face = head.mesh.face(f);
+            let of = |k: usize| face[k % face.len()].vertex;
+            let corners = (0..face.len()).map(|k| [of(k), of(k + 1), of(k + face.len() - 1)]);
+            corners_of.extend(corners.filter(|c| self.outside(c[0])));
+        }
+        corners_of.sort_unstable();
+        self.corners = corners_of;
+        let nearest = Nearest::new(positions, &outside);
+        let close = inside.into_iter().filter_map(|v| {
+            let before = nearest.of(&at(v))?;
+            let apart = at(before) - at(v);
+            let behind = apart.dot(&self.normal(before, &at));
+            (apart.norm() < BEFORE * w
+                && behind > 0.0
+                && f64::from(head.from_lips[v as usize].min(2.0 * head.from_lids[v as usize]))
+                    > EDGE * w)
+                .then(|| (v, before, behind.min(BEHIND * w)))
+        });
+        self.inside = close.collect();
+    }
+
+    /// On the line of lips or lids or beside it: what is nearest to it may be seen between them.
+    fn at_line(&self, v: u32) -> bool {
+        let seams = || [&self.head.lips].into_iter().chain(&self.head.lids);
+        let on = |v: &u32| seams().any(|seam| seam.both().any(|o| o == *v));
+        on(&v) || self.head.rings.of(v as usize).iter().any(on)
+    }
+
+    /// Normal of the skin at a vertex, by the ring around it.
+    fn normal(&self, v: u32, at: &impl Fn(u32) -> Vec3) -> Vec3 {
+        let first = self.corners.partition_point(|c| c[0] < v);
+        let corners = self.corners[first..].iter().take_while(|c| c[0] == v);
+        let sum: Vec3 = corners
+            .map(|&[_, a, b]| (at(a) - at(v)).cross(&(at(b) - at(v))))
+            .sum();
+        sum.try_normalize(0.0).unwrap_or_default()
+    }
+
+    /// Vertices of the mouth's inside that came through the skin, moved back behind it: nobody sees them there.
+    pub(super) fn pierced(&self, d: &[Vec3], base: Option<&[Vec3]>) -> Vec<(u32, Vec3)> {
+        let head = self.head;
+        let beneath = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
+        let at = |v: u32| head.mesh.positions[v as usize] + d[v as usize] + beneath(v as usize);
+        let mut found = Vec::new();
+        for &(v, before, behind) in &self.inside {
+            if d[v as usize] == Vec3::zeros() && d[before as usize] == Vec3::zeros() {
+                continue;
+            }
+            let (p, mut skin) = (at(v), before);
+            // The skin has slid along: what is nearest now is a few edges away.
+            let far = |o: u32| (at(o) - p).norm_squared();
+            loop {
+                let ring = head
+                    .rings
+                    .of(skin as usize)
+                    .iter()
+                    .filter(|&&o| self.outside(o));
+                match ring.min_by(|&&a, &&b| far(a).total_cmp(&far(b))) {
+                    Some(&nearer) if far(nearer) < far(skin) => skin = nearer,
+                    _ => break,
+                }
+            }
+            let normal = self.normal(skin, &at);
+            let depth = (at(skin) - p).dot(&normal);
+            let near = far(skin).sqrt() < 0.5 * BEFORE * head.eye_distance;
+            if depth < 0.0 && near && !self.at_line(skin) {
+                found.push((v, d[v as usize] - normal * (behind - depth)));
+            }
+        }
+        found
     }
 
     /// Skin vertices that sank into an eyeball, turned as the shape turns it, deeper than before (or than the margin), with the

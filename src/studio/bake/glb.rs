@@ -4,10 +4,13 @@
 
 use serde_json::{Value, json};
 
+/// Targets of buffer views.
+pub(crate) const VERTICES: u32 = 34962;
+pub(crate) const INDICES: u32 = 34963;
 const MAGIC: u32 = 0x4654_6C67;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
-pub(super) const FLOAT: u32 = 5126;
+pub(crate) const FLOAT: u32 = 5126;
 pub(super) const U16: u32 = 5123;
 pub(super) const U32: u32 = 5125;
 /// Bytes that rows may take whatever the size of the file.
@@ -122,6 +125,29 @@ impl Glb {
     /// Appends an accessor and returns its index.
     pub fn push_accessor(&mut self, accessor: Value) -> usize {
         push(&mut self.json["accessors"], accessor)
+    }
+
+    /// Appends rows of floats as an accessor; with bounds if they are places.
+    pub(crate) fn push_rows<const N: usize>(&mut self, rows: &[[f32; N]], bounds: bool) -> usize {
+        let view = self.push_view(&bytes(rows), VERTICES);
+        let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
+        let mut accessor =
+            json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": kind});
+        if bounds {
+            let [low, high] = extent(rows);
+            accessor["min"] = json!(&low[..]);
+            accessor["max"] = json!(&high[..]);
+        }
+        self.push_accessor(accessor)
+    }
+
+    /// Appends corners of triangles as an accessor.
+    pub(crate) fn push_corners(&mut self, corners: &[u32]) -> usize {
+        let data: Vec<u8> = corners.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let view = self.push_view(&data, INDICES);
+        self.push_accessor(
+            json!({"bufferView": view, "componentType": U32, "count": corners.len(), "type": "SCALAR"}),
+        )
     }
 
     /// Bytes that rows of all accessors may take together: some of them may be of the same data.
@@ -258,6 +284,19 @@ impl Glb {
         let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
         Ok(data.chunks_exact(size).map(number).collect())
     }
+}
+
+pub(crate) fn bytes<const N: usize>(rows: &[[f32; N]]) -> Vec<u8> {
+    let values = rows.as_flattened().iter();
+    values.flat_map(|v| v.to_le_bytes()).collect()
+}
+
+/// Smallest and largest of each column.
+pub(super) fn extent<const N: usize>(rows: &[[f32; N]]) -> [[f32; N]; 2] {
+    let of = |of: fn(f32, f32) -> f32, from: f32| {
+        std::array::from_fn(|k| rows.iter().map(|row| row[k]).fold(from, of))
+    };
+    [of(f32::min, f32::INFINITY), of(f32::max, f32::NEG_INFINITY)]
 }
 
 pub(crate) fn push(list: &mut Value, item: Value) -> usize {

@@ -3,10 +3,10 @@
 //!
 //! Found from the mesh and the 68 landmarks alone, without names of materials:
 //! * skin: the connected part that carries the chin;
-//! * lid and lip lines: shortest paths along edges through the landmarks of the contour;
+//! * lid and lip lines: shortest paths along edges through the landmarks of the contour, for lids on one edge of the rim;
 //! * sockets: what the skin falls into when those lines are cut out (absent where the mesh is open);
 //! * eyeballs: round parts right behind the eyes; jaw, upper teeth, tongue: parts inside the mouth, told apart by the
-//!   height of the bite; everything else follows the skin nearest to it (lashes, tear line, brows of their own).
+//!   height of the bite; what lies on lids, balls or skin goes with them, all else is worn and stays.
 //!
 //! Frame: `axes` maps (left, up, out) of the face to mesh coordinates. Units: the mesh's own.
 //! Cost: linear, plus a few shortest paths. Limits: a head without eyeballs or teeth simply has none.
@@ -18,7 +18,7 @@ use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3};
 use super::names::LANDMARKS;
-use super::seam::{Seam, films, line};
+use super::seam::{Seam, films, lines};
 use super::solve::stiffness;
 
 /// Why a head cannot be baked.
@@ -62,6 +62,10 @@ pub enum HeadError {
 
 /// Inside of the mouth nearer than this to the lip line along the surface stays free, in eye distances.
 pub(super) const LIP_FREE: f64 = 0.2;
+/// A lid's line may pass a landmark so far beside it, in eye distances: points are put on one or the other edge of its rim.
+const LID_SLACK: f64 = 0.07;
+/// Skin behind lids further than this from their lines stays where it is, in eye distances: it lines the socket.
+const LID_FREE: f64 = 0.12;
 
 /// How a part of the mesh that is not skin moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,8 +112,8 @@ pub struct Head {
     pub socket: Vec<f32>,
     /// Distance of the mouth's inside from the lip lines along the surface, infinite elsewhere.
     pub from_lips: Vec<f32>,
-    /// Skin behind the lids of either eye.
-    pub behind_lids: Vec<bool>,
+    /// Distance of the skin behind the lids from their lines along the surface, infinite elsewhere.
+    pub from_lids: Vec<f32>,
     /// Eyeballs, left and right.
     pub balls: [Option<Ball>; 2],
     /// How each vertex moves.
@@ -176,33 +180,33 @@ impl Head {
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
             return Err(HeadError::Apart { landmark });
         }
-        let line = |ks: &[usize]| {
-            let through: Vec<u32> = ks.iter().map(|&k| points[k]).collect();
-            line(&mesh, &rings, &through)
+        // Fitted to the teeth of a sculpted open jaw: below and behind the ear end of the jaw line, where the axis of a
+        // jaw that also slides forwards as it opens comes to lie.
+        let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
+        let mut lines = |upper: &[usize], lower: &[usize], slack: f64| {
+            let [on, below] =
+                [upper, lower].map(|ks| ks.iter().map(|&k| points[k]).collect::<Vec<u32>>());
+            let front = (slack > 0.0).then_some(out);
+            let (seam, through) = lines(&mesh, &rings, [&on, &below], slack * eye_distance, front);
+            for (ks, through) in [upper, lower].into_iter().zip(through) {
+                for (&k, v) in ks.iter().zip(through) {
+                    points[k] = v;
+                }
+            }
+            seam
         };
-        let lips = Seam {
-            upper: line(&[60, 61, 62, 63, 64]),
-            lower: line(&[60, 67, 66, 65, 64]),
-        };
+        let lips = lines(&[60, 61, 62, 63, 64], &[60, 67, 66, 65, 64], 0.0);
         let lids = [
-            Seam {
-                upper: line(&[42, 43, 44, 45]),
-                lower: line(&[42, 47, 46, 45]),
-            },
-            Seam {
-                upper: line(&[36, 37, 38, 39]),
-                lower: line(&[36, 41, 40, 39]),
-            },
+            lines(&[42, 43, 44, 45], &[42, 47, 46, 45], LID_SLACK),
+            lines(&[36, 37, 38, 39], &[36, 41, 40, 39], LID_SLACK),
         ];
+        let at = |k: usize| mesh.positions[points[k] as usize];
         let film = films(&mesh, &[&lips, &lids[0], &lids[1]]);
         let eye_opening = [
             0.5 * ((at(43) - at(47)).norm() + (at(44) - at(46)).norm()),
             0.5 * ((at(38) - at(40)).norm() + (at(37) - at(41)).norm()),
         ];
         let mouth_width = (at(48) - at(54)).norm();
-        // Fitted to the teeth of a sculpted open jaw: below and behind the ear end of the jaw line, where the axis of a
-        // jaw that also slides forwards as it opens comes to lie.
-        let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
         let normals_and_derived = || {
             let normals = mesh.vertex_normals(&mesh.positions);
             derived_points(&mesh, &skin, &normals, &axes, &points, eye_distance)
@@ -227,7 +231,7 @@ impl Head {
         let mut head = Self {
             socket: vec![f32::NAN; n],
             from_lips: vec![f32::INFINITY; n],
-            behind_lids: vec![false; n],
+            from_lids: vec![f32::INFINITY; n],
             follow: vec![Follow::Still; n],
             tongue: vec![0.0; n],
             balls: [None, None],
@@ -256,6 +260,17 @@ impl Head {
     pub fn deep(&self, v: usize) -> bool {
         let far = f64::from(self.from_lips[v]);
         far.is_finite() && far >= LIP_FREE * self.eye_distance
+    }
+
+    /// Whether a vertex is skin that lines an eye's socket and stays: far behind the lids, and beside the ball or behind its middle.
+    #[must_use]
+    pub fn lines_socket(&self, v: usize) -> bool {
+        let far = f64::from(self.from_lids[v]);
+        let out = self.axes.column(2);
+        let behind = |ball: &Ball| (self.mesh.positions[v] - ball.center).dot(&out) < 0.0;
+        far.is_finite()
+            && far >= LID_FREE * self.eye_distance
+            && self.balls.iter().flatten().all(behind)
     }
 
     /// Position of a control point.

@@ -307,8 +307,9 @@ impl<'a> Lesson<'a> {
 
     /// Between lower lid and mouth corner, nostril and jaw line.
     fn on_cheek(&self, v: usize) -> bool {
-        let at = |k: usize| in_frame(&self.head, &self.head.point(k));
-        let p = in_frame(&self.head, &self.head.mesh.positions[v]);
+        let place = |v: usize| in_frame(&self.head, &self.head.mesh.positions[v]);
+        let at = |k: usize| place(self.truth.landmarks[k] as usize);
+        let p = place(v);
         let (lid, corner, nostril, jaw) = (at(46), at(54), at(35), at(14));
         p.y < lid.y - 0.1
             && p.y > corner.y

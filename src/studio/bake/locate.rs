@@ -8,14 +8,15 @@
 //! and jaw, which plaster does not show, are where the other points say that people have them.
 //!
 //! Units: the mesh's; pictures in pixels. Cost: 0.2 to 0.4 s where a face is found at once, 4 s on a core before it is said that
-//! there is none. Limits: the model has learned photographs of people, not plaster and not cartoons; colours and
-//! textures are not drawn; a head that leans is not found.
+//! there is none. Limits: the model has learned photographs of people, not plaster and not cartoons; a head that
+//! leans is not found.
 //! One file: from a mesh to its 68 vertices, each step used by the next only.
 
 use image::RgbImage;
 use nalgebra::Matrix3;
 
 use super::by_shape;
+use super::looks::{Looks, Surfaces};
 use super::mesh::{Mesh, Vec3};
 use super::render::{Canvas, paint};
 use crate::base::capacity::LANDMARKS;
@@ -78,6 +79,8 @@ const DEEP: f64 = 0.4;
 const UNMARKED: usize = 27;
 /// A point this far from where the others say it is, in inner-eye-corner distances, is hardly believed.
 const DOUBTFUL: f64 = 0.1;
+/// A part is small up to this share of the skin's extent.
+const SMALL: f64 = 0.35;
 /// Cosine of the cone that an iris fills on an eyeball seen from its centre.
 const IRIS: f64 = 0.87;
 
@@ -155,7 +158,7 @@ struct Seen {
 /// # Errors
 /// If no face is to be seen.
 pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
-    let found = guess(mesh, model)?;
+    let found = guess(mesh, &Looks::default(), model)?;
     if !found.is_face() {
         return Err(LocateError::NoFace {
             confidence: found.confidence,
@@ -164,25 +167,46 @@ pub fn locate(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
     Ok(found)
 }
 
-/// The same with however little confidence, for a person to correct.
+/// The same with however little confidence, for a person to correct: as if of plaster, then as it is coloured.
 ///
 /// # Errors
 /// If there is nothing to look at.
-pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
+pub(in crate::studio) fn guess(
+    mesh: &Mesh,
+    looks: &Looks,
+    model: &FaceModel,
+) -> Result<Located, LocateError> {
     let rings = mesh.rings();
-    let parts = Parts::new(mesh, &rings);
+    let mut parts = Parts::new(mesh, &rings);
+    let mut best = None;
+    search(mesh, &parts, model, &mut best);
+    if !is_sure(&best) {
+        parts.surfaces = Some(Surfaces::new(mesh, looks)).filter(Surfaces::any);
+        if parts.surfaces.is_some() {
+            search(mesh, &parts, model, &mut best);
+        }
+    }
+    let face = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
+    Ok(face.located(mesh, &rings, &parts, model))
+}
+
+fn is_sure(best: &Option<Face>) -> bool {
+    best.as_ref().is_some_and(|b| b.confidence > SURE)
+}
+
+/// Looks from all sides until a face is sure.
+fn search(mesh: &Mesh, parts: &Parts<'_>, model: &FaceModel, best: &mut Option<Face>) {
     let mut search = Search {
         mesh,
-        parts: &parts,
+        parts,
         model,
         fitter: StillFitter::new(model),
         by_eyes: parts.balls.is_some(),
     };
-    let mut best: Option<Face> = None;
     let ways = [true, false]
         .into_iter()
         .filter(|&eyes| !eyes || parts.balls.is_some());
-    'all: for by_eyes in ways {
+    for by_eyes in ways {
         search.by_eyes = by_eyes;
         let mut glances: Vec<Glance> = Vec::new();
         for to_view in parts.frames(by_eyes) {
@@ -192,23 +216,21 @@ pub fn guess(mesh: &Mesh, model: &FaceModel) -> Result<Located, LocateError> {
                 // Looked at closely where it is, before anything else is looked at.
                 let promising = |g: &&Glance| g.score > PROMISING;
                 if let Some(seen) = glances[first..].iter().max_by(by_score).filter(promising) {
-                    better(&mut best, search.closely(seen));
-                    if best.as_ref().is_some_and(|b| b.confidence > SURE) {
-                        break 'all;
+                    better(best, search.closely(seen));
+                    if is_sure(best) {
+                        return;
                     }
                 }
             }
         }
         glances.sort_by(|a, b| b.score.total_cmp(&a.score));
         for seen in glances.iter().take(CLOSELY) {
-            better(&mut best, search.closely(seen));
+            better(best, search.closely(seen));
         }
-        if best.as_ref().is_some_and(|b| b.confidence > SURE) {
-            break;
+        if is_sure(best) {
+            return;
         }
     }
-    let face = best.ok_or(LocateError::NoFace { confidence: 0.0 })?;
-    Ok(face.located(mesh, &rings, &parts, model))
 }
 
 fn by_score(a: &&Glance, b: &&Glance) -> std::cmp::Ordering {
@@ -224,16 +246,20 @@ fn better(best: &mut Option<Face>, face: Option<Face>) {
 }
 
 /// What hangs together in a mesh.
-struct Parts {
+struct Parts<'a> {
     /// Part of every vertex.
     of: Vec<u32>,
     /// What may carry the face, the likeliest first.
     skins: Vec<u32>,
     /// Those that are eyeballs, or lie in them, and the centres of the two.
     balls: Option<(Vec<u32>, [Vec3; 2])>,
+    /// Whether each is small beside the skin: brows, lashes, eyes that are no balls.
+    small: Vec<bool>,
+    /// What is known of colours.
+    surfaces: Option<Surfaces<'a>>,
 }
 
-impl Parts {
+impl Parts<'_> {
     fn new(mesh: &Mesh, rings: &super::mesh::Rings) -> Self {
         let (of, count) = mesh.components(rings);
         let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
@@ -259,7 +285,15 @@ impl Parts {
         let most = skins.iter().map(|&c| size[c as usize]).max().unwrap_or(0);
         skins.retain(|&c| size[c as usize] * SMALLEST_SKIN > most);
         skins.truncate(SKINS);
-        Self { of, skins, balls }
+        let wide = |c: usize| (boxes[c].1 - boxes[c].0).max();
+        let skin = skins.first().map_or(0.0, |&c| wide(c as usize));
+        Self {
+            of,
+            small: (0..count).map(|c| wide(c) < SMALL * skin).collect(),
+            skins,
+            balls,
+            surfaces: None,
+        }
     }
 
     /// Views to try: up is y or z; four ways to face, but only those with the eyes level, where there are eyes.
@@ -347,7 +381,7 @@ struct Face {
 /// What is needed to look somewhere.
 struct Search<'a> {
     mesh: &'a Mesh,
-    parts: &'a Parts,
+    parts: &'a Parts<'a>,
     model: &'a FaceModel,
     fitter: StillFitter<'a>,
     /// Where eyeballs are, not anywhere.
@@ -514,7 +548,7 @@ impl Face {
         self,
         mesh: &Mesh,
         rings: &super::mesh::Rings,
-        parts: &Parts,
+        parts: &Parts<'_>,
         model: &FaceModel,
     ) -> Located {
         let Self {
@@ -685,7 +719,7 @@ impl Seen {
 /// Draws the head: skin, and eyes with an iris.
 fn look(
     mesh: &Mesh,
-    parts: &Parts,
+    parts: &Parts<'_>,
     skin: u32,
     to_view: &Matrix3<f64>,
     middle: &Vec3,
@@ -714,7 +748,16 @@ fn look(
             [235.0, 238.0, 245.0]
         })
     };
-    let canvas = paint(mesh, &view, middle, height, PIXELS, tint);
+    let draw = |surfaces, tint: &dyn Fn([u32; 3], bool) -> _| {
+        paint(mesh, &view, middle, height, PIXELS, surfaces, tint)
+    };
+    let mut canvas = draw(None, &|t, _| tint(t));
+    if let Some(surfaces) = &parts.surfaces {
+        // Depth stays that of the skin, which points are cast on.
+        let small = |t: [u32; 3]| parts.small[parts.of[t[0] as usize] as usize];
+        let tint = |t, known| tint(t).or((known && small(t)).then_some([0.0; 3]));
+        canvas.image = draw(Some(surfaces), &tint).image;
+    }
     Seen {
         to_view: *to_view,
         middle: *middle,

@@ -1,19 +1,21 @@
-//! Colours of an OBJ: what its material files (MTL) say of each material, and their pictures, as glTF materials
-//! or, for USD, as files beside it.
+//! Colours of a head: what the material files (MTL) of an OBJ or the materials of a glTF say, and their pictures; as glTF
+//! materials, as files beside USD, and drawn.
 //!
-//! Read are `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG, which is carried over as it is; paths are relative to
+//! Of MTL are read `newmtl`, `Kd`, `d`, `Tr` and `map_Kd` with a PNG or JPEG, which is carried over as it is; paths are relative to
 //! the file that names them. Colours are sRGB there and linear in glTF. What is missing or damaged leaves the material as it
 //! would be without: a head without its colours is still a head.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use serde_json::json;
+use image::RgbaImage;
+use serde_json::{Value, json};
 
-use super::error::BakeError;
-use super::files::{read, read_bytes, write};
 use super::glb::{Glb, push};
+use super::mesh::{Corner, Mesh};
+use crate::base::bounded_read;
 use crate::studio::srgb::linear;
+use crate::studio::text_files;
 
 /// A material.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,16 +23,13 @@ pub(super) struct Look {
     /// Linear red, green and blue.
     colour: Option<[f64; 3]>,
     opacity: Option<f64>,
-    picture: Option<PathBuf>,
+    /// A file that glTF and USD have the like of.
+    picture: Option<Vec<u8>>,
+    /// Gaps in the picture are gaps in the surface.
+    cut: bool,
 }
 
 impl Look {
-    /// Its picture, if that can be read and glTF and USD have the like, and what glTF calls it.
-    fn picture(&self) -> Option<(&'static str, Vec<u8>)> {
-        let bytes = read_bytes(self.picture.as_ref()?).ok()?;
-        Some((kind(&bytes)?, bytes))
-    }
-
     /// Linear red, green, blue and opacity; `None` for the colour if the file says nothing of it.
     pub(super) fn surface(&self) -> (Option<[f64; 3]>, f64) {
         (self.colour, self.opacity.unwrap_or(1.0))
@@ -39,10 +38,10 @@ impl Look {
 
 /// Materials by name.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Looks(HashMap<String, Look>);
+pub(in crate::studio) struct Looks(HashMap<String, Look>);
 
-/// Names of pictures beside a file, by material.
-pub(super) type Beside = HashMap<String, String>;
+/// Pictures as files beside one by material: their names, and what is in them.
+pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;
 
 /// What any system lets a file be called.
 fn plain(c: char) -> char {
@@ -73,7 +72,7 @@ impl Looks {
         let folder = path.parent().unwrap_or(Path::new(""));
         for name in obj.lines().filter_map(|line| after(line, "mtllib")) {
             let file = folder.join(name);
-            if let Ok(text) = read(&file) {
+            if let Ok(text) = text_files::read(&file) {
                 looks.add(&text, file.parent().unwrap_or(Path::new("")));
             }
         }
@@ -101,9 +100,55 @@ impl Looks {
             } else if let Some(clear) = after(line, "Tr").and_then(share) {
                 look.opacity = Some(1.0 - clear);
             } else if let Some(picture) = after(line, "map_Kd") {
-                look.picture = Some(folder.join(picture));
+                let bytes = bounded_read::read(&folder.join(picture), text_files::MOST).ok();
+                look.picture = bytes.filter(|bytes| kind(bytes).is_some());
             }
         }
+    }
+
+    /// Of the materials of a glTF.
+    pub(super) fn in_glb(glb: &Glb) -> Self {
+        let look = |material: &Value| {
+            let surface = &material["pbrMetallicRoughness"];
+            let factor: Option<[f64; 4]> =
+                serde_json::from_value(surface["baseColorFactor"].clone()).ok();
+            let at =
+                |list: &str, k: &Value| &glb.json[list][k.as_u64().unwrap_or(u64::MAX) as usize];
+            let texture = at("textures", &surface["baseColorTexture"]["index"]);
+            let view = at(
+                "bufferViews",
+                &at("images", &texture["source"])["bufferView"],
+            );
+            let from = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+            let length = view["byteLength"].as_u64().unwrap_or(0) as usize;
+            let picture = glb.bin.get(from..from.saturating_add(length));
+            let cut = material["alphaMode"]
+                .as_str()
+                .is_some_and(|mode| mode != "OPAQUE");
+            Look {
+                colour: factor.map(|[r, g, b, _]| [r, g, b]),
+                opacity: factor.filter(|_| cut).map(|factor| factor[3]),
+                picture: picture
+                    .filter(|bytes| kind(bytes).is_some())
+                    .map(<[u8]>::to_vec),
+                cut,
+            }
+        };
+        let listed = glb.json["materials"].as_array().into_iter().flatten();
+        Self(
+            material_names(&glb.json)
+                .into_iter()
+                .zip(listed.map(look))
+                .collect(),
+        )
+    }
+
+    /// Whether nothing is known of any.
+    pub(in crate::studio) fn is_empty(&self) -> bool {
+        !self
+            .0
+            .values()
+            .any(|look| look.colour.is_some() || look.picture.is_some())
     }
 
     /// The look of a material.
@@ -111,32 +156,26 @@ impl Looks {
         self.0.get(name)
     }
 
-    /// Puts the pictures of these materials beside a file; their names there, by material.
-    ///
-    /// # Errors
-    /// If one cannot be written.
-    pub(super) fn beside(&self, out: &Path, names: &[String]) -> Result<Beside, BakeError> {
+    /// The pictures of these materials as files beside one.
+    pub(super) fn beside<'a>(&'a self, out: &Path, names: &[String]) -> Beside<'a> {
         let stem = out.file_stem().unwrap_or_default().to_string_lossy();
         let stem: String = stem.chars().map(plain).collect();
-        let mut beside = Beside::new();
-        for (k, name) in names.iter().enumerate() {
-            let Some((kind, bytes)) = self.get(name).and_then(Look::picture) else {
-                continue;
-            };
-            let ending = kind.strip_prefix("image/").unwrap_or_default();
+        let numbered = names.iter().enumerate();
+        let file = numbered.filter_map(|(k, name)| {
+            let bytes = self.get(name)?.picture.as_ref()?;
+            let ending = kind(bytes)?.strip_prefix("image/")?;
+            let word: String = name.chars().map(plain).collect();
             // By number: the names of two materials may differ in what no file can be called only.
-            let file = format!(
-                "{stem}_{}_{k}.{ending}",
-                name.chars().map(plain).collect::<String>()
-            );
-            write(&out.with_file_name(&file), &bytes)?;
-            beside.insert(name.clone(), file);
-        }
-        Ok(beside)
+            Some((
+                name.clone(),
+                (format!("{stem}_{word}_{k}.{ending}"), &bytes[..]),
+            ))
+        });
+        file.collect()
     }
 
     /// Gives the materials of a file that have these names their colours and pictures.
-    pub(super) fn paint(&self, glb: &mut Glb) {
+    pub(in crate::studio) fn paint(&self, glb: &mut Glb) {
         let count = glb.json["materials"].as_array().map_or(0, Vec::len);
         for k in 0..count {
             let name = glb.json["materials"][k]["name"].as_str().unwrap_or("");
@@ -149,13 +188,14 @@ impl Looks {
                 glb.json["materials"][k]["pbrMetallicRoughness"]["baseColorFactor"] =
                     json!([r, g, b, opacity]);
             }
-            if opacity < 1.0 {
+            if opacity < 1.0 || look.cut {
                 glb.json["materials"][k]["alphaMode"] = json!("BLEND");
             }
-            let Some((kind, bytes)) = look.picture() else {
+            let Some(bytes) = &look.picture else {
                 continue;
             };
-            let view = glb.push_view(&bytes, 0);
+            let kind = kind(bytes);
+            let view = glb.push_view(bytes, 0);
             let image = push(
                 &mut glb.json["images"],
                 json!({"bufferView": view, "mimeType": kind, "name": name}),
@@ -170,8 +210,111 @@ impl Looks {
     }
 }
 
+/// Names of a glTF's materials, each once.
+pub(super) fn material_names(json: &Value) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (k, material) in json["materials"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .enumerate()
+    {
+        let name = material["name"].as_str().unwrap_or("material").to_owned();
+        let again = names.contains(&name);
+        names.push(if again { format!("{name}_{k}") } else { name });
+    }
+    names
+}
+
+/// A material as it is drawn.
+struct Surface {
+    /// Linear.
+    colour: [f64; 3],
+    opacity: f64,
+    picture: Option<RgbaImage>,
+}
+
+/// The surface of a mesh as it is drawn.
+pub(in crate::studio) struct Surfaces<'a> {
+    mesh: &'a Mesh,
+    /// Of each material of which anything is known.
+    of: Vec<Option<Surface>>,
+}
+
+impl<'a> Surfaces<'a> {
+    pub(in crate::studio) fn new(mesh: &'a Mesh, looks: &Looks) -> Self {
+        let of = |name: &String| {
+            let look = looks.get(name)?;
+            let picture = look.picture.as_ref();
+            let picture = picture.and_then(|bytes| image::load_from_memory(bytes).ok());
+            let picture = picture.map(|picture| match look.cut {
+                true => picture.into_rgba8(),
+                false => image::DynamicImage::from(picture.into_rgb8()).into_rgba8(),
+            });
+            let picture = picture.filter(|picture| !picture.is_empty());
+            let known = picture.is_some() || look.colour.is_some();
+            let (colour, opacity) = look.surface();
+            known.then(|| Surface {
+                colour: colour.unwrap_or([1.0; 3]),
+                opacity,
+                picture,
+            })
+        };
+        Self {
+            mesh,
+            of: mesh.materials.iter().map(of).collect(),
+        }
+    }
+
+    /// Whether anything is known at all.
+    pub(super) fn any(&self) -> bool {
+        (0..self.of.len() as u32).any(|material| self.know(material))
+    }
+
+    /// Whether anything is known of a material.
+    pub(super) fn know(&self, material: u32) -> bool {
+        self.of[material as usize].is_some() || !self.mesh.tints.is_empty()
+    }
+
+    /// The colour, 0 to 255, of a place between three corners; `None` at a gap.
+    pub(super) fn at(
+        &self,
+        material: u32,
+        corners: [Corner; 3],
+        shares: [f64; 3],
+    ) -> Option<[f64; 3]> {
+        let mesh = self.mesh;
+        let mean = |of: &dyn Fn(Corner) -> f32| {
+            let all = corners.iter().zip(shares);
+            all.map(|(&corner, share)| f64::from(of(corner)) * share)
+                .sum::<f64>()
+        };
+        let surface = self.of[material as usize].as_ref();
+        let mut light = surface.map_or([1.0; 3], |surface| surface.colour);
+        if !mesh.tints.is_empty() {
+            for (c, light) in light.iter_mut().enumerate() {
+                *light *= mean(&|k| mesh.tints[k.vertex as usize][c]);
+            }
+        }
+        let mut colour = light.map(|c| 255.0 * c.clamp(0.0, 1.0).powf(1.0 / 2.2));
+        let mut opacity = surface.map_or(1.0, |surface| surface.opacity);
+        if let Some(picture) = surface.and_then(|surface| surface.picture.as_ref()) {
+            let uv = |axis| mean(&|k| k.uv.map_or(0.0, |k| mesh.uv[k as usize][axis]));
+            let texel = |share: f64, size: u32| {
+                ((share - share.floor()) * f64::from(size)).min(f64::from(size - 1)) as u32
+            };
+            let (width, height) = picture.dimensions();
+            let texel = picture.get_pixel(texel(uv(0), width), texel(1.0 - uv(1), height));
+            let [r, g, b, a] = texel.0.map(|x| f64::from(x) / 255.0);
+            colour = [colour[0] * r, colour[1] * g, colour[2] * b];
+            opacity *= a;
+        }
+        (opacity > 0.5).then_some(colour)
+    }
+}
+
 /// What glTF calls a picture; `None` for what it has none of.
-fn kind(bytes: &[u8]) -> Option<&'static str> {
+pub(super) fn kind(bytes: &[u8]) -> Option<&'static str> {
     match bytes {
         [0x89, b'P', b'N', b'G', ..] => Some("image/png"),
         [0xff, 0xd8, 0xff, ..] => Some("image/jpeg"),

@@ -75,10 +75,8 @@ impl<'a> Judge<'a> {
             .filter(|&v| moved[v as usize] != head.mesh.positions[v as usize])
             .collect();
         let mut scratch = self.around.scratch();
-        let some = self.around.seeing(head, &changed, &mut scratch);
-        (out.inverted, out.collapsed) =
-            self.around
-                .inverted(head, &|v| moved[v], &some, &mut scratch);
+        let some = self.around.seeing(&changed, &mut scratch);
+        (out.inverted, out.collapsed) = self.around.inverted(&|v| moved[v], &some, &mut scratch);
         out.asymmetry = self.asymmetry(shapes, k);
         for (side, ball) in head.balls.iter().enumerate() {
             let Some(ball) = ball else { continue };

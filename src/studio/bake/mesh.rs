@@ -52,6 +52,25 @@ pub struct Rings {
 }
 
 impl Rings {
+    /// Of so many vertices with these edges, each named once or more.
+    pub(super) fn new(vertices: usize, edges: &[[u32; 2]]) -> Self {
+        let edges = edges.iter().filter(|[a, b]| a != b);
+        let mut pairs: Vec<[u32; 2]> = edges.flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let mut starts = vec![0_u32; vertices + 1];
+        for [a, _] in &pairs {
+            starts[*a as usize + 1] += 1;
+        }
+        for v in 0..vertices {
+            starts[v + 1] += starts[v];
+        }
+        Self {
+            starts,
+            others: pairs.into_iter().map(|[_, b]| b).collect(),
+        }
+    }
+
     /// Vertices that share an edge with `vertex`.
     #[must_use]
     pub fn of(&self, vertex: usize) -> &[u32] {
@@ -122,30 +141,14 @@ impl Mesh {
     /// Edge neighbours of every vertex (diagonals of quads are not edges).
     #[must_use]
     pub fn rings(&self) -> Rings {
-        let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(self.corners.len() * 2);
+        let mut pairs: Vec<[u32; 2]> = Vec::with_capacity(self.corners.len());
         for f in 0..self.faces() {
             let face = self.face(f);
-            for k in 0..face.len() {
-                let (a, b) = (face[k].vertex, face[(k + 1) % face.len()].vertex);
-                if a != b {
-                    pairs.push((a, b));
-                    pairs.push((b, a));
-                }
-            }
+            pairs.extend(
+                (0..face.len()).map(|k| [face[k], face[(k + 1) % face.len()]].map(|c| c.vertex)),
+            );
         }
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut starts = vec![0_u32; self.positions.len() + 1];
-        for &(a, _) in &pairs {
-            starts[a as usize + 1] += 1;
-        }
-        for v in 0..self.positions.len() {
-            starts[v + 1] += starts[v];
-        }
-        Rings {
-            starts,
-            others: pairs.into_iter().map(|(_, b)| b).collect(),
-        }
+        Rings::new(self.positions.len(), &pairs)
     }
 
     /// Connected component of every vertex, numbered in order of their first vertex, and their number.
@@ -253,6 +256,13 @@ fn root(part: &mut [usize], mut f: usize) -> usize {
         f = part[f];
     }
     f
+}
+
+/// Smallest and largest coordinates of some places; beyond all bounds if there are none.
+pub(in crate::studio) fn extent_of<'a>(places: impl IntoIterator<Item = &'a Vec3>) -> (Vec3, Vec3) {
+    let none = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+    let wider = |(low, high): (Vec3, Vec3), p: &Vec3| (low.inf(p), high.sup(p));
+    places.into_iter().fold(none, wider)
 }
 
 /// Components of the subgraph of vertices that pass `keep`; `u32::MAX` for the others. Returns labels and their number.

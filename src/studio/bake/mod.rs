@@ -65,6 +65,7 @@ pub mod render;
 pub mod report;
 pub mod request;
 pub mod rig;
+mod scene;
 pub mod seam;
 pub mod shape;
 mod skin;

@@ -12,39 +12,17 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::glb::{FLOAT, Glb, U16, U32, push};
+use super::glb::{FLOAT, Glb, U16, U32, VERTICES, bytes, extent, push};
 use super::mesh::{Mesh, Vec3};
 use super::shape::Shape;
 
-const VERTICES: u32 = 34962;
-const INDICES: u32 = 34963;
 /// A target that moves more than this part of the vertices is smaller written in full.
 const DENSE_ABOVE: f64 = 0.85;
 /// Normals that turn less than this are left: 0.06 degrees.
-pub(super) const NORMAL_NOTHING: f32 = 1e-3;
+const NORMAL_NOTHING: f32 = 1e-3;
 /// Of a material whose colour is not known: red, green, blue, opacity.
 pub(super) const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 pub(super) const ROUGHNESS: f64 = 0.6;
-
-fn bytes(values: impl IntoIterator<Item = [f32; 3]>) -> Vec<u8> {
-    values
-        .into_iter()
-        .flatten()
-        .flat_map(f32::to_le_bytes)
-        .collect()
-}
-
-/// Smallest and largest of each coordinate.
-fn bounds<'a>(values: impl IntoIterator<Item = &'a [f32; 3]>) -> ([f32; 3], [f32; 3]) {
-    let mut out = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for v in values {
-        for k in 0..3 {
-            out.0[k] = out.0[k].min(v[k]);
-            out.1[k] = out.1[k].max(v[k]);
-        }
-    }
-    out
-}
 
 /// A target's accessor and its data: nothing, sparse or dense, whichever fits.
 pub(super) struct Encoded {
@@ -62,12 +40,12 @@ impl Encoded {
             .collect();
         let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
         if with_bounds {
-            let (low, high) = bounds(values);
+            let [low, high] = extent(values);
             accessor["min"] = json!(low);
             accessor["max"] = json!(high);
         }
         if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
-            let data = bytes(values.iter().copied());
+            let data = bytes(values);
             return Self {
                 accessor,
                 indices: None,
@@ -92,7 +70,7 @@ impl Encoded {
         Self {
             accessor,
             indices: Some(indices),
-            data: bytes(moved.iter().map(|&v| values[v])),
+            data: bytes(&moved.iter().map(|&v| values[v]).collect::<Vec<_>>()),
         }
     }
 
@@ -110,6 +88,20 @@ impl Encoded {
         }
         glb.push_accessor(self.accessor)
     }
+}
+
+/// How a shape turns the normals of the vertices.
+pub(super) fn turned(mesh: &Mesh, smooth: &[Vec3], shape: &Shape) -> Vec<[f32; 3]> {
+    let moved = mesh.positions.iter().zip(&shape.displacement);
+    let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
+    let now = mesh.vertex_normals(&moved);
+    let bent = now
+        .iter()
+        .zip(smooth)
+        .map(|(now, was)| single(&(now - was)));
+    let nothing = |d: &[f32; 3]| d.iter().all(|d| d.abs() < NORMAL_NOTHING);
+    bent.map(|d| if nothing(&d) { [0.0; 3] } else { d })
+        .collect()
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
@@ -181,35 +173,16 @@ impl Split {
             .iter()
             .map(|&v| single(&(mesh.positions[v] * metres)));
         let positions: Vec<[f32; 3]> = positions.collect();
-        let count = positions.len();
-        let (low, high) = bounds(&positions);
-        let view = glb.push_view(&bytes(positions), VERTICES);
-        let position = glb.push_accessor(json!({
-            "bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3", "min": low, "max": high,
-        }));
-        let view = glb.push_view(&bytes(self.normal.iter().copied()), VERTICES);
-        let normals = glb.push_accessor(
-            json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
-        );
-        let mut attributes = json!({"POSITION": position, "NORMAL": normals});
+        let mut attributes = json!({
+            "POSITION": glb.push_rows(&positions, true),
+            "NORMAL": glb.push_rows(&self.normal, false),
+        });
         if !mesh.tints.is_empty() {
             let tints = self.source.iter().map(|&v| mesh.tints[v]);
-            let view = glb.push_view(&bytes(tints), VERTICES);
-            attributes["COLOR_0"] = glb
-                .push_accessor(
-                    json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"}),
-                )
-                .into();
+            attributes["COLOR_0"] = glb.push_rows(&tints.collect::<Vec<_>>(), false).into();
         }
         if !mesh.uv.is_empty() {
-            let uv = self.uv.iter().flatten();
-            let data: Vec<u8> = uv.flat_map(|v: &f32| v.to_le_bytes()).collect();
-            let view = glb.push_view(&data, VERTICES);
-            attributes["TEXCOORD_0"] = glb
-                .push_accessor(
-                    json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC2"}),
-                )
-                .into();
+            attributes["TEXCOORD_0"] = glb.push_rows(&self.uv, false).into();
         }
         attributes
     }
@@ -228,20 +201,11 @@ impl Split {
             .iter()
             .map(|&v| single(&(shape.displacement[v] * metres)));
         let moved: Vec<[f32; 3]> = moved.collect();
-        let deformed = mesh.positions.iter().zip(&shape.displacement);
-        let deformed: Vec<Vec3> = deformed.map(|(p, d)| p + d).collect();
-        let turned = mesh.vertex_normals(&deformed);
-        let bent = self.source.iter().map(|&v| {
-            let d = single(&(turned[v] - smooth[v]));
-            if d.iter().all(|d| d.abs() < NORMAL_NOTHING) {
-                [0.0; 3]
-            } else {
-                d
-            }
-        });
+        let turned = turned(mesh, smooth, shape);
+        let bent: Vec<[f32; 3]> = self.source.iter().map(|&v| turned[v]).collect();
         [
             Encoded::new(&moved, dense, true),
-            Encoded::new(&bent.collect::<Vec<_>>(), dense, false),
+            Encoded::new(&bent, dense, false),
         ]
     }
 
@@ -260,11 +224,7 @@ impl Split {
             if triangles.is_empty() {
                 continue;
             }
-            let data: Vec<u8> = triangles.iter().flat_map(|v| v.to_le_bytes()).collect();
-            let view = glb.push_view(&data, INDICES);
-            let indices = glb.push_accessor(json!({
-                "bufferView": view, "componentType": U32, "count": triangles.len(), "type": "SCALAR",
-            }));
+            let indices = glb.push_corners(triangles);
             let mut material = json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": COLOUR, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}});
             if thin {
                 material["doubleSided"] = true.into();
@@ -323,7 +283,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
 }
 
 /// A vector in single precision.
-pub(super) fn single(v: &Vec3) -> [f32; 3] {
+pub(in crate::studio) fn single(v: &Vec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 

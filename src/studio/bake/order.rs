@@ -12,7 +12,7 @@
 //! Units: the mesh's. Cost: sorting vertices and faces. Limits: texture, normals and materials stay with the file.
 
 use super::head::HeadError;
-use super::mesh::{Corner, Mesh, Vec3};
+use super::mesh::{Corner, Mesh, Vec3, extent_of};
 use super::shape::Shape;
 use super::weld::{faces, sewn};
 
@@ -39,13 +39,13 @@ impl Ordered {
             .collect();
         // As glTF has them: by material.
         let mut triangles = Vec::with_capacity(2 * source.faces());
-        for material in 0..source.materials.len() as u32 {
-            for f in (0..source.faces()).filter(|&f| source.face_material[f] == material) {
-                let face = source.face(f);
-                let cut = source.split(f);
-                let cut = cut.iter().map(|t| t.map(|k| face[k].vertex));
-                triangles.extend(cut.filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
-            }
+        let mut by_material: Vec<usize> = (0..source.faces()).collect();
+        by_material.sort_by_key(|&f| source.face_material[f]);
+        for f in by_material {
+            let face = source.face(f);
+            let cut = source.split(f);
+            let cut = cut.iter().map(|t| t.map(|k| face[k].vertex));
+            triangles.extend(cut.filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
         }
         let same = sewn(&single, &triangles, &vec![0; triangles.len()]);
         for t in &mut triangles {
@@ -65,7 +65,9 @@ impl Ordered {
             for v in face.iter_mut() {
                 *v = vertex[*v as usize];
             }
-            let least = (0..face.len()).min_by_key(|&k| face[k]).unwrap_or(0);
+            // A quad stays cut between its first and its third corner.
+            let firsts = (0..face.len()).step_by(if face.len() == 4 { 2 } else { 1 });
+            let least = firsts.min_by_key(|&k| face[k]).unwrap_or(0);
             face.rotate_left(least);
         }
         faces.sort_unstable();
@@ -129,10 +131,8 @@ fn order(positions: &[Vec3], faces: &[Vec<u32>], same: &[u32]) -> Vec<u32> {
     for &v in faces.iter().flatten() {
         used[v as usize] = true;
     }
-    let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-    for (p, _) in positions.iter().zip(&used).filter(|(_, used)| **used) {
-        (low, high) = (low.inf(p), high.sup(p));
-    }
+    let placed = positions.iter().zip(&used).filter(|(_, used)| **used);
+    let (low, high) = extent_of(placed.map(|(p, _)| p));
     let cell = ((high - low).max() / CELLS).max(f64::MIN_POSITIVE);
     let key = |v: u32| {
         let p = positions[v as usize];

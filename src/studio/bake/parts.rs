@@ -1,4 +1,4 @@
-//! What of a head is not the skin of the face: sockets behind lids and lips, eyeballs, teeth, tongue, lashes.
+//! What of a head is not the skin of the face: sockets behind lids and lips, eyeballs, teeth, tongue, lashes, and what is worn.
 //!
 //! Told apart by place and size alone. Units and frame as in [`super::head`]. Cost: linear, and a few k-d tree queries.
 
@@ -6,6 +6,7 @@ use super::eyeball::Ball;
 use super::head::{Follow, Head, smooth};
 use super::mesh::{Vec3, connected};
 use super::mouth::Piece;
+use super::names::LANDMARKS;
 use super::nearest::Nearest;
 use super::seam::{Seam, distances};
 
@@ -16,6 +17,66 @@ const TOOTH: f64 = 1.2;
 const LOWER: [f64; 2] = [0.05, 0.25];
 /// Sweeps over the inside that even this out.
 const EVENED: usize = 30;
+
+/// Nor is anything that wide or high in the mouth.
+const MOUTH: f64 = 2.2;
+/// An iris is at least so round from in front, a ball also from the side, if only half of it is there.
+const ROUND: [f64; 2] = [0.7, 0.4];
+/// Lashes come that near to the line of their lid, in eye distances.
+const ON_LID: f64 = 0.08;
+/// What lies on the skin is hardly further from it; what ends so far above the brows is hair or a hat, in eye distances.
+const HUGS: f64 = 0.15;
+const HAIR: f64 = 0.6;
+/// Two vertices of a skin are at most this part of an edge from any place between them.
+const BETWEEN: f64 = 0.6;
+/// What touches glasses belongs to them, in eye distances.
+const JOINED: f64 = 0.06;
+/// A part this small moves as a whole, in eye distances: a card of hair, a stud.
+const BEAD: f64 = 0.35;
+/// So many vertices in the places of the skin's are where a neck ends on a body.
+const BORDER: usize = 8;
+
+/// A connected part; its box in the face's frame.
+#[derive(Clone, Default)]
+struct Part {
+    vertices: Vec<u32>,
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Part {
+    fn size(&self) -> Vec3 {
+        self.high - self.low
+    }
+
+    fn middle(&self) -> Vec3 {
+        (self.low + self.high) / 2.0
+    }
+
+    fn follow(&self, of: &mut [Follow], how: impl Fn(u32) -> Follow) {
+        for &v in &self.vertices {
+            of[v as usize] = how(v);
+        }
+    }
+
+    /// Whether it lies where an eye is; `unit` is the width of an eye or more.
+    fn is_before(&self, eye: &Vec3, unit: f64) -> bool {
+        let d = (self.middle() - eye).abs();
+        d.x < 0.6 * unit && d.y < 0.5 * unit && d.z < 0.8 * unit && self.size().max() < 1.6 * unit
+    }
+
+    /// The side whose eyeball it is.
+    fn is_ball(&self, eyes: &[Vec3; 2], w: f64) -> Option<usize> {
+        let size = self.size();
+        let round = size.x.min(size.y) > ROUND[0] * size.x.max(size.y)
+            && size.z > ROUND[1] * size.max()
+            && (0.4 * w..1.3 * w).contains(&size.max());
+        (0..2).find(|&side| {
+            let d = (self.middle() - eyes[side]).abs();
+            round && d.x < 0.4 * w && d.y < 0.4 * w && d.z < 0.8 * w
+        })
+    }
+}
 
 impl Head {
     pub(super) fn find_sockets(&mut self) {
@@ -45,15 +106,16 @@ impl Head {
                 }
             }
         }
-        for v in 0..n {
-            if label[v] == u32::MAX || label[v] == chin {
-                continue;
-            }
-            match owner[label[v] as usize] {
-                1 => self.socket[v] = 0.0,
-                2 => self.behind_lids[v] = true,
-                _ => {}
-            }
+        let owned = |v: usize, id: u8| {
+            label[v] != u32::MAX && label[v] != chin && owner[label[v] as usize] == id
+        };
+        for v in (0..n).filter(|&v| owned(v, 1)) {
+            self.socket[v] = 0.0;
+        }
+        let lids: Vec<u32> = self.lids.iter().flat_map(Seam::both).collect();
+        self.from_lids = distances(&self.mesh.positions, &self.rings, &lids, |v| owned(v, 2));
+        for v in lids {
+            self.from_lids[v as usize] = f32::INFINITY;
         }
         self.share_socket();
     }
@@ -109,110 +171,244 @@ impl Head {
     }
 
     pub(super) fn find_parts(&mut self, component: &[u32], skin_label: u32) {
-        let n = self.mesh.positions.len();
-        let count = component.iter().max().map_or(0, |&c| c as usize + 1);
-        let mut boxes = vec![(Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY)); count];
-        let face = self.axes.transpose();
-        for v in 0..n {
-            let p = face * self.mesh.positions[v];
-            let b = &mut boxes[component[v] as usize];
-            b.0 = b.0.inf(&p);
-            b.1 = b.1.sup(&p);
-        }
-        let w = self.eye_distance;
-        let eye = |side: usize| {
-            let ks = if side == 0 { 42..48 } else { 36..42 };
-            face * (ks.map(|k| self.point(k)).sum::<Vec3>() / 6.0)
-        };
-        let eyes = [eye(0), eye(1)];
-        let mouth = face * (0.5 * (self.point(60) + self.point(64)));
-        let mut kind = vec![Follow::Still; count];
-        let mut ball_parts: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
-        let mut attached = vec![false; count];
-        for c in 0..count {
-            let (low, high) = boxes[c];
-            let (size, middle) = (high - low, (high + low) / 2.0);
-            if c as u32 == skin_label {
-                kind[c] = Follow::Skin;
-                continue;
-            }
-            let side = (0..2).find(|&s| {
-                let d = middle - eyes[s];
-                d.x.abs() < 0.4 * w && d.y.abs() < 0.4 * w && d.z.abs() < 0.8 * w
-            });
-            let round =
-                size.min() > 0.6 * size.max() && size.max() > 0.4 * w && size.max() < 1.3 * w;
-            if let Some(side) = side.filter(|_| round) {
-                kind[c] = Follow::Eyeball(side);
-                ball_parts[side].push(c as u32);
-                continue;
-            }
-            let d = middle - mouth;
-            let inside = d.x.abs() < 0.6 * self.mouth_width
-                && d.y.abs() < 0.6 * w
-                && d.z < 0.3 * w
-                && d.z > -2.5 * w;
-            if inside {
-                // Told apart below, vertex by vertex for parts that cross the bite.
-                kind[c] = Follow::Jaw(f32::NAN);
+        let parts = self.parts(component);
+        let eyes = [[42, 48], [36, 42]].map(|[from, to]| {
+            let sum: Vec3 = (from..to).map(|k| self.seen(self.point(k))).sum();
+            sum / 6.0
+        });
+        let (mut rest, mut mouth) = (Vec::new(), Vec::new());
+        let mut ball_of = vec![None; parts.len()];
+        for (c, part) in parts.iter().enumerate() {
+            let follow = if c as u32 == skin_label {
+                Follow::Skin
+            } else if let Some(side) = part.is_ball(&eyes, self.eye_distance) {
+                ball_of[c] = Some(side);
+                Follow::Eyeball(side)
             } else {
-                attached[c] = true;
-            }
+                let of = if self.in_mouth(part) {
+                    &mut mouth
+                } else {
+                    &mut rest
+                };
+                of.push(part);
+                Follow::Still
+            };
+            part.follow(&mut self.follow, |_| follow);
         }
-        for v in 0..n {
-            self.follow[v] = kind[component[v] as usize];
-        }
-        self.find_mouth(component, &boxes);
-        let on = |side: usize, v: usize| ball_parts[side].contains(&component[v]);
+        self.find_mouth(&mouth);
+        let on = |side: usize, v: usize| ball_of[component[v] as usize] == Some(side);
         let ball = |side: usize| Ball::of(&self.mesh, &self.axes, |v| on(side, v));
         self.balls = rayon::join(|| ball(0), || ball(1)).into();
-        // Lashes and the like follow the nearest skin around the opening they stand on.
-        let candidates: Vec<u32> = (0..n as u32)
-            .filter(|&v| self.skin[v as usize])
-            .filter(|&v| !self.behind_lids[v as usize] && self.socket[v as usize].is_nan())
-            .collect();
-        let nearest = Nearest::new(&self.mesh.positions, &candidates);
-        for v in 0..n {
-            if attached[component[v] as usize] && !self.rings.of(v).is_empty() {
-                let p = self.mesh.positions[v];
-                if let Some(s) = nearest.of(&p) {
-                    let near = (self.mesh.positions[s as usize] - p).norm() < w;
-                    self.follow[v] = if near {
-                        Follow::Nearest(s)
-                    } else {
-                        Follow::Still
-                    };
-                }
+        self.attach(&rest, &eyes);
+    }
+
+    /// What hangs together, by component.
+    fn parts(&self, component: &[u32]) -> Vec<Part> {
+        let count = component.iter().max().map_or(0, |&c| c as usize + 1);
+        let mut parts = vec![Part::default(); count];
+        for (v, &c) in component.iter().enumerate() {
+            let p = self.seen(self.mesh.positions[v]);
+            let part = &mut parts[c as usize];
+            if part.vertices.is_empty() {
+                (part.low, part.high) = (p, p);
             }
+            (part.low, part.high) = (part.low.inf(&p), part.high.sup(&p));
+            part.vertices.push(v as u32);
+        }
+        parts
+    }
+
+    /// A place in the face's frame.
+    fn seen(&self, p: Vec3) -> Vec3 {
+        self.axes.transpose() * p
+    }
+
+    /// Teeth, gums and tongue: small, between the lips and never before them, as a moustache is.
+    fn in_mouth(&self, part: &Part) -> bool {
+        let w = self.eye_distance;
+        let lip = self.seen(self.point(51));
+        let d = part.middle() - self.seen(0.5 * (self.point(60) + self.point(64)));
+        let size = part.size();
+        d.x.abs() < 0.6 * self.mouth_width
+            && d.y.abs() < 0.6 * w
+            && (-2.5 * w..0.3 * w).contains(&d.z)
+            && size.x < MOUTH * w
+            && size.y < MOUTH * w
+            && part.high.z < lip.z + 0.05 * w
+    }
+
+    /// What is neither skin, ball nor mouth: on a ball, on a lid, close to the skin, or rigid.
+    fn attach(&mut self, rest: &[&Part], eyes: &[Vec3; 2]) {
+        let w = self.eye_distance;
+        let positions = &self.mesh.positions;
+        // Nothing hangs on what lies behind lids and lips.
+        let outside = |v: &u32| {
+            let v = *v as usize;
+            self.skin[v] && self.from_lids[v].is_infinite() && self.socket[v].is_nan()
+        };
+        let skin: Vec<u32> = (0..positions.len() as u32).filter(outside).collect();
+        let chin = self.seen(self.point(8)).y;
+        let above = |&&v: &&u32| self.seen(positions[v as usize]).y > chin;
+        let jaw: Vec<u32> = skin.iter().filter(above).copied().collect();
+        let [skin, jaw] = [skin, jaw].map(|some| Nearest::new(positions, &some));
+        let lids = [0, 1].map(|side: usize| {
+            let Seam { upper, lower } = &self.lids[side];
+            [upper, lower].map(|line| Nearest::new(positions, line))
+        });
+        // Wider than what is between them in a cartoon.
+        let unit = w.max((self.point(36) - self.point(39)).norm());
+        let (mut rigid, mut close) = (Vec::new(), Vec::new());
+        let mut follow = std::mem::take(&mut self.follow);
+        for &part in rest {
+            // The inner corners are half a distance from the middle: nearer to it is the nose.
+            let aside = (part.middle() - 0.5 * (eyes[0] + eyes[1])).x.abs() > 0.4 * w;
+            let mut sides = (0..2).filter(|_| aside);
+            let side = sides.find(|&side| part.is_before(&eyes[side], unit));
+            let on_ball = side.filter(|&side| self.is_on_ball(part, side));
+            let lid = side.and_then(|side| self.lid(part, &lids[side]));
+            if let Some(side) = on_ball {
+                part.follow(&mut follow, |_| Follow::Eyeball(side));
+            } else if let Some(lines) = lid {
+                self.hang(part, lines, f64::INFINITY, &mut follow);
+            } else if self.hugs(part, &skin) {
+                close.push(part);
+            } else {
+                rigid.extend(&part.vertices);
+            }
+        }
+        self.join(&mut close, rigid);
+        for part in close {
+            let (on, most) = if self.covers_chin(part) {
+                (&jaw, f64::INFINITY)
+            } else {
+                (&skin, w)
+            };
+            self.hang(part, std::slice::from_ref(on), most, &mut follow);
+        }
+        self.follow = follow;
+    }
+
+    /// Takes away what belongs to rigid parts: temples and arms touch the glasses, pads the arms. A brow touches a rim, too.
+    fn join(&self, close: &mut Vec<&Part>, mut rigid: Vec<u32>) {
+        let marks: Vec<u32> = self.points.iter().take(LANDMARKS).copied().collect();
+        let marks = Nearest::new(&self.mesh.positions, &marks);
+        let is_brow = |part: &Part| {
+            let nearest = marks.of(&(self.axes * part.middle()));
+            self.points[17..27].iter().any(|&k| Some(k) == nearest)
+        };
+        for _ in 0..2 {
+            let near = Nearest::new(&self.mesh.positions, &rigid);
+            close.retain(|part| {
+                let gap = self.least_gap(part, &near);
+                let stays = gap >= JOINED * self.eye_distance || is_brow(part);
+                if !stays {
+                    rigid.extend(&part.vertices);
+                }
+                stays
+            });
         }
     }
 
-    /// Shares of teeth, gums and tongue; `boxes` are the parts' in the face frame.
-    fn find_mouth(&mut self, component: &[u32], boxes: &[(Vec3, Vec3)]) {
+    /// Iris, pupil and cornea: round from in front, within the ball's reach; without a ball, what fills the opening.
+    fn is_on_ball(&self, part: &Part, side: usize) -> bool {
+        let size = part.size();
+        let round = size.x.min(size.y) > ROUND[0] * size.x.max(size.y);
+        round
+            && self.balls[side].as_ref().is_none_or(|ball| {
+                let reach = |p: &Vec3| (p - ball.center).norm() / ball.surface(p);
+                let farthest = |&v: &u32| reach(&self.mesh.positions[v as usize]);
+                part.vertices.iter().map(farthest).fold(0.0, f64::max) < 1.2
+                    && size.x < 1.9 * ball.surface(&(ball.center + self.axes.column(2)))
+            })
+    }
+
+    /// The lines of the lids that a part before an eye stands on: lashes on one, what fills the slit on both.
+    fn lid<'a>(&self, part: &Part, lines: &'a [Nearest; 2]) -> Option<&'a [Nearest]> {
+        let stands = |line| self.least_gap(part, line) < ON_LID * self.eye_distance;
+        match [0, 1].map(|k: usize| stands(&lines[k])) {
+            [true, true] => Some(lines),
+            [true, false] => Some(&lines[..1]),
+            [false, true] => Some(&lines[1..]),
+            [false, false] => None,
+        }
+    }
+
+    /// Every vertex of a part goes with the nearest one of what it hangs on, a small part as a whole.
+    fn hang(&self, part: &Part, on: &[Nearest], most: f64, follow: &mut [Follow]) {
+        let least = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0);
+        let nearest = |&v: &u32| on.iter().filter_map(|on| self.gap(on, v)).min_by(least);
+        let mut found: Vec<_> = part.vertices.iter().map(nearest).collect();
+        if part.size().max() < BEAD * self.eye_distance {
+            let root = found.iter().flatten().copied().min_by(least);
+            found.fill(root);
+        }
+        for (&v, found) in part.vertices.iter().zip(found) {
+            let near = found.filter(|found| found.0 < most);
+            follow[v as usize] = near.map_or(Follow::Still, |(_, s)| Follow::Nearest(s));
+        }
+    }
+
+    /// The nearest of some vertices, and how far it is.
+    fn gap(&self, some: &Nearest, v: u32) -> Option<(f64, u32)> {
+        let p = &self.mesh.positions[v as usize];
+        let s = some.of(p)?;
+        Some(((self.mesh.positions[s as usize] - p).norm(), s))
+    }
+
+    /// The least distance of a part from some vertices.
+    fn least_gap(&self, part: &Part, some: &Nearest) -> f64 {
+        let gap = |&v: &u32| Some(self.gap(some, v)?.0);
+        let gaps = part.vertices.iter().filter_map(gap);
+        gaps.fold(f64::INFINITY, f64::min)
+    }
+
+    /// A beard.
+    fn covers_chin(&self, part: &Part) -> bool {
+        let [chin, nose] = [8, 33].map(|k| self.seen(self.point(k)));
+        let spans = |axis: usize| part.low[axis] < chin[axis] && chin[axis] < part.high[axis];
+        (0..3).all(spans) && part.high.y < nose.y
+    }
+
+    /// Whether a part lies on the skin of the face nearly everywhere: a brow, a scar. A beard need not, nor a body that a neck ends on.
+    fn hugs(&self, part: &Part, skin: &Nearest) -> bool {
         let w = self.eye_distance;
-        let mut large: Vec<(u32, Vec<u32>)> = Vec::new();
+        let brow = self.seen(0.5 * (self.point(19) + self.point(24))).y;
+        let far = |&v: &u32| {
+            let (gap, s) = self.gap(skin, v)?;
+            // Between the vertices of a coarse skin no vertex is near.
+            let ring = self.rings.of(s as usize).iter();
+            let at = |v: u32| self.mesh.positions[v as usize];
+            let edge = ring.map(|&o| (at(o) - at(s)).norm()).fold(0.0, f64::max);
+            Some((gap - BETWEEN * edge).max(0.0))
+        };
+        let far: Vec<f64> = part.vertices.iter().filter_map(far).collect();
+        let within = |most: f64| far.iter().filter(|&&far| far < most * w).count();
+        let near = within(HUGS) as f64 / far.len() as f64;
+        let is_body = part.middle().y < self.seen(self.point(8)).y && within(1e-3) > BORDER;
+        let least = if self.covers_chin(part) { 0.4 } else { 0.9 };
+        part.high.y < brow + HAIR * w && (near > least || is_body)
+    }
+
+    /// Shares of teeth, gums and tongue.
+    fn find_mouth(&mut self, parts: &[&Part]) {
+        let w = self.eye_distance;
+        let mut large: Vec<&[u32]> = Vec::new();
         let mut teeth: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
-        for v in 0..self.follow.len() {
-            if !matches!(self.follow[v], Follow::Jaw(_)) {
-                continue;
-            }
-            let (low, high) = boxes[component[v] as usize];
-            if (high - low).max() < TOOTH * w {
-                let below = self.below_bite(&(self.axes * ((low + high) / 2.0))) > 0.0;
-                teeth[usize::from(below)].push(v as u32);
-                self.follow[v] = Follow::Jaw(f32::from(u8::from(below)));
-                continue;
-            }
-            match large.iter_mut().find(|(c, _)| *c == component[v]) {
-                Some((_, vertices)) => vertices.push(v as u32),
-                None => large.push((component[v], vec![v as u32])),
+        for part in parts {
+            if part.size().max() < TOOTH * w {
+                let below = self.below_bite(&(self.axes * part.middle())) > 0.0;
+                teeth[usize::from(below)].extend(&part.vertices);
+                let share = f32::from(u8::from(below));
+                part.follow(&mut self.follow, |_| Follow::Jaw(share));
+            } else {
+                large.push(&part.vertices);
             }
         }
         if large.is_empty() {
             return;
         }
         let normals = self.mesh.vertex_normals(&self.mesh.positions);
-        for (_, vertices) in &large {
+        for vertices in large {
             let piece = Piece {
                 vertices,
                 teeth: [0, 1].map(|row: usize| Nearest::new(&self.mesh.positions, &teeth[row])),

@@ -5,17 +5,21 @@
 //! in the file stays: materials, textures, skeletons, animations, targets under other names; a target of the same name is
 //! replaced.
 //!
-//! Units: the file's own (metres by the standard). Limits: positions are taken as stored, before node transforms and
-//! skinning; one buffer inside the file; no compressed or quantised positions; targets carry positions only.
+//! Vertices are where nodes put them ([`super::scene`]), shapes are written as their meshes store them.
+//!
+//! Units: the file's own (metres by the standard). Limits: no compressed or quantised positions; targets carry positions only.
 //! One file: one pass over a file that must keep whatever it does not change.
 
 use std::collections::HashMap;
 
+use nalgebra::{Matrix3, Matrix4, Point3};
 use serde_json::{Value, json};
 
 use super::glb::{Glb, GlbError};
+use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
-use super::morphs::Encoded;
+use super::morphs::{Encoded, single};
+use super::scene::placed;
 use super::shape::Shape;
 use super::vrm::{Bound, add_expressions, add_expressions_to};
 use super::weld::{faces, sewn};
@@ -30,32 +34,38 @@ const TARGETS: usize = 1024;
 /// A head read from a file, and where its vertices came from.
 pub struct Foreign {
     glb: Glb,
-    /// Accessor and, for each of its rows, the vertex of the mesh.
-    sources: Vec<(usize, Vec<u32>)>,
+    sources: Vec<Rows>,
 }
 
-impl Foreign {
-    /// Reads the meshes of a file as one.
-    /// Long because rows, parts and triangles are numbered together as the file's meshes are met.
-    ///
-    /// # Errors
-    /// If it has no triangles, or data that are compressed, external or damaged.
-    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
-        let content = |expected, found: String| GlbError::Content { expected, found };
-        is_plain(&glb.json)?;
-        let buffers = glb.json["buffers"].as_array().map_or(0, Vec::len);
-        if buffers != 1 || !glb.json["buffers"][0]["uri"].is_null() {
-            return Err(content(
-                "one buffer inside the file",
-                format!("{buffers} buffers, or one outside; export as a single .glb"),
-            ));
-        }
-        // Rows of all position accessors one after the other, and triangles between them.
-        let mut places: Vec<[f32; 3]> = Vec::new();
-        let mut known: Vec<(usize, usize)> = Vec::new();
-        let (mut triangles, mut parts) = (Vec::new(), Vec::new());
-        can_be_added_to(&glb.json)?;
-        let mut at_known: HashMap<usize, usize> = HashMap::new();
+/// The rows of a position accessor.
+struct Rows {
+    accessor: usize,
+    /// The first of them among all.
+    first: usize,
+    /// For each the vertex of the mesh.
+    vertices: Vec<u32>,
+    /// From ways in the scene to ways in the file, where a node turns or scales.
+    back: Option<Matrix3<f64>>,
+}
+
+/// Rows of all position accessors one after the other, and triangles between them.
+#[derive(Default)]
+struct Gathered {
+    places: Vec<[f32; 3]>,
+    /// Of each row; empty if no mesh has any.
+    uv: Vec<[f32; 2]>,
+    tints: Vec<[f32; 3]>,
+    sources: Vec<Rows>,
+    triangles: Vec<[u32; 3]>,
+    /// Of each triangle the source and the material.
+    parts: Vec<u32>,
+    materials: Vec<Option<u64>>,
+}
+
+impl Gathered {
+    fn of(glb: &Glb) -> Result<Self, GlbError> {
+        let mut all = Self::default();
+        let mut known: HashMap<usize, usize> = HashMap::new();
         // What may refer to the same data again and again.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
@@ -65,7 +75,12 @@ impl Foreign {
             })?;
             Ok::<_, GlbError>(())
         };
-        for primitive in primitives(&glb.json) {
+        let placed = placed(glb);
+        let meshes = glb.json["meshes"].as_array().into_iter().flatten();
+        for (primitive, placed) in meshes.zip(&placed).flat_map(|(mesh, placed)| {
+            let list = mesh["primitives"].as_array().into_iter().flatten();
+            list.map(move |primitive| (primitive, placed))
+        }) {
             let Some(accessor) = primitive["attributes"]["POSITION"].as_u64() else {
                 continue;
             };
@@ -75,87 +90,171 @@ impl Foreign {
             if primitive["mode"].as_u64().unwrap_or(4) != 4 {
                 continue;
             }
-            let at = match at_known.get(&accessor) {
+            let at = match known.get(&accessor) {
                 Some(&at) => at,
                 None => {
                     take(count)?;
-                    at_known.insert(accessor, known.len());
-                    known.push((accessor, places.len()));
-                    let rows = glb.floats(accessor, 3)?;
-                    places.extend(rows.chunks_exact(3).map(|r| [r[0], r[1], r[2]]));
-                    known.len() - 1
+                    known.insert(accessor, all.sources.len());
+                    all.add(glb, &primitive["attributes"], accessor, placed.as_ref())?;
+                    all.sources.len() - 1
                 }
             };
-            let first = known[at].1;
-            let count = known.get(at + 1).map_or(places.len(), |next| next.1) - first;
+            let first = all.sources[at].first as u32;
             let order: Vec<u32> = match primitive["indices"].as_u64() {
                 Some(indices) => glb.indices(indices as usize)?,
                 None => (0..count as u32).collect(),
             };
             take(order.len())?;
             if order.iter().any(|&k| k as usize >= count) {
-                return Err(content(
-                    "indices of vertices that exist",
-                    format!("one beyond the {count} of accessor {accessor}"),
-                ));
+                return Err(GlbError::Content {
+                    expected: "indices of vertices that exist",
+                    found: format!("one beyond the {count} of accessor {accessor}"),
+                });
             }
             for t in order.chunks_exact(3) {
-                triangles.push([t[0], t[1], t[2]].map(|k| first as u32 + k));
-                parts.push(at as u32);
+                all.triangles.push([t[0], t[1], t[2]].map(|k| first + k));
+                all.parts.push(at as u32);
+                all.materials.push(primitive["material"].as_u64());
             }
         }
-        let same = sewn(&places, &triangles, &parts);
-        let mut mesh = Mesh {
-            materials: vec!["skin".into()],
-            ..Mesh::default()
+        Ok(all)
+    }
+
+    /// Adds the rows of an accessor, where `placed` puts them.
+    fn add(
+        &mut self,
+        glb: &Glb,
+        attributes: &Value,
+        accessor: usize,
+        placed: Option<&Matrix4<f64>>,
+    ) -> Result<(), GlbError> {
+        let first = self.places.len();
+        let rows = glb.floats(accessor, 3)?;
+        self.places.extend(rows.chunks_exact(3).map(|r| {
+            let stored = [r[0], r[1], r[2]];
+            placed.map_or(stored, |placed| {
+                let p = Point3::from(stored).cast();
+                single(&placed.transform_point(&p).coords)
+            })
+        }));
+        let count = self.places.len() - first;
+        self.sources.push(Rows {
+            accessor,
+            first,
+            vertices: vec![0; count],
+            back: placed.and_then(|m| m.fixed_view::<3, 3>(0, 0).try_inverse()),
+        });
+        // What is damaged there costs colours only.
+        let of_corners = |name: &str, width: usize| {
+            let at = attributes[name].as_u64()? as usize;
+            let listed = &glb.json["accessors"][at];
+            let width = width + usize::from(listed["type"] == "VEC4");
+            let rows = glb
+                .floats(at, width)
+                .ok()
+                .filter(|_| listed["count"] == count)?;
+            rows.iter().all(|x| x.is_finite()).then_some((rows, width))
         };
+        if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
+            self.uv.resize(first, [0.0; 2]);
+            // From the top in glTF.
+            let rows = rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]);
+            self.uv.extend(rows);
+        }
+        if let Some((rows, width)) = of_corners("COLOR_0", 3) {
+            self.tints.resize(first, [1.0; 3]);
+            let rows = rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]);
+            self.tints.extend(rows);
+        }
+        Ok(())
+    }
+
+    /// One mesh, with the names of the file's materials; the sources get to know their vertices.
+    fn mesh(&mut self, names: &[String]) -> Mesh {
+        let same = sewn(&self.places, &self.triangles, &self.parts);
+        let mut mesh = Mesh::default();
         // A vertex takes its number where it comes first.
-        let mut vertex: Vec<u32> = Vec::with_capacity(places.len());
-        for (row, p) in places.iter().enumerate() {
+        let mut vertex: Vec<u32> = Vec::with_capacity(self.places.len());
+        for (row, p) in self.places.iter().enumerate() {
             let first = same[row] as usize;
             vertex.push(if first == row {
                 mesh.positions.push(Vec3::from(p.map(f64::from)));
+                if !self.tints.is_empty() {
+                    let tint = self.tints.get(row).copied();
+                    mesh.tints.push(tint.unwrap_or([1.0; 3]));
+                }
                 mesh.positions.len() as u32 - 1
             } else {
                 vertex[first]
             });
         }
-        for t in &mut triangles {
-            *t = t.map(|row| vertex[row as usize]);
+        for rows in &mut self.sources {
+            let all = rows.first..rows.first + rows.vertices.len();
+            rows.vertices.copy_from_slice(&vertex[all]);
         }
-        for face in faces(&mesh.positions, &triangles) {
-            let corner = |&vertex: &u32| Corner {
-                vertex,
-                uv: None,
-                normal: None,
-            };
-            let corners: Vec<Corner> = face.iter().map(corner).collect();
-            mesh.push_face(&corners, 0);
+        let has_uv = !self.uv.is_empty();
+        if has_uv {
+            self.uv.resize(self.places.len(), [0.0; 2]);
         }
-        let ends = known.iter().skip(1).map(|k| k.1).chain([places.len()]);
-        let sources = known
+        mesh.uv = std::mem::take(&mut self.uv);
+        let welded = self
+            .triangles
             .iter()
-            .zip(ends)
-            .map(|(&(accessor, from), to)| (accessor, vertex[from..to].to_vec()))
-            .collect();
-        if mesh.faces() == 0
-            || mesh
-                .positions
-                .iter()
-                .any(|p| !p.iter().all(|x| x.is_finite()))
-        {
-            return Err(content(
-                "triangles with finite positions",
-                format!("{} faces", mesh.faces()),
-            ));
+            .map(|t| t.map(|row| vertex[row as usize]));
+        let mut number: HashMap<Option<u64>, u32> = HashMap::new();
+        let mut at = 0;
+        for face in faces(&mesh.positions, &welded.collect::<Vec<_>>()) {
+            // Of one triangle or two that follow each other.
+            let rows = self.triangles[at..at + face.len() - 2].as_flattened();
+            let named = self.materials[at];
+            let material = *number.entry(named).or_insert_with(|| {
+                let name = named.and_then(|m| names.get(m as usize)).cloned();
+                mesh.materials.push(name.unwrap_or_else(|| "skin".into()));
+                mesh.materials.len() as u32 - 1
+            });
+            at += face.len() - 2;
+            let row = |v: u32| rows.iter().copied().find(|&row| vertex[row as usize] == v);
+            let corners = face.iter().map(|&vertex| Corner {
+                vertex,
+                uv: row(vertex).filter(|_| has_uv),
+                normal: None,
+            });
+            mesh.push_face(&corners.collect::<Vec<_>>(), material);
         }
+        mesh
+    }
+}
+
+impl Foreign {
+    /// Reads the meshes of a file as one.
+    ///
+    /// # Errors
+    /// If it has no triangles, or data that are compressed, external or damaged.
+    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
+        is_plain(&glb.json)?;
+        can_be_added_to(&glb.json)?;
+        let mut gathered = Gathered::of(&glb)?;
+        let mesh = gathered.mesh(&material_names(&glb.json));
+        let finite = |p: &Vec3| p.iter().all(|x| x.is_finite());
+        if mesh.faces() == 0 || !mesh.positions.iter().all(finite) {
+            return Err(GlbError::Content {
+                expected: "triangles with finite positions",
+                found: format!("{} faces", mesh.faces()),
+            });
+        }
+        let sources = gathered.sources;
         Ok((mesh, Self { glb, sources }))
     }
 
     /// Vertices of the mesh by the numbers that a landmark file uses; unknown ones stay beyond the end.
     #[must_use]
     pub fn landmarks(&self, numbers: &[u64]) -> Vec<u64> {
-        let all: Vec<u32> = self.sources.iter().flat_map(|(_, v)| v).copied().collect();
+        let all: Vec<u32> = self
+            .sources
+            .iter()
+            .flat_map(|s| &s.vertices)
+            .copied()
+            .collect();
         numbers
             .iter()
             .map(|&k| {
@@ -168,7 +267,12 @@ impl Foreign {
     /// The other way round: the first number that a landmark file has for each vertex of the mesh.
     #[must_use]
     pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
-        let all: Vec<u32> = self.sources.iter().flat_map(|(_, v)| v).copied().collect();
+        let all: Vec<u32> = self
+            .sources
+            .iter()
+            .flat_map(|s| &s.vertices)
+            .copied()
+            .collect();
         let row = |v: &u64| all.iter().position(|&o| u64::from(o) == *v);
         vertices
             .iter()
@@ -180,14 +284,15 @@ impl Foreign {
     /// Long because views, accessors and targets of the new file refer to each other by number.
     #[must_use]
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
-        let moves = |accessor: u64, sources: &[(usize, Vec<u32>)]| {
-            let source = sources.iter().find(|(a, _)| *a as u64 == accessor);
-            source.is_some_and(|(_, vertices)| {
-                shapes.iter().any(|s| {
-                    vertices
-                        .iter()
-                        .any(|&v| s.displacement[v as usize] != Vec3::zeros())
-                })
+        let of = |accessor: u64, sources: &[Rows]| {
+            let found = sources.iter().position(|s| s.accessor as u64 == accessor);
+            found.unwrap_or(usize::MAX)
+        };
+        let moves = |accessor: u64, sources: &[Rows]| {
+            sources.get(of(accessor, sources)).is_some_and(|source| {
+                let still = |s: &Shape, v: u32| s.displacement[v as usize] == Vec3::zeros();
+                let moves = |s: &Shape| !source.vertices.iter().all(|&v| still(s, v));
+                shapes.iter().any(moves)
             })
         };
         let meshes = self.glb.json["meshes"].as_array().map_or(0, Vec::len);
@@ -229,15 +334,13 @@ impl Foreign {
                 for (k, shape) in shapes.iter().enumerate() {
                     let accessor = position(primitive).unwrap_or(u64::MAX);
                     let index = *written.entry((accessor, k)).or_insert_with(|| {
-                        let source = self.sources.iter().find(|(a, _)| *a as u64 == accessor);
+                        let source = self.sources.get(of(accessor, &self.sources));
                         let rows: Vec<[f32; 3]> = match source {
-                            Some((_, vertices)) => vertices
-                                .iter()
-                                .map(|&v| {
-                                    let d = shape.displacement[v as usize];
-                                    [d.x as f32, d.y as f32, d.z as f32]
-                                })
-                                .collect(),
+                            Some(Rows { vertices, back, .. }) => {
+                                let d = vertices.iter().map(|&v| shape.displacement[v as usize]);
+                                d.map(|d| single(&back.map_or(d, |back| back * d)))
+                                    .collect()
+                            }
                             // Lines and points: they have targets too, which move nothing.
                             None => {
                                 let count = self.glb.count(accessor as usize);
@@ -479,9 +582,6 @@ mod tests {
             bin: Vec::new(),
         };
         assert!(Foreign::read(glb(empty)).is_err());
-        let outside = json!({"buffers": [{"byteLength": 4, "uri": "head.bin"}]});
-        let text = Foreign::read(glb(outside)).err().unwrap().to_string();
-        assert!(text.contains("single .glb"), "{text}");
     }
 
     /// Every place in a description, as a path.

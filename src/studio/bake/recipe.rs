@@ -21,40 +21,14 @@ pub enum RecipeError {
     /// Not TOML, or a key that does not exist.
     #[error("{0}")]
     Toml(#[from] toml::de::Error),
-    /// A control point that does not exist.
-    #[error(
-        "shape {shape}: expected names of control points, found {found:?}; the list stands at the top of the shipped recipe"
-    )]
-    Point {
+    /// A shape's entry.
+    #[error("shape {shape}: expected {expected}, found {found:?}")]
+    Entry {
         /// Shape.
         shape: String,
+        /// What should be there.
+        expected: &'static str,
         /// The word.
-        found: String,
-    },
-    /// A side that does not exist.
-    #[error("shape {shape}: expected side \"L\" or \"R\", found {found:?}")]
-    Side {
-        /// Shape.
-        shape: String,
-        /// The word.
-        found: String,
-    },
-    /// A promise of a kind that does not exist.
-    #[error(
-        "shape {shape}: expected part, meet, less, lids, up, down, out, in, forward or back in `must`, found {found:?}"
-    )]
-    Promise {
-        /// Shape.
-        shape: String,
-        /// The word.
-        found: String,
-    },
-    /// Reference to a shape that is not above.
-    #[error("shape {shape} takes back {found:?}, which must stand above it in the recipe")]
-    Order {
-        /// Shape.
-        shape: String,
-        /// The name it gives.
         found: String,
     },
     /// A corrective of a shape that the recipe does not have.
@@ -137,7 +111,7 @@ pub struct Recipe {
 }
 
 /// One shape measured out on a head: what moves, in the mesh's unit and axes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Target {
     /// Name of the morph target.
     pub name: String,
@@ -291,8 +265,6 @@ impl Target {
         let sides = [0, 1];
         Self {
             name: of.join(PAIR),
-            unit: None,
-            upon: None,
             controls,
             exact: self.exact || other.exact,
             derive: self.derive && other.derive,
@@ -303,14 +275,25 @@ impl Target {
             gaze: sides.map(|side: usize| self.gaze[side].or(other.gaze[side])),
             jaw: self.jaw.or(other.jaw),
             tongue: self.tongue.or(other.tongue),
-            undo: None,
             corrects: Some(of),
-            must: Vec::new(),
+            ..Self::default()
         }
     }
 }
 
+const POINTS: &str = "names of control points; the list stands at the top of the shipped recipe";
+const DEEDS: &str = "part, meet, less, lids, up, down, out, in, forward or back in `must`";
+const ABOVE: &str = "the name of a shape above it in the recipe, to take back";
+
 impl Entry {
+    fn refuse(&self, expected: &'static str, found: &str) -> RecipeError {
+        RecipeError::Entry {
+            shape: self.name.clone(),
+            expected,
+            found: found.to_owned(),
+        }
+    }
+
     /// Control points of a row; `_S` stands for both sides.
     fn points(&self, words: &str, mirror: bool) -> Result<Vec<usize>, RecipeError> {
         let mut points = Vec::new();
@@ -326,10 +309,7 @@ impl Entry {
                 None => vec![word.to_owned()],
             };
             for name in spelled {
-                let point = names::index(&name).ok_or_else(|| RecipeError::Point {
-                    shape: self.name.clone(),
-                    found: word.to_owned(),
-                })?;
+                let point = names::index(&name).ok_or_else(|| self.refuse(POINTS, word))?;
                 points.push(if mirror { mirrored(point) } else { point });
             }
         }
@@ -340,10 +320,7 @@ impl Entry {
         match word {
             "L" => Ok(usize::from(mirror)),
             "R" => Ok(usize::from(!mirror)),
-            _ => Err(RecipeError::Side {
-                shape: self.name.clone(),
-                found: word.to_owned(),
-            }),
+            _ => Err(self.refuse("side \"L\" or \"R\"", word)),
         }
     }
 
@@ -386,10 +363,7 @@ impl Entry {
                 "out" => Deed::Move(one.iter().map(outwards).collect()),
                 "in" => Deed::Move(one.iter().map(|p| -outwards(p)).collect()),
                 _ => {
-                    return Err(RecipeError::Promise {
-                        shape: self.name.clone(),
-                        found: what.clone(),
-                    });
+                    return Err(self.refuse(DEEDS, what));
                 }
             };
             let mut words = what.clone();
@@ -452,14 +426,8 @@ impl Entry {
         }
         let mut undo: Option<(String, f64)> = None;
         for (words, shape, share) in &self.undo {
-            let other =
-                above
-                    .iter()
-                    .find(|t| t.name == *shape)
-                    .ok_or_else(|| RecipeError::Order {
-                        shape: self.name.clone(),
-                        found: shape.clone(),
-                    })?;
+            let other = above.iter().find(|t| t.name == *shape);
+            let other = other.ok_or_else(|| self.refuse(ABOVE, shape))?;
             for point in self.points(words, mirror)? {
                 let vertex = head.points[point];
                 if let Some(&(_, moved)) = other.controls.iter().find(|(v, _)| *v == vertex) {

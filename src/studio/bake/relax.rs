@@ -2,29 +2,29 @@
 //!
 //! Each one is turned until it lies like its surroundings, its corners moving no further than that takes: the rest of the
 //! shape stays as it was asked for, lids that meet included. Where triangles only hand the fold on to each other, the displacement
-//! around them is smoothed as well, in a patch that grows. What outlasts that is taken back towards the neutral, or the
-//! shape beneath, by ever more and around ever more of it: a shape that is nothing inverts nothing.
+//! around them is smoothed as well, ever further. What outlasts that is spanned over, by the displacement of what lies ever
+//! further around it.
 //!
-//! Units: the mesh's. Cost: at most [`ROUNDS`] looks at the patch; nothing outside it is looked at twice.
+//! Units: the mesh's. Cost: a look at what has moved in each of at most [`TURNS`] and [`SPANNED`] rounds.
 //! Degenerate case: what cannot move, outside the area, stays inverted and is counted in the report.
 
 use super::contact::Contacts;
 use super::head::Head;
 use super::mesh::{Rings, Vec3};
 use super::recipe::Target;
-use super::skin::Solved;
 use super::surroundings::{Flattened, Scratch, Surroundings};
 
-/// Rounds in all, those before lids that meet may move too, before smoothing and before taking back.
-const ROUNDS: usize = 48;
+/// Rounds of turning, those of them before lids that meet may move too and before smoothing; and of spanning.
+const TURNS: usize = 36;
 const LIDS_HOLD: usize = 6;
 const SMOOTHS: usize = 12;
-const YIELDS: usize = 36;
-/// Smoothing rounds after which the patch grows by a ring.
+const SPANNED: usize = 12;
+/// Smoothing rounds after which it reaches a ring further.
 const GROW_EVERY: usize = 3;
 /// Height to which a triangle is turned over its surroundings, as part of its own area in the neutral, and sweeps over all of them.
 const TURNED: f64 = 0.04;
 const SWEEPS: usize = 8;
+const SPANS: usize = 40;
 
 /// One shape on its way.
 struct Relaxing<'a> {
@@ -37,34 +37,30 @@ struct Relaxing<'a> {
     /// Vertices of lids that meet or follow a gaze: what gives way first is the skin behind them.
     held: Vec<bool>,
     /// Displacement of this shape, and with the one beneath: that is what is seen and has to be smooth.
-    d: &'a mut [Vec3],
+    d: &'a mut Vec<Vec3>,
     all: Vec<Vec3>,
+    began: Vec<Vec3>,
     scratch: Scratch,
 }
 
-/// Turns back what is inverted; `base` is the displacement of the shape this one is added to.
+/// Turns back what is inverted, or with `spans` spanned over; `base` is the displacement of the shape this one is
+/// added to. What is left is the round with the fewest inverted.
 pub(super) fn relax(
     head: &Head,
     around: &Surroundings,
     contacts: &Contacts,
     target: &Target,
     base: Option<&[Vec3]>,
-    solved: &mut Solved,
+    (d, area): (&mut Vec<Vec3>, &[bool]),
+    spans: bool,
 ) {
-    let Solved { d, area, .. } = solved;
-    let n = d.len();
-    let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
-    let all: Vec<Vec3> = (0..n).map(|v| d[v] + below(v)).collect();
-    let changed: Vec<u32> = (0..n as u32)
+    let all = d.iter().enumerate();
+    let all: Vec<Vec3> = all
+        .map(|(v, d)| d + base.map_or(Vec3::zeros(), |b| b[v]))
+        .collect();
+    let changed: Vec<u32> = (0..d.len() as u32)
         .filter(|&v| all[v as usize] != Vec3::zeros())
         .collect();
-    let mut scratch = around.scratch();
-    let all_seen = around.seeing(head, &changed, &mut scratch);
-    let moved = |v: usize| head.mesh.positions[v] + all[v];
-    let mut inverted = around.flattened(head, &moved, &all_seen, TURNED, &mut scratch);
-    if inverted.is_empty() {
-        return;
-    }
     let mut relaxing = Relaxing {
         head,
         around,
@@ -74,33 +70,11 @@ pub(super) fn relax(
         area,
         held: held(head, target),
         d,
+        began: all.clone(),
         all,
-        scratch,
+        scratch: around.scratch(),
     };
-    let mut patch: Vec<u32> = Vec::new();
-    for round in 0..ROUNDS {
-        patch.extend(inverted.iter().flat_map(|t| &t.corners));
-        let grows = round >= SMOOTHS && (round - SMOOTHS).is_multiple_of(GROW_EVERY);
-        relaxing.widen(&mut patch, usize::from(grows));
-        if round >= LIDS_HOLD {
-            for &v in inverted.iter().flat_map(|t| &t.corners) {
-                relaxing.held[v as usize] = false;
-            }
-        }
-        if round >= YIELDS {
-            relaxing.take_back(&inverted, round + 1 - YIELDS);
-        } else {
-            if round >= SMOOTHS {
-                relaxing.smooth(&patch);
-            }
-            relaxing.turn(&inverted);
-        }
-        relaxing.part(&mut patch);
-        inverted = relaxing.inverted(&patch);
-        if inverted.is_empty() {
-            break;
-        }
-    }
+    relaxing.settle(&changed, spans);
 }
 
 /// Lids that meet stay so, and lids that follow a gaze follow it; what the jaw alone moves is out of sight and gives way to nothing.
@@ -121,6 +95,44 @@ fn held(head: &Head, target: &Target) -> Vec<bool> {
 }
 
 impl Relaxing<'_> {
+    /// Round by round until nothing is inverted; then the best round's.
+    fn settle(&mut self, changed: &[u32], spans: bool) {
+        let mut flat = self.inverted(changed);
+        let (mut patch, mut best, mut fewest) = (Vec::new(), None, usize::MAX);
+        for round in 0..if spans { SPANNED } else { TURNS } {
+            let inverted = flat.iter().filter(|t| t.inverted);
+            let inverted: Vec<u32> = inverted.flat_map(|t| t.corners).collect();
+            if inverted.is_empty() {
+                return;
+            }
+            if inverted.len() < fewest {
+                (fewest, best) = (inverted.len(), Some(self.d.clone()));
+            }
+            patch.extend(flat.iter().flat_map(|t| &t.corners));
+            if spans {
+                self.span(&inverted, round + 1, &mut patch);
+            } else {
+                if round >= LIDS_HOLD {
+                    for &v in flat.iter().flat_map(|t| &t.corners) {
+                        self.held[v as usize] = false;
+                    }
+                }
+                if round >= SMOOTHS {
+                    let rings = (round - SMOOTHS) / GROW_EVERY;
+                    self.smooth(&inverted, rings, &mut patch);
+                }
+                self.turn(&flat);
+            }
+            self.part(&mut patch);
+            flat = self.inverted(&patch);
+        }
+        if !flat.is_empty()
+            && let Some(best) = best
+        {
+            *self.d = best;
+        }
+    }
+
     fn below(&self, v: u32) -> Vec3 {
         self.base.map_or(Vec3::zeros(), |b| b[v as usize])
     }
@@ -134,26 +146,13 @@ impl Relaxing<'_> {
         self.area[v as usize] && !self.held[v as usize]
     }
 
-    /// Adds so many rings; each vertex is once in a patch, ascending.
-    fn widen(&self, patch: &mut Vec<u32>, rings: usize) {
-        for _ in 0..rings {
-            for k in 0..patch.len() {
-                patch.extend(self.head.rings.of(patch[k] as usize));
-            }
-            patch.sort_unstable();
-            patch.dedup();
-        }
-        patch.sort_unstable();
-        patch.dedup();
-    }
-
     /// The triangles that see the patch and are inverted or nearly so, with the normals of their surroundings; none if none is
     /// inverted.
     fn inverted(&mut self, patch: &[u32]) -> Vec<Flattened> {
-        let some = self.around.seeing(self.head, patch, &mut self.scratch);
+        let some = self.around.seeing(patch, &mut self.scratch);
         let moved = |v: usize| self.head.mesh.positions[v] + self.all[v];
         self.around
-            .flattened(self.head, &moved, &some, TURNED, &mut self.scratch)
+            .flattened(&moved, &some, TURNED, &mut self.scratch)
     }
 
     /// Turns triangles until they rise towards their surroundings, corners moving in proportion to what each lifts; in turns, as
@@ -169,40 +168,49 @@ impl Relaxing<'_> {
             let free = || (0..3).filter(|&k| moves[k]);
             let size: f64 = free().map(|k| by[k].norm_squared()).sum();
             if lacks > 0.0 && size > 0.0 {
+                // A sliver would be turned by a spike: no corner goes further than an edge.
+                let edge = (t.wanted / TURNED).sqrt();
                 for k in free() {
                     let v = t.corners[k];
-                    self.put(v, self.all[v as usize] + by[k] * (lacks / size));
+                    let from = self.began[v as usize];
+                    let moved = self.all[v as usize] + by[k] * (lacks / size) - from;
+                    self.put(v, from + moved.cap_magnitude(edge));
                 }
             }
         }
     }
 
-    /// Half of the way to the mean of the neighbours.
-    fn smooth(&mut self, patch: &[u32]) {
-        let inside: Vec<u32> = patch.iter().copied().filter(|&v| self.free(v)).collect();
+    /// Half of the way to the mean of the neighbours, within `rings` of some vertices.
+    fn smooth(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
+        let near = rings_about(&self.head.rings, some, rings).concat();
+        let inside: Vec<u32> = near.into_iter().filter(|&v| self.free(v)).collect();
         let mean = |&v: &u32| {
             let ring = self.head.rings.of(v as usize);
-            let sum: Vec3 = ring.iter().map(|&o| self.all[o as usize]).sum();
-            (self.all[v as usize] + sum / ring.len() as f64) / 2.0
+            let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
+            let sum: Vec3 = ring.iter().map(|&o| at(o)).sum();
+            (sum / ring.len() as f64 - self.head.mesh.positions[v as usize] + self.all[v as usize])
+                / 2.0
         };
         let smoothed: Vec<Vec3> = inside.iter().map(mean).collect();
-        for (v, all) in inside.into_iter().zip(smoothed) {
+        for (&v, all) in inside.iter().zip(smoothed) {
             self.put(v, all);
         }
+        patch.extend(inside);
     }
 
-    /// Halves the displacement where triangles are inverted, and less and less of it within `rings` of them.
-    fn take_back(&mut self, inverted: &[Flattened], rings: usize) {
-        let turned = inverted.iter().filter(|t| t.inverted);
-        let from: Vec<u32> = turned.flat_map(|t| t.corners).collect();
-        let reached = rings_about(&self.head.rings, &from, rings + 1);
-        for (ring, some) in reached.iter().enumerate() {
-            let share = 0.5 * (1.0 - ring as f64 / reached.len() as f64);
-            for &v in some {
-                let kept = self.d[v as usize] * (1.0 - share);
-                self.put(v, self.below(v) + kept);
-            }
+    /// Spans the displacement evenly over the skin within `rings` of some vertices.
+    fn span(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
+        let near = rings_about(&self.head.rings, some, rings).concat();
+        let inside: Vec<u32> = near
+            .into_iter()
+            .filter(|&v| self.area[v as usize])
+            .collect();
+        for &v in std::iter::repeat_n(&inside, SPANS).flatten() {
+            let ring = self.head.rings.of(v as usize);
+            let sum: Vec3 = ring.iter().map(|&o| self.all[o as usize]).sum();
+            self.put(v, sum / ring.len() as f64);
         }
+        patch.extend(inside);
     }
 
     /// Turning and smoothing must not bring back what the contacts have mended.
@@ -216,7 +224,8 @@ impl Relaxing<'_> {
                 patch.push(v);
             }
         }
-        self.widen(patch, 0);
+        patch.sort_unstable();
+        patch.dedup();
     }
 }
 

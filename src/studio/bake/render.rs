@@ -1,12 +1,13 @@
 //! Pictures of a head for the report: orthographic, z-buffered, smooth shading from one lamp above the camera.
 //!
 //! Units: the mesh's; the view is given in the face frame (left, up, out). Cost: about 10 ms a picture of 320 pixels.
-//! Limits: no texture; for judging form only.
+//! What is known of colours and pictures is drawn ([`super::looks`]), parts that are not the face's only then.
 
 use image::{Rgb, RgbImage};
 use nalgebra::Matrix3;
 
 use super::head::{Follow, Head};
+use super::looks::{Looks, Surfaces};
 use super::mesh::{Mesh, Vec3};
 use crate::simulator::virtual_head::raster::{self, DepthBuffer};
 
@@ -37,37 +38,67 @@ impl View {
     }
 }
 
-/// Draws the head with its vertices moved by `d` (or neutral if empty) as a square picture.
-#[must_use]
-pub fn draw(head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
-    let n = head.mesh.positions.len();
-    let positions: Vec<Vec3> = if d.len() == n {
-        head.mesh
-            .positions
-            .iter()
-            .zip(d)
-            .map(|(p, d)| p + d)
-            .collect()
-    } else {
-        head.mesh.positions.clone()
-    };
-    let (sin, cos) = view.yaw.sin_cos();
-    let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
-    let to_view = turn * head.axes.transpose();
-    let seen: Vec<Vec3> = positions.iter().map(|p| to_view * p).collect();
-    let tint = |[a, ..]: [u32; 3]| {
-        let v = a as usize;
-        match head.follow[v] {
-            Follow::Skin if !head.socket[v].is_nan() => Some([150.0, 70.0, 66.0]),
-            Follow::Skin => Some([214.0, 168.0, 142.0]),
-            Follow::Eyeball(_) => Some([235.0, 238.0, 245.0]),
-            Follow::Jaw(_) if head.tongue[v] > 0.0 => Some([205.0, 112.0, 108.0]),
-            Follow::Jaw(_) => Some([225.0, 205.0, 185.0]),
-            Follow::Nearest(_) | Follow::Still => None,
+/// What is drawn of a head: its file's mesh, and the head's vertex for each of its own.
+pub struct Outside<'a> {
+    mesh: &'a Mesh,
+    vertex: Option<&'a [u32]>,
+    surfaces: Option<Surfaces<'a>>,
+}
+
+impl<'a> Outside<'a> {
+    /// The head itself.
+    #[must_use]
+    pub fn plain(head: &'a Head) -> Self {
+        Self {
+            mesh: &head.mesh,
+            vertex: None,
+            surfaces: None,
         }
-    };
-    let middle = turn * view.middle;
-    paint(&head.mesh, &seen, &middle, view.height, pixels, tint).image
+    }
+
+    /// As its file has it.
+    pub(super) fn new(mesh: &'a Mesh, vertex: &'a [u32], looks: &Looks) -> Self {
+        Self {
+            mesh,
+            vertex: Some(vertex),
+            surfaces: Some(Surfaces::new(mesh, looks)),
+        }
+    }
+
+    /// Draws it with the head's vertices moved by `d` (or neutral if empty) as a square picture.
+    #[must_use]
+    pub fn draw(&self, head: &Head, d: &[Vec3], view: &View, pixels: u32) -> RgbImage {
+        let (sin, cos) = view.yaw.sin_cos();
+        let turn = Matrix3::new(cos, 0.0, -sin, 0.0, 1.0, 0.0, sin, 0.0, cos);
+        let to_view = turn * head.axes.transpose();
+        let of = |v: usize| self.vertex.map_or(v, |vertex| vertex[v] as usize);
+        let moved = |v: usize| d.get(of(v)).copied().unwrap_or_default();
+        let places = self.mesh.positions.iter().enumerate();
+        let seen: Vec<Vec3> = places.map(|(v, p)| to_view * (p + moved(v))).collect();
+        let tint = |[a, ..]: [u32; 3], known: bool| {
+            let v = of(a as usize);
+            match head.follow[v] {
+                Follow::Skin if !head.socket[v].is_nan() => Some([150.0, 70.0, 66.0]),
+                Follow::Skin => Some([214.0, 168.0, 142.0]),
+                Follow::Eyeball(_) => Some([235.0, 238.0, 245.0]),
+                Follow::Jaw(_) if head.tongue[v] > 0.0 => Some([205.0, 112.0, 108.0]),
+                Follow::Jaw(_) => Some([225.0, 205.0, 185.0]),
+                Follow::Nearest(_) | Follow::Still => known.then_some([90.0, 90.0, 96.0]),
+            }
+        };
+        let middle = turn * view.middle;
+        let surfaces = self.surfaces.as_ref();
+        paint(
+            self.mesh,
+            &seen,
+            &middle,
+            view.height,
+            pixels,
+            surfaces,
+            tint,
+        )
+        .image
+    }
 }
 
 /// A picture with the depth of what it shows.
@@ -112,14 +143,15 @@ impl Canvas {
 }
 
 /// Draws triangles of a mesh whose vertices are given as (right, up, towards the viewer); `tint` of a triangle is its
-/// colour, or nothing to leave it out.
+/// colour if its surface says none, or nothing to leave it out; it hears whether it does.
 pub(in crate::studio) fn paint(
     mesh: &Mesh,
     seen: &[Vec3],
     middle: &Vec3,
     height: f64,
     pixels: u32,
-    tint: impl Fn([u32; 3]) -> Option<[f64; 3]>,
+    surfaces: Option<&Surfaces<'_>>,
+    tint: impl Fn([u32; 3], bool) -> Option<[f64; 3]>,
 ) -> Canvas {
     let normals = mesh.vertex_normals(seen);
     let lamp = Vec3::new(0.25, 0.45, 0.86);
@@ -141,26 +173,39 @@ pub(in crate::studio) fn paint(
             }
         })
         .collect();
-    for mut triangle in mesh.triangles() {
-        let Some(tint) = tint(triangle) else { continue };
-        let at = |k: usize| screen[triangle[k] as usize];
+    let cut = |f: usize| {
+        let face = mesh.face(f);
+        mesh.split(f)
+            .into_iter()
+            .map(move |t| (mesh.face_material[f], t.map(|k| face[k])))
+    };
+    for (material, mut corner) in (0..mesh.faces()).flat_map(cut) {
+        let known = surfaces.filter(|surfaces| surfaces.know(material));
+        let Some(tint) = tint(corner.map(|c| c.vertex), known.is_some()) else {
+            continue;
+        };
+        let at = |k: usize| screen[corner[k].vertex as usize];
         let along = |k: usize| [at(k).x - at(0).x, at(k).y - at(0).y];
         let ([bx, by], [cx, cy]) = (along(1), along(2));
         // Drawn from both sides; the rasteriser wants one.
         if bx * cy < by * cx {
-            triangle.swap(1, 2);
+            corner.swap(1, 2);
         }
-        let corners = triangle.map(|v| screen[v as usize]);
-        let normal = triangle.map(|v| normals[v as usize]);
+        let corners = corner.map(|c| screen[c.vertex as usize]);
+        let normal = corner.map(|c| normals[c.vertex as usize]);
         let image = &mut canvas.image;
-        canvas.depth.triangle(corners, |pixel, b, c| {
+        canvas.depth.triangle_where(corners, |pixel, b, c| {
             let (b, c) = (f64::from(b), f64::from(c));
+            let shares = [1.0 - b - c, b, c];
+            let seen = known.map_or(Some(tint), |s| s.at(material, corner, shares));
+            let Some(tint) = seen else { return false };
             let facing = (normal[0] * (1.0 - b - c) + normal[1] * b + normal[2] * c).normalize();
             let light = 0.22 + 0.78 * facing.dot(&lamp).max(0.0);
             // Seen from behind: dark, so that holes and turned faces show.
             let light = if facing.z < 0.0 { 0.10 } else { light };
             let shade = Rgb(tint.map(|t: f64| (t * light).min(255.0) as u8));
             image.put_pixel((pixel % side) as u32, (pixel / side) as u32, shade);
+            true
         });
     }
     canvas

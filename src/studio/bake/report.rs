@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::head::Head;
 use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
-use super::render::{View, draw};
+use super::render::{Outside, View};
 use super::shape::Shape;
 
 const PIXELS: u32 = 300;
@@ -64,7 +64,12 @@ pub fn promises(shapes: &[Shape]) -> String {
 
 /// The report as HTML, and the figures it shows.
 #[must_use]
-pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>) {
+pub fn html(
+    head: &Head,
+    outside: &Outside<'_>,
+    shapes: &[Shape],
+    title: &str,
+) -> (String, Vec<Figures>) {
     let judge = Judge::new(head);
     let view = View {
         yaw: 0.35,
@@ -73,7 +78,7 @@ pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>
     let all: Vec<(Figures, String)> = (0..shapes.len())
         .into_par_iter()
         .map(|k| {
-            let picture = draw(head, &shown(shapes, k), &view, PIXELS);
+            let picture = outside.draw(head, &shown(shapes, k), &view, PIXELS);
             (judge.judge(shapes, k), embedded(&picture))
         })
         .collect();
@@ -100,7 +105,7 @@ pub fn html(head: &Head, shapes: &[Shape], title: &str) -> (String, Vec<Figures>
     let _ = write!(
         out,
         "<figure><img alt=\"neutral\" src=\"{}\"><figcaption>neutral</figcaption></figure>",
-        embedded(&draw(head, &[], &view, PIXELS))
+        embedded(&outside.draw(head, &[], &view, PIXELS))
     );
     for (shape, (_, picture)) in shapes.iter().zip(&all) {
         let name = &shape.name;

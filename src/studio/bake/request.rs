@@ -7,8 +7,8 @@ use super::rig::Method;
 /// What to bake and where to put it.
 #[derive(Debug, Default, clap::Args)]
 pub struct Request {
-    /// Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB or VRM, whose copy in --out gets
-    /// the shapes and keeps everything else
+    /// Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB, glTF or VRM, whose copy in --out
+    /// gets the shapes and keeps everything else
     #[arg(long)]
     pub mesh: PathBuf,
     /// 68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.

@@ -294,18 +294,21 @@ impl<'a> Rig<'a> {
             }
             self.take(target, base, plain, &mut solved.d, &mut faults);
         }
-        if !faults.places.is_empty() {
-            let before = solved.d.clone();
-            relax(
-                head,
-                &self.around,
-                &self.contacts,
-                target,
-                base,
-                &mut solved,
-            );
-            let relaxed = std::mem::replace(&mut solved.d, before);
-            self.take(target, base, relaxed, &mut solved.d, &mut faults);
+        for spans in [false, true] {
+            if !faults.places.is_empty() {
+                let mut d = solved.d.clone();
+                let (around, contacts) = (&self.around, &self.contacts);
+                relax(
+                    head,
+                    around,
+                    contacts,
+                    target,
+                    base,
+                    (&mut d, &solved.area),
+                    spans,
+                );
+                self.take(target, base, d, &mut solved.d, &mut faults);
+            }
         }
         Ok(solved)
     }

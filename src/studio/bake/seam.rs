@@ -2,7 +2,7 @@
 //!
 //! Units: the mesh's; a position across is a pure number, 0 at the subject's right end and 1 at the left one.
 
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashMap};
 
 use super::mesh::{Mesh, Rings, Vec3};
 
@@ -40,6 +40,39 @@ impl Seam {
         p(0)
     }
 
+    /// Both lines beginning and ending where their ring turns back, at most a quarter of a line beside the landmarks.
+    fn turned(self, mesh: &Mesh) -> Self {
+        let (right, left) = (0, self.upper.len() - 1);
+        let ring: Vec<u32> = self
+            .upper
+            .iter()
+            .chain(self.lower[1..self.lower.len() - 1].iter().rev())
+            .copied()
+            .collect();
+        let at = |k: usize| mesh.positions[ring[k % ring.len()] as usize];
+        let along = at(left) - at(right);
+        let turns = |end: usize, way: f64| {
+            let beside = ring.len() / 8;
+            let near = ring.len() + end - beside..=ring.len() + end + beside;
+            let furthest = near
+                .max_by(|&a, &b| (way * at(a).dot(&along)).total_cmp(&(way * at(b).dot(&along))));
+            furthest.map_or(end, |k| k % ring.len())
+        };
+        let (right, left) = (turns(right, -1.0), turns(left, 1.0));
+        let between = |from: usize, to: usize| {
+            let count = (to + ring.len() - from) % ring.len();
+            (0..=count)
+                .map(|k| ring[(from + k) % ring.len()])
+                .collect::<Vec<u32>>()
+        };
+        let mut lower = between(left, right);
+        lower.reverse();
+        Self {
+            upper: between(right, left),
+            lower,
+        }
+    }
+
     /// Vertices of both lines.
     pub(super) fn both(&self) -> impl Iterator<Item = u32> + '_ {
         self.upper.iter().chain(&self.lower).copied()
@@ -67,15 +100,28 @@ pub(super) fn films(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
     film
 }
 
+/// What an edge costs for leading not along but across, from one ring to another, as part of its length.
+const CROSSES: f64 = 3.0;
+/// Lines with fewer vertices together are those of a coarse mesh, whose landmarks leave no choice.
+const FINE: usize = 24;
+/// Most vertices that a landmark may be; what going beside it costs, as part of the distance: at the ends, where short cuts lead
+/// inwards, more.
+const PLACES: usize = 12;
+const PULL: f64 = 0.7;
+const END_PULL: f64 = 3.0;
+
 #[derive(PartialEq)]
-struct Step(f64, u32);
-impl Eq for Step {}
-impl Ord for Step {
+struct Step<T>(f64, T);
+impl<T: Ord> Eq for Step<T> {}
+impl<T: Ord> Ord for Step<T> {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        other.0.total_cmp(&self.0).then(other.1.cmp(&self.1))
+        other
+            .0
+            .total_cmp(&self.0)
+            .then_with(|| other.1.cmp(&self.1))
     }
 }
-impl PartialOrd for Step {
+impl<T: Ord> PartialOrd for Step<T> {
     fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
         Some(self.cmp(other))
     }
@@ -90,7 +136,7 @@ pub(super) fn distances(
     within: impl Fn(usize) -> bool,
 ) -> Vec<f32> {
     let mut best = vec![f32::INFINITY; positions.len()];
-    let mut heap: BinaryHeap<Step> = sources.iter().map(|&v| Step(0.0, v)).collect();
+    let mut heap: BinaryHeap<Step<u32>> = sources.iter().map(|&v| Step(0.0, v)).collect();
     for &v in sources {
         best[v as usize] = 0.0;
     }
@@ -110,54 +156,152 @@ pub(super) fn distances(
     best
 }
 
-/// Vertices of the shortest way along edges from `a` to `b`; empty after `a` if there is none.
-pub(super) fn shortest(
+/// A landmark on a line that may be some vertices: each with what it costs to go through it instead, the landmark itself 0.
+type Place = Vec<(u32, f64)>;
+
+/// A way along edges: how many places are passed, and the vertex.
+type Way = Vec<(usize, u32)>;
+
+/// The shortest ways along edges from `start` through one vertex of each of the other places, one for each vertex
+/// where they may end, and their lengths.
+fn ways(
     mesh: &Mesh,
     rings: &Rings,
-    a: u32,
-    b: u32,
-) -> impl Iterator<Item = u32> + use<> {
-    let mut best = std::collections::HashMap::from([(a, (0.0, a))]);
-    let mut heap = BinaryHeap::from([Step(0.0, a)]);
-    while let Some(Step(length, v)) = heap.pop() {
-        if v == b {
-            break;
-        }
-        if length > best[&v].0 {
+    start: u32,
+    through: &[Place],
+    rim: Option<(Vec3, f64)>,
+) -> Vec<(f64, Way)> {
+    let at = |v: u32| mesh.positions[v as usize];
+    let along = at(through[through.len() - 1][0].0) - at(start);
+    let along = along.try_normalize(0.0).unwrap_or_default();
+    // How far a point is from where a lid's edge is: foremost and nearest to the slit.
+    let (from, to) = (at(start), at(through[through.len() - 1][0].0));
+    let behind = |p: &Vec3| {
+        rim.map_or(0.0, |(out, reach)| {
+            let t = ((p - from).dot(&along) / (to - from).dot(&along)).clamp(0.0, 1.0);
+            let apart = p - (from + (to - from) * t);
+            let open = apart.dot(&out.cross(&along)).abs();
+            (2.0 + (open - apart.dot(&out)) / reach).max(0.0)
+        })
+    };
+    let mut best = HashMap::from([((0, start), (0.0, (0, start)))]);
+    let mut heap = BinaryHeap::from([Step(0.0, (0, start))]);
+    let mut ends = Vec::new();
+    while let Some(Step(length, at)) = heap.pop() {
+        if length > best[&at].0 {
             continue;
+        }
+        let (passed, v) = at;
+        if passed == through.len() {
+            let mut way = vec![at];
+            while way[way.len() - 1] != (0, start) {
+                way.push(best[&way[way.len() - 1]].1);
+            }
+            way.reverse();
+            ends.push((length, way));
+            if ends.len() == through[passed - 1].len() {
+                break;
+            }
+            continue;
+        }
+        let mut to = |next: (usize, u32), total: f64| {
+            if best.get(&next).is_none_or(|&(known, _)| total < known) {
+                best.insert(next, (total, at));
+                heap.push(Step(total, next));
+            }
+        };
+        if let Some((_, cost)) = through[passed].iter().find(|(o, _)| *o == v) {
+            to((passed + 1, v), length + cost);
         }
         for &o in rings.of(v as usize) {
             let edge = mesh.positions[v as usize] - mesh.positions[o as usize];
-            let total = length + edge.norm();
-            if best.get(&o).is_none_or(|&(known, _)| total < known) {
-                best.insert(o, (total, v));
-                heap.push(Step(total, o));
-            }
+            let (far, across) = (edge.norm(), edge.dot(&along).abs());
+            let off = behind(&mesh.positions[o as usize]);
+            to(
+                (passed, o),
+                length + far * (1.0 + off) + CROSSES * (far - across),
+            );
         }
     }
-    let mut path = Vec::new();
-    if best.contains_key(&b) {
-        let mut v = b;
-        while v != a {
-            path.push(v);
-            v = best[&v].1;
-        }
-    }
-    path.push(a);
-    path.reverse();
-    path.into_iter()
+    ends
 }
 
-/// A way through `points` without the detours that come back to where they began.
-pub(super) fn line(mesh: &Mesh, rings: &Rings, points: &[u32]) -> Vec<u32> {
-    let mut path = vec![points[0]];
-    for pair in points.windows(2) {
-        for v in shortest(mesh, rings, pair[0], pair[1]).skip(1) {
-            if let Some(k) = path.iter().position(|&o| o == v) {
-                path.truncate(k);
+/// The vertices within `slack` of a landmark, nearest first; going through another than itself costs `pull` times its distance.
+fn place(mesh: &Mesh, rings: &Rings, landmark: u32, slack: f64, pull: f64) -> Place {
+    let at = |v: u32| mesh.positions[v as usize];
+    let mut place = vec![(landmark, 0.0)];
+    let mut k = 0;
+    while k < place.len() {
+        for &o in rings.of(place[k].0 as usize) {
+            let far = (at(o) - at(landmark)).norm();
+            if far < slack && place.iter().all(|p| p.0 != o) {
+                place.push((o, far * pull));
             }
-            path.push(v);
         }
+        k += 1;
+    }
+    place.sort_by(|a, b| a.1.total_cmp(&b.1));
+    place.truncate(PLACES);
+    place
+}
+
+/// Both lines of lids or lips through landmarks, each the subject's right end, two or more between, the left end: as short as
+/// can be together, so that they stay on one ring of edges where a landmark lies up to `slack` beside it. Also, where each
+/// landmark came to lie.
+pub(super) fn lines(
+    mesh: &Mesh,
+    rings: &Rings,
+    landmarks: [&[u32]; 2],
+    slack: f64,
+    out: Option<Vec3>,
+) -> (Seam, [Vec<u32>; 2]) {
+    let last = landmarks[0].len() - 1;
+    let places = landmarks.map(|line| {
+        let of = |(k, &v): (usize, &u32)| {
+            let pull = if k == 0 || k == last { END_PULL } else { PULL };
+            place(mesh, rings, v, slack, pull)
+        };
+        line.iter().enumerate().map(of).collect::<Vec<Place>>()
+    });
+    let rim = out.map(|out| (out, slack));
+    let (mut least, mut shortest) = (f64::INFINITY, None);
+    for &(start, cost) in &places[0][0] {
+        let [upper, lower] = [0, 1].map(|line| ways(mesh, rings, start, &places[line][1..], rim));
+        for (length, way) in upper {
+            let same_end = lower.iter().find(|l| l.1.last() == way.last());
+            if let Some((other, below)) = same_end
+                && cost + length + other < least
+            {
+                (least, shortest) = (cost + length + other, Some([way, below.clone()]));
+            }
+        }
+    }
+    // In pieces, nothing follows a landmark: there is no slit to close.
+    let ways = shortest.unwrap_or(landmarks.map(|line| line.iter().copied().enumerate().collect()));
+    let [upper, lower] = [0, 1].map(|line| straight(ways[line].iter().map(|at| at.1)));
+    let seam = Seam { upper, lower };
+    if slack > 0.0 && seam.upper.len() + seam.lower.len() < FINE {
+        return lines(mesh, rings, landmarks, 0.0, None);
+    }
+    let mut through = ways.map(|way| {
+        let first = |k: usize| way.iter().find(|at| at.0 == k).map_or(0, |at| at.1);
+        (0..=last).map(first).collect::<Vec<u32>>()
+    });
+    let seam = if slack > 0.0 { seam.turned(mesh) } else { seam };
+    for (line, through) in [&seam.upper, &seam.lower].into_iter().zip(&mut through) {
+        (through[0], through[last]) = (line[0], line[line.len() - 1]);
+    }
+    (seam, through)
+}
+
+/// A way without the detours that come back to where they began.
+fn straight(way: impl Iterator<Item = u32>) -> Vec<u32> {
+    let mut path: Vec<u32> = Vec::new();
+    for v in way {
+        if let Some(k) = path.iter().position(|&o| o == v) {
+            path.truncate(k);
+        }
+        path.push(v);
     }
     path
 }

@@ -119,7 +119,9 @@ impl Placing<'_> {
         };
         self.derived_points_act(&mut asked);
         self.lids_act(&mut asked);
-        let inside = |v: usize| head.skin[v] && asked.u[v] > edge;
+        let shuts = self.target.close.iter().any(Option::is_some);
+        let inside =
+            |v: usize| head.skin[v] && asked.u[v] > edge && !(shuts && head.lines_socket(v));
         asked.area = (0..asked.u.len()).map(inside).collect();
         self.mouth_follows_jaw(&mut asked);
         self.lips_go_back(&mut asked);
@@ -257,7 +259,8 @@ impl Placing<'_> {
         let (head, positions) = (self.head, &self.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {
             let sunk = self.contacts.sunk(d, self.target);
-            let crossed = self.contacts.crossed(d, self.base);
+            let mut crossed = self.contacts.crossed(d, self.base);
+            crossed.extend(self.contacts.pierced(d, self.base));
             if sunk.is_empty() && crossed.is_empty() {
                 break;
             }

@@ -7,7 +7,7 @@
 //! Cost: linear in the triangles looked at; memory: a few numbers per triangle and vertex.
 
 use super::head::Head;
-use super::mesh::Vec3;
+use super::mesh::{Rings, Vec3};
 
 /// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
 const AGREES: f64 = 0.3;
@@ -18,6 +18,8 @@ const TORN: [f64; 2] = [5.0, 0.05];
 /// The skin's triangles and how they lie in their surroundings in the neutral shape.
 pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
+    /// Neighbours along the triangles' edges: also along those that cut a face.
+    rings: Rings,
     /// Triangles at each vertex, stored flat.
     starts: Vec<u32>,
     at: Vec<u32>,
@@ -60,8 +62,9 @@ impl Surroundings {
             if head.film[f] || !head.skin[face[0].vertex as usize] {
                 continue;
             }
-            for t in head.mesh.split(f) {
-                triangles.push(t.map(|k| face[k].vertex));
+            // A quad as the file cuts it: from its first corner ([`super::order`]).
+            for k in 2..face.len() {
+                triangles.push([0, k - 1, k].map(|k| face[k].vertex));
             }
         }
         let n = head.mesh.positions.len();
@@ -79,7 +82,10 @@ impl Surroundings {
                 fill[v as usize] += 1;
             }
         }
+        let edges = triangles.iter();
+        let edges = edges.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
         let mut out = Self {
+            rings: Rings::new(n, &edges.collect::<Vec<_>>()),
             triangles,
             starts,
             at,
@@ -87,7 +93,7 @@ impl Surroundings {
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
         let neutral = |v: usize| head.mesh.positions[v];
-        let lie = out.lie(head, &neutral, &all, &mut out.scratch());
+        let lie = out.lie(&neutral, &all, &mut out.scratch());
         out.neutral = lie
             .into_iter()
             .map(|(area, cosine, _)| (area, cosine))
@@ -114,7 +120,7 @@ impl Surroundings {
 
     /// All triangles that see one of the changed vertices in their surroundings, ascending.
     #[must_use]
-    pub fn seeing(&self, head: &Head, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
+    pub fn seeing(&self, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
         // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
         let mut near = changed.to_vec();
         for &v in changed {
@@ -124,7 +130,7 @@ impl Surroundings {
         for _ in 0..2 {
             let to = near.len();
             for k in from..to {
-                for &o in head.rings.of(near[k] as usize) {
+                for &o in self.rings.of(near[k] as usize) {
                     if scratch.wanted[o as usize] == 0 {
                         scratch.wanted[o as usize] = 1;
                         near.push(o);
@@ -160,7 +166,6 @@ impl Surroundings {
     /// Doubled area, cosine with the mean normal of the surroundings and that normal, for some of the triangles.
     fn lie(
         &self,
-        head: &Head,
         p: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
@@ -184,7 +189,7 @@ impl Surroundings {
         }
         let mut all = corners.clone();
         for &v in &corners {
-            for &o in head.rings.of(v as usize) {
+            for &o in self.rings.of(v as usize) {
                 if wanted[o as usize] == 0 {
                     wanted[o as usize] = 1;
                     all.push(o);
@@ -211,7 +216,7 @@ impl Surroundings {
             }
         }
         for &v in &corners {
-            let ring = head.rings.of(v as usize).iter();
+            let ring = self.rings.of(v as usize).iter();
             let own = Vec3::from(one[v as usize]);
             let sum = ring.fold(own, |sum, &o| sum + Vec3::from(one[o as usize]));
             two[v as usize] = sum.into();
@@ -243,9 +248,9 @@ impl Surroundings {
             .filter(|&v| d[v as usize] != Vec3::zeros())
             .collect();
         let mut scratch = self.scratch();
-        let some = self.seeing(head, &changed, &mut scratch);
+        let some = self.seeing(&changed, &mut scratch);
         let mut found: Vec<u32> = self
-            .flattened(head, at, &some, 0.0, &mut scratch)
+            .flattened(at, &some, 0.0, &mut scratch)
             .iter()
             .flat_map(|t| t.corners)
             .collect();
@@ -271,12 +276,11 @@ impl Surroundings {
     #[must_use]
     pub fn inverted(
         &self,
-        head: &Head,
         moved: &impl Fn(usize) -> Vec3,
         some: &[u32],
         scratch: &mut Scratch,
     ) -> (usize, usize) {
-        let lie = self.lie(head, moved, some, scratch);
+        let lie = self.lie(moved, some, scratch);
         let (mut inverted, mut collapsed) = (0, 0);
         for (&k, (area, cosine, _)) in some.iter().zip(lie) {
             let before = self.neutral[k as usize];
@@ -293,7 +297,6 @@ impl Surroundings {
     #[must_use]
     pub fn flattened(
         &self,
-        head: &Head,
         moved: &impl Fn(usize) -> Vec3,
         some: &[u32],
         height: f64,
@@ -301,7 +304,7 @@ impl Surroundings {
     ) -> Vec<Flattened> {
         let mut found = Vec::new();
         let mut inverted = false;
-        for (&k, (area, cosine, normal)) in some.iter().zip(self.lie(head, moved, some, scratch)) {
+        for (&k, (area, cosine, normal)) in some.iter().zip(self.lie(moved, some, scratch)) {
             let before = self.neutral[k as usize];
             if before.1 > AGREES && (cosine < 0.0 || area * cosine < height * before.0) {
                 inverted |= cosine < 0.0;

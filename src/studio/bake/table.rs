@@ -79,18 +79,9 @@ pub fn targets(
             None => {
                 targets.push(Target {
                     name: name.into(),
-                    unit: None,
-                    upon: None,
-                    controls: Vec::new(),
                     exact: true,
                     derive,
-                    close: [None; 2],
-                    gaze: [None; 2],
-                    jaw: None,
-                    tongue: None,
-                    undo: None,
-                    corrects: None,
-                    must: Vec::new(),
+                    ..Target::default()
                 });
                 targets.last_mut().expect("just pushed")
             }

@@ -19,8 +19,8 @@
 //! Normals and texture coordinates are written if the mesh has them. Normals turn with the shapes where a vertex has one;
 //! with several (hard edges) they stay as they are, for UsdSkel has no such offsets.
 //!
-//! Materials have the colours and pictures of an OBJ's, the pictures as files beside this one; colours of vertices are
-//! `displayColor`, times the material's, and shown where there is no picture. Limits: from glTF only geometry and shapes come here.
+//! Materials have the head's colours and pictures, the pictures as files beside this one; colours of vertices are
+//! `displayColor`, times the material's, and shown where there is no picture. Limits: skeletons and animations stay behind.
 //! One file: one format, written from top to bottom; a third of it is its tests.
 
 use std::collections::{HashMap, HashSet};
@@ -28,9 +28,10 @@ use std::fmt::Write as _;
 
 use rayon::prelude::*;
 
+use super::glb::extent;
 use super::looks::{Beside, Look, Looks};
-use super::mesh::{Corner, Mesh, Vec3};
-use super::morphs::{COLOUR, NORMAL_NOTHING, ROUGHNESS, single};
+use super::mesh::{Corner, Mesh, Vec3, extent_of};
+use super::morphs::{COLOUR, ROUGHNESS, single, turned};
 use super::shape::Shape;
 
 /// Numbers as USD reads them: the shortest that give the same value again.
@@ -166,17 +167,7 @@ fn blend_shape(
     dense: bool,
 ) -> String {
     let offsets: Vec<[f32; 3]> = shape.displacement.iter().map(single).collect();
-    let bends = smooth.map(|smooth| {
-        let places = mesh.positions.iter().zip(&shape.displacement);
-        let places: Vec<Vec3> = places.map(|(p, d)| p + d).collect();
-        let turned = mesh.vertex_normals(&places);
-        let bend = turned.iter().zip(smooth).map(|(now, was)| {
-            let bend = single(&(now - was));
-            let nothing = bend.iter().all(|d| d.abs() < NORMAL_NOTHING);
-            if nothing { [0.0; 3] } else { bend }
-        });
-        bend.collect::<Vec<_>>()
-    });
+    let bends = smooth.map(|smooth| turned(mesh, smooth, shape));
     let bent = |v: usize| bends.as_ref().is_some_and(|bends| bends[v] != [0.0; 3]);
     let rows: Vec<usize> = (0..offsets.len())
         .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
@@ -227,7 +218,7 @@ struct Used {
     faces: Vec<usize>,
 }
 
-fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside) -> Vec<Used> {
+fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside<'_>) -> Vec<Used> {
     let mut names = Siblings::default();
     let mut faces: Vec<Vec<usize>> = vec![Vec::new(); mesh.materials.len()];
     for (f, &material) in mesh.face_material.iter().enumerate() {
@@ -236,7 +227,7 @@ fn used(mesh: &Mesh, looks: &Looks, pictures: &Beside) -> Vec<Used> {
     let of = mesh.materials.iter().zip(faces);
     of.filter(|(_, faces)| !faces.is_empty())
         .map(|(name, faces)| {
-            let picture = pictures.get(name).cloned();
+            let picture = pictures.get(name).map(|(file, _)| file.clone());
             let (colour, opacity) = looks.get(name).map_or((None, 1.0), Look::surface);
             let plain = match picture {
                 Some(_) => [1.0; 3],
@@ -283,15 +274,9 @@ fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
 /// The geometry of the neutral head.
 fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
     let points: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for p in &points {
-        for k in 0..3 {
-            (low[k], high[k]) = (low[k].min(p[k]), high[k].max(p[k]));
-        }
-    }
     // An artist's polygons as they are: no surface is fitted through them.
     out.push_str("        uniform token subdivisionScheme = \"none\"\n");
-    let _ = writeln!(out, "        float3[] extent = {}", tuples([low, high]));
+    let _ = writeln!(out, "        float3[] extent = {}", tuples(extent(&points)));
     let counts = (0..mesh.faces()).map(|f| mesh.face(f).len());
     let _ = writeln!(out, "        int[] faceVertexCounts = {}", whole(counts));
     let corners = mesh.corners.iter().map(|corner| corner.vertex as usize);
@@ -438,10 +423,7 @@ fn materials(out: &mut String, used: &[Used], tinted: bool) {
 
 /// Metadata of the layer, the skeleton and the weights.
 fn skeleton(mesh: &Mesh, metres: f64, names: &str, shapes: usize) -> String {
-    let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-    for p in &mesh.positions {
-        (low, high) = (low.inf(p), high.sup(p));
-    }
+    let (low, high) = extent_of(&mesh.positions);
     let middle = moved_by(&((low + high) / 2.0));
     let (version, rest) = (env!("CARGO_PKG_VERSION"), vec!["0"; shapes].join(", "));
     format!(
@@ -482,7 +464,7 @@ def SkelRoot "head" (
 pub(super) fn emit(
     mesh: &Mesh,
     looks: &Looks,
-    pictures: &Beside,
+    pictures: &Beside<'_>,
     shapes: &[Shape],
     metres: f64,
     dense: bool,

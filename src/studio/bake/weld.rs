@@ -136,7 +136,7 @@ pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>>
     faces
 }
 
-/// The convex quad that two triangles with a common edge make.
+/// The convex quad that two triangles with a common edge make, that edge between its first and its third corner.
 fn quad(positions: &[Vec3], one: [u32; 3], two: [u32; 3]) -> Option<[u32; 4]> {
     let normal = |t: [u32; 3]| {
         let [a, b, c] = t.map(|v| positions[v as usize]);

@@ -17,19 +17,16 @@ use serde_json::{Value, json};
 use super::hero::{Hero, JOINT, Layer, NECK, Picture, turns};
 use crate::studio::bake::error::BakeError;
 use crate::studio::bake::files::write;
-use crate::studio::bake::glb::{Glb, push};
+use crate::studio::bake::glb::{FLOAT, Glb, VERTICES, bytes, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
+use crate::studio::bake::morphs::single;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::solve::Settings;
 
-const FLOAT: u32 = 5126;
-const U32: u32 = 5125;
 const U8: u32 = 5121;
-const VERTICES: u32 = 34962;
-const INDICES: u32 = 34963;
 const JPEG_QUALITY: u8 = 92;
 /// Numbers of the nodes: two meshes, two joints.
 const FACE: usize = 0;
@@ -51,35 +48,6 @@ pub enum DefaultHeadError {
         /// What was given.
         path: String,
     },
-}
-
-fn single(v: &Vec3) -> [f32; 3] {
-    [v.x as f32, v.y as f32, v.z as f32]
-}
-
-fn bytes<const N: usize>(rows: &[[f32; N]]) -> Vec<u8> {
-    rows.iter()
-        .flatten()
-        .flat_map(|v| v.to_le_bytes())
-        .collect()
-}
-
-/// Rows of floats as an accessor; with bounds if they are places.
-fn rows<const N: usize>(glb: &mut Glb, rows: &[[f32; N]], bounds: bool) -> usize {
-    let view = glb.push_view(&bytes(rows), VERTICES);
-    let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];
-    let mut accessor =
-        json!({"bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": kind});
-    if bounds {
-        let extreme = |of: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
-            (0..N)
-                .map(|k| rows.iter().map(|r| r[k]).fold(from, of))
-                .collect()
-        };
-        accessor["min"] = json!(extreme(f32::min, f32::INFINITY));
-        accessor["max"] = json!(extreme(f32::max, f32::NEG_INFINITY));
-    }
-    glb.push_accessor(accessor)
 }
 
 /// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
@@ -105,12 +73,12 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec
         json!({"bufferView": joints, "componentType": U8, "count": places.len(), "type": "VEC4"}),
     );
     let attributes = json!({
-        "POSITION": rows(glb, &places, true),
-        "NORMAL": rows(glb, &normals, false),
-        "COLOR_0": rows(glb, &layer.tints, false),
-        "TEXCOORD_0": rows(glb, &layer.uv, false),
+        "POSITION": glb.push_rows(&places, true),
+        "NORMAL": glb.push_rows(&normals, false),
+        "COLOR_0": glb.push_rows(&layer.tints, false),
+        "TEXCOORD_0": glb.push_rows(&layer.uv, false),
         "JOINTS_0": joints,
-        "WEIGHTS_0": rows(glb, &shares, false),
+        "WEIGHTS_0": glb.push_rows(&shares, false),
     });
     let mut primitives = Vec::new();
     for (number, look) in hero.looks.iter().enumerate() {
@@ -126,11 +94,7 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec
         if corners.is_empty() {
             continue;
         }
-        let data: Vec<u8> = corners.iter().flat_map(|v| v.to_le_bytes()).collect();
-        let view = glb.push_view(&data, INDICES);
-        let indices = glb.push_accessor(
-            json!({"bufferView": view, "componentType": U32, "count": corners.len(), "type": "SCALAR"}),
-        );
+        let indices = glb.push_corners(&corners);
         let [r, g, b] = look.colour;
         let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": look.rough, "baseColorFactor": [r, g, b, 1.0]});
         if let Some(picture) = &look.picture {

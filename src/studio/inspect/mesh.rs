@@ -29,7 +29,7 @@ fn draw(mesh: &Mesh, moved: &[Vec3], yaw: f64) -> RgbImage {
     let middle = turn * ((low + high) * 0.5);
     let height = (high - low).max().max(f64::MIN_POSITIVE) / 0.94;
     let seen: Vec<Vec3> = moved.iter().map(|v| turn * v).collect();
-    paint(mesh, &seen, &middle, height, SIZE, |_| Some(GREY)).image
+    paint(mesh, &seen, &middle, height, SIZE, None, |_, _| Some(GREY)).image
 }
 
 /// Reads an OBJ and draws it.

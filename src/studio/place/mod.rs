@@ -103,9 +103,11 @@ impl Place {
         })?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
             let found =
-                guess(&source.mesh, &FaceModel::shipped()).map_err(|source| BakeError::Locate {
-                    path: mesh.into(),
-                    source,
+                guess(&source.mesh, &source.looks, &FaceModel::shipped()).map_err(|source| {
+                    BakeError::Locate {
+                        path: mesh.into(),
+                        source,
+                    }
                 })?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
@@ -125,7 +127,10 @@ impl Place {
             return Err(HeadError::Apart { landmark }.into());
         }
         Ok(Self {
-            drawn: in_two_colours(&source.mesh, &surface),
+            drawn: match source.looks.is_empty() {
+                true => in_two_colours(&source.mesh, &surface),
+                false => source.mesh.clone(),
+            },
             name: mesh
                 .file_name()
                 .unwrap_or_default()
@@ -205,10 +210,13 @@ impl Place {
         });
         drop(baked);
         let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false);
-        // Eyes and teeth lighter than skin, where there are any.
-        if let Some(other) = glb.json["materials"].get_mut(1) {
-            other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
+        if self.source.looks.is_empty() {
+            // Eyes and teeth lighter than skin, where there are any.
+            if let Some(other) = glb.json["materials"].get_mut(1) {
+                other["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.9, 0.92, 0.95, 1.0]);
+            }
         }
+        self.source.looks.paint(&mut glb);
         glb.emit()
     }
 

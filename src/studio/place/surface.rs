@@ -6,7 +6,7 @@
 //! Units and frame: the mesh's. Cost: linear in the mesh per point, milliseconds. Limits: a head that is not its own mirror
 //! image is mirrored about the middle of its present points.
 
-use crate::studio::bake::mesh::{Mesh, Vec3};
+use crate::studio::bake::mesh::{Mesh, Vec3, extent_of};
 use crate::studio::bake::names::{LANDMARKS, mirrored};
 use crate::studio::bake::nearest::Nearest;
 use crate::studio::bake::order::Ordered;
@@ -109,11 +109,7 @@ impl Surface {
         let skin: Vec<u32> = (0..self.positions.len() as u32)
             .filter(|&v| self.skin[v as usize])
             .collect();
-        let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-        for &v in &skin {
-            let p = &self.positions[v as usize];
-            (low, high) = (low.inf(p), high.sup(p));
-        }
+        let (low, high) = extent_of(skin.iter().map(|&v| &self.positions[v as usize]));
         self.size = (high - low).max();
         let nearest = Nearest::new(&self.positions, &skin);
         let looked: Vec<u32> = skin

@@ -11,7 +11,7 @@ use crate::simulator::virtual_head::COLOUR_FOCAL_PX;
 use crate::studio::bake::benchmark::Truth;
 use crate::studio::bake::head::Head;
 use crate::studio::bake::recipe::Target;
-use crate::studio::bake::render::{View, draw, sheet};
+use crate::studio::bake::render::{Outside, View, sheet};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::solve;
 use crate::studio::inspect::{canvas, face_lines};
@@ -169,7 +169,7 @@ pub(super) fn influence(
     let view = View::face(&head);
     let mut rows: Vec<Vec<RgbImage>> = Vec::new();
     let picture = |words: &str, d: &[_]| {
-        let mut picture = draw(&head, d, &view, SIDE);
+        let mut picture = Outside::plain(&head).draw(&head, d, &view, SIDE);
         title(&mut picture, words);
         picture
     };

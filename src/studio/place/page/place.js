@@ -234,6 +234,8 @@ async function load() {
   const answer = await fetch(`/head.glb?shape=${encodeURIComponent(name)}`);
   const glb = readGlb(await answer.arrayBuffer(), {});
   const fresh = view.load(start.name, glb);
+  // Pictures come later than the first drawing.
+  Promise.all(glb.materials.map(({ bitmap }) => bitmap)).then(() => { shown = ""; });
   head?.free();
   head = fresh;
   view.heads = [head];

@@ -1,0 +1,273 @@
+//! What of a glTF is outside its meshes: where nodes put them, and data in files beside it or in the text itself.
+//!
+//! Units: the file's. Limits: a mesh that several nodes show is where the first one puts it; a skinned one is where its first
+//! joint holds it; files beside are those below its folder.
+
+use std::path::{Component, Path};
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
+use serde_json::{Value, json};
+
+use super::files::read_bytes;
+use super::glb::{Glb, GlbError};
+
+/// A chain of nodes longer than this is a ring.
+const DEEPEST: usize = 256;
+/// What a matrix may differ from none at all, in parts of the head's unit.
+const NOTHING: f64 = 1e-6;
+
+fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();
+    numbers?.try_into().ok()
+}
+
+/// What a node does to what hangs on it.
+fn local(node: &Value) -> Matrix4<f64> {
+    if let Some(columns) = numbers::<16>(&node["matrix"]) {
+        return Matrix4::from_column_slice(&columns);
+    }
+    let vector = |name: &str, or| Vector3::from(numbers::<3>(&node[name]).unwrap_or([or; 3]));
+    let turned = numbers::<4>(&node["rotation"]).unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    let turned = Quaternion::from_vector(Vector4::from(turned));
+    Translation3::from(vector("translation", 0.0)).to_homogeneous()
+        * UnitQuaternion::from_quaternion(turned).to_homogeneous()
+        * Matrix4::new_nonuniform_scaling(&vector("scale", 1.0))
+}
+
+/// From each mesh to the scene; `None` where that is nothing, or cannot be undone.
+pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
+    let list = |name: &str| glb.json[name].as_array().map_or(&[][..], Vec::as_slice);
+    let nodes = list("nodes");
+    let mut parent = vec![usize::MAX; nodes.len()];
+    for (k, node) in nodes.iter().enumerate() {
+        for child in node["children"].as_array().into_iter().flatten() {
+            let child = child.as_u64().and_then(|c| parent.get_mut(c as usize));
+            child.into_iter().for_each(|of| *of = k);
+        }
+    }
+    let world = |node: usize| {
+        let chain = std::iter::successors(Some(node), |&k| parent.get(k).copied());
+        let chain = chain.take_while(|&k| k < nodes.len()).take(DEEPEST);
+        chain.fold(Matrix4::identity(), |below, k| local(&nodes[k]) * below)
+    };
+    let mut placed = vec![None; list("meshes").len()];
+    let mut met = vec![false; placed.len()];
+    for (k, node) in nodes.iter().enumerate() {
+        let mesh = node["mesh"].as_u64().map_or(usize::MAX, |m| m as usize);
+        if met.get(mesh) != Some(&false) {
+            continue;
+        }
+        met[mesh] = true;
+        let held = node["skin"].as_u64().and_then(|skin| {
+            let skin = &glb.json["skins"][skin as usize];
+            let joint = skin["joints"][0].as_u64().map(|j| j as usize);
+            let bind = skin["inverseBindMatrices"].as_u64()? as usize;
+            let bind = glb.floats(bind, 16).ok()?;
+            let bind = bind.get(..16)?.iter().map(|&x| f64::from(x));
+            Some(world(joint.filter(|&j| j < nodes.len())?) * Matrix4::from_iterator(bind))
+        });
+        let held = match node["skin"].is_null() {
+            true => world(k),
+            false => held.unwrap_or_else(Matrix4::identity),
+        };
+        let can_be_undone = held.iter().all(|x| x.is_finite()) && held.try_inverse().is_some();
+        let moves = (held - Matrix4::identity()).amax() > NOTHING;
+        placed[mesh] = Some(held).filter(|_| moves && can_be_undone);
+    }
+    placed
+}
+
+/// The bytes that a reference names: in the text, or in a file below the folder.
+fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, GlbError> {
+    let refuse = |found: String| GlbError::Content {
+        expected: "data in the file or in files below its folder",
+        found,
+    };
+    if let Some((_, text)) = uri
+        .strip_prefix("data:")
+        .and_then(|u| u.split_once(";base64,"))
+    {
+        return STANDARD
+            .decode(text)
+            .map_err(|e| refuse(format!("base64: {e}")));
+    }
+    // Spaces and letters beyond ASCII are written as %20.
+    let mut name = Vec::new();
+    let mut rest = uri.bytes();
+    while let Some(byte) = rest.next() {
+        let hex = |b: Option<u8>| char::from(b.unwrap_or(0)).to_digit(16);
+        name.push(match byte {
+            b'%' => match (hex(rest.next()), hex(rest.next())) {
+                (Some(high), Some(low)) => (16 * high + low) as u8,
+                _ => return Err(refuse(format!("{uri:.80?}"))),
+            },
+            byte => byte,
+        });
+    }
+    let name = String::from_utf8_lossy(&name).into_owned();
+    let below = |c: Component<'_>| matches!(c, Component::Normal(_) | Component::CurDir);
+    if name.contains([':', '\\']) || !Path::new(&name).components().all(below) {
+        return Err(refuse(format!("{uri:.80?}")));
+    }
+    read_bytes(&folder.join(name)).map_err(|e| refuse(e.to_string()))
+}
+
+impl Glb {
+    /// A file in the folder, as a GLB or as glTF text: all its buffers become one, and pictures beside it come in, if they can be
+    /// read.
+    ///
+    /// # Errors
+    /// If it is neither, or a buffer is missing.
+    pub fn read(bytes: &[u8], folder: &Path) -> Result<Self, GlbError> {
+        let mut glb = match bytes.starts_with(b"glTF") {
+            true => Self::parse(bytes)?,
+            false => Self {
+                json: serde_json::from_slice(bytes)?,
+                bin: Vec::new(),
+            },
+        };
+        if !glb.json.is_object() {
+            return Err(GlbError::Container {
+                found: "JSON that is no object",
+            });
+        }
+        let buffers = glb.json["buffers"].as_array().cloned().unwrap_or_default();
+        if buffers.len() != 1 || !buffers[0]["uri"].is_null() {
+            let inside = std::mem::take(&mut glb.bin);
+            let mut starts = Vec::new();
+            for buffer in &buffers {
+                glb.bin.resize(glb.bin.len().next_multiple_of(16), 0);
+                starts.push(glb.bin.len() as u64);
+                match buffer["uri"].as_str() {
+                    Some(uri) => glb.bin.extend(named(uri, folder)?),
+                    None => glb.bin.extend(&inside),
+                }
+            }
+            for view in glb.json["bufferViews"].as_array_mut().into_iter().flatten() {
+                let start = view["buffer"].as_u64().and_then(|b| starts.get(b as usize));
+                let from = view["byteOffset"].as_u64().unwrap_or(0);
+                view["byteOffset"] = start.map_or(Value::Null, |s| from.saturating_add(*s).into());
+                view["buffer"] = 0.into();
+            }
+            glb.json["buffers"] = json!([{"byteLength": glb.bin.len()}]);
+        }
+        let images = glb.json["images"].as_array().map_or(0, Vec::len);
+        for k in 0..images {
+            let image = &glb.json["images"][k];
+            let picture = image["uri"]
+                .as_str()
+                .and_then(|uri| named(uri, folder).ok());
+            let Some(picture) = picture else { continue };
+            let Some(kind) = super::looks::kind(&picture) else {
+                continue;
+            };
+            let view = glb.push_view(&picture, 0);
+            let image = &mut glb.json["images"][k];
+            image["bufferView"] = view.into();
+            image["mimeType"] = kind.into();
+            image.as_object_mut().map(|image| image.remove("uri"));
+        }
+        Ok(glb)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mesh::Vec3;
+    use super::super::mesh::tests::sheet;
+    use super::super::morphs::build;
+    use super::super::patch::Foreign;
+    use super::super::shape::Shape;
+    use super::*;
+
+    /// A sheet in the text of a glTF, its buffer as it is named, under a node that turns and one that scales.
+    fn text(uri: impl Fn(&[u8]) -> String) -> Vec<u8> {
+        let mut glb = build(&sheet(4, 1.0), &[], 1.0, false);
+        let half = 0.5_f64.sqrt();
+        glb.json["nodes"] = json!([
+            {"scale": [2.0, 2.0, 2.0], "children": [2]},
+            {"translation": [9.0, 0.0, 0.0]},
+            {"rotation": [-half, 0.0, 0.0, half], "translation": [0.0, 0.0, 1.0], "mesh": 0},
+        ]);
+        glb.json["buffers"][0]["uri"] = uri(&glb.bin).into();
+        glb.json.to_string().into_bytes()
+    }
+
+    fn inside(bin: &[u8]) -> String {
+        format!(
+            "data:application/octet-stream;base64,{}",
+            STANDARD.encode(bin)
+        )
+    }
+
+    #[test]
+    fn vertices_are_where_nodes_put_them_and_shapes_go_back_the_same_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let beside = |bin: &[u8]| {
+            std::fs::write(folder.path().join("a head.bin"), bin).unwrap();
+            "a%20head.bin".to_owned()
+        };
+        let stored = Foreign::read(build(&sheet(4, 1.0), &[], 1.0, false))
+            .unwrap()
+            .0;
+        for text in [text(inside), text(beside)] {
+            let glb = Glb::read(&text, folder.path()).unwrap();
+            let (mesh, foreign) = Foreign::read(glb).unwrap();
+            for (p, q) in mesh.positions.iter().zip(&stored.positions) {
+                let there = Vec3::new(q.x, q.z, 1.0 - q.y) * 2.0;
+                assert!((p - there).norm() < 1e-5, "{p} {there}");
+            }
+            let shape = Shape {
+                name: "up".into(),
+                unit: None,
+                upon: None,
+                misses: None,
+                displacement: vec![Vec3::y(); 16],
+                area: vec![true; 16],
+                unknowns: 0,
+                milliseconds: 0.0,
+            };
+            let glb = Glb::parse(&foreign.patched(&[shape], true).emit()).unwrap();
+            let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];
+            let rows = glb
+                .floats(target["POSITION"].as_u64().unwrap() as usize, 3)
+                .unwrap();
+            assert!(
+                (Vec3::new(rows[0].into(), rows[1].into(), rows[2].into()) - Vec3::z() * 0.5)
+                    .norm()
+                    < 1e-6
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_not_in_the_folder_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for (uri, word) in [
+            ("gone.bin", "gone.bin"),
+            ("../head.bin", "../head.bin"),
+            ("/etc/passwd", "below its folder"),
+            ("https://example.org/head.bin", "example.org"),
+            ("data:x;base64,?", "base64"),
+            ("%4", "%4"),
+        ] {
+            let text = text(|_| uri.to_owned());
+            let said = Glb::read(&text, folder.path())
+                .err()
+                .expect(uri)
+                .to_string();
+            assert!(said.contains(word), "{said}");
+        }
+        assert!(Glb::read(b"{", folder.path()).is_err());
+        assert!(Glb::read(b"[]", folder.path()).is_err());
+    }
+
+    #[test]
+    fn nodes_in_a_ring_end() {
+        let nodes = json!([{"children": [1], "mesh": 0}, {"children": [0]}]);
+        let json = json!({"nodes": nodes, "meshes": [{}]});
+        let bin = Vec::new();
+        assert_eq!(placed(&Glb { json, bin }), [None]);
+    }
+}
