@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::base::capacity::{UNITS, USERS};
+use crate::base::defaults;
 use crate::base::json::Quoted;
 use crate::expression::UnitRange;
 use crate::output::{Report, Tally, TrackingState};
@@ -241,18 +242,11 @@ impl Status {
 
 type Compose<I> = fn(&Status, I, &mut String) -> std::fmt::Result;
 
-/// The last latencies, a ring.
-struct Latencies {
-    us: [u32; LATENCIES],
-    pushed: usize,
-}
-
-impl Default for Latencies {
-    fn default() -> Self {
-        Self {
-            us: [0; LATENCIES],
-            pushed: 0,
-        }
+defaults! {
+    /// The last latencies, a ring.
+    struct Latencies {
+        us: [u32; LATENCIES] = [0; LATENCIES],
+        pushed: usize = 0,
     }
 }
 

@@ -3,12 +3,7 @@
 use std::slice::from_ref;
 
 use crate::appliance::settings::Settings;
-use crate::output::osc::Osc;
-use crate::output::osc::faceosc::FaceOsc;
-use crate::output::osc::vmc::Vmc;
-use crate::output::osc::vrchat::VrChat;
-use crate::output::serial::Serial;
-use crate::output::{Output, OutputError};
+use crate::output::{self, Output, OutputError, osc};
 
 type Opened = Result<Box<dyn Output>, OutputError>;
 
@@ -27,159 +22,59 @@ pub(crate) struct Row {
     open: Option<fn(&Settings, &[&str]) -> Opened>,
 }
 
-/// `Some` of what a feature of the build opens.
-macro_rules! built {
-    ($feature:literal, $open:expr) => {{
-        #[cfg(feature = $feature)]
-        let open: Option<fn(&Settings, &[&str]) -> Opened> = Some($open);
-        #[cfg(not(feature = $feature))]
-        let open = None;
-        open
-    }};
+/// A row: `"name" section "feature": enabled, targets => constructor;`, of the settings `s` and the names of the units.
+macro_rules! outputs {
+    ($s:ident $units:ident $($name:literal $section:ident $($feature:literal)?: $enabled:expr, $targets:expr => $open:expr;)*) => {
+        const OUTPUTS: &[Row] = &[$(Row {
+            name: $name,
+            section: stringify!($section),
+            feature: concat!($($feature)?),
+            enabled: |$s| $enabled,
+            targets: |$s| {
+                let _ = $s;
+                $targets
+            },
+            open: {
+                #[cfg(all($(feature = $feature)?))]
+                let open: Option<fn(&Settings, &[&str]) -> Opened> = Some(|$s, $units| {
+                    let _ = $units;
+                    Ok(Box::new($open))
+                });
+                #[cfg(not(all($(feature = $feature)?)))]
+                let open = None;
+                open
+            },
+        }),*];
+    };
 }
 
-const OUTPUTS: [Row; 13] = [
-    Row {
-        name: "OSC",
-        section: "osc",
-        feature: "",
-        enabled: |s| s.osc.enabled,
-        targets: |s| &s.osc.targets,
-        open: Some(|s, units| Ok(Box::new(Osc::new(s.osc.clone(), units)?))),
-    },
-    Row {
-        name: "VMC",
-        section: "vmc",
-        feature: "",
-        enabled: |s| s.vmc.enabled,
-        targets: |s| &s.vmc.targets,
-        open: Some(|s, units| Ok(Box::new(Vmc::new(s.vmc.clone(), units)?))),
-    },
-    Row {
-        name: "VRChat",
-        section: "vrchat",
-        feature: "",
-        enabled: |s| s.vrchat.enabled,
-        targets: |s| &s.vrchat.targets,
-        open: Some(|s, units| Ok(Box::new(VrChat::new(s.vrchat.clone(), units)?))),
-    },
-    Row {
-        name: "FaceOSC",
-        section: "faceosc",
-        feature: "",
-        enabled: |s| s.faceosc.enabled,
-        targets: |s| &s.faceosc.targets,
-        open: Some(|s, _| Ok(Box::new(FaceOsc::new(s.faceosc.clone())?))),
-    },
-    Row {
-        name: "serial",
-        section: "serial",
-        feature: "",
-        enabled: |s| !s.serial.port.is_empty(),
-        targets: |s| from_ref(&s.serial.port),
-        open: Some(|s, units| Ok(Box::new(Serial::new(&s.serial, units)?))),
-    },
-    Row {
-        name: "Art-Net",
-        section: "artnet",
-        feature: "lights",
-        enabled: |s| s.network.artnet.enabled,
-        targets: |s| &s.network.artnet.targets,
-        open: built!("lights", |s, units| {
-            use crate::output::lights::artnet::ArtNet;
-            let (artnet, lights) = (&s.network.artnet, &s.network.lights);
-            Ok(Box::new(ArtNet::new(artnet, lights, units)?))
-        }),
-    },
-    Row {
-        name: "sACN",
-        section: "sacn",
-        feature: "lights",
-        enabled: |s| s.network.sacn.enabled,
-        targets: |s| &s.network.sacn.targets,
-        open: built!("lights", |s, units| {
-            use crate::output::lights::sacn::Sacn;
-            let (sacn, lights) = (&s.network.sacn, &s.network.lights);
-            Ok(Box::new(Sacn::new(sacn, lights, &s.network.name, units)?))
-        }),
-    },
-    Row {
-        name: "Live Link",
-        section: "live_link",
-        feature: "live-link",
-        enabled: |s| s.network.live_link.enabled,
-        targets: |s| &s.network.live_link.targets,
-        open: built!("live-link", |s, units| {
-            use crate::output::live_link::LiveLink;
-            let settings = s.network.live_link.clone();
-            Ok(Box::new(LiveLink::new(settings, &s.network.name, units)?))
-        }),
-    },
-    Row {
-        name: "WebSocket",
-        section: "websocket",
-        feature: "web",
-        enabled: |s| s.network.websocket.enabled,
-        targets: |_| &[],
-        open: built!("web", |s, units| {
-            use crate::output::web::websocket;
-            Ok(Box::new(websocket::open(&s.network.websocket, units)?))
-        }),
-    },
-    Row {
-        name: "page",
-        section: "page",
-        feature: "web",
-        enabled: |s| s.network.page.enabled,
-        targets: |_| &[],
-        open: built!("web", |s, units| {
-            use crate::output::web::page;
-            // It is no place that weights are sent to.
-            let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
-            let (page, name) = (&s.network.page, &s.network.name);
-            Ok(Box::new(page::open(page, name, &sends, units)?))
-        }),
-    },
-    Row {
-        name: "OSCQuery",
-        section: "oscquery",
-        feature: "web",
-        enabled: |s| s.network.oscquery.enabled,
-        targets: |_| &[],
-        open: built!("web", |s, units| {
-            use crate::output::web::oscquery;
-            let (query, name) = (&s.network.oscquery, &s.network.name);
-            Ok(Box::new(oscquery::open(query, &s.osc, name, units)?))
-        }),
-    },
-    Row {
-        name: "MQTT",
-        section: "mqtt",
-        feature: "mqtt",
-        enabled: |s| s.network.mqtt.enabled,
-        targets: |s| from_ref(&s.network.mqtt.broker),
-        open: built!("mqtt", |s, units| {
-            use crate::output::mqtt;
-            Ok(Box::new(mqtt::open(
-                &s.network.mqtt,
-                &s.network.name,
-                units,
-            )?))
-        }),
-    },
+outputs! { s units
+    "OSC" osc: s.osc.enabled, &s.osc.targets => osc::Osc::new(s.osc.clone(), units)?;
+    "VMC" vmc: s.vmc.enabled, &s.vmc.targets => osc::vmc::Vmc::new(s.vmc.clone(), units)?;
+    "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?;
+    "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
+    "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
+    "Art-Net" artnet "lights": s.network.artnet.enabled, &s.network.artnet.targets =>
+        output::lights::artnet::ArtNet::new(&s.network.artnet, &s.network.lights, units)?;
+    "sACN" sacn "lights": s.network.sacn.enabled, &s.network.sacn.targets =>
+        output::lights::sacn::Sacn::new(&s.network.sacn, &s.network.lights, &s.network.name, units)?;
+    "Live Link" live_link "live-link": s.network.live_link.enabled, &s.network.live_link.targets =>
+        output::live_link::LiveLink::new(s.network.live_link.clone(), &s.network.name, units)?;
+    "WebSocket" websocket "web": s.network.websocket.enabled, &[] =>
+        output::web::websocket::open(&s.network.websocket, units)?;
+    "page" page "web": s.network.page.enabled, &[] => {
+        // It is no place that weights are sent to.
+        let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
+        output::web::page::open(&s.network.page, &s.network.name, &sends, units)?
+    };
+    "OSCQuery" oscquery "web": s.network.oscquery.enabled, &[] =>
+        output::web::oscquery::open(&s.network.oscquery, &s.osc, &s.network.name, units)?;
+    "MQTT" mqtt "mqtt": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
+        output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
     // Sends no weights: it announces the others.
-    Row {
-        name: "mDNS",
-        section: "discovery",
-        feature: "discovery",
-        enabled: |s| s.network.discovery.enabled,
-        targets: |_| &[],
-        open: built!("discovery", |s, _| {
-            use crate::output::discovery::Discovery;
-            Ok(Box::new(Discovery::new(&s.network.name, services(s))?))
-        }),
-    },
-];
+    "mDNS" discovery "discovery": s.network.discovery.enabled, &[] =>
+        output::discovery::Discovery::new(&s.network.name, services(s))?;
+}
 
 /// Rows of the enabled outputs.
 pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row> {
@@ -253,18 +148,19 @@ fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
     };
     let (osc, network) = (&settings.osc, &settings.network);
     let (query, page, pages) = (&network.oscquery, &network.page, &network.websocket);
+    // A name has one service of a kind, and the page is what a browser can show.
+    let (shown, at) = (
+        page.enabled || pages.enabled,
+        if page.enabled {
+            &page.listen
+        } else {
+            &pages.listen
+        },
+    );
     [
         one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
         one(query.enabled, &query.listen, "_oscjson", "_tcp", ""),
-        one(page.enabled, &page.listen, "_http", "_tcp", "path=/"),
-        // A name has one service of a kind, and the page is what a browser can show.
-        one(
-            pages.enabled && !page.enabled,
-            &pages.listen,
-            "_http",
-            "_tcp",
-            "path=/",
-        ),
+        one(shown, at, "_http", "_tcp", "path=/"),
     ]
     .into_iter()
     .flatten()

@@ -16,3 +16,22 @@ pub(crate) mod prelude;
 pub mod shared_cell;
 pub mod time;
 pub mod vectors;
+
+/// Structs whose fields stand beside their defaults: `pub field: Type = value,`.
+macro_rules! defaults {
+    ($($(#[$about:meta])* $seen:vis struct $name:ident {
+        $($(#[$of:meta])* $by:vis $field:ident: $kind:ty = $value:expr,)*
+    })*) => {$(
+        $(#[$about])*
+        $seen struct $name {
+            $($(#[$of])* $by $field: $kind,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $value,)* }
+            }
+        }
+    )*};
+}
+pub(crate) use defaults;

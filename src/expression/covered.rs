@@ -18,6 +18,7 @@
 
 use super::measures::Measure;
 use crate::base::capacity::UNITS;
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::landmarks::{Landmarks, MOUTH};
@@ -80,38 +81,24 @@ pub(super) const fn is_of_mouth(measure: Measure) -> bool {
     )
 }
 
-/// One person's mouth.
-#[derive(Clone, Debug)]
-pub(super) struct CoveredMouth {
-    /// Confidence that is usual, and for how long it was looked at.
-    usual: f32,
-    known_s: f32,
-    /// 0: seen; 1: covered.
-    doubt: f32,
-    covered_s: f32,
-    /// Weights up to one and two [`BACK_S`] old.
-    recent: [[f32; UNITS]; 2],
-    recent_s: f32,
-    /// Weights of [`LAG_S`] ago at most.
-    lagged: [f32; UNITS],
-    lagged_s: f32,
-    /// Σ w(t) w(t − LAG_S) and Σ w(t − LAG_S)².
-    sums: [f32; 2],
-}
-
-impl Default for CoveredMouth {
-    fn default() -> Self {
-        Self {
-            usual: 0.0,
-            known_s: 0.0,
-            doubt: 0.0,
-            covered_s: 0.0,
-            recent: [[0.0; UNITS]; 2],
-            recent_s: 0.0,
-            lagged: [0.0; UNITS],
-            lagged_s: 0.0,
-            sums: [USUAL_RHO * USUAL_RHO_WORTH, USUAL_RHO_WORTH],
-        }
+defaults! {
+    /// One person's mouth.
+    #[derive(Clone, Debug)]
+    pub(super) struct CoveredMouth {
+        /// Confidence that is usual, and for how long it was looked at.
+        usual: f32 = 0.0,
+        known_s: f32 = 0.0,
+        /// 0: seen; 1: covered.
+        doubt: f32 = 0.0,
+        covered_s: f32 = 0.0,
+        /// Weights up to one and two [`BACK_S`] old.
+        recent: [[f32; UNITS]; 2] = [[0.0; UNITS]; 2],
+        recent_s: f32 = 0.0,
+        /// Weights of [`LAG_S`] ago at most.
+        lagged: [f32; UNITS] = [0.0; UNITS],
+        lagged_s: f32 = 0.0,
+        /// Σ w(t) w(t − LAG_S) and Σ w(t − LAG_S)².
+        sums: [f32; 2] = [USUAL_RHO * USUAL_RHO_WORTH, USUAL_RHO_WORTH],
     }
 }
 

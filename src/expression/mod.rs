@@ -594,6 +594,4 @@ fn is_warming(mut rests: [f64; LEARNT_MEASURES]) -> bool {
 }
 
 #[cfg(test)]
-mod known_answers;
-#[cfg(test)]
 mod tests;

@@ -11,6 +11,7 @@
 //! Limitation: a person with the same proportions goes unnoticed, which does no harm.
 
 use crate::base::capacity::LEARNT_MEASURES;
+use crate::base::defaults;
 
 const SLOTS: usize = 32;
 /// Seconds between two samples: 32 cover ten seconds.
@@ -24,25 +25,15 @@ const SUSPICIOUS_SLOTS: usize = 16;
 /// Samples under this weight say more about the pose than about the person.
 const LEAST_WEIGHT: f64 = 0.6;
 
-/// Watches for a change of person.
-#[derive(Clone, Debug)]
-pub struct Newcomer {
-    history: [[f32; LEARNT_MEASURES]; SLOTS],
-    filled: usize,
-    next: usize,
-    waited_s: f64,
-    suspicious: usize,
-}
-
-impl Default for Newcomer {
-    fn default() -> Self {
-        Self {
-            history: [[0.0; LEARNT_MEASURES]; SLOTS],
-            filled: 0,
-            next: 0,
-            waited_s: 0.0,
-            suspicious: 0,
-        }
+defaults! {
+    /// Watches for a change of person.
+    #[derive(Clone, Debug)]
+    pub struct Newcomer {
+        history: [[f32; LEARNT_MEASURES]; SLOTS] = [[0.0; LEARNT_MEASURES]; SLOTS],
+        filled: usize = 0,
+        next: usize = 0,
+        waited_s: f64 = 0.0,
+        suspicious: usize = 0,
     }
 }
 

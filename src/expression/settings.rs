@@ -3,6 +3,7 @@
 use super::measures::Scale;
 use super::one_way::Scan;
 use super::robust::RobustSettings;
+use crate::base::defaults;
 
 /// How ranges are learnt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,48 +15,32 @@ pub enum Method {
     Paper,
 }
 
-/// Settings of the stage.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// How ranges are learnt.
-    pub method: Method,
-    /// What measures are divided by.
-    pub scale: Scale,
-    /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
-    pub best_distance_m: f64,
-    /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
-    pub half_life_s: f64,
-    /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
-    pub range_prior: f64,
-    /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
-    pub dead_zone: f64,
-    /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
-    pub smoothing_hz: f64,
-    /// Whether units of a covered mouth are inferred from time (robust).
-    pub infer_covered: bool,
-    /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
-    pub compensation_scale: f64,
-    /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
-    pub scan: Scan,
-    /// Seconds until the population's ranges have faded into the person's (paper); 0 to 60.
-    pub prior_s: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            method: Method::Robust,
-            scale: Scale::ByMethod,
-            best_distance_m: 0.5,
-            half_life_s: 300.0,
-            range_prior: 8.0,
-            dead_zone: 1.5,
-            smoothing_hz: 3.0,
-            infer_covered: true,
-            compensation_scale: 0.0,
-            scan: Scan::DEFAULT,
-            prior_s: 10.0,
-        }
+defaults! {
+    /// Settings of the stage.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// How ranges are learnt.
+        pub method: Method = Method::Robust,
+        /// What measures are divided by.
+        pub scale: Scale = Scale::ByMethod,
+        /// z_opt of equation (4): distance at which samples count fully, metres; 0.3 to 4.
+        pub best_distance_m: f64 = 0.5,
+        /// Half-life of what was learnt, seconds of presence; 0 never forgets; 0 to 86400.
+        pub half_life_s: f64 = 300.0,
+        /// κ: how many half seconds of expression outweigh the population's range (robust); 0.5 to 100.
+        pub range_prior: f64 = 8.0,
+        /// Dead zone about rest in deviations of the noise (robust); 0 to 3.
+        pub dead_zone: f64 = 1.5,
+        /// Cutoff of the output filter on a still face, Hz (robust); 0 switches it off; 0 to 30.
+        pub smoothing_hz: f64 = 3.0,
+        /// Whether units of a covered mouth are inferred from time (robust).
+        pub infer_covered: bool = true,
+        /// σ of compensating samples as a share of the measure's range (paper); 0 is the literal σ = −ln ω; 0 to 1.
+        pub compensation_scale: f64 = 0.0,
+        /// l, k and m of the interval of one-way units, percent (paper); each 0 to 100.
+        pub scan: Scan = Scan::DEFAULT,
+        /// Seconds until the population's ranges have faded into the person's (paper); 0 to 60.
+        pub prior_s: f64 = 10.0,
     }
 }
 

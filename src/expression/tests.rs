@@ -1,5 +1,7 @@
 //! The stage as a whole, on a toy face; sessions with known truth are in `tests/it/learns_a_range.rs`.
 
+mod known_answers;
+
 use super::measures::tests::toy_face;
 use super::*;
 use crate::base::capacity::LANDMARKS;

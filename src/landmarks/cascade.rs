@@ -12,6 +12,7 @@
 use super::features::OrientationMaps;
 use super::view::View;
 use crate::base::capacity::LANDMARKS;
+use crate::base::defaults;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -47,24 +48,15 @@ pub struct Belief {
     pub log_odds: f32,
 }
 
-/// Scratch of the cascade; allocated once.
-pub struct Solver {
-    features: Vec<f32>,
-    /// Features without their mean, in steps of 1 / [`STEPS`].
-    whole: Vec<i16>,
-    head: [Point; LANDMARKS],
-    /// Landmarks of the last projection, window pixels.
-    pub window: [[f32; 2]; LANDMARKS],
-}
-
-impl Default for Solver {
-    fn default() -> Self {
-        Self {
-            features: vec![0.0; FEATURES],
-            whole: vec![0; FEATURES],
-            head: [Point::origin(); LANDMARKS],
-            window: [[0.0; 2]; LANDMARKS],
-        }
+defaults! {
+    /// Scratch of the cascade; allocated once.
+    pub struct Solver {
+        features: Vec<f32> = vec![0.0; FEATURES],
+        /// Features without their mean, in steps of 1 / [`STEPS`].
+        whole: Vec<i16> = vec![0; FEATURES],
+        head: [Point; LANDMARKS] = [Point::origin(); LANDMARKS],
+        /// Landmarks of the last projection, window pixels.
+        pub window: [[f32; 2]; LANDMARKS] = [[0.0; 2]; LANDMARKS],
     }
 }
 

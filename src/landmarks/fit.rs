@@ -22,6 +22,7 @@ use super::steady::{ShapeFilter, Steadiness};
 use super::view::View;
 use super::window::{PIXELS_PER_METRE, Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::PIXELS;
+use crate::base::defaults;
 use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromFace, SensorFromHead};
 use crate::base::geometry::{Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
@@ -46,24 +47,16 @@ const TURN_TIME_S: f32 = 40.0;
 /// Factor on the least confidence for a face that is already tracked: confidence is trained on newly found faces.
 const FOLLOWED_SHARE: f32 = 0.6;
 
-/// Settings of the stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Confidence of the face below which it is lost, 0…1.
-    pub min_confidence: f32,
-    /// Time over which the size of the face is averaged, seconds.
-    pub size_time_s: f32,
-    /// Temporal filter of the shape.
-    pub steadiness: Steadiness,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            min_confidence: 0.5,
-            size_time_s: 10.0,
-            steadiness: Steadiness::default(),
-        }
+defaults! {
+    /// Settings of the stage.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Confidence of the face below which it is lost, 0…1.
+        pub min_confidence: f32 = 0.5,
+        /// Time over which the size of the face is averaged, seconds.
+        pub size_time_s: f32 = 10.0,
+        /// Temporal filter of the shape.
+        pub steadiness: Steadiness = Steadiness::default(),
     }
 }
 
@@ -73,26 +66,18 @@ const SPOTTED: f32 = 0.8;
 /// Decay per lost frame of the face's rotation and shift within the head.
 const FORGOTTEN: f32 = 0.5;
 
-/// Scratch of a fit, stateless between fits; large, so it is shared by all people, who are fitted one after the other.
-pub struct Scratch {
-    window: Vec<f32>,
-    maps: OrientationMaps,
-    solver: Solver,
+defaults! {
+    /// Scratch of a fit, stateless between fits; large, so it is shared by all people, who are fitted one after the other.
+    pub struct Scratch {
+        window: Vec<f32> = vec![0.0; WINDOW * WINDOW],
+        maps: OrientationMaps = OrientationMaps::default(),
+        solver: Solver = Solver::default(),
+    }
 }
 
 impl Scratch {
     /// Heap size, bytes.
     pub const BYTES: usize = WINDOW * WINDOW * 4 + OrientationMaps::BYTES + Solver::BYTES;
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self {
-            window: vec![0.0; WINDOW * WINDOW],
-            maps: OrientationMaps::default(),
-            solver: Solver::default(),
-        }
-    }
 }
 
 /// Margin around the mean shape that the fit needs, pixels: half a patch with its blur (16), and the distance to the landmarks.

@@ -5,6 +5,7 @@
 //! Latency: under one frame while a coefficient moves by a deviation in a fifth of a second; a step of a tenth of a
 //! deviation takes about a quarter of a second. Seconds, standard deviations. Degenerate: after a gap the filter restarts.
 
+use crate::base::defaults;
 use crate::base::one_euro::{Cutoffs, OneEuro};
 use crate::base::time::Timestamp;
 use crate::face_model::MAX_MODES;
@@ -12,24 +13,16 @@ use crate::face_model::MAX_MODES;
 /// Longest gap the filter bridges, seconds.
 const GAP_S: f64 = 0.5;
 
-/// Settings of the filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Steadiness {
-    /// Cut-off of a still coefficient, Hz. Lower is steadier.
-    pub still_hz: f32,
-    /// Growth of the cut-off with speed, Hz per (deviation / s); higher tracks faster.
-    pub follow: f32,
-    /// Cut-off of the speed itself, Hz.
-    pub speed_hz: f32,
-}
-
-impl Default for Steadiness {
-    fn default() -> Self {
-        Self {
-            still_hz: 3.0,
-            follow: 2.0,
-            speed_hz: 3.0,
-        }
+defaults! {
+    /// Settings of the filter.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Steadiness {
+        /// Cut-off of a still coefficient, Hz. Lower is steadier.
+        pub still_hz: f32 = 3.0,
+        /// Growth of the cut-off with speed, Hz per (deviation / s); higher tracks faster.
+        pub follow: f32 = 2.0,
+        /// Cut-off of the speed itself, Hz.
+        pub speed_hz: f32 = 3.0,
     }
 }
 

@@ -3,26 +3,20 @@
 
 use super::report::{Report, unit_range};
 use super::view::{Channel, View};
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
 
-/// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LossPolicy {
-    /// How long the last weights are held, seconds.
-    pub hold_s: f32,
-    /// How long they then fade, seconds.
-    pub decay_s: f32,
-}
-
-impl Default for LossPolicy {
-    fn default() -> Self {
-        Self {
-            hold_s: 0.2,
-            decay_s: 0.4,
-        }
+defaults! {
+    /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct LossPolicy {
+        /// How long the last weights are held, seconds.
+        pub hold_s: f32 = 0.2,
+        /// How long they then fade, seconds.
+        pub decay_s: f32 = 0.4,
     }
 }
 

@@ -36,6 +36,7 @@ use super::{
     WireWeights, unit_range,
 };
 use crate::base::capacity::USERS;
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -66,42 +67,28 @@ pub enum Style {
     Both,
 }
 
-/// Settings of the OSC output.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Whether this output is enabled.
-    pub enabled: bool,
-    /// Each `host:port`.
-    pub targets: Vec<String>,
-    /// Prefix of every address.
-    pub prefix: String,
-    /// How weights are sent.
-    pub style: Style,
-    /// Whether learned ranges are sent.
-    pub ranges: bool,
-    /// Whether commands are accepted.
-    pub commands: bool,
-    /// Where commands are received, `address:port`.
-    pub listen: String,
-    /// Names, gains and mirroring of the units.
-    pub view: View,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            targets: vec!["127.0.0.1:9130".to_owned()],
-            prefix: "/face".to_owned(),
-            style: Style::default(),
-            ranges: false,
-            commands: false,
-            listen: "127.0.0.1:9131".to_owned(),
-            view: View::default(),
-            loss: LossPolicy::default(),
-        }
+defaults! {
+    /// Settings of the OSC output.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Whether this output is enabled.
+        pub enabled: bool = true,
+        /// Each `host:port`.
+        pub targets: Vec<String> = vec!["127.0.0.1:9130".to_owned()],
+        /// Prefix of every address.
+        pub prefix: String = "/face".to_owned(),
+        /// How weights are sent.
+        pub style: Style = Style::default(),
+        /// Whether learned ranges are sent.
+        pub ranges: bool = false,
+        /// Whether commands are accepted.
+        pub commands: bool = false,
+        /// Where commands are received, `address:port`.
+        pub listen: String = "127.0.0.1:9131".to_owned(),
+        /// Names, gains and mirroring of the units.
+        pub view: View = View::default(),
+        /// What is sent when a face is lost.
+        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 

@@ -3,8 +3,6 @@
 pub mod budget;
 #[cfg(feature = "std")]
 mod follower;
-#[cfg(all(test, feature = "std"))]
-mod golden;
 #[cfg(feature = "std")]
 mod people;
 #[cfg(feature = "std")]
@@ -13,6 +11,8 @@ mod settings;
 mod stage;
 #[cfg(feature = "std")]
 mod stages;
+#[cfg(all(test, feature = "std"))]
+mod tests;
 
 #[cfg(feature = "std")]
 pub use people::PipelineError;

@@ -23,6 +23,7 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -30,27 +31,18 @@ use crate::base::prelude::*;
 /// Fewer pairs than this do not determine a rigid motion reliably.
 pub const MIN_PAIRS: usize = 12;
 
-/// Limits of the search.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Maximum number of iterations.
-    pub iterations: u32,
-    /// Pairs further apart are rejected, metres.
-    pub max_distance_m: f32,
-    /// Share of the remaining pairs that is kept, nearest first, 0…1.
-    pub keep: f32,
-    /// Converged when no point of a head-sized cloud moves more than this in one iteration, metres.
-    pub stop_m: f32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            iterations: 400,
-            max_distance_m: 0.03,
-            keep: 0.85,
-            stop_m: 1e-5,
-        }
+defaults! {
+    /// Limits of the search.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Maximum number of iterations.
+        pub iterations: u32 = 400,
+        /// Pairs further apart are rejected, metres.
+        pub max_distance_m: f32 = 0.03,
+        /// Share of the remaining pairs that is kept, nearest first, 0…1.
+        pub keep: f32 = 0.85,
+        /// Converged when no point of a head-sized cloud moves more than this in one iteration, metres.
+        pub stop_m: f32 = 1e-5,
     }
 }
 

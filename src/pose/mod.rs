@@ -29,6 +29,7 @@ use alloc::sync::Arc;
 use nalgebra::SMatrix;
 
 use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::defaults;
 use crate::base::frames::{HeadFromFace, HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
@@ -68,38 +69,27 @@ pub enum Method {
     Plane,
 }
 
-/// Settings of the pose stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Which method.
-    pub method: Method,
-    /// Filter over time.
-    pub smoothing: Smoothing,
-    /// Below this agreement (0…1) the head counts as lost.
-    pub min_agreement: f32,
-    /// Whether size and shape of the user's head are learned (plane method).
-    pub learn_shape: bool,
-    /// Frames of [`Smoothing::Window`].
-    pub window_frames: u32,
-    /// Rounds of an alignment at most (paper's method).
-    pub rounds: u32,
+defaults! {
+    /// Settings of the pose stage.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Which method.
+        pub method: Method = Method::default(),
+        /// Filter over time.
+        pub smoothing: Smoothing = Smoothing::default(),
+        /// Below this agreement (0…1) the head counts as lost.
+        pub min_agreement: f32 = 0.45,
+        /// Whether size and shape of the user's head are learned (plane method).
+        pub learn_shape: bool = true,
+        /// Frames of [`Smoothing::Window`].
+        pub window_frames: u32 = WINDOW_FRAMES,
+        /// Rounds of an alignment at most (paper's method).
+        pub rounds: u32 = 400,
+    }
 }
 
 /// Default length of the window, frames.
 pub const WINDOW_FRAMES: u32 = 5;
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            method: Method::default(),
-            smoothing: Smoothing::default(),
-            min_agreement: 0.45,
-            learn_shape: true,
-            window_frames: WINDOW_FRAMES,
-            rounds: 400,
-        }
-    }
-}
 
 /// Why a tracker cannot be created.
 #[derive(Debug, thiserror::Error)]

@@ -12,6 +12,7 @@
 //! Limitation: a local optimum, as always with Lloyd; restarting when a layer runs empty keeps it useful.
 
 use crate::base::capacity::RAW_DEPTH_VALUES;
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -29,22 +30,13 @@ pub struct Layer {
     pub count: u64,
 }
 
-/// K-means over frames.
-pub struct DepthKMeans {
-    layers: [Layer; LAYERS],
-    warm: bool,
-    counts: Box<[u64]>,
-    sums: Box<[u64]>,
-}
-
-impl Default for DepthKMeans {
-    fn default() -> Self {
-        Self {
-            layers: [Layer::default(); LAYERS],
-            warm: false,
-            counts: vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
-            sums: vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
-        }
+defaults! {
+    /// K-means over frames.
+    pub struct DepthKMeans {
+        layers: [Layer; LAYERS] = [Layer::default(); LAYERS],
+        warm: bool = false,
+        counts: Box<[u64]> = vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
+        sums: Box<[u64]> = vec![0; RAW_DEPTH_VALUES + 1].into_boxed_slice(),
     }
 }
 

@@ -21,6 +21,7 @@ pub mod kmeans;
 mod regions;
 
 use crate::base::capacity::{HEADS, RAW_DEPTH_VALUES};
+use crate::base::defaults;
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::Point;
 #[cfg(not(feature = "std"))]
@@ -33,21 +34,14 @@ use kmeans::DepthKMeans;
 use regions::Regions;
 pub use regions::{CELL_PX, COLUMNS, ROWS};
 
-/// Settings of the segment stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Nobody is looked for beyond this, metres.
-    pub max_distance_m: f32,
-    /// Rounds of K-means per frame, at most.
-    pub iterations: u32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            max_distance_m: 1.8,
-            iterations: 12,
-        }
+defaults! {
+    /// Settings of the segment stage.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Nobody is looked for beyond this, metres.
+        pub max_distance_m: f32 = 1.8,
+        /// Rounds of K-means per frame, at most.
+        pub iterations: u32 = 12,
     }
 }
 

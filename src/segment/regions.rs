@@ -8,6 +8,7 @@
 //! [`MAX_REGIONS`] in one picture: later ones stay unlabelled, which costs specks, not heads.
 
 use crate::base::capacity::{HEIGHT, PIXELS, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
@@ -27,34 +28,24 @@ const CELL_SPREAD: u16 = 12;
 /// is 5 mm wide, so surfaces tilted up to 80° hold together and a hand before the face does not.
 const STEP_SHARE: f32 = 0.04;
 
-/// Work space and outcome of the labelling.
-pub(crate) struct Regions {
-    /// Distance of each cell, metres; 0 = none or background.
-    pub(crate) depth_m: Vec<f32>,
-    /// Region of each cell, 0 = none.
-    pub(crate) label: Vec<u16>,
-    /// For pictures, see `Segmenter::mask`.
-    pub(crate) mask: Vec<u8>,
-    /// Metres per cell at 1 m.
-    pub(crate) cell_at_1m: f32,
-    parents: Vec<u16>,
+defaults! {
+    /// Work space and outcome of the labelling.
+    pub(crate) struct Regions {
+        /// Distance of each cell, metres; 0 = none or background.
+        pub(crate) depth_m: Vec<f32> = vec![0.0; COLUMNS * ROWS],
+        /// Region of each cell, 0 = none.
+        pub(crate) label: Vec<u16> = vec![0; COLUMNS * ROWS],
+        /// For pictures, see `Segmenter::mask`.
+        pub(crate) mask: Vec<u8> = vec![0; COLUMNS * ROWS],
+        /// Metres per cell at 1 m.
+        pub(crate) cell_at_1m: f32 = 0.0,
+        parents: Vec<u16> = vec![0; MAX_REGIONS],
+    }
 }
 
 impl Regions {
     /// Bytes on the heap.
     pub(crate) const BYTES: usize = COLUMNS * ROWS * (4 + 2 + 1) + MAX_REGIONS * 2;
-}
-
-impl Default for Regions {
-    fn default() -> Self {
-        Self {
-            depth_m: vec![0.0; COLUMNS * ROWS],
-            label: vec![0; COLUMNS * ROWS],
-            mask: vec![0; COLUMNS * ROWS],
-            cell_at_1m: 0.0,
-            parents: vec![0; MAX_REGIONS],
-        }
-    }
 }
 
 /// Counts the raw values of every second pixel of every second row. Neighbours are counted apart and added up at the end:

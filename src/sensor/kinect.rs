@@ -12,6 +12,7 @@
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
 //! One file: one device from opening to closing, and what happens when a stream falls silent.
 
+use crate::base::defaults;
 use core::time::Duration;
 
 use super::Frame;
@@ -29,31 +30,21 @@ use super::unpack::unpack_depth;
 mod exchange;
 mod motion;
 
-/// What can be chosen.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Kinect for Windows: measure from 0.4 m instead of 0.8 m. No effect on the others.
-    pub near_mode: bool,
-    /// Hold exposure and white balance once a face is tracked, so that the face's texture does not drift.
-    pub freeze_exposure: bool,
-    /// Tilt the sensor when it is opened.
-    pub set_tilt: bool,
-    /// To this many degrees above the horizon, limited to ±31.
-    pub tilt_deg: f32,
-    /// Reset the audio device of the later models on opening. Some units keep streaming only then, others lose their audio
-    /// device by it for seconds; it is never fatal.
-    pub reset_audio: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            near_mode: true,
-            freeze_exposure: false,
-            set_tilt: false,
-            tilt_deg: 0.0,
-            reset_audio: false,
-        }
+defaults! {
+    /// What can be chosen.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Kinect for Windows: measure from 0.4 m instead of 0.8 m. No effect on the others.
+        pub near_mode: bool = true,
+        /// Hold exposure and white balance once a face is tracked, so that the face's texture does not drift.
+        pub freeze_exposure: bool = false,
+        /// Tilt the sensor when it is opened.
+        pub set_tilt: bool = false,
+        /// To this many degrees above the horizon, limited to ±31.
+        pub tilt_deg: f32 = 0.0,
+        /// Reset the audio device of the later models on opening. Some units keep streaming only then, others lose their audio
+        /// device by it for seconds; it is never fatal.
+        pub reset_audio: bool = false,
     }
 }
 

@@ -17,6 +17,7 @@ use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
 use super::stream::Layout;
 use crate::base::capacity::UNPAIRED_PICTURES as SLOTS;
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -24,34 +25,25 @@ const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
 /// The offset follows a difference by one part in this many: a second or so.
 const SLOWNESS: i32 = 16;
 
-/// A depth picture and the colour picture of the same moment, if there is one, as they came.
-#[derive(Clone, Debug)]
-pub struct RawPair {
-    /// Number of the depth picture among all whole ones since the start, from 0.
-    pub number: u64,
-    /// Stamps by stream, 60 MHz.
-    pub ticks: [u32; 2],
-    /// Whether there is a colour picture; what its bytes and its stamp say is of no meaning if not.
-    pub has_colour: bool,
-    /// Picture bytes by stream: Bayer, packed depth.
-    pub pictures: [Box<[u8]>; 2],
+defaults! {
+    /// A depth picture and the colour picture of the same moment, if there is one, as they came.
+    #[derive(Clone, Debug)]
+    pub struct RawPair {
+        /// Number of the depth picture among all whole ones since the start, from 0.
+        pub number: u64 = 0,
+        /// Stamps by stream, 60 MHz.
+        pub ticks: [u32; 2] = [0; 2],
+        /// Whether there is a colour picture; what its bytes and its stamp say is of no meaning if not.
+        pub has_colour: bool = true,
+        /// Picture bytes by stream: Bayer, packed depth.
+        pub pictures: [Box<[u8]>; 2] = Stream::BOTH
+            .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
+    }
 }
 
 impl RawPair {
     /// Bytes on the heap.
     pub const BYTES: usize = Layout::of(Stream::Depth).bytes + Layout::of(Stream::Colour).bytes;
-}
-
-impl Default for RawPair {
-    fn default() -> Self {
-        Self {
-            number: 0,
-            ticks: [0; 2],
-            has_colour: true,
-            pictures: Stream::BOTH
-                .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
-        }
-    }
 }
 
 /// A pair just made, where its halves waited, or a depth picture alone.
@@ -89,31 +81,21 @@ struct Slot {
     picture: Box<[u8]>,
 }
 
-/// Holds the pictures that wait for their other half.
-pub struct Pairing {
-    slots: [[Slot; SLOTS]; 2],
-    arrivals: u64,
-    offset: i32,
-    unpaired: [u64; 2],
-    alone: bool,
-}
-
-impl Default for Pairing {
-    fn default() -> Self {
-        Self {
-            slots: Stream::BOTH.map(|stream| {
-                core::array::from_fn(|_| Slot {
-                    arrival: None,
-                    number: 0,
-                    ticks: 0,
-                    picture: vec![0; Layout::of(stream).bytes].into_boxed_slice(),
-                })
-            }),
-            arrivals: 0,
-            offset: 0,
-            unpaired: [0; 2],
-            alone: false,
-        }
+defaults! {
+    /// Holds the pictures that wait for their other half.
+    pub struct Pairing {
+        slots: [[Slot; SLOTS]; 2] = Stream::BOTH.map(|stream| {
+            core::array::from_fn(|_| Slot {
+                arrival: None,
+                number: 0,
+                ticks: 0,
+                picture: vec![0; Layout::of(stream).bytes].into_boxed_slice(),
+            })
+        }),
+        arrivals: u64 = 0,
+        offset: i32 = 0,
+        unpaired: [u64; 2] = [0; 2],
+        alone: bool = false,
     }
 }
 

@@ -66,7 +66,8 @@ pub(crate) fn files() -> BTreeMap<Module, String> {
             }
         }
     }
-    files.retain(|module, _| !tests.contains(module));
+    // Those in folders named so are tests too.
+    files.retain(|module, _| !tests.contains(module) && module.iter().all(|name| name != "tests"));
     files
 }
 

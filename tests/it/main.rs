@@ -15,6 +15,7 @@ mod follows_several_people;
 mod follows_the_paper;
 mod keeps_functions_short;
 mod keeps_its_rooms_apart;
+mod keeps_the_log_short;
 mod learns_a_range;
 mod lives_as_a_service;
 mod output_bytes;

@@ -1,5 +1,6 @@
 //! Everything that can be configured, section by section, in the stages' own types.
 
+use crate::base::defaults;
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
     SacnSettings, ServerSettings,
@@ -44,114 +45,64 @@ pub struct Settings {
     pub log: LogSettings,
 }
 
-/// Where frames come from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SensorSettings {
-    /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
-    pub source: String,
-    /// Path of a face model; empty = the built-in one.
-    pub model: String,
-    /// Kinect settings.
-    pub kinect: kinect::Settings,
-}
-
-impl Default for SensorSettings {
-    fn default() -> Self {
-        Self {
-            source: "kinect".into(),
-            model: String::new(),
-            kinect: kinect::Settings::default(),
-        }
+defaults! {
+    /// Where frames come from.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SensorSettings {
+        /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
+        pub source: String = "kinect".into(),
+        /// Path of a face model; empty = the built-in one.
+        pub model: String = String::new(),
+        /// Kinect settings.
+        pub kinect: kinect::Settings = kinect::Settings::default(),
     }
-}
 
-/// Settings of the outputs that are optional build features; every build reads all of them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct NetworkSettings {
-    /// Name of the box; empty = the host name.
-    pub name: String,
-    /// The table of channels.
-    pub lights: LightSettings,
-    /// Art-Net.
-    pub artnet: ArtNetSettings,
-    /// sACN.
-    pub sacn: SacnSettings,
-    /// Unreal's Live Link.
-    pub live_link: LiveLinkSettings,
-    /// JSON for pages.
-    pub websocket: ServerSettings,
-    /// The page of the box.
-    pub page: PageSettings,
-    /// OSC's addresses over HTTP.
-    pub oscquery: ServerSettings,
-    /// mDNS.
-    pub discovery: DiscoverySettings,
-    /// MQTT.
-    pub mqtt: MqttSettings,
-}
-
-impl Default for NetworkSettings {
-    fn default() -> Self {
-        Self {
-            name: String::new(),
-            lights: LightSettings::default(),
-            artnet: ArtNetSettings::default(),
-            sacn: SacnSettings::default(),
-            live_link: LiveLinkSettings::default(),
-            websocket: ServerSettings::websocket(),
-            page: PageSettings::default(),
-            oscquery: ServerSettings::oscquery(),
-            discovery: DiscoverySettings::default(),
-            mqtt: MqttSettings::default(),
-        }
+    /// Settings of the outputs that are optional build features; every build reads all of them.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct NetworkSettings {
+        /// Name of the box; empty = the host name.
+        pub name: String = String::new(),
+        /// The table of channels.
+        pub lights: LightSettings = LightSettings::default(),
+        /// Art-Net.
+        pub artnet: ArtNetSettings = ArtNetSettings::default(),
+        /// sACN.
+        pub sacn: SacnSettings = SacnSettings::default(),
+        /// Unreal's Live Link.
+        pub live_link: LiveLinkSettings = LiveLinkSettings::default(),
+        /// JSON for pages.
+        pub websocket: ServerSettings = ServerSettings::websocket(),
+        /// The page of the box.
+        pub page: PageSettings = PageSettings::default(),
+        /// OSC's addresses over HTTP.
+        pub oscquery: ServerSettings = ServerSettings::oscquery(),
+        /// mDNS.
+        pub discovery: DiscoverySettings = DiscoverySettings::default(),
+        /// MQTT.
+        pub mqtt: MqttSettings = MqttSettings::default(),
     }
-}
 
-/// State kept across restarts.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StateSettings {
-    /// Whether people who left are saved; only while the source is a Kinect.
-    pub persist: bool,
-    /// Path of the file.
-    pub path: String,
-}
-
-impl Default for StateSettings {
-    fn default() -> Self {
-        Self {
-            persist: true,
-            path: "/var/lib/mien/people.ranges".into(),
-        }
+    /// State kept across restarts.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StateSettings {
+        /// Whether people who left are saved; only while the source is a Kinect.
+        pub persist: bool = true,
+        /// Path of the file.
+        pub path: String = "/var/lib/mien/people.ranges".into(),
     }
-}
 
-/// Status files.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StatusSettings {
-    /// Path of the status file; empty = none.
-    pub path: String,
-}
-
-impl Default for StatusSettings {
-    fn default() -> Self {
-        Self {
-            path: "/run/mien/status.json".into(),
-        }
+    /// Status files.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct StatusSettings {
+        /// Path of the status file; empty = none.
+        pub path: String = "/run/mien/status.json".into(),
     }
-}
 
-/// Logging.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LogSettings {
-    /// Least severity written to standard error.
-    pub level: tracing::Level,
-}
-
-impl Default for LogSettings {
-    fn default() -> Self {
-        Self {
-            level: tracing::Level::INFO,
-        }
+    /// Logging.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LogSettings {
+        /// Least severity written to standard error.
+        pub level: tracing::Level = tracing::Level::INFO,
     }
 }
 

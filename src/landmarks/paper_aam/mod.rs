@@ -26,30 +26,23 @@ use super::points::{Landmarks, empty_landmarks};
 use super::view::View;
 use super::window::{Placement, Region, WINDOW, sensor_picture};
 use crate::base::capacity::{LANDMARKS, PIXELS};
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 
-/// Settings of the method.
-#[derive(Clone, Copy, Debug)]
-pub struct PaperAamSettings {
-    /// Confidence of the face below which it is lost, 0…1.
-    pub min_confidence: f32,
-    /// Most iterations from a cold start.
-    pub cold_steps: usize,
-    /// Most iterations from the last frame's shape.
-    pub warm_steps: usize,
-}
-
-impl Default for PaperAamSettings {
-    fn default() -> Self {
-        Self {
-            min_confidence: 0.3,
-            cold_steps: 20,
-            warm_steps: 8,
-        }
+defaults! {
+    /// Settings of the method.
+    #[derive(Clone, Copy, Debug)]
+    pub struct PaperAamSettings {
+        /// Confidence of the face below which it is lost, 0…1.
+        pub min_confidence: f32 = 0.3,
+        /// Most iterations from a cold start.
+        pub cold_steps: usize = 20,
+        /// Most iterations from the last frame's shape.
+        pub warm_steps: usize = 8,
     }
 }
 

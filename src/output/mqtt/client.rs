@@ -31,6 +31,9 @@ const PAUSES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
 const WAITING: [usize; 2] = [16 * 1024, 32 * 1024];
 /// Longest time a message may stay unacknowledged.
 const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
+/// Reads in a row, and the rest after as many.
+const READS: usize = 4;
+const REST: Duration = Duration::from_millis(10);
 /// Burst of commands allowed, and the time after which one more is.
 const AT_ONCE: u32 = 16;
 const EACH: Duration = Duration::from_millis(250);
@@ -559,8 +562,7 @@ impl<'a> Connection<'a> {
     }
 
     fn read(&mut self, buffers: &mut Buffers) -> Result<(), End> {
-        // What a broker may say between two looks is bounded: it is not to keep us from writing.
-        for _ in 0..16 {
+        for _ in 0..READS {
             match self.stream.read(&mut buffers.heard[self.length..]) {
                 Ok(0) => return Err(End::Lost(ErrorKind::UnexpectedEof.into())),
                 Ok(more) => self.length += more,
@@ -579,6 +581,8 @@ impl<'a> Connection<'a> {
             buffers.heard.copy_within(used..self.length, 0);
             self.length -= used;
         }
+        // A broker that talks without end waits: it takes neither the processor nor our turn to write.
+        std::thread::sleep(REST);
         Ok(())
     }
 

@@ -9,6 +9,7 @@
 use super::packet::Argument;
 use super::wire::{Targets, Wire};
 use crate::base::capacity::WIDTH;
+use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -21,27 +22,18 @@ const UNIT_M: f32 = 0.0036;
 /// How often `/found` is repeated, seconds.
 const FOUND_S: f64 = 1.0;
 
-/// Where it goes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Whether this output is enabled.
-    pub enabled: bool,
-    /// Each `host:port`.
-    pub targets: Vec<String>,
-    /// Whether left and right are swapped.
-    pub mirror: bool,
-    /// How long a lost face is held, seconds.
-    pub hold_s: f32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            targets: vec!["127.0.0.1:8338".to_owned()],
-            mirror: false,
-            hold_s: LossPolicy::default().hold_s,
-        }
+defaults! {
+    /// Where it goes.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Whether this output is enabled.
+        pub enabled: bool = false,
+        /// Each `host:port`.
+        pub targets: Vec<String> = vec!["127.0.0.1:8338".to_owned()],
+        /// Whether left and right are swapped.
+        pub mirror: bool = false,
+        /// How long a lost face is held, seconds.
+        pub hold_s: f32 = LossPolicy::default().hold_s,
     }
 }
 

@@ -12,6 +12,7 @@
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};
 use super::wire::{Targets, Wire};
+use crate::base::defaults;
 use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
@@ -44,33 +45,22 @@ pub enum Names {
     Units,
 }
 
-/// Settings of the VMC output.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Whether this output is enabled.
-    pub enabled: bool,
-    /// Each `host:port`.
-    pub targets: Vec<String>,
-    /// This program's role, as the receiver sees it.
-    pub role: Role,
-    /// Naming scheme of the blend shapes.
-    pub names: Names,
-    /// Names, gains and mirroring of the units.
-    pub view: View,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            targets: vec!["127.0.0.1:39539".to_owned()],
-            role: Role::default(),
-            names: Names::default(),
-            view: View::default(),
-            loss: LossPolicy::default(),
-        }
+defaults! {
+    /// Settings of the VMC output.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Whether this output is enabled.
+        pub enabled: bool = false,
+        /// Each `host:port`.
+        pub targets: Vec<String> = vec!["127.0.0.1:39539".to_owned()],
+        /// This program's role, as the receiver sees it.
+        pub role: Role = Role::default(),
+        /// Naming scheme of the blend shapes.
+        pub names: Names = Names::default(),
+        /// Names, gains and mirroring of the units.
+        pub view: View = View::default(),
+        /// What is sent when a face is lost.
+        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 

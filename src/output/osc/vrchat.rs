@@ -11,6 +11,7 @@
 use super::packet::Argument;
 use super::parameters::{Parameter, Rig};
 use super::wire::{self, Targets, Wire};
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -42,36 +43,24 @@ pub enum Values {
     Both,
 }
 
-/// Settings of the VMC output.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Whether this output is enabled.
-    pub enabled: bool,
-    /// Each `host:port`.
-    pub targets: Vec<String>,
-    /// How values are sent.
-    pub values: Values,
-    /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
-    pub bits: u32,
-    /// Names, gains and mirroring of the units.
-    pub view: View,
-    /// What the avatar's author put before the names; empty, or ending in a slash.
-    pub prefix: String,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            targets: vec!["127.0.0.1:9000".to_owned()],
-            values: Values::default(),
-            bits: 4,
-            view: View::default(),
-            prefix: "FT/".to_owned(),
-            loss: LossPolicy::default(),
-        }
+defaults! {
+    /// Settings of the VMC output.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Whether this output is enabled.
+        pub enabled: bool = false,
+        /// Each `host:port`.
+        pub targets: Vec<String> = vec!["127.0.0.1:9000".to_owned()],
+        /// How values are sent.
+        pub values: Values = Values::default(),
+        /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
+        pub bits: u32 = 4,
+        /// Names, gains and mirroring of the units.
+        pub view: View = View::default(),
+        /// What the avatar's author put before the names; empty, or ending in a slash.
+        pub prefix: String = "FT/".to_owned(),
+        /// What is sent when a face is lost.
+        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 

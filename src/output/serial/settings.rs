@@ -1,5 +1,6 @@
 //! Settings of the serial output: which port, how it is used, and what is written.
 
+use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{LossPolicy, View};
@@ -16,45 +17,30 @@ pub enum Style {
     Cobs,
 }
 
-/// Which port, and how it is used.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Path of the port, as `/dev/serial/by-id/…`, or `tcp:host:port`; empty = no serial output.
-    pub port: String,
-    /// Bits per second.
-    pub baud: u32,
-    /// What is written.
-    pub style: Style,
-    /// Value of a weight of 1 in the styles `text` and `plot`: 100 gives percentages. Below 128, tenths are added if the line is
-    /// fast enough.
-    pub full: u32,
-    /// Whether poses are sent too.
-    pub pose: bool,
-    /// FACS names of the units to send, the most important first; empty = all.
-    pub units: Vec<String>,
-    /// Frame rate below which units are left out, Hz.
-    pub min_rate_hz: f32,
-    /// Whether DTR is raised on opening; otherwise it is left unchanged.
-    pub dtr: bool,
-    /// Names, gains and mirroring of the units.
-    pub view: View,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            port: String::new(),
-            baud: 115_200,
-            style: Style::default(),
-            full: 100,
-            pose: false,
-            units: Vec::new(),
-            min_rate_hz: 10.0,
-            dtr: false,
-            view: View::default(),
-            loss: LossPolicy::default(),
-        }
+defaults! {
+    /// Which port, and how it is used.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Settings {
+        /// Path of the port, as `/dev/serial/by-id/…`, or `tcp:host:port`; empty = no serial output.
+        pub port: String = String::new(),
+        /// Bits per second.
+        pub baud: u32 = 115_200,
+        /// What is written.
+        pub style: Style = Style::default(),
+        /// Value of a weight of 1 in the styles `text` and `plot`: 100 gives percentages. Below 128, tenths are added if the line is
+        /// fast enough.
+        pub full: u32 = 100,
+        /// Whether poses are sent too.
+        pub pose: bool = false,
+        /// FACS names of the units to send, the most important first; empty = all.
+        pub units: Vec<String> = Vec::new(),
+        /// Frame rate below which units are left out, Hz.
+        pub min_rate_hz: f32 = 10.0,
+        /// Whether DTR is raised on opening; otherwise it is left unchanged.
+        pub dtr: bool = false,
+        /// Names, gains and mirroring of the units.
+        pub view: View = View::default(),
+        /// What is sent when a face is lost.
+        pub loss: LossPolicy = LossPolicy::default(),
     }
 }

@@ -1,5 +1,7 @@
 //! Calibration in the device's own names and numbers, with that of one real device as the default.
 
+use crate::base::defaults;
+
 macro_rules! registration_integers {
     ($($name:ident = $sample:literal),* $(,)?) => {
         /// The 29 integers that describe the mapping from depth to colour pixels, as the device names them. The large
@@ -62,50 +64,30 @@ pub struct Padding {
     pub cropping_lines: u16,
 }
 
-/// The triangle of emitter, camera and reference plane. Lengths in centimetres, as the device gives them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ZeroPlane {
-    /// E: depth camera to emitter.
-    pub dcmos_emitter_distance: f32,
-    /// B: depth camera to colour camera.
-    pub dcmos_rcmos_distance: f32,
-    /// D: distance of the reference plane.
-    pub reference_distance: f32,
-    /// P: size of a pixel of the 1280×1024 picture on the reference plane.
-    pub reference_pixel_size: f32,
-}
-
-impl Default for ZeroPlane {
-    fn default() -> Self {
-        Self {
-            dcmos_emitter_distance: 7.5,
-            dcmos_rcmos_distance: 2.4,
-            reference_distance: 120.0,
-            reference_pixel_size: 0.1042,
-        }
+defaults! {
+    /// The triangle of emitter, camera and reference plane. Lengths in centimetres, as the device gives them.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct ZeroPlane {
+        /// E: depth camera to emitter.
+        pub dcmos_emitter_distance: f32 = 7.5,
+        /// B: depth camera to colour camera.
+        pub dcmos_rcmos_distance: f32 = 2.4,
+        /// D: distance of the reference plane.
+        pub reference_distance: f32 = 120.0,
+        /// P: size of a pixel of the 1280×1024 picture on the reference plane.
+        pub reference_pixel_size: f32 = 0.1042,
     }
-}
 
-/// Calibration as read from the device. The default is a real unit's block with the usual optics.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Registration {
-    /// Depth pixel to colour pixel.
-    pub integers: RegistrationIntegers,
-    /// Rows cut off.
-    pub padding: Padding,
-    /// Raw depth to distance.
-    pub zero_plane: ZeroPlane,
-    /// C: offset of raw depth, in steps of four raw values.
-    pub const_shift: u16,
-}
-
-impl Default for Registration {
-    fn default() -> Self {
-        Self {
-            integers: RegistrationIntegers::default(),
-            padding: Padding::default(),
-            zero_plane: ZeroPlane::default(),
-            const_shift: 200,
-        }
+    /// Calibration as read from the device. The default is a real unit's block with the usual optics.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Registration {
+        /// Depth pixel to colour pixel.
+        pub integers: RegistrationIntegers = RegistrationIntegers::default(),
+        /// Rows cut off.
+        pub padding: Padding = Padding::default(),
+        /// Raw depth to distance.
+        pub zero_plane: ZeroPlane = ZeroPlane::default(),
+        /// C: offset of raw depth, in steps of four raw values.
+        pub const_shift: u16 = 200,
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! `tests/it/replays_the_corpus.rs` does the same with real recordings; these need no data set, and their tolerances are tight
 //! enough to detect one constant changed by a tenth. They are the output of the last accepted version, not ground truth,
-//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib golden` rewrites `tests/golden/stages/*.txt`.
+//! which the other tests check. `MIEN_WRITE_GOLDEN=1 cargo test --lib pipeline::tests` rewrites `tests/golden/stages/*.txt`.
 
 use std::fmt::Write;
 use std::path::Path;

@@ -1,16 +1,16 @@
 //! Known answers: bounds of a table of units, edges of a window, the first weights shown.
 
-use super::measures::tests::toy_face;
-use super::nodes::Nodes;
-use super::units::{Kind, Prior};
-use super::{Expression, Settings, Units, is_warming, rest};
+use super::super::measures::tests::toy_face;
+use super::super::nodes::Nodes;
+use super::super::units::{Kind, Prior};
+use super::super::{Expression, Settings, Units, is_warming, rest};
 use crate::base::capacity::{LANDMARKS, LEARNT_MEASURES};
 use crate::base::frames::SensorFromFace;
 use crate::base::geometry::Rigid;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 
-const SHIPPED: &str = include_str!("../../config/units.toml");
+const SHIPPED: &str = include_str!("../../../config/units.toml");
 
 #[test]
 fn a_wrong_name_is_quoted_by_its_first_letters() {
