@@ -1,6 +1,6 @@
 """Heads that played no part in the work, baked and judged: a table of heads and methods.
 
-python judge.py STUDIO DATA WORK [--heads A,B] [--methods aoi,carried] [--shapes]
+python judge.py STUDIO DATA WORK [--heads A,B*] [--methods aoi,carried] [--shapes]
 STUDIO is mien-studio, DATA the shared data, WORK a folder that is kept: what is there of the same binary is not baked again.
 Needs numpy and scipy. None of the product's code is used, only the OBJ files that `bake --obj` writes.
 
@@ -27,6 +27,7 @@ carried   what anybody could do in an hour: ICT's neutral is warped onto the hea
           68 landmarks; each vertex of the skin takes the displacement of the nearest point of the warped surface.
 """
 import argparse
+import fnmatch
 import hashlib
 import json
 import pathlib
@@ -444,7 +445,7 @@ def main():
     options.work.mkdir(parents=True, exist_ok=True)
     chosen = options.heads.split(",") if options.heads else None
     for name, make in heads(options.data, options.work).items():
-        if chosen is None or any(name.startswith(c) for c in chosen):
+        if chosen is None or any(fnmatch.fnmatch(name, c) for c in chosen):
             (options.work / name).mkdir(parents=True, exist_ok=True)
             one(name, make, options)
 

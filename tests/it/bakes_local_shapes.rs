@@ -407,6 +407,7 @@ fn the_recipe_fits_a_head_with_eyes_and_teeth() {
     };
     assert_eq!(shapes.len(), 67);
     assert_eq!(judged(&head, &shapes), 0);
+    assert!(!head.lips_are_joined());
     // Lower teeth follow the jaw rigidly, upper teeth stay.
     let jaw = shapes.iter().find(|s| s.name == "jawOpen").unwrap();
     let moved = |v: usize| jaw.displacement[v].norm() / head.eye_distance;
@@ -476,12 +477,15 @@ fn landmarks_are_found_on_a_picture_of_the_mesh() {
             .split_whitespace()
             .map(|w| w.parse().unwrap())
             .collect();
-        // Turned away from z, the head is found all the same.
-        let mut turned = mesh.clone();
-        for p in &mut turned.positions {
-            *p = Vec3::new(-p.x, p.y, -p.z);
-        }
-        for mesh in [mesh, turned] {
+        // Turned away from z or with z up, the head is found all the same.
+        let turned = |way: fn(&Vec3) -> Vec3| {
+            let mut mesh = mesh.clone();
+            mesh.positions = mesh.positions.iter().map(way).collect();
+            mesh
+        };
+        let away = turned(|p| Vec3::new(-p.x, p.y, -p.z));
+        let lying = turned(|p| Vec3::new(p.x, -p.z, p.y));
+        for mesh in [mesh, away, lying] {
             let found = locate(&mesh, &FaceModel::shipped()).unwrap();
             let p = |v: usize| mesh.positions[v];
             let w = (p(truth[39]) - p(truth[42])).norm();
@@ -749,6 +753,40 @@ fn the_recipe_fits_a_coarse_mask_of_triangles() {
     };
     assert_eq!(shapes.len(), 67);
     assert_eq!(judged(&head, &shapes), 0);
+    assert!(head.lips_are_joined(), "a film spans the mouth");
+}
+
+/// Heads that nothing was made on: found, and what shapes must do they do.
+#[test]
+fn strangers_heads_open_their_mouths_and_shut_their_eyes() {
+    for path in [
+        "head_vitruvian/head.obj",
+        "heads_makehuman/african-male-young.obj",
+        "heads_makehuman/caucasian-female-young.obj",
+    ] {
+        let (folder, name) = path.split_once('/').unwrap();
+        let Some(folder) = data(folder) else { return };
+        let mesh = obj::parse(&std::fs::read_to_string(folder.join(name)).unwrap()).unwrap();
+        let found = locate(&mesh, &FaceModel::shipped()).unwrap().vertices;
+        let (head, shapes, _) = baked_in_order(&mesh, &found);
+        assert!(!head.lips_are_joined(), "{name}");
+        let w = head.eye_distance;
+        let way = |shape: &str, k: usize| {
+            let shape = shapes.iter().find(|s| s.name == shape).unwrap();
+            shape.displacement[head.points[k] as usize] / w
+        };
+        let (upper, lower) = (way("jawOpen", 62), way("jawOpen", 66));
+        let part = (upper - lower).dot(&head.axes.column(1));
+        let judge = Judge::new(&head);
+        let figures = (0..shapes.len()).map(|k| judge.judge(&shapes, k));
+        let figures: Vec<_> = figures.collect();
+        let inverted: usize = figures.iter().map(|f| f.inverted).sum();
+        let lids = figures.iter().filter_map(|f| f.lid_gap);
+        let lids = lids.fold(0.0, f64::max);
+        println!("{path}: lips part by {part:.2}, lids {lids:.3}, {inverted} inverted");
+        assert!(part > 0.4 && upper.norm() < 0.25 * lower.norm(), "{name}");
+        assert!(lids < 0.035 && inverted <= 1, "{name}");
+    }
 }
 
 /// A bar of square section through some places.

@@ -30,6 +30,7 @@ use super::shape::Shape;
 use super::solve::Settings;
 use super::table::table;
 use super::{morphs, report, usd};
+use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
 use crate::studio::text_files;
 
@@ -217,6 +218,11 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         source.mesh.faces(),
         head.eye_distance * metres * 1e3
     );
+    if head.lips_are_joined() {
+        println!(
+            "lips joined: skin spans the mouth and will stretch as it opens; cut the mesh along the lip line for a mouth that opens"
+        );
+    }
     let shapes = baked(request, &head, &targets(request, &head, ordered.vertex())?)?;
     let promises = report::promises(&shapes);
     if !promises.is_empty() {
@@ -260,8 +266,11 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         }
     };
     write(&request.out, &out)?;
+    let memory = peak_resident_bytes().map_or_else(String::new, |bytes| {
+        format!(", {} MiB of memory", bytes >> 20)
+    });
     println!(
-        "{} written at {:.2} s",
+        "{} written at {:.2} s{memory}",
         request.out.display(),
         start.elapsed().as_secs_f64()
     );

@@ -254,6 +254,16 @@ impl Head {
         Ok(head)
     }
 
+    /// Whether skin spans the slit of the mouth, or the lips' lines are one: then the mouth does not open, it stretches.
+    #[must_use]
+    pub fn lips_are_joined(&self) -> bool {
+        let upper = &self.lips.upper;
+        let shared = upper.iter().filter(|v| self.lips.lower.contains(v));
+        // Both lines have their two corners.
+        shared.count() > upper.len().div_ceil(2).max(2)
+            || films(&self.mesh, &[&self.lips]).contains(&true)
+    }
+
     /// Whether a vertex lies so deep in the mouth that the jaw alone moves it: gums, teeth, tongue and throat that hang on the
     /// skin. The rest of the inside is free, so that lips can roll.
     #[must_use]
