@@ -1,6 +1,6 @@
 """Heads that played no part in the work, baked and judged: a table of heads and methods.
 
-python judge.py STUDIO DATA WORK [--heads A,B*] [--methods aoi,carried] [--shapes]
+python judge.py STUDIO DATA WORK [--heads A,B*] [--methods aoi,carried] [--shapes] [--write PAGE]
 STUDIO is mien-studio, DATA the shared data, WORK a folder that is kept: what is there of the same binary is not baked again.
 Needs numpy and scipy. None of the product's code is used, only the OBJ files that `bake --obj` writes.
 
@@ -39,6 +39,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+BEGIN, END = "<!-- tests/heads/run -->\n", "<!-- end -->"
 METHODS = ["aoi", "paper", "laplacian", "carried"]
 # ICT's names of what ours are called; a name alone is its own.
 ICT = {"cheekPuff": "cheekPuff_L cheekPuff_R", "browInnerUp": "browInnerUp_L browInnerUp_R"}
@@ -389,7 +390,7 @@ def judge(head, d, upon):
     return inverted, part, ratio, head.lid_gap(d)
 
 
-def one(name, make, options):
+def one(name, make, options, rows):
     folder = options.work / name
     folder.mkdir(parents=True, exist_ok=True)
     path, known, sculpted = make()
@@ -420,16 +421,27 @@ def one(name, make, options):
         inverted, part, ratio, gap = judge(head, d, upon)
         line = f"{name:24} {method:10} found {found:5}  inverted {inverted:4}  jaw {part:5.2f} ({ratio:4.2f})  lids {gap:.3f}"
         line += worn(path, head, d)
+        row = [name, method, found, str(inverted), f"{part:.2f} ({ratio:.2f})", f"{gap:.3f}", ""]
+        rows.append(row)
         if sculpted:
             e = table[method] = errors(head, d, sculpted)
             worst = max(e, key=e.get)
             both = [e[n] for n in e if ict_shapes(options.data, n) is not None]
+            row[-1] = f"{np.mean(list(e.values())):.3f} of {len(e)} ({worst} {e[worst]:.3f})"
             line += f"  error {np.mean(list(e.values())):.3f} of {len(e)}, {np.mean(both):.3f} of both {len(both)} (worst {worst} {e[worst]:.3f})"
         print(line, flush=True)
     if options.shapes and table:
         print(f"   {'':46}" + "".join(f"{m:>10}" for m in table))
         for shape in sculpted:
             print(f"   {shape:46}" + "".join(f"{table[m].get(shape, float('nan')):10.3f}" for m in table))
+
+
+def write(page, rows):
+    titles = ["head", "method", "found", "inverted", "jaw: parts (upper/lower)", "lids apart", "error of shapes (worst)"]
+    lines = [titles, ["---"] * len(titles), *rows]
+    table = "".join("| " + " | ".join(line) + " |\n" for line in lines)
+    before, rest = page.read_text().split(BEGIN)
+    page.write_text(before + BEGIN + table + END + rest.split(END)[1])
 
 
 def main():
@@ -440,14 +452,18 @@ def main():
     ask.add_argument("--heads", default="")
     ask.add_argument("--methods", default=",".join(METHODS))
     ask.add_argument("--shapes", action="store_true", help="every sculpted shape")
+    ask.add_argument("--write", type=pathlib.Path, help="puts the table into this page, between its marks")
     options = ask.parse_args()
     options.methods = options.methods.split(",")
     options.work.mkdir(parents=True, exist_ok=True)
     chosen = options.heads.split(",") if options.heads else None
+    rows = []
     for name, make in heads(options.data, options.work).items():
         if chosen is None or any(fnmatch.fnmatch(name, c) for c in chosen):
             (options.work / name).mkdir(parents=True, exist_ok=True)
-            one(name, make, options)
+            one(name, make, options, rows)
+    if options.write:
+        write(options.write, rows)
 
 
 if __name__ == "__main__":
