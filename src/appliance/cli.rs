@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use lexopt::prelude::*;
 
+use crate::base::nearest_word::hint;
+
 /// What `mien help` prints.
 pub const HELP: &str = "\
 mien - facial expression from a Kinect v1 as FACS weights
@@ -20,6 +22,8 @@ mien send-test      [--config FILE]  sweeps every unit 0-1-0 on every output and
 mien help | --help | --version
 
 --source S        kinect, kinect:SERIAL, simulated, simulated:SCENE, or the path of a recording
+SCENE             demo (default), acted, still, turning, empty, leaving, wide, fast, hand, two, four, crossing, swap, behind,
+                  furnished, mixed
 --csv FILE|-      one row per frame and user
 --frames N        stop after N frames
 --fast            play a recording or simulation as fast as possible instead of in real time
@@ -50,8 +54,8 @@ pub enum Command {
     Bench(Bench),
     /// `send-test`, with the file if one was named.
     SendTest(Option<PathBuf>),
-    /// `help`
-    Help,
+    /// `help`, of one command if it is named.
+    Help(Option<&'static str>),
     /// `--version`
     Version,
 }
@@ -126,71 +130,130 @@ pub enum CsvTarget {
 #[error("{0}; see mien help")]
 pub struct UsageError(#[from] lexopt::Error);
 
+/// What `mien help` prints, or what of it is about one command.
+#[must_use]
+pub fn help(command: Option<&str>) -> String {
+    let Some(command) = command else {
+        return HELP.to_owned();
+    };
+    let usage = usage(command);
+    let about = |line: &&str| match line.split([' ', ',']).next() {
+        Some("SCENE") => usage.contains("--source"),
+        Some("Without") => usage.contains("FILE]"),
+        Some("Example:") => line.contains(&format!("mien {command} ")),
+        Some("Exit") => true,
+        Some(word) => word.starts_with('-') && usage.contains(word),
+        None => false,
+    };
+    let (mut lines, mut kept) = (usage.clone() + "\n", false);
+    for line in HELP.lines().filter(|line| !line.is_empty()) {
+        // What is indented goes on from the line above.
+        kept = if line.starts_with(' ') {
+            kept
+        } else {
+            about(&line)
+        };
+        if kept {
+            lines += &format!("{line}\n");
+        }
+    }
+    lines
+}
+
+/// The lines of [`HELP`] that show how a command is called.
+fn usage(command: &str) -> String {
+    let mut of_it = false;
+    let lines = HELP.lines().filter(|line| {
+        let mut words = line.split(' ');
+        match words.next() {
+            Some("mien") => of_it = words.next() == Some(command),
+            Some("") => {}
+            _ => of_it = false,
+        }
+        of_it
+    });
+    lines.map(|line| format!("{line}\n")).collect()
+}
+
+/// Names of the commands.
+fn commands() -> impl Iterator<Item = &'static str> {
+    let lines = HELP.lines().filter_map(|line| line.strip_prefix("mien "));
+    let words = lines.filter_map(|line| line.split(' ').next());
+    words.filter(|word| *word != "-")
+}
+
+/// What cannot stand here, with the option of this command that may have been meant.
+fn unexpected(found: &lexopt::Arg<'_>, command: &str) -> UsageError {
+    let (word, what) = match found {
+        Long(name) => (format!("--{name}"), "option"),
+        Short(letter) => (format!("-{letter}"), "option"),
+        Value(value) => (format!("{value:?}"), "word"),
+    };
+    let usage = usage(command);
+    let options = usage.split(['[', ']', ' ', '|']);
+    let hint = hint(&word, options.filter(|option| option.starts_with("--")));
+    let known = format!("unexpected {what} {word}{hint}");
+    lexopt::Error::Custom(known.into()).into()
+}
+
 /// Parses the arguments after the program's name. Without any, the command is `help`.
 ///
 /// # Errors
 /// On an unknown command or option, or a value that is missing or malformed.
 pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, UsageError> {
+    let words: Vec<OsString> = words.into_iter().collect();
+    let asks = words.iter().any(|word| word == "--help" || word == "-h");
     let mut parser = lexopt::Parser::from_args(words);
-    let Some(first) = parser.next()? else {
-        return Ok(Command::Help);
+    let command = match parser.next()? {
+        None | Some(Long("help") | Short('h')) => return Ok(Command::Help(None)),
+        Some(Long("version") | Short('V')) => return Ok(Command::Version),
+        Some(Value(word)) => word.string()?,
+        Some(other) => return Err(unexpected(&other, "help")),
     };
-    let command = match first {
-        Long("help") | Short('h') => return Ok(Command::Help),
-        Long("version") | Short('V') => return Ok(Command::Version),
-        Value(word) => word.string()?,
-        other => return Err(other.unexpected().into()),
+    let Some(name) = commands().find(|name| *name == command) else {
+        let unknown = format!("unknown command {command:?}{}", hint(&command, commands()));
+        return Err(lexopt::Error::Custom(unknown.into()).into());
     };
-    let command = match command.as_str() {
-        "help" => Command::Help,
-        "devices" => match parser.next()? {
-            Some(Long("help")) => return Ok(Command::Help),
-            Some(other) => return Err(other.unexpected().into()),
-            None => Command::Devices,
-        },
-        "bench" => {
-            let mut bench = Bench::default();
-            while let Some(word) = parser.next()? {
-                match word {
-                    Long("config") => bench.config = Some(parser.value()?.into()),
-                    Long("source") => bench.source = Some(parser.value()?.string()?),
-                    Long("frames") => bench.frames = Some(parser.value()?.parse()?),
-                    Long("help") => return Ok(Command::Help),
-                    other => return Err(other.unexpected().into()),
-                }
-            }
-            Command::Bench(bench)
-        }
-        "run" => run(&mut parser)?,
-        "check-config" => match parser.next()? {
-            Some(Value(path)) => Command::CheckConfig(Some(path.into())),
-            Some(Long("help")) => return Ok(Command::Help),
-            Some(other) => return Err(other.unexpected().into()),
-            None => Command::CheckConfig(None),
-        },
-        "print-config" | "doctor" | "send-test" => {
-            let config = match parser.next()? {
-                Some(Long("config")) => Some(parser.value()?.into()),
-                Some(Long("help")) => return Ok(Command::Help),
-                Some(other) => return Err(other.unexpected().into()),
-                None => None,
-            };
-            match command.as_str() {
-                "doctor" => Command::Doctor(config),
-                "send-test" => Command::SendTest(config),
-                _ => Command::PrintConfig(config),
-            }
-        }
-        _ => {
-            return Err(
-                lexopt::Error::Custom(format!("unknown command {command:?}").into()).into(),
-            );
-        }
+    if asks {
+        return Ok(Command::Help(Some(name)));
+    }
+    let command = match name {
+        "run" => return run(&mut parser),
+        "bench" => return bench(&mut parser),
+        "help" => Command::Help(None),
+        "devices" => Command::Devices,
+        "check-config" => Command::CheckConfig(file(&mut parser, name)?),
+        "print-config" => Command::PrintConfig(file(&mut parser, name)?),
+        "doctor" => Command::Doctor(file(&mut parser, name)?),
+        _ => Command::SendTest(file(&mut parser, name)?),
     };
     match parser.next()? {
-        Some(extra) => Err(extra.unexpected().into()),
+        Some(extra) => Err(unexpected(&extra, name)),
         None => Ok(command),
     }
+}
+
+/// The configuration that a command is to look at: `--config FILE`, and for `check-config` just the file.
+fn file(parser: &mut lexopt::Parser, command: &str) -> Result<Option<PathBuf>, UsageError> {
+    Ok(match parser.next()? {
+        Some(Long("config")) if command != "check-config" => Some(parser.value()?.into()),
+        Some(Value(path)) if command == "check-config" => Some(path.into()),
+        Some(other) => return Err(unexpected(&other, command)),
+        None => None,
+    })
+}
+
+fn bench(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
+    let mut bench = Bench::default();
+    while let Some(word) = parser.next()? {
+        match word {
+            Long("config") => bench.config = Some(parser.value()?.into()),
+            Long("source") => bench.source = Some(parser.value()?.string()?),
+            Long("frames") => bench.frames = Some(parser.value()?.parse()?),
+            other => return Err(unexpected(&other, "bench")),
+        }
+    }
+    Ok(Command::Bench(bench))
 }
 
 fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
@@ -213,8 +276,7 @@ fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
             Long("require-device") => run.require_device = true,
             Long("quiet") | Short('q') => run.talk = Talk::Less,
             Long("verbose") | Short('v') => run.talk = Talk::More,
-            Long("help") => return Ok(Command::Help),
-            other => return Err(other.unexpected().into()),
+            other => return Err(unexpected(&other, "run")),
         }
     }
     Ok(Command::Run(run))
@@ -262,7 +324,25 @@ mod tests {
             Command::SendTest(Some("a.toml".into()))
         );
         assert_eq!(words("--version").unwrap(), Command::Version);
-        assert_eq!(words("").unwrap(), Command::Help);
+        assert_eq!(words("").unwrap(), Command::Help(None));
+        assert_eq!(words("run --help").unwrap(), Command::Help(Some("run")));
+    }
+
+    #[test]
+    fn help_of_a_command_is_about_that_command() {
+        assert_eq!(help(None), HELP);
+        let run = help(Some("run"));
+        assert!(run.starts_with("mien run            [--config FILE]"));
+        assert!(run.contains("[-q|-v]\n\n--source S") && run.contains("furnished, mixed\n--csv"));
+        assert!(!run.contains("doctor") && run.contains("\nWithout --config:"));
+        let devices = help(Some("devices"));
+        assert!(
+            !devices.contains("--") && devices.lines().count() == 3,
+            "{devices}"
+        );
+        for (scene, _) in crate::simulator::virtual_head::Scene::NAMES {
+            assert!(HELP.contains(scene) || *scene == "moods", "{scene}");
+        }
     }
 
     #[test]
@@ -285,6 +365,8 @@ mod tests {
     fn wrong_words_say_what_was_wrong() {
         for (line, part) in [
             ("fly", "unknown command \"fly\""),
+            ("rnu", "unknown command \"rnu\" (did you mean run?)"),
+            ("run --sorce x", "--sorce (did you mean --source?)"),
             ("run --frames many", "many"),
             ("run --frames", "--frames"),
             ("run --wings", "--wings"),

@@ -58,10 +58,11 @@ impl Lines {
     }
 }
 
-/// The lines, and whether none of them is a FAIL. `config` as for a run.
+/// The lines, and the exit code: 0, 2 if the configuration is at fault, else 1 if anything fails. `config` as for a run.
 #[must_use]
-pub fn report(config: Option<&Path>) -> (String, bool) {
+pub fn report(config: Option<&Path>) -> (String, u8) {
     let mut lines = Lines::default();
+    let mut configured = true;
     let settings = match service::settings(config) {
         Ok(settings) => {
             lines.say(
@@ -72,6 +73,7 @@ pub fn report(config: Option<&Path>) -> (String, bool) {
             settings
         }
         Err(problem) => {
+            configured = false;
             lines.say(Verdict::Fail, "configuration", problem);
             Settings::default()
         }
@@ -92,11 +94,17 @@ pub fn report(config: Option<&Path>) -> (String, bool) {
     }
     serial(&mut lines, &settings.serial.port);
     if let Err(problem) = wires::check(&settings) {
+        configured = false;
         lines.say(Verdict::Fail, "outputs", problem);
     }
     targets(&mut lines, &settings);
     status(&mut lines, Path::new(&settings.status.path));
-    (lines.text, !lines.failed)
+    let code = if configured {
+        u8::from(lines.failed)
+    } else {
+        2
+    };
+    (lines.text, code)
 }
 
 fn read_number(path: &str) -> Option<u32> {
@@ -227,8 +235,8 @@ mod tests {
         let status = folder.path().join("status.json");
         let text = format!("[sensor]\nsource = \"simulated\"\n[status]\npath = {status:?}\n");
         std::fs::write(&config, text).unwrap();
-        let (text, sound) = report(Some(&config));
-        assert!(sound, "{text}");
+        let (text, code) = report(Some(&config));
+        assert_eq!(code, 0, "{text}");
         assert_eq!(verdicts(&text).len(), 6, "{text}");
         assert!(verdicts(&text).iter().all(|word| *word == "OK  "), "{text}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -242,8 +250,8 @@ mod tests {
                     [serial]\nport = \"/dev/nowhere\"\n[osc]\ntarget = \"nowhere.invalid:9130\"\n\
                     [status]\npath = \"/nowhere/status.json\"\n";
         std::fs::write(&config, text).unwrap();
-        let (text, sound) = report(Some(&config));
-        assert!(!sound);
+        let (text, code) = report(Some(&config));
+        assert_eq!(code, 1);
         let expected = ["OK  ", "FAIL", "OK  ", "WARN", "WARN", "WARN"];
         assert_eq!(verdicts(&text), expected, "{text}");
         for remedy in [
@@ -255,9 +263,9 @@ mod tests {
             assert!(text.contains(remedy), "{remedy}: {text}");
         }
         std::fs::write(&config, "[osc]\nnonsense = 1\n").unwrap();
-        let (text, sound) = report(Some(&config));
+        let (text, code) = report(Some(&config));
         assert!(
-            !sound && text.starts_with("FAIL  configuration: "),
+            code == 2 && text.starts_with("FAIL  configuration: "),
             "{text}"
         );
     }

@@ -1,7 +1,8 @@
-//! Log lines on standard error, one per event, with the journal's priority in front: `<4>message key=value`.
+//! Log lines on standard error, one per event, `message key=value`; under a service manager with the journal's priority in
+//! front: `<4>message`.
 //!
 //! It has its own subscriber because the usual one brings formatting, time zones and regular expressions that the box does not
-//! need: journald adds the time, and the configuration holds the level. On a terminal the priority is omitted.
+//! need: journald adds the time, and the configuration holds the level.
 //!
 //! Logging never blocks: a line for which there is no room is dropped, and the next one says how many were. External text
 //! (names of devices and files) cannot end a line or move a terminal's cursor. What happens over and over cannot fill the log:
@@ -76,6 +77,7 @@ impl<Place: PartialEq> Limits<Place> {
 struct Lines {
     level: Level,
     terminal: bool,
+    journal: bool,
     /// `None` if standard error is closed.
     error: Option<Pipe>,
     /// Lines dropped since the last one.
@@ -101,6 +103,8 @@ pub fn start(level: Level) {
     let lines = Lines {
         level,
         terminal: stderr().is_terminal(),
+        // systemd.exec(5)
+        journal: std::env::var_os("JOURNAL_STREAM").is_some(),
         error: Pipe::of(stderr()).ok(),
         left_out: AtomicU32::new(0),
         limits: Mutex::new(Limits(heapless::Vec::new())),
@@ -206,7 +210,7 @@ impl Subscriber for Lines {
         if self.terminal {
             // Over the live line, which comes back below.
             let _ = line.0.push_str(OVER);
-        } else {
+        } else if self.journal {
             let _ = write!(line, "<{}>", priority(*event.metadata().level()));
         }
         let left_out = self.left_out.load(Ordering::Relaxed);

@@ -21,8 +21,8 @@ fn main() -> ExitCode {
         }
     };
     let done = match command {
-        Command::Help => {
-            print!("{}", cli::HELP);
+        Command::Help(of) => {
+            print!("{}", cli::help(of));
             Ok(())
         }
         Command::Version => {
@@ -56,9 +56,9 @@ fn main() -> ExitCode {
             Ok(())
         }
         Command::Doctor(file) => {
-            let (lines, sound) = mien::appliance::doctor::report(file.as_deref());
+            let (lines, code) = mien::appliance::doctor::report(file.as_deref());
             print!("{lines}");
-            return ExitCode::from(u8::from(!sound));
+            return ExitCode::from(code);
         }
         Command::Bench(bench) => {
             mien::appliance::bench::run(&bench, || MEMORY.requests(), &mut std::io::stdout().lock())

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
+use crate::base::nearest_word::hint;
 use crate::base::time::Timestamp;
 use crate::sensor::Frame;
 use crate::sensor::camera::Registration;
@@ -63,6 +64,16 @@ pub enum SourceError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Neither a sensor nor a recording.
+    #[error(
+        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {name}{hint}"
+    )]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// What may have been meant.
+        hint: String,
+    },
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
@@ -95,6 +106,12 @@ impl Source {
     /// # Errors
     /// If it cannot be opened.
     pub fn recording(directory: &Path) -> Result<Self, SourceError> {
+        let name = directory.to_string_lossy();
+        let hint = hint(&name, ["kinect", "simulated"]);
+        if !hint.is_empty() && !directory.exists() {
+            let name = name.into_owned();
+            return Err(SourceError::Unknown { name, hint });
+        }
         Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 

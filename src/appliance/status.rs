@@ -8,11 +8,12 @@
 
 use std::fmt::Write as _;
 use std::fs::{Metadata, Permissions};
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::appliance::settings::StatusSettings;
 use crate::base::capacity::{UNITS, USERS};
 use crate::base::defaults;
 use crate::base::json::Quoted;
@@ -331,10 +332,14 @@ impl Files {
                 self.left[file] = Some(mark);
             }
             Err(error) if !self.told => {
-                tracing::info!(
-                    "{} is not written: {error}; set status.path to another place",
-                    path.display()
-                );
+                // Only the service makes that folder: elsewhere nobody asked for the file.
+                let unasked = path.to_str() == Some(StatusSettings::default().path.as_str());
+                if !(unasked && error.kind() == ErrorKind::NotFound) {
+                    tracing::info!(
+                        "{} is not written: {error}; set status.path to another place",
+                        path.display()
+                    );
+                }
                 self.told = true;
             }
             Err(_) => {}

@@ -10,6 +10,8 @@ pub mod geometry;
 pub(crate) mod insertion_sort;
 #[cfg(feature = "std")]
 pub(crate) mod json;
+#[cfg(feature = "std")]
+pub(crate) mod nearest_word;
 pub mod one_euro;
 #[cfg(not(feature = "std"))]
 pub(crate) mod prelude;

@@ -47,6 +47,8 @@ defaults! {
         pub targets: Vec<String> = vec!["127.0.0.1:11111".to_owned()],
         /// Subject name in Unreal; empty = the name of the box.
         pub subject: String = String::new(),
+        /// Whether shapes that are not measured follow what they go with.
+        pub derived: bool = true,
         /// Names, gains and mirroring of the units.
         pub view: View = View::default(),
         /// What is sent when a face is lost.

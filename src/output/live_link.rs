@@ -15,7 +15,7 @@
 //! One file: most of it is the list of names.
 
 use super::features::LiveLinkSettings;
-use super::osc::parameters::{Parameter, Rig};
+use super::osc::parameters::Parameter;
 use super::osc::{Targets, udp};
 use super::{OneFace, Output, OutputError, Report, Tally, View, identity};
 use crate::base::geometry::yaw_pitch_roll;
@@ -171,7 +171,7 @@ pub struct LiveLink {
     view: View,
     device: [u8; 36],
     subject: String,
-    /// Measured shapes, with their index.
+    /// Shapes that are sent, with their index.
     shapes: Box<[(usize, Parameter)]>,
     /// Yaw, pitch and roll of the head when last seen.
     turn: [f32; 3],
@@ -195,7 +195,7 @@ impl LiveLink {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
             Some((SHAPES.iter().position(same)?, parameter))
         };
-        let shapes = Parameter::of_rig(Rig::Arkit, units).into_iter();
+        let shapes = Parameter::of_arkit(settings.derived, units).into_iter();
         let mut subject = if settings.subject.is_empty() {
             name.clone()
         } else {
@@ -396,7 +396,7 @@ mod tests {
         let units = crate::expression::units::Units::shipped();
         let columns = units.columns(false);
         let units: Vec<&str> = columns.iter().map(|name| name.as_str()).collect();
-        for parameter in Parameter::of_rig(Rig::Arkit, &units) {
+        for parameter in Parameter::of_arkit(true, &units) {
             let same = |shape: &&str| shape.eq_ignore_ascii_case(&parameter.name);
             assert!(SHAPES.iter().any(same), "{}", parameter.name);
         }

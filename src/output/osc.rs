@@ -82,7 +82,7 @@ defaults! {
         /// Whether learned ranges are sent.
         pub ranges: bool = false,
         /// Whether commands are accepted.
-        pub commands: bool = false,
+        pub commands: bool = true,
         /// Where commands are received, `address:port`.
         pub listen: String = "127.0.0.1:9131".to_owned(),
         /// Names, gains and mirroring of the units.

@@ -6,6 +6,7 @@
 
 use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
 use super::virtual_kinect::{STEP, View, VirtualKinect};
+use crate::base::nearest_word::hint;
 use crate::sensor::camera::Registration;
 use crate::sensor::device::Model;
 use crate::sensor::kinect::{Kinect, Settings, develop};
@@ -41,7 +42,7 @@ impl View for Drawn {
 
 /// There is no scene of that name.
 #[derive(Debug, thiserror::Error)]
-#[error("simulated scene is {name:?}, expected one of {}", scene_names())]
+#[error("expected one of the scenes {}, found {name}{}", scene_names(), hint(name, Scene::NAMES.iter().map(|s| s.0)))]
 pub struct UnknownScene {
     /// What was asked for.
     pub name: String,

@@ -404,7 +404,7 @@ fn vmc_moves_an_avatar() {
         .iter()
         .map(|message| message.addr.as_str())
         .collect();
-    let vals = ["/VMC/Ext/Blend/Val"; 5];
+    let vals = ["/VMC/Ext/Blend/Val"; 11];
     let frame = [
         "/VMC/Ext/OK",
         "/VMC/Ext/T",
@@ -438,6 +438,13 @@ fn vmc_moves_an_avatar() {
             shape("jawOpen", 0.25),
             shape("mouthSmileLeft", 1.0),
             shape("mouthSmileRight", 0.0),
+            // Not measured: the cheek goes with the smile, lips over a jaw without AU25 stay together.
+            shape("cheekSquintLeft", 0.7),
+            shape("cheekSquintRight", 0.0),
+            shape("eyeSquintLeft", 0.3),
+            shape("eyeSquintRight", 0.0),
+            shape("mouthClose", 0.25),
+            shape("tongueOut", 0.0),
         ]
     );
     drop(vmc);
@@ -461,6 +468,7 @@ fn vmc_with_everything_measured_applies_once_and_last() {
         vmc::Settings {
             targets,
             role,
+            derived: false,
             ..vmc::Settings::default()
         },
         &names,

@@ -37,6 +37,17 @@ ARKIT = {
 ARKIT = {name: (lambda w, unit=unit: w[unit]) for name, unit in ARKIT.items()}
 ARKIT["browInnerUp"] = lambda w: max(w["AU1L"], w["AU1R"])
 ARKIT["cheekPuff"] = lambda w: max(w["AU34L"], w["AU34R"])
+# What is not measured, from what it goes with.
+for side in "LR":
+    name = {"L": "Left", "R": "Right"}[side]
+    ARKIT |= {
+        "cheekSquint" + name: lambda w, s=side: 0.7 * w["AU12" + s] + 0.3 * w["AU9" + s],
+        "eyeSquint" + name: lambda w, s=side: 0.3 * w["AU12" + s] + 0.4 * w["AU9" + s] + 0.3 * w["AU4" + s],
+        "mouth" + name: lambda w, s=side: 0.4 * w["AU30" + s],
+        "mouthLowerDown" + name: lambda w, s=side: 0.5 * w["AU25"] - 0.5 * w["AU26"] + 0.3 * w["AU9" + s],
+        "mouthPress" + name: lambda w: 0.5 * w["AU17"] + 0.3 * w["AU28"],
+    }
+ARKIT |= {"mouthClose": lambda w: w["AU26"] - w["AU25"], "mouthShrugUpper": lambda w: 0.5 * w["AU17"], "tongueOut": lambda w: 0.0}
 VRM1 = {
     "aa": lambda w: w["AU26"] - w["AU18"] - 0.5 * w["AU20"], "ih": lambda w: w["AU20"] - w["AU26"],
     "ou": lambda w: w["AU18"] - 0.5 * w["AU26"], "ee": lambda w: 0.5 * w["AU20"] + 0.5 * w["AU25"] - w["AU18"],
@@ -196,7 +207,18 @@ def check_vmc(messages, rows, units, options):
     if options["role"] == "performer":
         checked += same("OK", of("/OK"), [[1, 3, 0, int(row.present)] for row in rows] + [[1, 3, 0, 0]])
         checked += same("T", of("/T"), [[row.seconds] for row in [*rows, rows[-1]]], 1e-5)
-        checked += same("Bone", of("/Bone/Pos"), [["Head", 0.0, 0.0, 0.0, *pose[3:]] for pose in poses])
+        bones = of("/Bone/Pos")
+        heads = [bone for bone in bones if bone[0] == "Head"]
+        checked += same("Bone", heads, [["Head", 0.0, 0.0, 0.0, *pose[3:]] for pose in poses])
+        # Yaw, then pitch, half of 30 degrees at most: to the subject's left and up.
+        halves = [[-(row.shown[a] - row.shown[b]) * math.pi / 12 for a, b in (("AU61", "AU62"), ("AU63", "AU64"))] for row in rows]
+        turns = [
+            [math.cos(yaw) * math.sin(pitch), math.sin(yaw) * math.cos(pitch), -math.sin(yaw) * math.sin(pitch),
+             math.cos(yaw) * math.cos(pitch)] for yaw, pitch in [*halves, (0.0, 0.0)]
+        ]
+        for eye in ("LeftEye", "RightEye"):
+            turned = [bone for bone in bones if bone[0] == eye]
+            checked += same(eye, turned, [[eye, 0.0, 0.0, 0.0, *turn] for turn in turns], 1e-5)
         checked += same("Root", of("/Root/Pos"), [["root", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * frames)
     else:
         expected = [["Head", *(-x for x in pose[:3]), *pose[3:]] for pose in poses]

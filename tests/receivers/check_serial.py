@@ -1,12 +1,14 @@
 """Serial output of a real run: an emulated Arduino Uno that must tell good frames from damaged ones and drive the right
 value, and ports that are plugged, unplugged, stuck and joined late, as a pseudo-terminal and behind a socket.
 
-check_serial.py MIEN [BOARD COBS.elf TEXT.elf UNIT]      BOARD runs a firmware; UNIT is the weight that it prints
+check_serial.py MIEN [BOARD RECEIVER UNIT SERVOS]      BOARD runs a firmware; UNIT is the weight that RECEIVER prints
 """
 import json
 import os
+import pathlib
 import pty
 import random
+import re
 import select
 import socket
 import subprocess
@@ -212,6 +214,32 @@ def check_uno(mien, board, firmware, style, unit):
     assert span > 30, "the unit did not move"
 
 
+def check_servos(mien, board, firmware):
+    """The README's configuration moves each servo of the README's sketch, and they rest when it ends."""
+    readme = pathlib.Path(__file__).parents[2] / "README.md"
+    config = re.search(r"printf '(\[serial\].*?)' > maker.toml", readme.read_text())[1].replace("\\n", "\n")
+    port = Terminal()
+    port.plug()
+    uno = subprocess.Popen([board, firmware, "115200"], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def between(process):
+        while process.poll() is None or select.select([port.ours], [], [], 0)[0]:
+            uno.stdin.write(port.read(0.1))
+            uno.stdin.flush()
+
+    time.sleep(0.3)
+    config = "[osc]\nenabled = false\n" + re.sub('port = ".*?"', f"port = {json.dumps(port.path)}", config)
+    session.run(mien, config, ["--source", "simulated:acted", "--frames", "1200"], between)
+    told = [line.split() for line in uno.communicate()[0].decode().splitlines()]
+    angles = {}
+    for pin, angle in (words for words in told if len(words) == 2):
+        angles.setdefault(int(pin), []).append(int(angle))
+    spans = {pin: max(told) - min(told) for pin, told in angles.items()}
+    print(f"   uno, servos on the README's configuration: degrees by pin {spans}")
+    assert sorted(spans) == [3, 5, 6, 9, 10, 11] and min(spans.values()) >= 10, spans
+    assert all(told[0] == told[-1] for told in angles.values()), "not at rest in the end"
+
+
 def check_port(mien, style, port):
     """Plugged in late, joined in the middle, not read for seconds, unplugged, plugged in again."""
     phases = []
@@ -268,8 +296,9 @@ def check_port(mien, style, port):
 def main():
     mien, *rest = sys.argv[1:]
     if rest:
-        board, cobs, text, unit = rest
-        for style, firmware in (("cobs", cobs), ("text", text)):
+        board, firmware, unit, servos = rest
+        check_servos(mien, board, servos)
+        for style in ("cobs", "text"):
             check_uno(mien, board, firmware, style, int(unit))
     problems = []
 

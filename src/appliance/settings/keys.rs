@@ -105,6 +105,7 @@ impl Number<'_> {
 const ENABLED: &str = "Whether this output is enabled.";
 const SERVES: &str = "Whether this server is enabled.";
 const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
+const DERIVED: &str = "Whether shapes of ARKit that are not measured follow what they go with, such as raised cheeks a smile.";
 const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
 const HOLD: &str = "How long the last weights of a lost face are held.";
 const DECAY: &str = "How long they then take to fade to neutral.";
@@ -229,6 +230,8 @@ sections! { s
             choice(&mut s.vmc.role, &[("performer", Role::Performer), ("assistant", Role::Assistant)]);
         names: "Names of the blend shapes: ARKit's, VRM avatars', or the units' own." =>
             choice(&mut s.vmc.names, &[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]);
+        derived: DERIVED => flag(&mut s.vmc.derived);
+        eyes: "Whether the gaze turns the bones of the eyes." => flag(&mut s.vmc.eyes);
         mirror: MIRROR => flag(&mut s.vmc.view.mirror);
         hold_s: HOLD => seconds(&mut s.vmc.loss.hold_s);
         decay_s: DECAY => seconds(&mut s.vmc.loss.decay_s);
@@ -297,6 +300,7 @@ sections! { s
         target: TARGET => targets(&mut s.network.live_link.targets);
         subject: "Subject name in Unreal; empty = the name of the box." =>
             text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
+        derived: DERIVED => flag(&mut s.network.live_link.derived);
         mirror: MIRROR => flag(&mut s.network.live_link.view.mirror);
         hold_s: HOLD => seconds(&mut s.network.live_link.loss.hold_s);
         decay_s: DECAY => seconds(&mut s.network.live_link.loss.decay_s);

@@ -22,6 +22,7 @@ use keys::{Kind, SECTIONS, UNITS};
 use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
+use crate::base::nearest_word::hint;
 
 /// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
@@ -110,7 +111,8 @@ impl Settings {
             let Some(known) = SECTIONS.iter().find(|known| known.name == name) else {
                 let names: Vec<&str> = SECTIONS.iter().map(|known| known.name).collect();
                 let expected = format!("one of the sections {}", names.join(", "));
-                return Err(wrong(start, expected, name.into()));
+                let found = format!("{name}{}", hint(name, names));
+                return Err(wrong(start, expected, found));
             };
             let Some(table) = value.get_ref().as_table() else {
                 let expected = format!("a section [{name}]");
@@ -128,7 +130,8 @@ impl Settings {
                 let Some(row) = known.keys.iter().find(|row| row.name == key.get_ref()) else {
                     let names: Vec<&str> = known.keys.iter().map(|row| row.name).collect();
                     let expected = format!("one of the keys {} in [{name}]", names.join(", "));
-                    return Err(wrong(key.span().start, expected, key.get_ref().to_string()));
+                    let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
+                    return Err(wrong(key.span().start, expected, found));
                 };
                 let path = format!("{name}.{}", row.name);
                 assign((row.kind)(&mut settings), &path, value.get_ref())
@@ -318,7 +321,10 @@ mod tests {
             message.starts_with("a.toml:2:1: expected one of the keys most, single, hold_s, forget_s, remember_s in [users]"),
             "{message}"
         );
-        assert!(message.ends_with("found hold"), "{message}");
+        assert!(
+            message.ends_with("found hold (did you mean hold_s?)"),
+            "{message}"
+        );
     }
 
     #[test]

@@ -21,12 +21,15 @@ pub(in crate::output) enum Rig {
     Vrm0,
     /// Expressions of VRM 1.
     Vrm1,
+    /// What of ARKit's shapes is not measured follows what it goes with.
+    Derived,
 }
 
 impl Rig {
     fn section(self) -> &'static str {
         match self {
             Self::Arkit => "arkit",
+            Self::Derived => "derived",
             Self::Unified => "unified",
             Self::Vrm0 => "vrm0",
             Self::Vrm1 => "vrm1",
@@ -112,6 +115,22 @@ impl Parameter {
     /// The parameters of a rig for which there are units, by name.
     pub(in crate::output) fn of_rig(rig: Rig, units: &[&str]) -> Box<[Self]> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
+    }
+
+    /// ARKit's shapes: those that are measured, and if asked for those that are derived too.
+    pub(in crate::output) fn of_arkit(derived: bool, units: &[&str]) -> Box<[Self]> {
+        let mut shapes = Self::of_rig(Rig::Arkit, units).into_vec();
+        if derived {
+            let others = Self::of_rig(Rig::Derived, units).into_iter();
+            let known: Vec<_> = shapes.iter().map(|shape| shape.name.clone()).collect();
+            shapes.extend(others.filter(|other| !known.contains(&other.name)));
+        }
+        shapes.into()
+    }
+
+    /// A sum of units, if the first of them is there.
+    pub(in crate::output) fn of_sum(sum: &str, units: &[&str]) -> Option<Self> {
+        Self::resolve("", &Sum::read(sum)?, units)
     }
 
     fn read(text: &str, rig: Rig, units: &[&str]) -> Result<Box<[Self]>, RigError> {
@@ -216,7 +235,7 @@ mod tests {
         let table: BTreeMap<String, BTreeMap<String, String>> =
             toml::from_str(SHIPPED).expect("TOML");
         let sections: Vec<&str> = table.keys().map(String::as_str).collect();
-        assert_eq!(sections, ["arkit", "unified", "vrm0", "vrm1"]);
+        assert_eq!(sections, ["arkit", "derived", "unified", "vrm0", "vrm1"]);
         assert_eq!(table["arkit"].len(), 52);
         for (name, text) in table.values().flatten() {
             let sum = Sum::read(text).unwrap_or_else(|| panic!("{name}: {text}"));
@@ -225,8 +244,12 @@ mod tests {
                 assert!(digits.parse().is_ok_and(|n: u8| n <= 64), "{name}: {unit}");
             }
         }
-        // Every unit that we emit reaches ARKit's names.
+        // Every unit that we emit reaches ARKit's names, and all of these are sent.
         let shipped = crate::expression::units::Units::shipped();
+        let columns = shipped.columns(false);
+        let units: Vec<&str> = columns.iter().map(|unit| unit.as_str()).collect();
+        let sent = |derived| Parameter::of_arkit(derived, &units).len();
+        assert_eq!((sent(false), sent(true)), (39, 52));
         for unit in shipped.columns(false) {
             let reached = Parameter::of_rig(Rig::Arkit, &[unit.as_str()]);
             assert!(!reached.is_empty() || unit == "AU25", "{unit}");

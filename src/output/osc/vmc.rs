@@ -1,8 +1,8 @@
 //! OSC preset `vmc`: the Virtual Motion Capture protocol, for avatars.
 //!
-//! As performer (default, to a marionette at port 39539): availability, time, root, the bone `Head`, blend shapes. As assistant
+//! As performer (default, to a marionette at port 39539): availability, time, root, the bones of head and eyes, blend shapes. As assistant
 //! (to a performer at port 39540): blend shapes, and the head as a tracker. Blend shapes have the names of ARKit, of VRM 0 or
-//! VRM 1 (`config/rigs.toml`), or the units' own; only those that are measured are sent. `Apply` closes the frame, in the last
+//! VRM 1 (`config/rigs.toml`), or the units' own; those that are not measured are derived, or left out. `Apply` closes the frame, in the last
 //! datagram. `OK` tells whether a face is tracked (version 2.7 of the protocol).
 //!
 //! Coordinates are Unity's: left-handed, y up, z forward of the avatar. Ours, mirrored in all three axes (x to the
@@ -57,6 +57,10 @@ defaults! {
         pub role: Role = Role::default(),
         /// Naming scheme of the blend shapes.
         pub names: Names = Names::default(),
+        /// Whether ARKit's shapes that are not measured follow what they go with.
+        pub derived: bool = true,
+        /// Whether the gaze turns the bones of the eyes.
+        pub eyes: bool = true,
         /// Names, gains and mirroring of the units.
         pub view: View = View::default(),
         /// What is sent when a face is lost.
@@ -71,6 +75,8 @@ pub struct Vmc {
     view: View,
     face: OneFace,
     shapes: Box<[Parameter]>,
+    /// Gaze to the subject's left and up; none if it is not measured or not wanted.
+    gaze: Option<[Parameter; 2]>,
     /// Time of the last frame.
     seconds: f32,
 }
@@ -90,17 +96,21 @@ impl Vmc {
     #[must_use]
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
-            Names::Arkit => Parameter::of_rig(Rig::Arkit, units),
+            Names::Arkit => Parameter::of_arkit(settings.derived, units),
             Names::Vrm0 => Parameter::of_rig(Rig::Vrm0, units),
             Names::Vrm1 => Parameter::of_rig(Rig::Vrm1, units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
+        let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum(sum, units));
+        let [left, up] = gaze;
+        let gaze = left.zip(up).map(|(left, up)| [left, up]);
         Self {
             wire: Wire::new(targets, "/VMC/Ext".to_owned()),
             role: settings.role,
             face: OneFace::new(units, &settings.view, settings.loss),
             view: settings.view,
             shapes,
+            gaze: gaze.filter(|_| settings.eyes && settings.role == Role::Performer),
             seconds: 0.0,
         }
     }
@@ -138,6 +148,15 @@ impl Vmc {
                 ),
             }
         }
+        if let Some(gaze) = &self.gaze {
+            let turn = eye_turn(
+                gaze.each_ref()
+                    .map(|way| way.value(self.face.weights.shown())),
+            );
+            for eye in ["LeftEye", "RightEye"] {
+                wire.message(format_args!("/Bone/Pos"), placed(eye, [0.0; 3], turn));
+            }
+        }
         for shape in &self.shapes {
             let value = shape.value(self.face.weights.shown()).max(0.0);
             let arguments = [Argument::Text(&shape.name), Argument::Float(value)];
@@ -146,6 +165,16 @@ impl Vmc {
         wire.message(format_args!("/Blend/Apply"), core::iter::empty());
         wire.flush();
     }
+}
+
+/// Rotation of an eye in its head, x, y, z, w: gaze of 0…1 to the subject's left and up, 30° at full weight as in Live Link.
+fn eye_turn(gaze: [f32; 2]) -> [f32; 4] {
+    let [yaw, pitch] = gaze.map(|share| -0.5 * share * core::f32::consts::FRAC_PI_6);
+    let ((sy, cy), (sx, cx)) = (
+        num_traits::Float::sin_cos(yaw),
+        num_traits::Float::sin_cos(pitch),
+    );
+    [cy * sx, sy * cx, -sy * sx, cy * cx]
 }
 
 /// A name, a position and a rotation.
@@ -186,5 +215,30 @@ impl Drop for Vmc {
         }
         self.face.weights.reset();
         self.send_frame(false, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::geometry::Vector;
+    use nalgebra::{Quaternion, UnitQuaternion};
+
+    #[test]
+    fn eyes_turn_to_where_they_look() {
+        let looks = |gaze| {
+            let [x, y, z, w] = eye_turn(gaze);
+            UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)) * -Vector::z()
+        };
+        // x to the subject's left, y down, z into the head.
+        for (gaze, towards) in [
+            ([0.0, 0.0], [0.0, 0.0, -1.0]),
+            ([1.0, 0.0], [0.5, 0.0, -0.75_f32.sqrt()]),
+            ([0.0, 1.0], [0.0, -0.5, -0.75_f32.sqrt()]),
+            ([-1.0, -1.0], [-0.433, 0.5, -0.75]),
+        ] {
+            let off = looks(gaze) - Vector::from(towards);
+            assert!(off.norm() < 1e-3, "{gaze:?}: {:?}", looks(gaze));
+        }
     }
 }

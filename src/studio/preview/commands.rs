@@ -107,7 +107,7 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     // Commands are not answered; where nobody listens, the system says so.
     match socket.recv(&mut [0]) {
         Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => Err(format!(
-            "nothing accepts commands at {to}: put commands = true and listen = \"0.0.0.0:{}\" under [osc] in the box's configuration",
+            "nothing accepts commands at {to}: is mien running there? On another machine it needs listen = \"0.0.0.0:{}\" under [osc]",
             to.port()
         )),
         _ => Ok(()),
@@ -162,7 +162,7 @@ mod tests {
         let said = Obeys::Box(Some(gone))
             .obey(Command::Forget(0), None)
             .unwrap_err();
-        assert!(said.contains("commands = true"), "{said}");
+        assert!(said.contains("is mien running there?"), "{said}");
         assert!(
             Obeys::Box(None)
                 .obey(Command::Forget(0), None)

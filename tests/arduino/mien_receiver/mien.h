@@ -1,7 +1,7 @@
-/* Reads what mien writes to a serial port: style "cobs" (binary frames with CRC) or "text" (lines with a checksum).
- * Plain C++, no library: any board, any compiler. Call feed() with every byte; it returns true when a whole frame that
- * checks has come in, which then stands in the fields. It may start listening in the middle of a stream, and what was
- * damaged on the line is dropped and counted. Memory: about 90 bytes and one for each unit.
+/* Reads what mien writes to a serial port: style "text" (lines with a checksum) or "cobs" (binary frames with CRC), whichever
+ * comes. Plain C++, no library: any board, any compiler. Call Reader::feed() with every byte; it returns true when a whole frame
+ * that checks has come in, which then stands in the fields. It may start listening in the middle of a stream, and what was
+ * damaged on the line is dropped and counted. Memory: about 400 bytes; half of it with TextReader or CobsReader alone.
  */
 #pragma once
 #include <stdint.h>
@@ -186,6 +186,23 @@ class TextReader : public Frame {
   uint8_t sum_, field_, name_;
   uint8_t digits_; /* 1 behind a point, 2 behind its digit */
   At at_;
+};
+
+/** Either style. `full` is what the configuration calls serial.full. */
+class Reader : public Frame {
+ public:
+  explicit Reader(uint16_t full = 100) : Frame(), text_(full) {}
+
+  bool feed(uint8_t byte) {
+    bool text = text_.feed(byte), cobs = cobs_.feed(byte);
+    if (text) static_cast<Frame&>(*this) = text_;
+    if (cobs) static_cast<Frame&>(*this) = cobs_;
+    return text || cobs;
+  }
+
+ private:
+  TextReader text_;
+  CobsReader cobs_;
 };
 
 }  // namespace mien

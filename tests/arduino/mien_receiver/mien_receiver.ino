@@ -1,18 +1,11 @@
-/* Drives a LED or a servo from a face: AVR boards (Uno, Nano, Mega), ESP32, anything with the Arduino core.
+/* Drives a LED or a motor from a face: AVR boards (Uno, Nano, Mega), ESP32, anything with the Arduino core.
  *
- * 1. In mien's configuration: [serial] port = "/dev/serial/by-id/...", style = "cobs" (or "text"), baud = 115200.
- * 2. Choose the unit below. Its place is that in the line "$AUH,..." of the style "text", or in `mien print-config`.
+ * 1. In mien's configuration: [serial] port = "/dev/serial/by-id/...", units = ["AU26"]; any style, baud = 115200.
+ * 2. Choose the unit below: its place in `units`, from 0.
  * 3. Upload, and close the serial monitor: the port is mien's.
  */
 #include "mien.h"
 
-/* 0: style "cobs"; 1: style "text" with serial.full = MIEN_FULL. */
-#ifndef MIEN_TEXT
-#define MIEN_TEXT 0
-#endif
-#ifndef MIEN_FULL
-#define MIEN_FULL 100
-#endif
 /* Which weight drives the pin. */
 #ifndef MIEN_UNIT
 #define MIEN_UNIT 0
@@ -23,12 +16,11 @@
 #endif
 
 const int PIN = 9;  /* one that can do PWM */
+/* With nothing heard for so long the pin goes to rest. */
+const unsigned long SILENCE_MS = 1000;
 
-#if MIEN_TEXT
-mien::TextReader face(MIEN_FULL);
-#else
-mien::CobsReader face;
-#endif
+mien::Reader face;
+unsigned long heard = 0;
 
 void setup() {
 #ifdef ESP32
@@ -41,6 +33,7 @@ void setup() {
 void loop() {
   while (Serial.available()) {
     if (!face.feed(Serial.read())) continue;
+    heard = millis();
     bool somebody = face.state != mien::ABSENT && face.count > MIEN_UNIT;
     int value = somebody ? face.weights[MIEN_UNIT] : 0;
     analogWrite(PIN, value);
@@ -54,4 +47,5 @@ void loop() {
     Serial.println(face.rejected);
 #endif
   }
+  if (millis() - heard > SILENCE_MS) analogWrite(PIN, 0);
 }

@@ -3,7 +3,6 @@
  * 1. In mien's configuration:
  *      [serial]
  *      port = "/dev/serial/by-id/..."
- *      style = "cobs"
  *      units = ["AU26", "AU12L", "AU12R", "AU1L", "AU1R", "AU43L"]
  *    The order of `units` is the order of the joints below.
  * 2. Power the servos from their own 5 V supply, grounds joined; set each joint's rest and full angle before linkages go on.
@@ -29,7 +28,7 @@ const uint8_t COUNT = sizeof(JOINTS) / sizeof(JOINTS[0]);
 /* With nothing heard for so long the face goes to rest. */
 const unsigned long SILENCE_MS = 1000;
 
-mien::CobsReader face;
+mien::Reader face;
 Servo servos[COUNT];
 unsigned long heard = 0;
 

@@ -58,7 +58,25 @@ void analogWrite(int, int value) {
   OCR1A = value;
 }
 
+/* Timer 0 counts milliseconds: 16 MHz / 64 / 250. */
+static volatile unsigned long milliseconds;
+
+ISR(TIMER0_COMPA_vect) { milliseconds++; }
+
+unsigned long millis() {
+  uint8_t status = SREG;
+  cli();
+  unsigned long now = milliseconds;
+  SREG = status;
+  return now;
+}
+
 int main() {
+  TCCR0A = _BV(WGM01);
+  TCCR0B = _BV(CS01) | _BV(CS00);
+  OCR0A = 249;
+  TIMSK0 = _BV(OCIE0A);
+  sei();
   setup();
   for (;;) loop();
 }

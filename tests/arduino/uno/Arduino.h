@@ -7,6 +7,7 @@
 
 void pinMode(int pin, int mode);
 void analogWrite(int pin, int value);
+unsigned long millis();
 
 /* The serial port with a ring of 64 bytes filled by the interrupt, as in the Arduino core. What finds it full is lost. */
 class SerialPort {
