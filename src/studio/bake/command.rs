@@ -197,6 +197,22 @@ fn baked(request: &Request, head: &Head, targets: &[Target]) -> Result<Vec<Shape
     Ok(shapes)
 }
 
+/// What was read, and what will not open.
+fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &str)) {
+    println!(
+        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
+        request.mesh.display(),
+        mesh.positions.len(),
+        mesh.faces(),
+        head.eye_distance * metres * 1e3
+    );
+    if head.lips_are_joined() {
+        println!(
+            "lips joined: skin spans the mouth and will stretch as it opens; cut the mesh along the lip line for a mouth that opens"
+        );
+    }
+}
+
 /// Bakes what the request asks for and writes it; prints one line per step.
 ///
 /// # Errors
@@ -211,18 +227,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let numbers = ordered.landmarks(&numbers)?;
     let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
     let (metres, how) = scale(request, &head)?;
-    println!(
-        "{}: {} vertices, {} faces; one unit is {metres} m ({how}), eye corners {:.1} mm apart",
-        request.mesh.display(),
-        source.mesh.positions.len(),
-        source.mesh.faces(),
-        head.eye_distance * metres * 1e3
-    );
-    if head.lips_are_joined() {
-        println!(
-            "lips joined: skin spans the mouth and will stretch as it opens; cut the mesh along the lip line for a mouth that opens"
-        );
-    }
+    say_head(request, &source.mesh, &head, (metres, how));
     let shapes = baked(request, &head, &targets(request, &head, ordered.vertex())?)?;
     let promises = report::promises(&shapes);
     if !promises.is_empty() {
