@@ -5,13 +5,18 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use crate::base::time::Timestamp;
-use crate::sensor::Frame;
-use crate::sensor::camera::Registration;
-use crate::sensor::device::{DeviceError, Stream};
-use crate::sensor::kinect::{self, KinectError};
-use crate::sensor::live_kinect::LiveKinect;
-use crate::sensor::recording::{Recording, RecordingError};
+use crate::sensor::camera::Camera;
+use crate::sensor::kinect::device::{DeviceError, Stream};
+pub use crate::sensor::kinect::driver::{KinectError as SensorError, Settings as SensorSettings};
+use crate::sensor::kinect::frame::Developed;
+pub use crate::sensor::kinect::geometry::nominal;
+use crate::sensor::kinect::live::LiveKinect;
+use crate::sensor::kinect::recording::{Recording, RecordingError};
+use crate::sensor::kinect::registration::Registration;
 use crate::simulator::simulated::{Simulated, UnknownScene};
+
+/// The source unless another is named.
+pub const DEFAULT: &str = "kinect";
 
 /// What the user may name as a source.
 ///
@@ -35,6 +40,17 @@ pub enum SourceName {
     },
     /// The path of a recording's directory.
     Recording(PathBuf),
+}
+
+impl SourceName {
+    /// Whether it is a sensor on USB, and the serial number it must have.
+    #[must_use]
+    pub fn on_usb(&self) -> Option<Option<&str>> {
+        match self {
+            Self::Kinect { serial } => Some(serial.as_deref()),
+            _ => None,
+        }
+    }
 }
 
 impl FromStr for SourceName {
@@ -66,9 +82,12 @@ pub enum SourceError {
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
+    /// No sensor that can be opened, and one was required.
+    #[error(transparent)]
+    Missing(SensorError),
     /// The Kinect has delivered nothing for half a second; retry.
     #[error("waiting for the Kinect: {0}")]
-    Waiting(KinectError),
+    Waiting(SensorError),
 }
 
 /// Where frames come from.
@@ -101,7 +120,7 @@ impl Source {
     /// A Kinect on USB: the one with `serial`, else the first free one. Returns within seconds, when it is open or the first
     /// attempt has failed, with the reason in that case. [`Self::next_frame`] then waits for it.
     #[must_use]
-    pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, Option<KinectError>) {
+    pub fn kinect(serial: Option<&str>, settings: SensorSettings) -> (Self, Option<SensorError>) {
         let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
         let status = live.wait_for_first_attempt(Duration::from_secs(10));
         let problem = (status.openings == 0)
@@ -114,7 +133,7 @@ impl Source {
     /// # Errors
     /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: retry. Other errors are permanent. Damaged frames
     /// are skipped and counted instead.
-    pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
+    pub fn next_frame(&mut self, frame: &mut impl Developed) -> Result<bool, SourceError> {
         match self {
             Self::Recording(recording) => Ok(recording.next_frame(frame)),
             Self::Simulated(simulated) => {
@@ -152,6 +171,29 @@ impl Source {
         }
     }
 
+    /// Geometry of the sensor behind the frames.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        match self {
+            Self::Recording(recording) => recording.camera(),
+            Self::Simulated(simulated) => simulated.camera(),
+            Self::Kinect(live) => live.camera(),
+        }
+    }
+
+    /// Whether a sensor is there that gives frames in its own time.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        matches!(self, Self::Kinect(_))
+    }
+
+    /// Tells the sensor whether a face is tracked, if it can show it.
+    pub fn show_tracking(&self, tracking: bool) {
+        if let Self::Kinect(live) = self {
+            live.show_tracking(tracking);
+        }
+    }
+
     /// Frames skipped so far because they were damaged.
     #[must_use]
     pub fn skipped(&self) -> u64 {
@@ -160,6 +202,42 @@ impl Source {
             Self::Simulated(_) => 0,
             Self::Kinect(live) => live.status().health.streams[Stream::Depth.index()].broken,
         }
+    }
+}
+
+/// What to do when a sensor is requested and none is connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// Play the simulated sensor in its place.
+    Simulate,
+    /// Wait until one is plugged in.
+    Wait,
+    /// Fail.
+    Refuse,
+}
+
+/// Opens a source by name; `settings` are for a sensor on USB.
+///
+/// # Errors
+/// If the source does not exist or cannot be opened.
+pub fn open(name: &str, missing: Missing, settings: SensorSettings) -> Result<Source, SourceError> {
+    let serial = match name.parse().unwrap_or_else(|never| match never {}) {
+        SourceName::Recording(path) => return Source::recording(&path),
+        SourceName::Simulated { scene } => return Source::simulated(scene.as_deref()),
+        SourceName::Kinect { serial } => serial,
+    };
+    let (source, problem) = Source::kinect(serial.as_deref(), settings);
+    match (missing, problem) {
+        (Missing::Refuse, Some(problem)) => Err(SourceError::Missing(problem)),
+        (Missing::Simulate, Some(problem)) => {
+            tracing::warn!("{problem}; using the simulated sensor until mien is started again");
+            Source::simulated(None)
+        }
+        (Missing::Wait, Some(problem)) => {
+            tracing::warn!("waiting for the Kinect: {problem}");
+            Ok(source)
+        }
+        (_, None) => Ok(source),
     }
 }
 

@@ -59,6 +59,7 @@ pub(crate) fn gather(
         block += 1;
     }
     cloud.rect = head.rect();
+    cloud.whole = cloud.rect.is_within(camera.depth_size());
     cloud.centre = centre(&cloud.points);
     cloud.pixels >= MIN_PIXELS
 }
@@ -150,6 +151,7 @@ pub(crate) fn around(
         }
     }
     cloud.rect = rect.unwrap_or_default();
+    cloud.whole = cloud.rect.is_within(camera.depth_size());
     cloud.centre = centre(&cloud.points);
     cloud.pixels >= MIN_PIXELS
 }

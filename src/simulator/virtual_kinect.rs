@@ -12,8 +12,8 @@
 
 use core::time::Duration;
 
-use crate::sensor::camera::Registration;
-use crate::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::registration::Registration;
 
 mod camera;
 mod player;

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::progress::Progress;
 use crate::appliance::source::{Source, SourceError};
-use crate::sensor::Frame;
-use crate::sensor::recording::{Recorder, RecordingError};
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::recording::{Recorder, RecordingError};
 
 /// Frames between two looks at the disk.
 const LOOKED_EVERY: u64 = 15;
@@ -59,7 +59,7 @@ pub fn record(
     stop: &AtomicBool,
 ) -> Result<Recorded, RecordError> {
     let mut recorder = Recorder::create(out, source.registration(), started_unix_s)?;
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let progress = Progress::new("record", (seconds.max(0.0) * 30.0).ceil() as usize);
     let (mut done, mut first) = (Recorded::default(), None);
     while !stop.load(Ordering::Relaxed)

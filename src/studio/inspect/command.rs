@@ -10,7 +10,7 @@ use super::error::InspectError;
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::face_model::{FaceModel, file::MAGIC};
-use crate::sensor::recording::Recording;
+use crate::sensor::kinect::recording::Recording;
 use crate::studio::atomic_write;
 
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::face_model::ModelError;
 use crate::pipeline::PipelineError;
-use crate::sensor::recording::RecordingError;
+use crate::sensor::kinect::recording::RecordingError;
 use crate::studio::bake::glb::GlbError;
 use crate::studio::bake::obj::ObjError;
 use crate::users::saved::PeopleError;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::dataset::DatasetError;
 use crate::face_model::ModelError;
 use crate::pipeline::PipelineError;
-use crate::sensor::recording::RecordingError;
+use crate::sensor::kinect::recording::RecordingError;
 use crate::studio::heads::HeadsError;
 use crate::studio::heads::ict::IctError;
 use crate::studio::nrsfm;

@@ -12,7 +12,7 @@ use std::path::Path;
 
 use super::error::RecordingError;
 use super::files::open_file;
-use crate::sensor::camera::{Registration, RegistrationIntegers};
+use crate::sensor::kinect::registration::{Registration, RegistrationIntegers};
 
 /// Larger files are no calibration.
 const LARGEST_BYTES: u64 = 64 * 1024;
