@@ -13,6 +13,7 @@ pub use crate::sensor::kinect::geometry::nominal;
 use crate::sensor::kinect::live::LiveKinect;
 use crate::sensor::kinect::recording::{Recording, RecordingError};
 use crate::sensor::kinect::registration::Registration;
+use crate::sensor::rgbd::{Rgbd, RgbdError};
 use crate::simulator::simulated::{Simulated, UnknownScene};
 
 /// The source unless another is named.
@@ -79,6 +80,9 @@ pub enum SourceError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Nor a depth camera's.
+    #[error(transparent)]
+    Rgbd(#[from] RgbdError),
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
@@ -92,8 +96,10 @@ pub enum SourceError {
 
 /// Where frames come from.
 pub enum Source {
-    /// A recording that is played.
+    /// A Kinect's recording that is played.
     Recording(Box<Recording>),
+    /// A recording of any depth camera.
+    Rgbd(Box<Rgbd>),
     /// The simulated sensor.
     Simulated(Box<Simulated>),
     /// A Kinect on USB, which may come and go.
@@ -114,6 +120,9 @@ impl Source {
     /// # Errors
     /// If it cannot be opened.
     pub fn recording(directory: &Path) -> Result<Self, SourceError> {
+        if Rgbd::is_in(directory) {
+            return Ok(Self::Rgbd(Box::new(Rgbd::open(directory)?)));
+        }
         Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 
@@ -133,15 +142,23 @@ impl Source {
     /// # Errors
     /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: retry. Other errors are permanent. Damaged frames
     /// are skipped and counted instead.
-    pub fn next_frame(&mut self, frame: &mut impl Developed) -> Result<bool, SourceError> {
+    pub fn next_frame(&mut self, into: &mut impl Developed) -> Result<bool, SourceError> {
         match self {
-            Self::Recording(recording) => Ok(recording.next_frame(frame)),
+            Self::Recording(recording) => Ok(recording.next_frame(into)),
+            Self::Rgbd(recording) => {
+                let (frame, original) = into.parts();
+                let more = recording.next_frame(frame);
+                if let Some(original) = original {
+                    original.show(frame);
+                }
+                Ok(more)
+            }
             Self::Simulated(simulated) => {
-                simulated.next_frame(frame);
+                simulated.next_frame(into);
                 Ok(true)
             }
             Self::Kinect(live) => {
-                if live.next_frame(frame, Pacer::LONGEST) {
+                if live.next_frame(into, Pacer::LONGEST) {
                     return Ok(true);
                 }
                 let problem = live.status().waiting_for;
@@ -157,17 +174,18 @@ impl Source {
     pub fn arrived(&self) -> Option<Instant> {
         match self {
             Self::Kinect(live) => live.arrived(),
-            Self::Recording(_) | Self::Simulated(_) => None,
+            _ => None,
         }
     }
 
-    /// Calibration of the sensor behind the frames.
+    /// Calibration of the Kinect behind the frames, if it is one.
     #[must_use]
-    pub fn registration(&self) -> &Registration {
+    pub fn registration(&self) -> Option<&Registration> {
         match self {
-            Self::Recording(recording) => recording.registration(),
-            Self::Simulated(simulated) => simulated.registration(),
-            Self::Kinect(live) => live.registration(),
+            Self::Recording(recording) => Some(recording.registration()),
+            Self::Rgbd(_) => None,
+            Self::Simulated(simulated) => Some(simulated.registration()),
+            Self::Kinect(live) => Some(live.registration()),
         }
     }
 
@@ -176,6 +194,7 @@ impl Source {
     pub fn camera(&self) -> &Camera {
         match self {
             Self::Recording(recording) => recording.camera(),
+            Self::Rgbd(recording) => recording.camera(),
             Self::Simulated(simulated) => simulated.camera(),
             Self::Kinect(live) => live.camera(),
         }
@@ -194,11 +213,31 @@ impl Source {
         }
     }
 
+    /// Frames that a recording names, skipped ones included; 0 if it is none.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        match self {
+            Self::Recording(recording) => recording.len(),
+            Self::Rgbd(recording) => recording.frames(),
+            Self::Simulated(_) | Self::Kinect(_) => 0,
+        }
+    }
+
+    /// Plays a recording on from the frame of this number.
+    pub fn go_to(&mut self, number: usize) {
+        match self {
+            Self::Recording(recording) => recording.go_to(number),
+            Self::Rgbd(recording) => recording.go_to(number),
+            Self::Simulated(_) | Self::Kinect(_) => {}
+        }
+    }
+
     /// Frames skipped so far because they were damaged.
     #[must_use]
     pub fn skipped(&self) -> u64 {
         match self {
             Self::Recording(recording) => recording.skipped(),
+            Self::Rgbd(recording) => recording.skipped(),
             Self::Simulated(_) => 0,
             Self::Kinect(live) => live.status().health.streams[Stream::Depth.index()].broken,
         }

@@ -152,6 +152,12 @@ impl Camera {
         (self.raw[1] * f64::from(per_m)).round().max(1.0) as u16
     }
 
+    /// Depth pixels of a solid angle, steradians.
+    #[must_use]
+    pub fn pixels_of(&self, solid_angle: f32) -> u32 {
+        (solid_angle * self.depth.focal[0] * self.depth.focal[1]).round() as u32
+    }
+
     /// The point seen by a depth pixel at distance `z` metres, sensor frame.
     #[must_use]
     pub fn point(&self, col: f32, row: f32, z: f32) -> Point {

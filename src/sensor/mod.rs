@@ -2,6 +2,8 @@
 
 pub mod camera;
 pub mod kinect;
+#[cfg(feature = "std")]
+pub mod rgbd;
 
 use crate::base::capacity::PIXELS;
 #[cfg(not(feature = "std"))]

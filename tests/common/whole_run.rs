@@ -14,7 +14,8 @@ use serialport::{SerialPort, TTYPort};
 /// Some seconds of people who come and go, as a recording.
 pub fn record(folder: &Path, scene: &str, frames: u64) {
     let mut source = Source::simulated(Some(scene)).unwrap();
-    let mut recorder = Recorder::create(folder, source.registration(), 1.0e9).unwrap();
+    let mut recorder =
+        Recorder::create(folder, source.registration().expect("a Kinect"), 1.0e9).unwrap();
     let mut frame = KinectFrame::default();
     for _ in 0..frames {
         assert!(source.next_frame(&mut frame).unwrap());

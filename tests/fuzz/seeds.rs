@@ -166,7 +166,7 @@ fn recording(corpus: &Corpus) {
     let folder = std::env::temp_dir().join(format!("mien-seeds-{}", std::process::id()));
     let mut source = Source::simulated(None).expect("the simulated sensor");
     let mut recorder =
-        Recorder::create(&folder, source.registration(), 1.0e9).expect("a recording");
+        Recorder::create(&folder, source.registration().expect("a Kinect"), 1.0e9).expect("a recording");
     let mut frame = KinectFrame::default();
     for _ in 0..2 {
         source.next_frame(&mut frame).expect("a frame");

@@ -76,7 +76,8 @@ fn a_recording_replays_bit_for_bit() {
 fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
     let mut source = Source::simulated(Some("acted")).unwrap();
-    let mut recorder = Recorder::create(directory.path(), source.registration(), 1.7e9).unwrap();
+    let mut recorder =
+        Recorder::create(directory.path(), source.registration().unwrap(), 1.7e9).unwrap();
     let mut originals = vec![KinectFrame::default(); 5];
     for frame in &mut originals {
         assert!(source.next_frame(frame).unwrap());

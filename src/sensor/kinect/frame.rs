@@ -71,6 +71,11 @@ impl KinectFrame {
 }
 
 impl Original {
+    /// Shows the picture of a frame that no Kinect made, in grey.
+    pub fn show(&mut self, frame: &Frame) {
+        self.bayer.copy_from_slice(&*frame.luma);
+    }
+
     /// Takes the colour picture away.
     pub fn drop_colour(&mut self) {
         self.colour_ticks = 0;

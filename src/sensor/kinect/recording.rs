@@ -37,7 +37,7 @@ use crate::base::bounded_read;
 use crate::base::capacity::PIXELS;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
-use files::{DEVICE_NAME, INDEX_NAME, open_file};
+use files::{DEVICE_NAME, INDEX_NAME};
 use index::{Entry, Index};
 
 /// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
@@ -90,7 +90,7 @@ impl Recording {
     /// If there is no index, or none that names a depth picture, or `device.json` is there and unusable.
     pub fn open(directory: &Path) -> Result<Self, RecordingError> {
         let path = directory.join(INDEX_NAME);
-        let text = open_file(&path)
+        let text = bounded_read::open_regular(&path)
             .and_then(|file| bounded_read::all(file, INDEX_MOST[0]))
             .and_then(|text| {
                 let text = String::from_utf8_lossy(&text).into_owned();
@@ -274,7 +274,7 @@ fn read_picture(path: &Path, header: &'static str, body: &mut [u8]) -> Result<()
         ErrorKind::Other => Damage::NoFile,
         kind => Damage::Unreadable(kind),
     };
-    let mut file = open_file(path).map_err(unreadable)?;
+    let mut file = bounded_read::open_regular(path).map_err(unreadable)?;
     // Header and the start of the body come in one small read; the rest goes straight to its place.
     let mut head = [0; HEADER_BYTES];
     let got = read_fully(&mut file, &mut head).map_err(unreadable)?;

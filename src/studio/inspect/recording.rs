@@ -12,6 +12,7 @@ use super::canvas::{self, face_lines};
 use super::error::InspectError;
 use super::learning::Learning;
 use crate::appliance::settings::Settings;
+use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
@@ -22,7 +23,6 @@ use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::recording::Recording;
 use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
@@ -348,7 +348,7 @@ fn film_picture(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
-    mut recording: Recording,
+    mut recording: Source,
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, InspectError> {
@@ -360,10 +360,10 @@ pub(super) fn inspect(
     let mut curves = Curves::default();
     let mut learning = Learning::new(settings.learning.clone());
     let mut frame = KinectFrame::default();
-    let every = recording.len().div_ceil(SHOWN).max(1);
+    let every = recording.frames().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
-    let filmed = recording.len().div_ceil(FILM).max(1);
-    while recording.next_frame(&mut frame) {
+    let filmed = recording.frames().div_ceil(FILM).max(1);
+    while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
         counts.add(&frame, &pipeline);
         let report = pipeline.report();

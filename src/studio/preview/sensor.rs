@@ -21,7 +21,6 @@ use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::recording::Recording;
 use crate::studio::inspect::depth_picture;
 
 /// Between two tellings of the ranges, seconds of the stream.
@@ -58,7 +57,7 @@ pub fn follow(
     hub: &Hub,
     commands: &Receiver<Command>,
 ) {
-    let live = !matches!(source, Source::Recording(_));
+    let live = source.frames() == 0;
     let mut frame = KinectFrame::default();
     let mut pacer = Pacer::default();
     let mut told = f64::NEG_INFINITY;
@@ -150,9 +149,9 @@ pub fn jpeg(seen: &Seen) -> Option<(bool, Vec<u8>)> {
 /// Picture of frame `number` of a recording, as [`jpeg`]; `None` if it is damaged or not there.
 #[must_use]
 pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
-    let mut recording = Recording::open(directory).ok()?;
+    let mut recording = Source::recording(directory).ok()?;
     let mut frame = KinectFrame::default();
     recording.go_to(usize::try_from(number).ok()?);
-    let found = recording.next_frame(&mut frame) && frame.index == number;
+    let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
     found.then(|| jpeg(&seen(&frame)))?
 }

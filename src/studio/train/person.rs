@@ -15,13 +15,13 @@ use super::render::TrainingSample;
 use super::samples::TruePicture;
 use super::seen_face::Seen;
 use crate::appliance::settings::Settings;
+use crate::appliance::source::Source;
 use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-use crate::sensor::kinect::recording::Recording;
 use crate::studio::nrsfm::Tracks;
 use crate::users::TrackingState;
 
@@ -40,10 +40,10 @@ pub fn learn_session(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, TrainError> {
-    let mut recording = Recording::open(session)?;
+    let mut recording = Source::recording(session)?;
     let camera = recording.camera().clone();
     learn_frames(
-        &mut |frame| recording.next_frame(frame),
+        &mut |frame| recording.next_frame(frame).unwrap_or(false),
         &camera,
         model,
         seed,
