@@ -1,20 +1,22 @@
 //! A frame sent again: cut into the packets a Kinect would have sent, and made of them once more, step by step.
 
+use core::time::Duration;
+
+use super::virtual_kinect::{PERIOD, Player, STEP, View};
 use crate::sensor::Frame;
 use crate::sensor::kinect::device::Stream;
 use crate::sensor::kinect::driver::{develop_colour, develop_depth};
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::packet::LONGEST;
 use crate::sensor::kinect::pairing::{Pairing, RawPair};
-use crate::sensor::kinect::stream::{Assembler, Cutter};
-use crate::sensor::kinect::unpack::{PACKED_DEPTH, pack_depth};
+use crate::sensor::kinect::stream::Assembler;
 
 /// A frame and its packets, as both streams send them, and where they become pictures again.
 pub struct Resent {
     /// The frame to send.
     pub drawn: KinectFrame,
-    cutters: [Cutter; 2],
-    packed: Box<[u8; PACKED_DEPTH]>,
+    player: Player<Drawn>,
+    now: Duration,
     /// Stream, length and bytes of each packet, in order of time.
     cut: Vec<(Stream, usize, [u8; LONGEST])>,
     assemblers: [Assembler; 2],
@@ -22,13 +24,26 @@ pub struct Resent {
     pair: RawPair,
 }
 
+/// What the player sends next.
+struct Drawn(KinectFrame);
+
+impl View for Drawn {
+    fn draw(&mut self, frame: &mut KinectFrame) -> bool {
+        core::mem::swap(&mut self.0, frame);
+        // Where there is no colour a black picture makes the same way.
+        if !frame.has_colour {
+            frame.original.colour_ticks = frame.original.ticks;
+        }
+        true
+    }
+}
+
 impl Default for Resent {
     fn default() -> Self {
-        let packed = vec![0; PACKED_DEPTH].into_boxed_slice();
         Self {
             drawn: KinectFrame::default(),
-            cutters: Stream::BOTH.map(|stream| Cutter::new(stream, 0)),
-            packed: packed.try_into().expect("PACKED_DEPTH long"),
+            player: Player::new(Drawn(KinectFrame::default()), PERIOD),
+            now: Duration::ZERO,
             cut: Vec::new(),
             assemblers: Stream::BOTH.map(Assembler::new),
             pairing: Pairing::default(),
@@ -40,32 +55,18 @@ impl Default for Resent {
 impl Resent {
     /// Cuts the frame into packets.
     pub fn cut(&mut self) {
-        let frame = &self.drawn;
-        pack_depth(&frame.depth, &mut self.packed);
+        self.player.view.0.clone_from(&self.drawn);
         self.cut.clear();
-        // Where there is no colour a black picture makes the same way.
-        let colour_ticks = if frame.has_colour {
-            frame.original.colour_ticks
-        } else {
-            frame.original.ticks
-        };
-        let total = self
-            .cutters
-            .each_ref()
-            .map(|cutter| cutter.layout().packets());
-        let mut sent = [0; 2];
-        while sent != total {
-            // The stream that is behind in its picture.
-            let i = usize::from(sent[1] * total[0] < sent[0] * total[1] || sent[0] == total[0]);
-            let (picture, ticks): (&[u8], u32) = match Stream::BOTH[i] {
-                Stream::Colour => (frame.original.bayer.as_slice(), colour_ticks),
-                Stream::Depth => (self.packed.as_slice(), frame.original.ticks),
-            };
-            let mut packet = [0; LONGEST];
-            let n = self.cutters[i].cut(picture, ticks, sent[i], &mut packet);
-            self.cut.push((Stream::BOTH[i], n, packet));
-            sent[i] += 1;
+        let end = self.now + PERIOD;
+        while self.now < end {
+            self.player.play(self.now, [true; 2], &mut |packet| {
+                let mut bytes = [0; LONGEST];
+                bytes[..packet.bytes.len()].copy_from_slice(packet.bytes);
+                self.cut.push((packet.stream, packet.bytes.len(), bytes));
+            });
+            self.now += STEP;
         }
+        self.now = end;
     }
 
     /// Packets to pictures; `number` counts frames.

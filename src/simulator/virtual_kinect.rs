@@ -59,13 +59,6 @@ impl<D: View> VirtualKinect<D> {
         self
     }
 
-    /// With a calibration of its own. The distance between the cameras is always told as 2.3 cm, as units do.
-    #[must_use]
-    pub fn with_registration(mut self, registration: Registration) -> Self {
-        self.camera = VirtualCamera::new(self.camera.model(), registration);
-        self
-    }
-
     /// What it sees.
     #[must_use]
     pub const fn view(&self) -> &D {

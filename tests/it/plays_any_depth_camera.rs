@@ -52,12 +52,20 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
     assert!(source.next_frame(&mut frame).unwrap());
     assert_eq!((frame.index, frame.at.as_us()), (0, 0));
     assert!((camera.depth_m(frame.depth[100 * WIDTH + 100]) - 0.8).abs() < 0.001);
-    for hole in [100 * WIDTH + 8, 8 * WIDTH + 100, 100 * WIDTH + 512, 424 * WIDTH + 100] {
+    for hole in [
+        100 * WIDTH + 8,
+        8 * WIDTH + 100,
+        100 * WIDTH + 512,
+        424 * WIDTH + 100,
+    ] {
         assert_eq!(frame.depth[hole], NO_DEPTH);
     }
     // Two by two pixels to one: column 200 was 400 and 401.
     assert!(frame.has_colour && frame.has_picture());
-    assert_eq!(frame.luma[100 * WIDTH + 200], (400 * 50 * 255 / 65535) as u8);
+    assert_eq!(
+        frame.luma[100 * WIDTH + 200],
+        (400 * 50 * 255 / 65535) as u8
+    );
     assert_eq!(frame.luma[470 * WIDTH + 200], frame.luma[359 * WIDTH + 200]);
     let p = Point::new(0.1, -0.05, 0.8);
     let [col, row] = camera.depth_pixel(&p);
@@ -81,17 +89,40 @@ fn a_broken_one_gets_a_sentence() {
     let with = |name: &str, text: &str| {
         let folder = folder();
         fs::write(folder.path().join(name), text).unwrap();
-        Source::recording(folder.path()).err().map(|problem| problem.to_string())
+        Source::recording(folder.path())
+            .err()
+            .map(|problem| problem.to_string())
     };
     let camera = |from: &str, to: &str| with("camera.toml", &CAMERA.replace(from, to)).unwrap();
     for (said, expected) in [
-        (with("depth.txt", "# nothing\n").unwrap(), "names no picture"),
-        (camera("focal = [365.0, 366.0]\n", ""), "missing field `focal`"),
-        (camera("units_per_m = 5000", "units = 5000"), "unknown field `units`"),
-        (camera("[512, 424]", "[512, 42]"), "depth.size is [512, 42], expected"),
-        (camera("365.0", "0.365"), "depth.focal is [0.365, 366.0], expected"),
-        (camera("5000", "0.001"), "depth.units_per_m is 0.001, expected 1000"),
-        (camera("[-0.03, 0, 0]", "[-30, 0, 0]"), "are these millimetres?"),
+        (
+            with("depth.txt", "# nothing\n").unwrap(),
+            "names no picture",
+        ),
+        (
+            camera("focal = [365.0, 366.0]\n", ""),
+            "missing field `focal`",
+        ),
+        (
+            camera("units_per_m = 5000", "units = 5000"),
+            "unknown field `units`",
+        ),
+        (
+            camera("[512, 424]", "[512, 42]"),
+            "depth.size is [512, 42], expected",
+        ),
+        (
+            camera("365.0", "0.365"),
+            "depth.focal is [0.365, 366.0], expected",
+        ),
+        (
+            camera("5000", "0.001"),
+            "depth.units_per_m is 0.001, expected 1000",
+        ),
+        (
+            camera("[-0.03, 0, 0]", "[-30, 0, 0]"),
+            "are these millimetres?",
+        ),
         (camera("[0, 1, 0]", "[0, 2, 0]"), "picture.rotation is none"),
         (camera("[depth]", "[depth"), "camera.toml: line 1"),
     ] {
@@ -100,7 +131,10 @@ fn a_broken_one_gets_a_sentence() {
     let folder = folder();
     fs::remove_file(folder.path().join("camera.toml")).unwrap();
     let said = Source::recording(folder.path()).err().unwrap().to_string();
-    assert!(said.contains("camera.toml") && said.contains("docs/recordings.md"), "{said}");
+    assert!(
+        said.contains("camera.toml") && said.contains("docs/recordings.md"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -111,7 +145,14 @@ fn a_damaged_frame_is_skipped_and_counted() {
     fs::write(at("text.pgm"), "no picture").unwrap();
     let whole = fs::read(at("d0.pgm")).unwrap();
     fs::write(at("cut.pgm"), &whole[..whole.len() / 2]).unwrap();
-    let names = ["small.pgm", "text.pgm", "cut.pgm", "none.pgm", "../d0.pgm", "d0.pgm"];
+    let names = [
+        "small.pgm",
+        "text.pgm",
+        "cut.pgm",
+        "none.pgm",
+        "../d0.pgm",
+        "d0.pgm",
+    ];
     let lines = names.iter().enumerate();
     let lines: Vec<String> = lines.map(|(k, name)| format!("{k} {name}")).collect();
     fs::write(at("depth.txt"), lines.join("\n")).unwrap();
@@ -129,10 +170,21 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
     };
     let folder = tempfile::tempdir().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/real/depth_camera.py");
-    let words = ["--person", "p00", "--first", "30", "--hold", "10", "--order", "2,1,2"];
-    let ending = if cfg!(feature = "studio") { "png" } else { "pgm" };
+    let words = [
+        "--person", "p00", "--first", "30", "--hold", "10", "--order", "2,1,2",
+    ];
+    let ending = if cfg!(feature = "studio") {
+        "png"
+    } else {
+        "pgm"
+    };
     let mut python = Command::new("python3");
-    python.arg(script).arg(data).arg(folder.path()).args(words).args(["--ending", ending]);
+    python
+        .arg(script)
+        .arg(data)
+        .arg(folder.path())
+        .args(words)
+        .args(["--ending", ending]);
     if !python.output().is_ok_and(|done| done.status.success()) {
         return common::data::skip("no python3 with numpy and OpenCV");
     }
@@ -150,7 +202,10 @@ fn a_kinect_v2_is_followed_at_its_own_size() {
         faces += 1;
         // The outer eye corners of a head at 0.95 m are 35 pixels apart, at the place of the crop.
         let [right, left] = [36, 45].map(|k| points.pixels[k]);
-        assert!((30.0..42.0).contains(&(left[0] - right[0])), "{right:?} {left:?}");
+        assert!(
+            (30.0..42.0).contains(&(left[0] - right[0])),
+            "{right:?} {left:?}"
+        );
         assert!((180.0..340.0).contains(&right[0]) && (120.0..240.0).contains(&right[1]));
     }
     assert_eq!(source.skipped(), 0);

@@ -3,7 +3,8 @@
 sessions.py DATA CACHE [film desk faces pcl]      (numpy, opencv-python-headless)
 
 Each session is made once, under CACHE: film, film-depth (without the grey colour picture), desk, p00-0 to p05-8 (person and
-pose), pcl-people, pcl-desk. Prints their names. The data sets' own scripts write the film and the desk.
+pose), pcl-people, pcl-desk. Prints their names. The data sets' own scripts write all but the last two;
+with FACES=own the faces are written at their camera's own size.
 """
 import json
 import os
@@ -27,6 +28,7 @@ EMITTER, COLOUR, REFERENCE, PIXEL, SHIFT = 7.5, 0.0001, 120.0, 0.1042, 200
 ORDER = [2, 1, 0, 2, 3, 2, 4, 2, 5, 2]
 PCL = {"pcl-people": ["five_people"], "pcl-desk": ["desk_000", "desk_001"]}
 HELD = 30
+OWN = os.environ.get("FACES") == "own"
 
 
 def pcl(data, out, names):
@@ -79,8 +81,11 @@ def makers(data, part):
                 "film-depth": lambda out: script(data, "kinect_v1_film", out, "--depth-only")}
     if part == "desk":
         return {"desk": lambda out: script(data, "kinect_v1_desk", out, "--hold", "6")}
-    if part == "faces":
+    if part == "faces" and OWN:
         return {f"{p}-{k}": lambda out, p=p, k=k: depth_camera.session(f"{data}/kinect_v2_faces", out, p, k, ORDER)
+                for p in PEOPLE for k in POSES}
+    if part == "faces":
+        return {f"{p}-{k}": lambda out, p=p, k=k: script(data, "kinect_v2_faces", out, "--person", p, "--pose", str(k))
                 for p in PEOPLE for k in POSES}
     if part == "pcl":
         return {name: lambda out, names=names: pcl(data, out, names) for name, names in PCL.items()}
@@ -90,7 +95,7 @@ def makers(data, part):
 def main():
     data, cache = sys.argv[1:3]
     for part in sys.argv[3:]:
-        whole = "camera.toml" if part == "faces" else "INDEX.txt"
+        whole = "camera.toml" if part == "faces" and OWN else "INDEX.txt"
         for name, make in makers(data, part).items():
             to = f"{cache}/{name}"
             if not os.path.exists(f"{to}/{whole}"):

@@ -16,7 +16,7 @@ const SLIP: Duration = Duration::from_millis(50);
 
 /// Cuts the frames of a scene into packets, on time.
 pub struct Player<D> {
-    pub(super) view: D,
+    pub(in crate::simulator) view: D,
     frame: Box<KinectFrame>,
     packed: Box<[u8; PACKED_DEPTH]>,
     cutters: [Cutter; 2],
