@@ -1,4 +1,4 @@
-//! mien: facial expression from a Kinect v1, as FACS action-unit weights.
+//! mien: facial expression from a depth camera, as FACS action-unit weights.
 //!
 //! ```text
 //!                    appliance                                    studio
@@ -10,7 +10,7 @@
 //!                        │                                           ▼
 //!  sensor ─► segment ─► pose ─► landmarks ─► expression ─► users ─► output      simulator
 //!  frame     head       sensor  68 points    measures,     who is   CSV, OSC,   heads, rooms and a
-//!  (depth,   clouds     from    in the       ranges,       who      serial      virtual Kinect: frames
+//!  (depth,   clouds     from    in the       ranges,       who      serial      virtual sensor: frames
 //!   luma, t)            head    head frame   weights                            as a sensor gives them
 //!                                 ▲
 //!                            face_model

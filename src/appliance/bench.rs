@@ -1,7 +1,7 @@
 //! `mien bench`: time per step of a frame, excluding the source's own cost: with one person and with four in front of the
 //! simulated sensor, or from a named source.
 //!
-//! Each frame is split into the packets a Kinect would have sent (not timed) and then runs through everything: packets to
+//! Each frame is split into the packets a sensor on USB would have sent (not timed) and then runs through everything: packets to
 //! pictures, depth and colour unpacked, segmentation, pose, landmarks, expression. Depth and colour packets are interleaved
 //! and read from freshly written memory, so that inputs are not unrealistically warm in the cache. Times are wall-clock:
 //! on a busy machine the median is more meaningful than the mean. Memory is that of the whole process, including the
@@ -12,18 +12,13 @@ use std::time::Instant;
 
 use crate::appliance::cli::Bench;
 use crate::appliance::memory;
-use crate::appliance::service::{self, Failure, NoKinect};
+use crate::appliance::service::{self, Failure};
 use crate::appliance::settings::Settings;
-use crate::appliance::source::SourceError;
+use crate::appliance::source::{self, Missing, SourceError};
 use crate::output::Report;
 use crate::pipeline::{Pipeline, Stage};
 use crate::sensor::Frame;
-use crate::sensor::device::Stream;
-use crate::sensor::kinect::{develop_colour, develop_depth};
-use crate::sensor::packet::LONGEST;
-use crate::sensor::pairing::{Pairing, RawPair};
-use crate::sensor::stream::{Assembler, Cutter};
-use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
+use crate::simulator::resent::Resent;
 
 /// Frames without `--frames`: ten seconds.
 const FRAMES: u64 = 300;
@@ -54,53 +49,6 @@ const fn step_of(stage: Stage) -> usize {
         Stage::Pose => 5,
         Stage::Landmarks => 6,
         Stage::Expression => 7,
-    }
-}
-
-/// The packets of one frame, as both streams send them.
-struct Packets {
-    cutters: [Cutter; 2],
-    packed: Box<[u8; PACKED_DEPTH]>,
-    /// Stream, length and bytes of each packet, in order of time.
-    cut: Vec<(Stream, usize, [u8; LONGEST])>,
-}
-
-impl Packets {
-    fn new() -> Self {
-        let packed = vec![0; PACKED_DEPTH].into_boxed_slice();
-        Self {
-            cutters: Stream::BOTH.map(|stream| Cutter::new(stream, 0)),
-            packed: packed.try_into().expect("PACKED_DEPTH long"),
-            cut: Vec::new(),
-        }
-    }
-
-    fn cut(&mut self, frame: &Frame) {
-        pack_depth(&frame.depth, &mut self.packed);
-        self.cut.clear();
-        // Where there is no colour a black picture makes the same way.
-        let colour_ticks = if frame.has_colour {
-            frame.colour_ticks
-        } else {
-            frame.ticks
-        };
-        let total = self
-            .cutters
-            .each_ref()
-            .map(|cutter| cutter.layout().packets());
-        let mut sent = [0; 2];
-        while sent != total {
-            // The stream that is behind in its picture.
-            let i = usize::from(sent[1] * total[0] < sent[0] * total[1] || sent[0] == total[0]);
-            let (picture, ticks): (&[u8], u32) = match Stream::BOTH[i] {
-                Stream::Colour => (frame.bayer.as_slice(), colour_ticks),
-                Stream::Depth => (self.packed.as_slice(), frame.ticks),
-            };
-            let mut packet = [0; LONGEST];
-            let n = self.cutters[i].cut(picture, ticks, sent[i], &mut packet);
-            self.cut.push((Stream::BOTH[i], n, packet));
-            sent[i] += 1;
-        }
     }
 }
 
@@ -211,26 +159,19 @@ fn time(
     settings: &Settings,
     allocations: fn() -> u64,
 ) -> Result<(Times, u64), Failure> {
-    let mut source = service::open(name, NoKinect::Refuse, settings.sensor.kinect)?;
-    let mut pipeline = Pipeline::new(
-        &settings.stages(),
-        source.registration(),
-        &service::model(None)?,
-    )?;
+    let mut source = source::open(name, Missing::Refuse, settings.sensor.device)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &service::model(None)?)?;
     let mut times = Times::new(frames);
-    let mut packets = Packets::new();
-    let mut assemblers = Stream::BOTH.map(Assembler::new);
-    let (mut pairing, mut pair) = (Pairing::default(), RawPair::default());
-    let (mut drawn, mut frame) = (Frame::default(), Frame::default());
+    let (mut resent, mut frame) = (Resent::default(), Frame::default());
     let mut allocated = 0;
     for number in 0..frames.saturating_add(WARM_UP) {
-        match source.next_frame(&mut drawn) {
+        match source.next_frame(&mut resent.drawn) {
             Ok(true) => {}
             Ok(false) => break,
             Err(SourceError::Waiting(_)) => continue,
             Err(problem) => return Err(problem.into()),
         }
-        packets.cut(&drawn);
+        resent.cut();
         let before = allocations();
         let mut last = Instant::now();
         let mut lap = |step: usize, times: &mut Times| {
@@ -240,21 +181,14 @@ fn time(
             times.now[step] = Some(before + (now - last).as_secs_f32() * 1e3);
             last = now;
         };
-        for (stream, length, bytes) in &packets.cut {
-            let assembler = &mut assemblers[stream.index()];
-            if let Some(ticks) = assembler.push(true, &bytes[..*length])
-                && let Some(paired) = pairing.offer(*stream, number, ticks, assembler.picture())
-            {
-                paired.swap_into(&mut pair);
-            }
-        }
+        resent.assemble(number);
         lap(PACKETS, &mut times);
-        develop_depth(&pair, &mut frame);
+        resent.unpack(&mut frame);
         lap(UNPACK, &mut times);
-        develop_colour(&mut pair, &mut frame);
+        resent.develop(&mut frame);
         lap(LUMA, &mut times);
-        (frame.index, frame.at) = (drawn.index, drawn.at);
-        frame.has_colour = drawn.has_colour;
+        (frame.index, frame.at) = (resent.drawn.index, resent.drawn.at);
+        frame.has_colour = resent.drawn.has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));
         let counts = number >= WARM_UP;
         if counts {

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serialport::SerialPortType;
 
 use crate::appliance::log::Plain;
-use crate::sensor::device::DeviceError;
-use crate::sensor::usb_devices::{self, Listed};
+pub(super) use crate::sensor::kinect::device::DeviceError;
+pub(super) use crate::sensor::kinect::usb_devices::{self, Listed};
 
 /// Where Linux lists its terminals.
 const TERMINALS: &str = "/sys/class/tty";
@@ -97,8 +97,8 @@ fn serial_ports() -> Vec<Port> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::device::Model;
-    use crate::sensor::usb_devices::Driver;
+    use crate::sensor::kinect::device::Model;
+    use crate::sensor::kinect::usb_devices::Driver;
 
     fn listed(model: Model, driver: Driver, trouble: Option<DeviceError>) -> Listed {
         Listed {

@@ -5,17 +5,16 @@ use std::fmt::{Display, Write as _};
 use std::net::ToSocketAddrs;
 use std::path::Path;
 
+use crate::appliance::devices::{DeviceError, usb_devices};
 use crate::appliance::log::Plain;
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::SourceName;
 use crate::appliance::wires;
-use crate::sensor::device::DeviceError;
-use crate::sensor::usb_devices;
 
 /// Kernel limit on the memory of USB transfers, in MB.
 const USB_MEMORY: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
-/// Memory of one Kinect's transfers in flight, with room for a second program.
+/// Memory of one sensor's transfers in flight, with room for a second program.
 const USB_MEMORY_MB: u32 = 4;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -116,9 +115,12 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let name = settings.sensor.source.parse();
-    let Ok(SourceName::Kinect { serial }) = name else {
-        let text = format_args!("using {}, no Kinect needed", settings.sensor.source);
+    let name: SourceName = match settings.sensor.source.parse() {
+        Ok(name) => name,
+        Err(never) => match never {},
+    };
+    let Some(serial) = name.on_usb() else {
+        let text = format_args!("using {}, none needed on USB", settings.sensor.source);
         return lines.say(Verdict::Ok, "sensor", text);
     };
     match found {
@@ -136,6 +138,7 @@ fn sensor(
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
                 let found = listed.len();
+                let wanted = wanted.to_owned();
                 let problem = DeviceError::OtherSerial { wanted, found };
                 lines.say(Verdict::Fail, "sensor", problem);
             }

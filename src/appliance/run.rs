@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use crate::appliance::cli::{CsvTarget, Run, Talk};
 use crate::appliance::pipe::{Pipe, Rows};
-use crate::appliance::service::{Failure, NoKinect, SYSTEM_CONFIG, model, open, settings};
+use crate::appliance::service::{Failure, SYSTEM_CONFIG, model, settings};
 use crate::appliance::service_manager::ServiceManager;
 use crate::appliance::settings::{Settings, SettingsError};
 use crate::appliance::signals::Signals;
-use crate::appliance::source::{Pacer, Source, SourceError};
+use crate::appliance::source::{self, Missing, Pacer, Source, SourceError};
 use crate::appliance::status::Status;
 use crate::appliance::terminal::Live;
 use crate::appliance::{memory, wires};
@@ -82,14 +82,14 @@ impl<'r> Session<'r> {
             .source
             .clone()
             .unwrap_or_else(|| settings.sensor.source.clone());
-        // Who names the Kinect on the command line wants that one, now or when it is plugged in.
-        let no_kinect = match (run.require_device, &run.source) {
-            (true, _) => NoKinect::Refuse,
-            (false, Some(_)) => NoKinect::Wait,
-            (false, None) => NoKinect::Simulate,
+        // Who names the sensor on the command line wants that one, now or when it is plugged in.
+        let missing = match (run.require_device, &run.source) {
+            (true, _) => Missing::Refuse,
+            (false, Some(_)) => Missing::Wait,
+            (false, None) => Missing::Simulate,
         };
-        let source = open(&name, no_kinect, settings.sensor.kinect)?;
-        let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)?;
+        let source = source::open(&name, missing, settings.sensor.device)?;
+        let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_ref();
         let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
@@ -184,7 +184,7 @@ impl<'r> Session<'r> {
         }
         // Another receiver is no reason to lose whoever is tracked.
         let changed = new.stages() != old.stages();
-        let stages = || Pipeline::new(&new.stages(), self.source.registration(), &self.model);
+        let stages = || Pipeline::new(&new.stages(), self.source.camera(), &self.model);
         let renewed = changed.then(stages).transpose()?;
         let units = renewed.as_ref().unwrap_or(&self.pipeline).unit_names();
         let wires = wires::open(&new, &units)?;
@@ -214,7 +214,7 @@ impl<'r> Session<'r> {
             }
             Err(problem) => return Err(problem.into()),
         }
-        if !self.run.fast && !matches!(self.source, Source::Kinect(_)) {
+        if !self.run.fast && !self.source.is_live() {
             self.pacer.wait(self.frame.at);
         }
         self.taken = Instant::now();
@@ -235,9 +235,9 @@ impl<'r> Session<'r> {
     }
 
     fn follow(&mut self) {
-        // Another Kinect may have been plugged in.
-        if self.source.registration() != self.pipeline.camera().registration() {
-            self.pipeline.set_camera(self.source.registration());
+        // Another sensor may have been plugged in.
+        if self.source.camera() != self.pipeline.camera() {
+            self.pipeline.set_camera(self.source.camera());
         }
         self.pipeline.follow(&self.frame);
     }
@@ -250,7 +250,7 @@ impl<'r> Session<'r> {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
                 // Whoever plays a recording wants its table; people who are there want their wires.
-                if !matches!(self.source, Source::Kinect(_)) {
+                if !self.source.is_live() {
                     return Err(problem.into());
                 }
                 tracing::error!("{problem}; the CSV ends here, the run continues");
@@ -269,9 +269,7 @@ impl<'r> Session<'r> {
         }
         let state = self.pipeline.report().state;
         drop(reports);
-        if let Source::Kinect(live) = &mut self.source {
-            live.show_tracking(state.has_face());
-        }
+        self.source.show_tracking(state.has_face());
         if let Some(people) = self.people.as_mut().filter(|people| people.is_due()) {
             people.save(self.pipeline.people().iter(), self.pipeline.at());
         }
@@ -319,7 +317,7 @@ fn lock_memory(manager: &ServiceManager) {
 
 /// Where people are saved, if enabled: a recording must replay identically every time.
 fn people(settings: &Settings, source: &Source) -> Option<People> {
-    let saves = settings.state.persist && matches!(source, Source::Kinect(_));
+    let saves = settings.state.persist && source.is_live();
     saves.then(|| People::at(Path::new(&settings.state.path)))
 }
 
@@ -361,12 +359,11 @@ fn table(
     source: &Source,
     pipeline: &Pipeline,
 ) -> Result<Csv<Rows>, OutputError> {
-    let live = matches!(source, Source::Kinect(_));
     let rows = match to {
         CsvTarget::StandardOutput => Pipe::of(io::stdout()),
         CsvTarget::File(path) => Pipe::create(path, &signals.stop),
     };
-    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, live));
+    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;
     Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
 }

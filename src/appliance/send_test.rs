@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use crate::appliance::service::{Failure, model, settings};
 use crate::appliance::settings::Settings;
 use crate::appliance::signals::Signals;
+use crate::appliance::source;
 use crate::appliance::wires;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector};
@@ -94,7 +95,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
     let mut sender = Sender {
         outputs: wires::open(settings, &units)?,
         model,
-        camera: Camera::nominal(),
+        camera: source::nominal(),
         start: Instant::now(),
         frames: 0,
     };

@@ -5,12 +5,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::appliance::settings::{Settings, SettingsError};
-use crate::appliance::source::{Source, SourceError, SourceName};
+use crate::appliance::source::SourceError;
 use crate::base::bounded_read;
 use crate::face_model::{FaceModel, ModelError};
 use crate::output::OutputError;
 use crate::pipeline::PipelineError;
-use crate::sensor::kinect;
 
 /// Default path of the configuration.
 pub(super) const SYSTEM_CONFIG: &str = "/etc/mien/mien.toml";
@@ -41,9 +40,6 @@ pub enum Failure {
         /// What is wrong with it.
         source: ModelError,
     },
-    /// No sensor that can be opened, and one was required.
-    #[error(transparent)]
-    NoSensor(kinect::KinectError),
     /// The source of frames.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -67,7 +63,7 @@ impl Failure {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Settings(_) | Self::Output(OutputError::NotBuilt { .. }) => 2,
-            Self::NoSensor(_) => 3,
+            Self::Source(SourceError::Missing(_)) => 3,
             _ => 1,
         }
     }
@@ -110,44 +106,4 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
         path: path.into(),
         source,
     })
-}
-
-/// What to do when a Kinect is requested and none is connected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoKinect {
-    /// Play the simulated sensor in its place.
-    Simulate,
-    /// Wait until one is plugged in.
-    Wait,
-    /// Fail.
-    Refuse,
-}
-
-/// Opens a source by name; `settings` are for a Kinect.
-///
-/// # Errors
-/// If the source does not exist or cannot be opened.
-pub fn open(
-    name: &str,
-    no_kinect: NoKinect,
-    settings: kinect::Settings,
-) -> Result<Source, Failure> {
-    let serial = match name.parse().unwrap_or_else(|never| match never {}) {
-        SourceName::Recording(path) => return Ok(Source::recording(&path)?),
-        SourceName::Simulated { scene } => return Ok(Source::simulated(scene.as_deref())?),
-        SourceName::Kinect { serial } => serial,
-    };
-    let (source, problem) = Source::kinect(serial.as_deref(), settings);
-    match (no_kinect, problem) {
-        (NoKinect::Refuse, Some(problem)) => Err(Failure::NoSensor(problem)),
-        (NoKinect::Simulate, Some(problem)) => {
-            tracing::warn!("{problem}; using the simulated sensor until mien is started again");
-            Ok(Source::simulated(None)?)
-        }
-        (NoKinect::Wait, Some(problem)) => {
-            tracing::warn!("waiting for the Kinect: {problem}");
-            Ok(source)
-        }
-        (_, None) => Ok(source),
-    }
 }

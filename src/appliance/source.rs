@@ -6,13 +6,19 @@ use std::time::{Duration, Instant};
 
 use crate::base::nearest_word::hint;
 use crate::base::time::Timestamp;
-use crate::sensor::Frame;
-use crate::sensor::camera::Registration;
-use crate::sensor::device::{DeviceError, Stream};
-use crate::sensor::kinect::{self, KinectError};
-use crate::sensor::live_kinect::LiveKinect;
-use crate::sensor::recording::{Recording, RecordingError};
+use crate::sensor::camera::Camera;
+use crate::sensor::kinect::device::{DeviceError, Stream};
+pub use crate::sensor::kinect::driver::{KinectError as SensorError, Settings as SensorSettings};
+use crate::sensor::kinect::frame::Developed;
+pub use crate::sensor::kinect::geometry::nominal;
+use crate::sensor::kinect::live::LiveKinect;
+use crate::sensor::kinect::recording::{Recording, RecordingError};
+use crate::sensor::kinect::registration::Registration;
+use crate::sensor::rgbd::{Rgbd, RgbdError};
 use crate::simulator::simulated::{Simulated, UnknownScene};
+
+/// The source unless another is named.
+pub const DEFAULT: &str = "kinect";
 
 /// What the user may name as a source.
 ///
@@ -36,6 +42,17 @@ pub enum SourceName {
     },
     /// The path of a recording's directory.
     Recording(PathBuf),
+}
+
+impl SourceName {
+    /// Whether it is a sensor on USB, and the serial number it must have.
+    #[must_use]
+    pub fn on_usb(&self) -> Option<Option<&str>> {
+        match self {
+            Self::Kinect { serial } => Some(serial.as_deref()),
+            _ => None,
+        }
+    }
 }
 
 impl FromStr for SourceName {
@@ -74,18 +91,26 @@ pub enum SourceError {
         /// What may have been meant.
         hint: String,
     },
+    /// Nor a depth camera's.
+    #[error(transparent)]
+    Rgbd(#[from] RgbdError),
     /// No such scene.
     #[error(transparent)]
     Scene(#[from] UnknownScene),
+    /// No sensor that can be opened, and one was required.
+    #[error(transparent)]
+    Missing(SensorError),
     /// The Kinect has delivered nothing for half a second; retry.
     #[error("waiting for the Kinect: {0}")]
-    Waiting(KinectError),
+    Waiting(SensorError),
 }
 
 /// Where frames come from.
 pub enum Source {
-    /// A recording that is played.
+    /// A Kinect's recording that is played.
     Recording(Box<Recording>),
+    /// A recording of any depth camera.
+    Rgbd(Box<Rgbd>),
     /// The simulated sensor.
     Simulated(Box<Simulated>),
     /// A Kinect on USB, which may come and go.
@@ -112,13 +137,16 @@ impl Source {
             let name = name.into_owned();
             return Err(SourceError::Unknown { name, hint });
         }
+        if Rgbd::is_in(directory) {
+            return Ok(Self::Rgbd(Box::new(Rgbd::open(directory)?)));
+        }
         Ok(Self::Recording(Box::new(Recording::open(directory)?)))
     }
 
     /// A Kinect on USB: the one with `serial`, else the first free one. Returns within seconds, when it is open or the first
     /// attempt has failed, with the reason in that case. [`Self::next_frame`] then waits for it.
     #[must_use]
-    pub fn kinect(serial: Option<&str>, settings: kinect::Settings) -> (Self, Option<KinectError>) {
+    pub fn kinect(serial: Option<&str>, settings: SensorSettings) -> (Self, Option<SensorError>) {
         let mut live = LiveKinect::usb(serial.map(str::to_owned), settings);
         let status = live.wait_for_first_attempt(Duration::from_secs(10));
         let problem = (status.openings == 0)
@@ -131,15 +159,23 @@ impl Source {
     /// # Errors
     /// [`SourceError::Waiting`] if a Kinect delivers nothing for half a second: retry. Other errors are permanent. Damaged frames
     /// are skipped and counted instead.
-    pub fn next_frame(&mut self, frame: &mut Frame) -> Result<bool, SourceError> {
+    pub fn next_frame(&mut self, into: &mut impl Developed) -> Result<bool, SourceError> {
         match self {
-            Self::Recording(recording) => Ok(recording.next_frame(frame)),
+            Self::Recording(recording) => Ok(recording.next_frame(into)),
+            Self::Rgbd(recording) => {
+                let (frame, original) = into.parts();
+                let more = recording.next_frame(frame);
+                if let Some(original) = original {
+                    original.show(frame);
+                }
+                Ok(more)
+            }
             Self::Simulated(simulated) => {
-                simulated.next_frame(frame);
+                simulated.next_frame(into);
                 Ok(true)
             }
             Self::Kinect(live) => {
-                if live.next_frame(frame, Pacer::LONGEST) {
+                if live.next_frame(into, Pacer::LONGEST) {
                     return Ok(true);
                 }
                 let problem = live.status().waiting_for;
@@ -155,17 +191,61 @@ impl Source {
     pub fn arrived(&self) -> Option<Instant> {
         match self {
             Self::Kinect(live) => live.arrived(),
-            Self::Recording(_) | Self::Simulated(_) => None,
+            _ => None,
         }
     }
 
-    /// Calibration of the sensor behind the frames.
+    /// Calibration of the Kinect behind the frames, if it is one.
     #[must_use]
-    pub fn registration(&self) -> &Registration {
+    pub fn registration(&self) -> Option<&Registration> {
         match self {
-            Self::Recording(recording) => recording.registration(),
-            Self::Simulated(simulated) => simulated.registration(),
-            Self::Kinect(live) => live.registration(),
+            Self::Recording(recording) => Some(recording.registration()),
+            Self::Rgbd(_) => None,
+            Self::Simulated(simulated) => Some(simulated.registration()),
+            Self::Kinect(live) => Some(live.registration()),
+        }
+    }
+
+    /// Geometry of the sensor behind the frames.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        match self {
+            Self::Recording(recording) => recording.camera(),
+            Self::Rgbd(recording) => recording.camera(),
+            Self::Simulated(simulated) => simulated.camera(),
+            Self::Kinect(live) => live.camera(),
+        }
+    }
+
+    /// Whether a sensor is there that gives frames in its own time.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        matches!(self, Self::Kinect(_))
+    }
+
+    /// Tells the sensor whether a face is tracked, if it can show it.
+    pub fn show_tracking(&self, tracking: bool) {
+        if let Self::Kinect(live) = self {
+            live.show_tracking(tracking);
+        }
+    }
+
+    /// Frames that a recording names, skipped ones included; 0 if it is none.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        match self {
+            Self::Recording(recording) => recording.len(),
+            Self::Rgbd(recording) => recording.frames(),
+            Self::Simulated(_) | Self::Kinect(_) => 0,
+        }
+    }
+
+    /// Plays a recording on from the frame of this number.
+    pub fn go_to(&mut self, number: usize) {
+        match self {
+            Self::Recording(recording) => recording.go_to(number),
+            Self::Rgbd(recording) => recording.go_to(number),
+            Self::Simulated(_) | Self::Kinect(_) => {}
         }
     }
 
@@ -174,9 +254,46 @@ impl Source {
     pub fn skipped(&self) -> u64 {
         match self {
             Self::Recording(recording) => recording.skipped(),
+            Self::Rgbd(recording) => recording.skipped(),
             Self::Simulated(_) => 0,
             Self::Kinect(live) => live.status().health.streams[Stream::Depth.index()].broken,
         }
+    }
+}
+
+/// What to do when a sensor is requested and none is connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// Play the simulated sensor in its place.
+    Simulate,
+    /// Wait until one is plugged in.
+    Wait,
+    /// Fail.
+    Refuse,
+}
+
+/// Opens a source by name; `settings` are for a sensor on USB.
+///
+/// # Errors
+/// If the source does not exist or cannot be opened.
+pub fn open(name: &str, missing: Missing, settings: SensorSettings) -> Result<Source, SourceError> {
+    let serial = match name.parse().unwrap_or_else(|never| match never {}) {
+        SourceName::Recording(path) => return Source::recording(&path),
+        SourceName::Simulated { scene } => return Source::simulated(scene.as_deref()),
+        SourceName::Kinect { serial } => serial,
+    };
+    let (source, problem) = Source::kinect(serial.as_deref(), settings);
+    match (missing, problem) {
+        (Missing::Refuse, Some(problem)) => Err(SourceError::Missing(problem)),
+        (Missing::Simulate, Some(problem)) => {
+            tracing::warn!("{problem}; using the simulated sensor until mien is started again");
+            Source::simulated(None)
+        }
+        (Missing::Wait, Some(problem)) => {
+            tracing::warn!("waiting for the Kinect: {problem}");
+            Ok(source)
+        }
+        (_, None) => Ok(source),
     }
 }
 

@@ -12,6 +12,25 @@ pub(crate) fn read(path: &Path, most: usize) -> Result<Vec<u8>> {
     all(File::open(path)?, most)
 }
 
+/// The file at `path`, if it is one: what a pipe would give is not waited for.
+///
+/// # Errors
+/// If it is not there, or no regular file.
+pub(crate) fn open_regular(path: &Path) -> Result<File> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(std::io::Error::other("not a regular file"));
+    }
+    File::open(path)
+}
+
+/// The bytes of a regular file.
+///
+/// # Errors
+/// As [`read`] and [`open_regular`].
+pub(crate) fn regular(path: &Path, most: usize) -> Result<Vec<u8>> {
+    all(open_regular(path)?, most)
+}
+
 /// The bytes of an open file.
 ///
 /// # Errors

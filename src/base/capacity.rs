@@ -13,9 +13,9 @@
 //! | landed USB transfers | the stream pauses until they are taken; what it misses is counted as lost |
 //! | a line of the log, of status, of a serial port | cut, or not sent and counted |
 
-/// Columns of both pictures of a Kinect v1, in pixels.
+/// Columns of the largest pictures, depth and grey.
 pub const WIDTH: usize = 640;
-/// Rows of both pictures of a Kinect v1, in pixels.
+/// Their rows.
 pub const HEIGHT: usize = 480;
 /// Pixels of one picture.
 pub const PIXELS: usize = WIDTH * HEIGHT;

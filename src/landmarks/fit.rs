@@ -424,7 +424,6 @@ impl LandmarkFitter {
 mod tests {
     use super::*;
     use crate::base::geometry::{Point, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-    use crate::sensor::camera::Registration;
 
     fn fitter() -> LandmarkFitter {
         LandmarkFitter::new(Settings::default(), &FaceModel::shipped())
@@ -435,7 +434,7 @@ mod tests {
             Vector::new(0.02, -0.03, 0.8).into(),
             rotation_from_yaw_pitch_roll(0.3, 0.1, 0.2),
         );
-        let camera = Camera::new(&Registration::default());
+        let camera = Camera::default();
         Placement::of_pose(&camera, &head).expect("in the picture")
     }
 

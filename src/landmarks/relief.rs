@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn a_plane_is_where_it_is_in_the_head_frame() {
-        let camera = Camera::nominal();
+        let camera = Camera::default();
         let depth = plane(&camera, 0.2);
         let pose = SensorFromFace::of(Rigid::translation(0.01, -0.02, 0.83));
         for place in [[0.0, 0.0], [0.03, 0.02], [-0.04, 0.05]] {
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn what_is_far_from_the_place_is_not_taken_for_it() {
-        let camera = Camera::nominal();
+        let camera = Camera::default();
         let depth = plane(&camera, 0.0);
         let pose = SensorFromFace::of(Rigid::translation(0.0, 0.0, 0.8));
         assert!(height(&depth, &camera, &pose, &Point::new(0.0, 0.0, 0.05)).is_none());

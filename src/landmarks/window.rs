@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn the_window_shows_the_points_where_the_camera_does() {
-        let camera = Camera::nominal();
+        let camera = Camera::default();
         for (x, y, z, yaw, roll) in [
             (0.0, 0.0, 0.8, 0.0, 0.0),
             (0.2, -0.1, 0.9, 0.3, 0.4),
@@ -356,7 +356,7 @@ mod tests {
             nalgebra::Translation3::new(0.1, 0.0, 0.8),
             rotation_from_yaw_pitch_roll(0.2, 0.1, 0.5),
         );
-        let placement = Placement::of_pose(&Camera::nominal(), &pose).expect("in view");
+        let placement = Placement::of_pose(&Camera::default(), &pose).expect("in view");
         let down = placement.start.rotation * Vector::y();
         assert!(down.x.abs() < 1e-5 && down.y > 0.9);
     }

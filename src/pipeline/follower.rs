@@ -451,7 +451,7 @@ mod tests {
     /// Frames of a seated person, each with its cloud and the true head pose.
     fn frames(count: usize, mut see: impl FnMut(&Frame, &Camera, &HeadCloud, Rigid)) {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
-        let camera = Camera::new(sensor.registration());
+        let camera = sensor.camera().clone();
         let mut segmenter = Segmenter::new(Settings::default().segment);
         let mut frame = Frame::default();
         for _ in 0..count {

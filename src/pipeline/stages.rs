@@ -16,7 +16,7 @@ use crate::face_model::FaceModel;
 use crate::output::{Command, Report};
 use crate::segment::Segmenter;
 use crate::sensor::Frame;
-use crate::sensor::camera::{Camera, Registration};
+use crate::sensor::camera::Camera;
 use crate::users::TrackingState;
 #[cfg(feature = "studio")]
 use crate::users::likeness::Likeness;
@@ -36,11 +36,11 @@ impl Pipeline {
     /// If the model lacks what a stage or the chosen method needs.
     pub fn new(
         settings: &Settings,
-        registration: &Registration,
+        camera: &Camera,
         model: &FaceModel,
     ) -> Result<Self, PipelineError> {
         Ok(Self {
-            camera: Camera::new(registration),
+            camera: camera.clone(),
             segmenter: Segmenter::new(settings.segment),
             people: People::new(settings, model)?,
         })
@@ -109,8 +109,8 @@ impl Pipeline {
     }
 
     /// The frames now come from another camera.
-    pub fn set_camera(&mut self, registration: &Registration) {
-        self.camera = Camera::new(registration);
+    pub fn set_camera(&mut self, camera: &Camera) {
+        self.camera = camera.clone();
         self.segmenter.reset();
         self.people.forget();
     }
@@ -160,10 +160,10 @@ mod tests {
     #[test]
     fn who_is_known_again_in_another_slot_came_when_they_came_first() {
         let mut sensor = Simulated::new(Some("acted")).expect("a scene");
-        let registration = sensor.registration();
+        let camera = sensor.camera();
         let settings = Settings::default();
         let mut pipeline =
-            Pipeline::new(&settings, registration, &FaceModel::shipped()).expect("a pipeline");
+            Pipeline::new(&settings, camera, &FaceModel::shipped()).expect("a pipeline");
         let mut frame = Frame::default();
         let mut follow = |pipeline: &mut Pipeline, frames: usize, is_there: bool| {
             for _ in 0..frames {

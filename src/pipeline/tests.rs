@@ -253,8 +253,11 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
 }
 
 fn pipeline() -> Pipeline {
-    let (registration, model) = (Default::default(), FaceModel::shipped());
-    Pipeline::new(&Settings::default(), &registration, &model).expect("a pipeline")
+    let (seen, model) = (
+        Simulator::new(HeadAsset::shipped(), Scene::Demo, 5),
+        FaceModel::shipped(),
+    );
+    Pipeline::new(&Settings::default(), seen.camera(), &model).expect("a pipeline")
 }
 
 fn followed(scene: Scene, seconds: &[[u64; 2]]) {

@@ -28,14 +28,13 @@ use alloc::sync::Arc;
 
 use nalgebra::SMatrix;
 
-use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::defaults;
 use crate::base::frames::{HeadFromFace, HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Rigid, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
-use crate::segment::{CELL_PX, HeadCloud, PixelRect};
+use crate::segment::HeadCloud;
 use anchor::{Anchor, Surface};
 use plane::{Coverage, Effort, PlaneFit};
 use shape::HeadShape;
@@ -186,16 +185,6 @@ impl<const N: usize> Best<N> {
         let _ = self.0.insert(place.unwrap_or(self.0.len()), fit);
     }
 }
-
-/// Whether a head is not cut off by the edge of the depth picture; the last columns of a Kinect are blank.
-fn is_whole(rect: &PixelRect) -> bool {
-    let right = WIDTH as u16 - BLANK_COLUMNS - CELL_PX as u16;
-    let bottom = HEIGHT as u16 - CELL_PX as u16;
-    rect.x0 > CELL_PX as u16 && rect.y0 > CELL_PX as u16 && rect.x1 < right && rect.y1 < bottom
-}
-
-/// Columns without data at the right side of the depth picture.
-const BLANK_COLUMNS: u16 = 8;
 
 /// The last two poses and the filter, as they were before an unconfirmed pose.
 type Before = (
@@ -643,7 +632,7 @@ impl PoseTracker {
     fn believed(&mut self, head: &HeadCloud, fit: PlaneFit, covered: Coverage) -> HeadPose {
         let coverage = covered.middle.min(covered.nose);
         // What the picture's edge cuts off would bend the shape.
-        let teaches = fit.agreement >= TEACHING_AGREEMENT && is_whole(&head.rect);
+        let teaches = fit.agreement >= TEACHING_AGREEMENT && head.whole;
         self.lesson = (self.settings.learn_shape && teaches).then_some(fit);
         self.known = fit.known;
         HeadPose {
@@ -766,7 +755,7 @@ impl PoseTracker {
         let found = icp::align(standard, cloud, *start, &to_anchor, &mut self.scratch)
             .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
-        let teaches = self.settings.learn_shape && is_whole(&head.rect);
+        let teaches = self.settings.learn_shape && head.whole;
         self.lesson = teaches.then_some(PlaneFit {
             head_from_sensor: HeadFromSensor::of(found.target_from_moving),
             scale: self.head_scale(),
@@ -891,12 +880,7 @@ mod tests {
                     let _ = seen.points.push(q);
                 }
             }
-            seen.rect = PixelRect {
-                x0: 100,
-                y0: 100,
-                x1: 300,
-                y1: 300,
-            };
+            seen.whole = true;
             let at = Timestamp::from_us(k * 33_333);
             let found = tracker.track(&seen, at).expect("a head");
             let found = found.sensor_from_head.rotation;
@@ -1081,22 +1065,6 @@ mod tests {
     }
 
     #[test]
-    fn what_a_side_of_the_picture_cuts_off_is_not_whole() {
-        let rect = |x0: u16, y0: u16, x1: u16, y1: u16| PixelRect { x0, y0, x1, y1 };
-        let cell = CELL_PX as u16;
-        let (right, bottom) = (WIDTH as u16 - BLANK_COLUMNS - cell, HEIGHT as u16 - cell);
-        assert!(is_whole(&rect(cell + 1, cell + 1, right - 1, bottom - 1)));
-        for cut in [
-            rect(cell, 99, 200, 200),
-            rect(99, cell, 200, 200),
-            rect(99, 99, right, 200),
-            rect(99, 99, 200, bottom),
-        ] {
-            assert!(!is_whole(&cut), "{cut:?}");
-        }
-    }
-
-    #[test]
     fn a_pose_is_as_sure_as_its_agreement_and_its_coverage() {
         let settings = Settings::default();
         let mut tracker = PoseTracker::new(settings, &half_egg()).unwrap();
@@ -1135,12 +1103,7 @@ mod tests {
         );
         let covered = |middle: f32, nose: f32| Coverage { middle, nose };
         let mut whole = head;
-        whole.rect = PixelRect {
-            x0: 100,
-            y0: 100,
-            x1: 300,
-            y1: 300,
-        };
+        whole.whole = true;
         for (agreement, middle, nose, confidence, teaches) in [
             (0.8, 0.9, 0.7, 0.8, true),
             (0.8, 0.9, 0.3, 0.4, true),
@@ -1153,7 +1116,7 @@ mod tests {
             assert_eq!(pose.coverage, middle.min(nose));
             assert_eq!(tracker.lesson.is_some(), teaches);
         }
-        whole.rect.x0 = 0;
+        whole.whole = false;
         tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
         assert!(tracker.lesson.is_none(), "cut off at the side");
     }

@@ -3,8 +3,8 @@
 //! Nobody has the standard head. If a head is wider or its nose longer, the alignment settles at a compromise that depends on
 //! which part is visible, so the pose error depends on the pose. Learned are the uniform scale (a running mean of each
 //! frame's estimate, bounded 0.85 to 1.15) and for every anchor point an offset along its normal (a running mean of the
-//! distances of its live points; the idea of a fused reference model, Newcombe et al., KinectFusion, 2011, on the anchor's
-//! own points instead of a volume).
+//! distances of its live points; the idea of a fused reference model, Newcombe et al., Real-Time Dense Surface Mapping and Tracking,
+//! ISMAR 2011, on the anchor's own points instead of a volume).
 //!
 //! Any rigid motion or scale contained in the offsets is removed again ([`HeadShape::settle`]), because it belongs to the
 //! pose: otherwise the learned head could drift away from the standard one. Only the bare face ([`Anchor`]) counts there:

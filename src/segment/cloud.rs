@@ -20,8 +20,8 @@ use crate::sensor::camera::Camera;
 
 /// Distance of a pixel from its cell, as a share of the distance, up to which it is the same surface.
 const SAME_SURFACE: f32 = 0.03;
-/// A cloud of fewer pixels than this is no head: a head at 2 m has 2,500.
-const MIN_PIXELS: u32 = 400;
+/// A cloud that fills less than this, steradians, is no head: a head at 2 m has six times as much.
+const LEAST: f32 = 1.2065e-3;
 /// Nothing is measured nearer than this, metres.
 const NEAREST_M: f32 = 0.3;
 
@@ -59,8 +59,9 @@ pub(crate) fn gather(
         block += 1;
     }
     cloud.rect = head.rect();
+    cloud.whole = cloud.rect.is_within(camera.depth_size());
     cloud.centre = centre(&cloud.points);
-    cloud.pixels >= MIN_PIXELS
+    cloud.pixels >= camera.pixels_of(LEAST)
 }
 
 /// The part of a head that a depth camera before it sees, hair included: least and largest x, y, z of the head frame, metres
@@ -150,8 +151,9 @@ pub(crate) fn around(
         }
     }
     cloud.rect = rect.unwrap_or_default();
+    cloud.whole = cloud.rect.is_within(camera.depth_size());
     cloud.centre = centre(&cloud.points);
-    cloud.pixels >= MIN_PIXELS
+    cloud.pixels >= camera.pixels_of(LEAST)
 }
 
 /// Sums over the readings of a square block within a range, of those that are of one surface with its middle.

@@ -1,5 +1,6 @@
 //! The output of segmentation: heads as points and as picture rectangles, and the labels of its mask.
 
+use super::regions::CELL_PX;
 use crate::base::capacity::HEAD_POINTS;
 use crate::base::geometry::Point;
 
@@ -16,6 +17,15 @@ pub struct PixelRect {
     pub y1: u16,
 }
 
+impl PixelRect {
+    /// Whether it keeps more than a cell's distance to the edges of a picture of this size: what is in it is not cut off.
+    #[must_use]
+    pub fn is_within(&self, size: [usize; 2]) -> bool {
+        let [right, bottom] = size.map(|pixels| (pixels - CELL_PX) as u16);
+        self.x0 > CELL_PX as u16 && self.y0 > CELL_PX as u16 && self.x1 < right && self.y1 < bottom
+    }
+}
+
 /// The depth points of one head, in the sensor frame. Thinned evenly when full.
 #[derive(Clone, Debug, Default)]
 pub struct HeadCloud {
@@ -23,6 +33,8 @@ pub struct HeadCloud {
     pub points: heapless::Vec<Point, HEAD_POINTS>,
     /// Where the head is in the depth picture.
     pub rect: PixelRect,
+    /// Whether no edge of the picture cuts it off.
+    pub whole: bool,
     /// Mean of the points.
     pub centre: Point,
     /// Depth pixels that belong to the head, before thinning.

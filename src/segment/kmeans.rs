@@ -6,7 +6,7 @@
 //! its mean one division. Centres start from the last frame's; the first ones stand evenly over the range in use. Ties
 //! go to the nearer layer. Deterministic.
 //!
-//! Units: raw disparity values (monotone in distance, finest near the sensor, which is where heads are). Memory: 32 kB of
+//! Units: raw depth values (linear in 1/z, finest near the sensor, which is where heads are). Memory: 32 kB of
 //! running totals. Cost: one pass over the histogram and K searches per iteration. Degenerate: a cluster without pixels
 //! keeps its centre, and with too few distinct values several stay empty; no pixels at all leave everything unchanged.
 //! Limitation: a local optimum, as always with Lloyd; restarting when a layer runs empty keeps it useful.

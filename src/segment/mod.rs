@@ -172,12 +172,14 @@ impl Segmenter {
             }
             end = layer.end;
         }
+        let gap = usize::from(camera.raw_steps(GAP));
+        let stray = camera.pixels_of(GAP_PIXELS);
         // A layer's border may run through a person: it moves on to the next gap of the histogram.
         while end < reach
-            && self.histogram[end..(end + GAP).min(RAW_DEPTH_VALUES)]
+            && self.histogram[end..(end + gap).min(RAW_DEPTH_VALUES)]
                 .iter()
                 .sum::<u32>()
-                > GAP_PIXELS
+                > stray
         {
             end += 1;
         }
@@ -185,10 +187,10 @@ impl Segmenter {
     }
 }
 
-/// Raw values that must be nearly empty for a gap between layers.
-const GAP: usize = 6;
-/// Pixels (of the quarter counted) that a gap may hold: the stray readings at edges.
-const GAP_PIXELS: u32 = 24;
+/// What must be nearly empty for a gap between layers, in 1/z, 1/m: 17 mm at 1 m.
+const GAP: f32 = 0.0175;
+/// Pixels (of the quarter counted) that a gap may hold, as a solid angle: the stray readings at edges.
+const GAP_PIXELS: f32 = 7.24e-5;
 
 #[cfg(test)]
 mod tests;

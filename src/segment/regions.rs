@@ -22,8 +22,8 @@ pub const COLUMNS: usize = WIDTH / CELL_PX;
 pub const ROWS: usize = HEIGHT / CELL_PX;
 /// Provisional labels one picture may use.
 const MAX_REGIONS: usize = 4096;
-/// Raw values by which samples of one cell may differ.
-const CELL_SPREAD: u16 = 12;
+/// Samples of one cell may differ by this in 1/z, 1/m: 35 mm at 1 m.
+const CELL_SPREAD: f32 = 0.035;
 /// Depth step of neighbouring cells that still hangs together, as a share of the distance: 28 mm at 0.7 m, where a cell
 /// is 5 mm wide, so surfaces tilted up to 80° hold together and a hand before the face does not.
 const STEP_SHARE: f32 = 0.04;
@@ -73,7 +73,7 @@ pub(crate) fn count(depth: &[u16; PIXELS], histogram: &mut [u32; RAW_DEPTH_VALUE
 }
 
 /// Mean distance of the samples that agree with the nearest, metres; 0 if that is not before `end` or too few agree.
-fn cell_depth(samples: [u16; 4], camera: &Camera, end: usize) -> f32 {
+fn cell_depth(samples: [u16; 4], camera: &Camera, spread: u16, end: usize) -> f32 {
     let [a, b, c, d] = samples;
     let nearest = a.min(b).min(c.min(d));
     if usize::from(nearest) >= end || nearest >= NO_DEPTH {
@@ -81,7 +81,7 @@ fn cell_depth(samples: [u16; 4], camera: &Camera, end: usize) -> f32 {
     }
     let (mut sum, mut n) = (0.0, 0.0);
     for raw in samples {
-        if raw < nearest + CELL_SPREAD {
+        if raw < nearest + spread {
             sum += camera.depth_m(raw);
             n += 1.0;
         }
@@ -103,13 +103,15 @@ impl Regions {
     /// Fills cells from the raw depth below `end` and labels the regions.
     pub(crate) fn label(&mut self, depth: &[u16; PIXELS], camera: &Camera, end: usize) {
         self.cell_at_1m = CELL_PX as f32 / camera.depth_focal_px();
+        let spread = camera.raw_steps(CELL_SPREAD);
         let cells = self.depth_m.chunks_exact_mut(COLUMNS);
         for (row, (cells, mask)) in cells.zip(self.mask.chunks_exact_mut(COLUMNS)).enumerate() {
             let pixels = |row: usize| depth[row * WIDTH..(row + 1) * WIDTH].chunks_exact(CELL_PX);
             let upper = pixels(row * CELL_PX + 1);
             let lower = pixels(row * CELL_PX + 3);
             for (((cell, mask), upper), lower) in cells.iter_mut().zip(mask).zip(upper).zip(lower) {
-                *cell = cell_depth([upper[1], upper[3], lower[1], lower[3]], camera, end);
+                let samples = [upper[1], upper[3], lower[1], lower[3]];
+                *cell = cell_depth(samples, camera, spread, end);
                 *mask = u8::from(*cell > 0.0);
             }
         }

@@ -57,8 +57,24 @@ fn person(x: f32, y: f32, z: f32) -> Vec<([f32; 3], [f32; 3])> {
 const WALL: [f32; 5] = [-3.0, -3.0, 3.0, 3.0, 2.2];
 
 #[test]
+fn what_a_side_of_the_picture_cuts_off_is_not_whole() {
+    let rect = |x0: u16, y0: u16, x1: u16, y1: u16| PixelRect { x0, y0, x1, y1 };
+    let (cell, size) = (CELL_PX as u16, [512, 424]);
+    let [right, bottom] = size.map(|pixels| pixels as u16 - cell);
+    assert!(rect(cell + 1, cell + 1, right - 1, bottom - 1).is_within(size));
+    for cut in [
+        rect(cell, 99, 200, 200),
+        rect(99, cell, 200, 200),
+        rect(99, 99, right, 200),
+        rect(99, 99, 200, bottom),
+    ] {
+        assert!(!cut.is_within(size), "{cut:?}");
+    }
+}
+
+#[test]
 fn a_person_gives_one_head_of_the_right_place_and_size() {
-    let camera = Camera::nominal();
+    let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     for z in [0.6, 0.8, 1.0, 1.3] {
         let world = World {
@@ -84,7 +100,7 @@ fn a_person_gives_one_head_of_the_right_place_and_size() {
 
 #[test]
 fn two_people_give_two_heads_and_the_one_followed_stays_first() {
-    let camera = Camera::nominal();
+    let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     let first = World {
         solids: person(-0.15, -0.02, 1.0),
@@ -100,7 +116,7 @@ fn two_people_give_two_heads_and_the_one_followed_stays_first() {
 
 #[test]
 fn what_is_no_head_gives_none() {
-    let camera = Camera::nominal();
+    let camera = Camera::default();
     let hand_flat = ([0.0, 0.0, 0.7], [0.05, 0.09, 0.012]);
     let forearm = ([0.02, 0.2, 0.72], [0.04, 0.16, 0.04]);
     let scenes: [(&str, World); 8] = [
@@ -175,7 +191,7 @@ fn what_is_no_head_gives_none() {
 
 #[test]
 fn a_hand_before_the_face_and_a_raised_one_do_not_take_the_head_away() {
-    let camera = Camera::nominal();
+    let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     let mut world = World {
         solids: person(0.0, 0.0, 0.85),
@@ -217,7 +233,7 @@ fn a_hand_before_the_face_and_a_raised_one_do_not_take_the_head_away() {
 
 #[test]
 fn the_mask_shows_the_head_and_nothing_is_left_from_before() {
-    let camera = Camera::nominal();
+    let camera = Camera::default();
     let mut segmenter = Segmenter::new(Settings::default());
     let world = World {
         solids: person(0.0, 0.0, 0.8),

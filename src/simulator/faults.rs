@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use crate::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
 
 /// How often what goes wrong. Rates are per packet; all zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

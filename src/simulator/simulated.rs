@@ -7,12 +7,14 @@
 use super::virtual_head::{HeadAsset, Look, Scene, Simulator, Truth};
 use super::virtual_kinect::{STEP, View, VirtualKinect};
 use crate::base::nearest_word::hint;
-use crate::sensor::camera::Registration;
-use crate::sensor::device::Model;
-use crate::sensor::kinect::{Kinect, Settings, develop};
-use crate::sensor::pairing::RawPair;
-use crate::sensor::picture_clock::PictureClock;
-use crate::sensor::{FRAME_TICKS, Frame, timestamp_from_ticks};
+use crate::sensor::camera::Camera;
+use crate::sensor::kinect::device::Model;
+use crate::sensor::kinect::driver::{Kinect, Settings, develop};
+use crate::sensor::kinect::frame::{Developed, KinectFrame};
+use crate::sensor::kinect::pairing::RawPair;
+use crate::sensor::kinect::picture_clock::PictureClock;
+use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
+use crate::sensor::kinect::registration::Registration;
 
 /// Seed of the scene's movements and noise: every run is the same.
 const SEED: u64 = 1;
@@ -27,14 +29,14 @@ struct Drawn {
 }
 
 impl View for Drawn {
-    fn draw(&mut self, frame: &mut Frame) -> bool {
+    fn draw(&mut self, frame: &mut KinectFrame) -> bool {
         let ticks = self.frames * FRAME_TICKS.cast_unsigned();
         self.truth = self
             .simulator
             .draw(timestamp_from_ticks(ticks.cast_signed()), frame);
         // The counter wraps, as the real one does.
-        frame.ticks = ticks as u32;
-        (frame.has_colour, frame.colour_ticks) = (true, frame.ticks);
+        frame.has_colour = true;
+        (frame.original.ticks, frame.original.colour_ticks) = (ticks as u32, ticks as u32);
         self.frames += 1;
         true
     }
@@ -76,7 +78,7 @@ impl Simulated {
     }
 
     /// Fills `frame` with the next one.
-    pub fn next_frame(&mut self, frame: &mut Frame) {
+    pub fn next_frame(&mut self, frame: &mut impl Developed) {
         let Self {
             kinect,
             pair,
@@ -106,6 +108,12 @@ impl Simulated {
         &self.kinect.source().view().simulator
     }
 
+    /// Geometry of the virtual Kinect.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        self.simulator().camera()
+    }
+
     /// Calibration, as read from the virtual Kinect.
     #[must_use]
     pub fn registration(&self) -> &Registration {
@@ -116,14 +124,12 @@ impl Simulated {
 impl From<Simulator> for Simulated {
     /// Any head, scene and light.
     fn from(simulator: Simulator) -> Self {
-        let registration = simulator.camera().registration().clone();
         let drawn = Drawn {
             simulator,
             frames: 0,
             truth: None,
         };
-        let device =
-            VirtualKinect::new(Model::Xbox1414, SERIAL, drawn).with_registration(registration);
+        let device = VirtualKinect::new(Model::Xbox1414, SERIAL, drawn);
         let mut kinect = Kinect::open(device, Settings::default())
             .expect("the virtual Kinect answers every command");
         kinect

@@ -12,8 +12,8 @@
 
 use core::time::Duration;
 
-use crate::sensor::camera::Registration;
-use crate::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::registration::Registration;
 
 mod camera;
 mod player;
@@ -56,13 +56,6 @@ impl<D: View> VirtualKinect<D> {
     #[must_use]
     pub const fn with_period(mut self, period: Duration) -> Self {
         self.player.period = period;
-        self
-    }
-
-    /// With a calibration of its own. The distance between the cameras is always told as 2.3 cm, as units do.
-    #[must_use]
-    pub fn with_registration(mut self, registration: Registration) -> Self {
-        self.camera = VirtualCamera::new(self.camera.model(), registration);
         self
     }
 

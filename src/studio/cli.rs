@@ -20,8 +20,9 @@ use super::record;
 use super::stopped::{self, Goes};
 use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
 use super::{animate, bake};
-use crate::appliance::service::{self, NoKinect};
+use crate::appliance::service;
 use crate::appliance::settings::Settings;
+use crate::appliance::source::{self, Missing};
 use crate::face_model::FaceModel;
 use crate::studio::atomic_write;
 use crate::studio::evaluate::figures;
@@ -508,8 +509,8 @@ fn run_record(words: &Record) -> Result<(), Fault> {
         seconds,
         source,
     } = words;
-    let mut source =
-        service::open(source, NoKinect::Simulate, Default::default()).map_err(service_fault)?;
+    let mut source = source::open(source, Missing::Simulate, Default::default())
+        .map_err(|failure| service_fault(failure.into()))?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());

@@ -1,7 +1,7 @@
 //! When a Kinect's frames are taken.
 
 use crate::base::time::Timestamp;
-use crate::sensor::{FRAME_TICKS, timestamp_from_ticks};
+use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
 
 /// Time of frame `number` of a sensor that loses none.
 #[must_use]

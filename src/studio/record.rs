@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::progress::Progress;
 use crate::appliance::source::{Source, SourceError};
-use crate::sensor::Frame;
-use crate::sensor::recording::{Recorder, RecordingError};
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::recording::{Recorder, RecordingError};
 
 /// Frames between two looks at the disk.
 const LOOKED_EVERY: u64 = 15;
@@ -17,6 +17,11 @@ pub enum RecordError {
     /// The directory.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Nothing that this layout can hold.
+    #[error(
+        "expected frames of a Kinect, found those of another depth camera; copy its folder instead"
+    )]
+    NoKinect,
     /// The source.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -58,8 +63,9 @@ pub fn record(
     started_unix_s: f64,
     stop: &AtomicBool,
 ) -> Result<Recorded, RecordError> {
-    let mut recorder = Recorder::create(out, source.registration(), started_unix_s)?;
-    let mut frame = Frame::default();
+    let registration = source.registration().ok_or(RecordError::NoKinect)?;
+    let mut recorder = Recorder::create(out, registration, started_unix_s)?;
+    let mut frame = KinectFrame::default();
     let progress = Progress::new("record", (seconds.max(0.0) * 30.0).ceil() as usize);
     let (mut done, mut first) = (Recorded::default(), None);
     while !stop.load(Ordering::Relaxed)

@@ -11,7 +11,7 @@
 //! …
 //! checksum 1a2b3c4d
 //! ```
-//! Written by rename, at most once a minute and at the end, and only while the source is a Kinect: replaying a recording
+//! Written by rename, at most once a minute and at the end, and only from a live sensor: replaying a recording
 //! must not change its next replay. A damaged file is moved aside and logged. Memory: fixed after
 //! [`People::at`]. Degenerate: if the clock was set back, nobody ages; people gone too long are dropped by
 //! [`Memory::forget_older`](super::memory::Memory::forget_older).

@@ -13,32 +13,34 @@ pub mod whole_run;
 #[cfg(feature = "studio")]
 use std::path::Path;
 
+use mien::sensor::NO_DEPTH;
 #[cfg(feature = "studio")]
-use mien::sensor::camera::Camera;
-use mien::sensor::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
+use mien::sensor::kinect::colour;
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
 
 /// Ticks of the sensor's counter per frame.
-pub const FRAME_TICKS: u32 = mien::sensor::FRAME_TICKS as u32;
+pub const FRAME_TICKS: u32 = mien::sensor::kinect::picture_clock::FRAME_TICKS as u32;
 
 /// A frame of seeded noise: every raw depth value, every colour.
-pub fn noise_frame(number: u64, seed: u64) -> Frame {
+pub fn noise_frame(number: u64, seed: u64) -> KinectFrame {
     let mut random = fastrand::Rng::with_seed(seed ^ number);
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     frame.depth.fill_with(|| random.u16(..=NO_DEPTH));
-    frame.bayer.fill_with(|| random.u8(..));
+    frame.original.bayer.fill_with(|| random.u8(..));
     stamp(&mut frame, number, 4_290_000_000);
     frame
 }
 
 /// Completes a frame whose pictures are drawn: luma, number, times. `first_ticks` is the counter at the start.
-pub fn stamp(frame: &mut Frame, number: u64, first_ticks: u32) {
-    colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+pub fn stamp(frame: &mut KinectFrame, number: u64, first_ticks: u32) {
+    colour::luma_from_bayer(&frame.original.bayer, &mut frame.frame.luma);
     let ticks = number * u64::from(FRAME_TICKS);
     frame.index = number;
     frame.at = timestamp_from_ticks(ticks as i64);
-    frame.ticks = first_ticks.wrapping_add(ticks as u32);
+    frame.original.ticks = first_ticks.wrapping_add(ticks as u32);
     // The two cameras run at a constant offset.
-    frame.colour_ticks = frame.ticks.wrapping_add(300_000);
+    frame.original.colour_ticks = frame.original.ticks.wrapping_add(300_000);
 }
 
 /// A frame of a real Kinect v1, from `kinect_v1_pcl/<name>_{depth,rgb}.png` in the data sets. The depth there lies on the
@@ -46,12 +48,12 @@ pub fn stamp(frame: &mut Frame, number: u64, first_ticks: u32) {
 /// has real noise, steps and shadows, but its colour is displaced against its depth and everything is about a tenth
 /// nearer to the axis than it was.
 #[cfg(feature = "studio")]
-pub fn kinect_frame(data: &Path, name: &str) -> Frame {
-    let camera = Camera::nominal();
+pub fn kinect_frame(data: &Path, name: &str) -> KinectFrame {
+    let camera = mien::sensor::kinect::geometry::nominal();
     let open = |kind: &str| {
         image::open(data.join(format!("kinect_v1_pcl/{name}_{kind}.png"))).expect(name)
     };
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     for (raw, &z_mm) in frame
         .depth
         .iter_mut()
@@ -61,16 +63,20 @@ pub fn kinect_frame(data: &Path, name: &str) -> Frame {
             *raw = camera.raw_from_m(f32::from(z_mm) * 1e-3).round() as u16;
         }
     }
-    colour::bayer_from_rgb(&open("rgb").into_rgb8(), &mut frame.bayer);
+    colour::bayer_from_rgb(&open("rgb").into_rgb8(), &mut frame.original.bayer);
     frame
 }
 
 /// Writes a recording of real frames, each of the names held for `repeat` frames.
 #[cfg(feature = "studio")]
 pub fn write_kinect_recording(data: &Path, names: &[&str], repeat: u64, to: &Path) {
-    use mien::sensor::recording::Recorder;
-    let mut recorder =
-        Recorder::create(to, Camera::nominal().registration(), 1.7e9).expect("an empty directory");
+    use mien::sensor::kinect::recording::Recorder;
+    let mut recorder = Recorder::create(
+        to,
+        &mien::sensor::kinect::registration::Registration::default(),
+        1.7e9,
+    )
+    .expect("an empty directory");
     for name in names {
         let mut frame = kinect_frame(data, name);
         for _ in 0..repeat {

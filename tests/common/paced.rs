@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
 
 /// A source that delivers no sooner than its own clock, so many times as fast as the world's, says.
 pub(crate) struct Paced<S> {

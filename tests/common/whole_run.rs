@@ -7,15 +7,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use mien::appliance::source::Source;
-use mien::sensor::Frame;
-use mien::sensor::recording::Recorder;
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::recording::Recorder;
 use serialport::{SerialPort, TTYPort};
 
 /// Some seconds of people who come and go, as a recording.
 pub fn record(folder: &Path, scene: &str, frames: u64) {
     let mut source = Source::simulated(Some(scene)).unwrap();
-    let mut recorder = Recorder::create(folder, source.registration(), 1.0e9).unwrap();
-    let mut frame = Frame::default();
+    let mut recorder =
+        Recorder::create(folder, source.registration().expect("a Kinect"), 1.0e9).unwrap();
+    let mut frame = KinectFrame::default();
     for _ in 0..frames {
         assert!(source.next_frame(&mut frame).unwrap());
         recorder.write(&frame).unwrap();

@@ -10,16 +10,16 @@ use mien::output::csv::Rows;
 use mien::output::osc::{self, Datagrams, Osc};
 use mien::output::serial::{self, Encoder};
 use mien::output::{Output, Report, TrackingState, View};
-use mien::sensor::calibration::{Block, emit_block, emit_fixed};
-use mien::sensor::camera::Registration;
-use mien::sensor::command::{Command, emit_command, emit_reply};
-use mien::sensor::device::{Model, Stream};
-use mien::sensor::motor::{self, Posture};
-use mien::sensor::packet::LONGEST;
-use mien::sensor::recording::Recorder;
-use mien::sensor::stream::Cutter;
+use mien::sensor::kinect::calibration::{Block, emit_block, emit_fixed};
+use mien::sensor::kinect::registration::Registration;
+use mien::sensor::kinect::command::{Command, emit_command, emit_reply};
+use mien::sensor::kinect::device::{Model, Stream};
+use mien::sensor::kinect::motor::{self, Posture};
+use mien::sensor::kinect::packet::LONGEST;
+use mien::sensor::kinect::recording::Recorder;
+use mien::sensor::kinect::stream::Cutter;
 use mien::simulator::virtual_head::HeadAsset;
-use mien::sensor::Frame;
+use mien::sensor::kinect::frame::KinectFrame;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
 use mien::studio::bake::mesh::{Corner, Mesh, Vec3};
@@ -166,8 +166,8 @@ fn recording(corpus: &Corpus) {
     let folder = std::env::temp_dir().join(format!("mien-seeds-{}", std::process::id()));
     let mut source = Source::simulated(None).expect("the simulated sensor");
     let mut recorder =
-        Recorder::create(&folder, source.registration(), 1.0e9).expect("a recording");
-    let mut frame = Frame::default();
+        Recorder::create(&folder, source.registration().expect("a Kinect"), 1.0e9).expect("a recording");
+    let mut frame = KinectFrame::default();
     for _ in 0..2 {
         source.next_frame(&mut frame).expect("a frame");
         recorder.write(&frame).expect("a frame is written");

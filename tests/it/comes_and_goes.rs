@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use mien::sensor::Frame;
-use mien::sensor::device::{DeviceError, Model};
-use mien::sensor::kinect::{KinectError, Settings};
-use mien::sensor::live_kinect::LiveKinect;
+use mien::sensor::kinect::device::{DeviceError, Model};
+use mien::sensor::kinect::driver::{KinectError, Settings};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::live::LiveKinect;
 use mien::simulator::virtual_kinect::VirtualKinect;
 
 use crate::common::paced::Paced;
@@ -23,10 +23,10 @@ fn hot_plugged(frames: u32) -> (LiveKinect, Arc<AtomicU32>) {
             return Err(DeviceError::Absent);
         }
         let mut number = 0;
-        let scene = move |frame: &mut Frame| {
-            frame.ticks = number * 2_000_000;
-            frame.colour_ticks = frame.ticks;
-            frame.bayer[0] = attempt as u8;
+        let scene = move |frame: &mut KinectFrame| {
+            frame.original.ticks = number * 2_000_000;
+            frame.original.colour_ticks = frame.original.ticks;
+            frame.original.bayer[0] = attempt as u8;
             number += 1;
             number <= frames
         };
@@ -44,14 +44,14 @@ fn the_program_goes_on_across_absence_and_unplugging() {
         status.waiting_for,
         Some(KinectError::Device(DeviceError::Absent))
     );
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let (mut openings, mut indices) = (Vec::new(), Vec::new());
     let limit = Instant::now() + Duration::from_secs(60);
     while openings.len() < 3 && Instant::now() < limit {
         if live.next_frame(&mut frame, Duration::from_millis(100)) {
             indices.push((frame.index, frame.at));
-            if openings.last() != Some(&frame.bayer[0]) {
-                openings.push(frame.bayer[0]);
+            if openings.last() != Some(&frame.original.bayer[0]) {
+                openings.push(frame.original.bayer[0]);
             }
         }
     }
@@ -66,7 +66,7 @@ fn the_program_goes_on_across_absence_and_unplugging() {
 #[test]
 fn a_slow_consumer_gets_the_newest_and_the_rest_is_counted() {
     let (mut live, _) = hot_plugged(60);
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let mut indices = Vec::new();
     let limit = Instant::now() + Duration::from_secs(60);
     while indices.len() < 4 && Instant::now() < limit {

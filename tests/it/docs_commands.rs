@@ -13,12 +13,13 @@ use std::time::{Duration, Instant};
 use mien::appliance::settings::Settings;
 
 /// Documents with commands, in the order of a reader who reads all.
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 10] = [
     "README.md",
     "docs/receivers.md",
     "docs/box.md",
     "docs/baking.md",
     "docs/workstation.md",
+    "docs/recordings.md",
     "docs/results.md",
     "docs/paper.md",
     "docs/limits.md",

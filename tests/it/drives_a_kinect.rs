@@ -4,14 +4,16 @@
 use std::cell::RefCell;
 use std::time::Duration;
 
-use mien::sensor::camera::{Registration, RegistrationTable};
-use mien::sensor::command::{Command, image_sensor, register};
-use mien::sensor::device::{DeviceError, Model, PacketSource, Received, Stream};
-use mien::sensor::kinect::{Kinect, KinectError, Settings, develop};
-use mien::sensor::motor::Light;
-use mien::sensor::pairing::{Paired, RawPair};
-use mien::sensor::picture_clock::PictureClock;
-use mien::sensor::{Frame, timestamp_from_ticks};
+use mien::sensor::kinect::command::{Command, image_sensor, register};
+use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::kinect::driver::{Kinect, KinectError, Settings, develop};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::motor::Light;
+use mien::sensor::kinect::pairing::{Paired, RawPair};
+use mien::sensor::kinect::picture_clock::PictureClock;
+use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
+use mien::sensor::kinect::registration::Registration;
+use mien::sensor::kinect::table::RegistrationTable;
 use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::simulated::Simulated;
 use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
@@ -19,17 +21,17 @@ use mien::simulator::virtual_kinect::VirtualKinect;
 
 const MODELS: [Model; 3] = [Model::Xbox1414, Model::Xbox1473, Model::Windows1517];
 
-fn grey() -> impl FnMut(&mut Frame) -> bool {
+fn grey() -> impl FnMut(&mut KinectFrame) -> bool {
     let mut number = 0u32;
     move |frame| {
-        frame.ticks = number.wrapping_mul(2_000_000);
-        frame.colour_ticks = frame.ticks;
+        frame.original.ticks = number.wrapping_mul(2_000_000);
+        frame.original.colour_ticks = frame.original.ticks;
         number += 1;
         true
     }
 }
 
-fn virtual_kinect(model: Model) -> VirtualKinect<impl FnMut(&mut Frame) -> bool> {
+fn virtual_kinect(model: Model) -> VirtualKinect<impl FnMut(&mut KinectFrame) -> bool> {
     VirtualKinect::new(model, "A00366A08793039A", grey())
 }
 
@@ -228,7 +230,7 @@ impl<S: PacketSource> PacketSource for Sick<S> {
     }
 }
 
-fn sick(model: Model) -> Sick<VirtualKinect<impl FnMut(&mut Frame) -> bool>> {
+fn sick(model: Model) -> Sick<VirtualKinect<impl FnMut(&mut KinectFrame) -> bool>> {
     Sick {
         inner: virtual_kinect(model),
         mute: false,
@@ -286,7 +288,7 @@ fn silence_in_spite_of_restarts_asks_to_be_opened_anew() {
 /// Polls for so many milliseconds; of what was delivered when, and whether it had colour, and that numbers and stamps go on.
 fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<(u64, bool)> {
     let (mut pair, mut clock) = (RawPair::default(), PictureClock::default());
-    let (mut frame, mut last) = (Frame::default(), None);
+    let (mut frame, mut last) = (KinectFrame::default(), None);
     let mut delivered = Vec::new();
     for millisecond in 0..milliseconds {
         let each = |paired: Paired<'_>| {
@@ -294,7 +296,9 @@ fn delivered<S: PacketSource>(kinect: &mut Kinect<S>, milliseconds: u64) -> Vec<
             develop(&mut pair, &mut clock, &mut frame);
             assert!(last.replace(frame.index) < Some(frame.index));
             if !frame.has_colour {
-                assert!(frame.colour_ticks == 0 && frame.luma.iter().all(|&luma| luma == 0));
+                assert!(
+                    frame.original.colour_ticks == 0 && frame.luma.iter().all(|&luma| luma == 0)
+                );
             }
             delivered.push((millisecond, frame.has_colour));
         };
@@ -366,10 +370,10 @@ fn a_dead_colour_stream_leaves_depth() {
 fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
     // Colour is stamped ten seconds early until the 200th picture.
     let mut number = 0u32;
-    let scene = move |frame: &mut Frame| {
-        frame.ticks = number.wrapping_mul(2_000_000);
+    let scene = move |frame: &mut KinectFrame| {
+        frame.original.ticks = number.wrapping_mul(2_000_000);
         let early = if number < 200 { 600_000_000 } else { 0 };
-        frame.colour_ticks = frame.ticks.wrapping_sub(early);
+        frame.original.colour_ticks = frame.original.ticks.wrapping_sub(early);
         number += 1;
         true
     };
@@ -415,9 +419,9 @@ fn pictures_that_never_pair_are_given_alone_then_restarted_and_counted() {
 #[test]
 fn the_end_of_the_scene_is_an_unplugged_camera() {
     let mut left = 10;
-    let scene = move |frame: &mut Frame| {
-        frame.ticks = frame.ticks.wrapping_add(2_000_000);
-        frame.colour_ticks = frame.ticks;
+    let scene = move |frame: &mut KinectFrame| {
+        frame.original.ticks = frame.original.ticks.wrapping_add(2_000_000);
+        frame.original.colour_ticks = frame.original.ticks;
         left -= 1;
         left > 0
     };
@@ -433,19 +437,27 @@ fn the_end_of_the_scene_is_an_unplugged_camera() {
 fn the_simulated_sensor_gives_what_was_drawn_through_packets() {
     let simulator = || Simulator::new(HeadAsset::shipped(), Scene::default(), 4);
     let (mut through, mut direct) = (Simulated::from(simulator()), simulator());
-    assert_eq!(through.registration(), direct.camera().registration());
-    let (mut expected, mut frame) = (Frame::default(), Frame::default());
+    assert_eq!(through.camera(), direct.camera());
+    let (mut expected, mut frame) = (KinectFrame::default(), KinectFrame::default());
     for number in 0..20u32 {
         let ticks = number * 2_000_000;
         let at = timestamp_from_ticks(ticks.into());
         let truth = direct.draw(at, &mut expected).unwrap();
         through.next_frame(&mut frame);
         assert_eq!(
-            (frame.index, frame.at, frame.ticks, frame.colour_ticks),
+            (
+                frame.index,
+                frame.at,
+                frame.original.ticks,
+                frame.original.colour_ticks
+            ),
             (number.into(), at, ticks, ticks)
         );
         assert!(frame.depth == expected.depth, "depth of frame {number}");
-        assert!(frame.bayer == expected.bayer, "colour of frame {number}");
+        assert!(
+            frame.original.bayer == expected.original.bayer,
+            "colour of frame {number}"
+        );
         assert!(frame.luma == expected.luma, "luma of frame {number}");
         let found = through.truth().unwrap();
         assert_eq!(found.sensor_from_head, truth.sensor_from_head);

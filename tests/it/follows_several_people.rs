@@ -23,9 +23,9 @@ struct Seen {
 /// Plays a scene with the shipped heads from `from` to `to` seconds, every `step`-th frame.
 fn play(scene: Scene, settings: &Settings, [from, to]: [f64; 2], step: usize) -> Vec<Seen> {
     let mut simulator = Simulator::new(HeadAsset::shipped(), scene, 5);
-    let registration = simulator.camera().registration().clone();
+    let camera = simulator.camera().clone();
     let mut pipeline =
-        Pipeline::new(&settings.stages(), &registration, &FaceModel::shipped()).expect("stages");
+        Pipeline::new(&settings.stages(), &camera, &FaceModel::shipped()).expect("stages");
     let mut frame = Frame::default();
     let frames = (from * 30.0) as u64..(to * 30.0) as u64;
     frames

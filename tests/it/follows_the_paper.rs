@@ -15,8 +15,7 @@ use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
-use mien::sensor::camera::Registration;
-use mien::sensor::recording::Recording;
+use mien::sensor::kinect::recording::Recording;
 use mien::simulator::simulated::Simulated;
 use mien::{expression, landmarks, pose};
 
@@ -55,8 +54,12 @@ fn every_stage_is_the_papers() {
 fn the_papers_system_follows_the_actor() {
     let model = FaceModel::shipped();
     let mut source = Simulated::new(Some("acted")).expect("a scene");
-    let mut pipeline = Pipeline::new(&settings().stages(), &Registration::default(), &model)
-        .expect("the shipped model");
+    let mut pipeline = Pipeline::new(
+        &settings().stages(),
+        &mien::sensor::kinect::geometry::nominal(),
+        &model,
+    )
+    .expect("the shipped model");
     let mut frame = Frame::default();
     let (mut turns, mut off) = (Vec::new(), 0.0);
     let told = [Measure::LipGap, Measure::JawDrop, Measure::MouthWidth];
@@ -198,10 +201,10 @@ fn a_person_of_the_second_world_is_followed_by_the_papers_system() {
     let column: HashMap<&str, usize> = names.enumerate().map(|(k, name)| (name, k)).collect();
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
     let mut recording = Recording::open(&scene).expect("a recording");
-    let registration = recording.registration().clone();
+    let camera = recording.camera().clone();
     let model = FaceModel::shipped();
     let mut pipeline =
-        Pipeline::new(&settings().stages(), &registration, &model).expect("the shipped model");
+        Pipeline::new(&settings().stages(), &camera, &model).expect("the shipped model");
     let units = ["AU25", "AU43L", "AU43R"].map(|name| {
         let names = pipeline.unit_names();
         names.iter().position(|unit| *unit == name).expect("a unit")

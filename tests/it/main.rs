@@ -20,6 +20,7 @@ mod learns_a_range;
 mod lives_as_a_service;
 mod output_bytes;
 mod places_points;
+mod plays_any_depth_camera;
 mod plays_what_others_recorded;
 mod plays_without_a_sensor;
 mod reads_an_acted_face;

@@ -14,7 +14,8 @@ use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::segment::PixelRect;
 use mien::sensor::Frame;
-use mien::sensor::recording::{Recorder, Recording};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::recording::{Recorder, Recording};
 use mien::simulator::simulated::Simulated;
 use mien::users::TrackingState::{self, Absent, Held, Lost, Posed, Tracking, Warming};
 use tempfile::TempDir;
@@ -40,7 +41,7 @@ fn session() -> &'static Session {
         let folder = tempfile::tempdir().unwrap();
         let mut sensor = Simulated::new(Some("acted")).unwrap();
         let mut recorder = Recorder::create(folder.path(), sensor.registration(), 1.7e9).unwrap();
-        let mut frame = Frame::default();
+        let mut frame = KinectFrame::default();
         let mut truth = Vec::new();
         for _ in 0..FRAMES {
             sensor.next_frame(&mut frame);
@@ -110,7 +111,7 @@ fn play(folder: &Path) -> (Vec<Played>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let mut pipeline = Pipeline::new(
         &Settings::default().stages(),
-        recording.registration(),
+        recording.camera(),
         &FaceModel::shipped(),
     )
     .unwrap();

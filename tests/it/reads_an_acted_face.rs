@@ -12,7 +12,6 @@ use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
-use mien::sensor::camera::Registration;
 use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 
 /// The scene is joined ten seconds before its acts begin anew: mixed expressions to learn from, then every act once.
@@ -77,7 +76,7 @@ fn units_follow_the_actor() {
     let model = FaceModel::shipped();
     let mut pipeline = Pipeline::new(
         &Settings::default().stages(),
-        &Registration::default(),
+        &mien::sensor::kinect::geometry::nominal(),
         &model,
     )
     .expect("the shipped model");

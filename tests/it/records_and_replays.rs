@@ -5,9 +5,9 @@ use std::path::Path;
 
 use mien::appliance::source::Source;
 use mien::base::capacity::PIXELS;
-use mien::sensor::Frame;
-use mien::sensor::camera::Registration;
-use mien::sensor::recording::{Recorder, Recording, RecordingError};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::recording::{Recorder, Recording, RecordingError};
+use mien::sensor::kinect::registration::Registration;
 
 use crate::common;
 
@@ -29,7 +29,7 @@ fn record(directory: &Path, count: u64) -> Vec<String> {
 /// colour.
 fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
     let mut source = Source::recording(directory).unwrap();
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let mut played = Vec::new();
     while source.next_frame(&mut frame).unwrap() {
         let mut original = common::noise_frame(frame.index, SEED);
@@ -43,13 +43,17 @@ fn replay(directory: &Path) -> (Vec<(u64, u64)>, u64) {
         );
         assert!(frame.luma == original.luma, "luma of frame {}", frame.index);
         assert!(
-            frame.bayer == original.bayer,
+            frame.original.bayer == original.original.bayer,
             "mosaic of frame {}",
             frame.index
         );
         assert_eq!(
-            (frame.at, frame.ticks, frame.colour_ticks),
-            (original.at, original.ticks, original.colour_ticks)
+            (frame.at, frame.original.ticks, frame.original.colour_ticks),
+            (
+                original.at,
+                original.original.ticks,
+                original.original.colour_ticks
+            )
         );
         played.push((frame.index, frame.at.as_us()));
     }
@@ -72,25 +76,26 @@ fn a_recording_replays_bit_for_bit() {
 fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
     let mut source = Source::simulated(Some("acted")).unwrap();
-    let mut recorder = Recorder::create(directory.path(), source.registration(), 1.7e9).unwrap();
-    let mut originals = vec![Frame::default(); 5];
+    let mut recorder =
+        Recorder::create(directory.path(), source.registration().unwrap(), 1.7e9).unwrap();
+    let mut originals = vec![KinectFrame::default(); 5];
     for frame in &mut originals {
         assert!(source.next_frame(frame).unwrap());
         recorder.write(frame).unwrap();
     }
     let mut replay = Source::recording(directory.path()).unwrap();
     assert_eq!(replay.registration(), source.registration());
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     for original in &originals {
         assert!(replay.next_frame(&mut frame).unwrap());
         assert!(
             frame.depth == original.depth
                 && frame.luma == original.luma
-                && frame.bayer == original.bayer
+                && frame.original.bayer == original.original.bayer
         );
         assert_eq!(
-            (frame.index, frame.at, frame.ticks),
-            (original.index, original.at, original.ticks)
+            (frame.index, frame.at, frame.original.ticks),
+            (original.index, original.at, original.original.ticks)
         );
     }
     assert!(!replay.next_frame(&mut frame).unwrap());
@@ -115,7 +120,7 @@ fn the_files_are_those_of_fakenect() {
     assert_eq!(&colour[..15], b"P6 640 480 255\n");
     assert_eq!(
         colour[15 + 1],
-        frame.bayer[0],
+        frame.original.bayer[0],
         "the first pixel of the mosaic is green"
     );
 }
@@ -220,13 +225,13 @@ fn a_depth_picture_without_colour_nearby_is_a_frame_without_colour() {
     let expected = vec![(0, 0), (1, 33_333), (2, 66_666)];
     assert_eq!(replay(directory.path()), (expected, 0));
     let mut recording = Recording::open(directory.path()).unwrap();
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     for has_colour in [true, false, true] {
         assert!(recording.next_frame(&mut frame));
         assert_eq!(frame.has_colour, has_colour);
         let black = |picture: &[u8]| picture.iter().all(|&value| value == 0);
         assert_eq!(
-            black(&frame.luma[..]) && black(&frame.bayer[..]),
+            black(&frame.luma[..]) && black(&frame.original.bayer[..]),
             !has_colour
         );
     }
@@ -309,8 +314,8 @@ fn real_frames_become_a_recording() {
     let directory = tempfile::tempdir().unwrap();
     common::write_kinect_recording(&data, &["desk_000", "five_people"], 2, directory.path());
     let mut recording = Recording::open(directory.path()).unwrap();
-    let camera = mien::sensor::camera::Camera::new(recording.registration());
-    let mut frame = Frame::default();
+    let camera = recording.camera().clone();
+    let mut frame = KinectFrame::default();
     let mut medians = Vec::new();
     while recording.next_frame(&mut frame) {
         let mut depth: Vec<f32> = frame

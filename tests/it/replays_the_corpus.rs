@@ -22,7 +22,7 @@ use mien::base::geometry::yaw_pitch_roll;
 use mien::face_model::FaceModel;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
-use mien::sensor::recording::Recording;
+use mien::sensor::kinect::recording::Recording;
 use tempfile::TempDir;
 
 use crate::common;
@@ -80,8 +80,8 @@ fn damaged(of: &Path, lines: &[String], damage: impl Fn(&str, &Path) -> bool) ->
 fn replayed(folder: &Path) -> (Vec<String>, u64) {
     let mut recording = Recording::open(folder).unwrap();
     let model = FaceModel::shipped();
-    let registration = recording.registration();
-    let mut pipeline = Pipeline::new(&Settings::default().stages(), registration, &model).unwrap();
+    let camera = recording.camera();
+    let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, &model).unwrap();
     let mut frame = Frame::default();
     let mut lines = Vec::new();
     while recording.next_frame(&mut frame) {

@@ -28,9 +28,9 @@ use mien::output::serial::{self, Encoder};
 use mien::output::{Output, Report, TrackingState};
 use mien::pipeline::Pipeline;
 use mien::pose::PoseTracker;
-use mien::sensor::Frame;
-use mien::sensor::device::{DeviceError, Model};
-use mien::sensor::live_kinect::LiveKinect;
+use mien::sensor::kinect::device::{DeviceError, Model};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::live::LiveKinect;
 use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::virtual_kinect::VirtualKinect;
 use mien::users::likeness::{FaceLengths, Likeness};
@@ -475,16 +475,16 @@ fn a_sensor_that_fails() {
     let started = Instant::now();
     // Ten seconds of people who come and go, played to and fro.
     let mut simulated = Source::simulated(Some("four")).unwrap();
-    let mut drawn = Frame::default();
+    let mut drawn = KinectFrame::default();
     let scene: Arc<[(Box<_>, Box<_>)]> = (0..300)
         .map(|_| {
             simulated.next_frame(&mut drawn).unwrap();
-            (drawn.depth.clone(), drawn.bayer.clone())
+            (drawn.depth.clone(), drawn.original.bayer.clone())
         })
         .collect();
     let settings = Settings::default();
     let model = FaceModel::shipped();
-    let mut pipeline = Pipeline::new(&settings.stages(), simulated.registration(), &model).unwrap();
+    let mut pipeline = Pipeline::new(&settings.stages(), simulated.camera(), &model).unwrap();
     drop((simulated, drawn));
     let number = Arc::new(AtomicU64::new(0));
     let attempts = AtomicU64::new(0);
@@ -495,14 +495,14 @@ fn a_sensor_that_fails() {
         }
         let (number, scene) = (Arc::clone(&number), Arc::clone(&scene));
         let until = number.load(Ordering::Relaxed) + 400 + 97 * (attempt % 7);
-        let view = move |frame: &mut Frame| {
+        let view = move |frame: &mut KinectFrame| {
             let now = number.fetch_add(1, Ordering::Relaxed);
             let place = (now % (2 * scene.len() as u64)) as usize;
             let (depth, bayer) = &scene[place.min(2 * scene.len() - 1 - place)];
             frame.depth.copy_from_slice(&**depth);
-            frame.bayer.copy_from_slice(&**bayer);
-            frame.ticks = (now as u32).wrapping_mul(2_000_000);
-            frame.colour_ticks = frame.ticks;
+            frame.original.bayer.copy_from_slice(&**bayer);
+            frame.original.ticks = (now as u32).wrapping_mul(2_000_000);
+            frame.original.colour_ticks = frame.original.ticks;
             now < until
         };
         let rates = Rates {
@@ -517,13 +517,13 @@ fn a_sensor_that_fails() {
         let device = VirtualKinect::new(Model::Xbox1414, "A", view);
         Ok(Paced::new(Faulty::new(device, rates, attempt), SPEED))
     };
-    let mut live = LiveKinect::over(open, mien::sensor::kinect::Settings::default());
+    let mut live = LiveKinect::over(open, mien::sensor::kinect::driver::Settings::default());
     let units = Expression::new(Learning::default(), Units::shipped().by_measure());
     let names = units.unit_names().to_vec();
     let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
     let measures: Vec<&str> = Measure::ALL.iter().map(|measure| measure.name()).collect();
     let mut wires = Wires::new(&measures, &names);
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let (mut followed, mut faces, mut slots, mut last) = (0, 0u64, [0u64; SEATS], None);
     let mut held = Vec::with_capacity(16);
     while followed < frames {

@@ -10,8 +10,9 @@ use mien::pipeline::Pipeline;
 use mien::pipeline::budget;
 use mien::segment::Segmenter;
 use mien::sensor::Frame;
-use mien::sensor::camera::{Camera, Registration};
-use mien::sensor::pairing::{Pairing, RawPair};
+use mien::sensor::kinect::budget as sensor;
+use mien::sensor::kinect::geometry::nominal;
+use mien::sensor::kinect::pairing::{Pairing, RawPair};
 
 use crate::common::whole_run::{everything_on, read_port, record};
 use crate::{MEMORY, alone};
@@ -32,10 +33,10 @@ fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
 fn every_row_of_the_table_is_what_is_taken() {
     let _alone = alone();
     let settings = Settings::default();
-    let registration = Registration::default();
+    let camera = nominal();
     let (model_bytes, model) = bytes_of(FaceModel::shipped);
     let (pipeline, _made) =
-        bytes_of(|| Pipeline::new(&settings.stages(), &registration, &model).unwrap());
+        bytes_of(|| Pipeline::new(&settings.stages(), &camera, &model).unwrap());
     let people = pipeline - budget::SEGMENT - budget::CAMERA - budget::LANDMARKS;
     let rows = [
         ("frame", bytes_of(Frame::default).0, budget::FRAME),
@@ -44,11 +45,7 @@ fn every_row_of_the_table_is_what_is_taken() {
             bytes_of(|| Segmenter::new(settings.segment)).0,
             budget::SEGMENT,
         ),
-        (
-            "camera",
-            bytes_of(|| Camera::new(&registration)).0,
-            budget::CAMERA,
-        ),
+        ("camera", bytes_of(nominal).0, budget::CAMERA),
         ("landmarks", bytes_of(Scratch::default).0, budget::LANDMARKS),
         ("model", model_bytes, budget::MODEL),
         (
@@ -59,7 +56,7 @@ fn every_row_of_the_table_is_what_is_taken() {
         (
             "pairing",
             bytes_of(Pairing::default).0,
-            budget::PICTURES - RawPair::BYTES,
+            sensor::PICTURES - RawPair::BYTES,
         ),
     ];
     for (part, taken, row) in rows {
@@ -68,7 +65,7 @@ fn every_row_of_the_table_is_what_is_taken() {
         assert!(taken <= row + 4096, "{part} takes {taken}, not {row}");
         assert!(taken * 10 >= row * 9, "{part} takes only {taken} of {row}");
     }
-    println!("stages {}, sensor {}", budget::STAGES, budget::SENSOR);
+    println!("stages {}, sensor {}", budget::STAGES, sensor::SENSOR);
 }
 
 /// The highest value of a line of `/proc/PID/status` until the process ends, for several lines.

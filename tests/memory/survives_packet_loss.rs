@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use mien::sensor::Frame;
-use mien::sensor::device::{Model, Stream};
-use mien::sensor::kinect::{Kinect, Settings, develop};
-use mien::sensor::pairing::RawPair;
-use mien::sensor::picture_clock::PictureClock;
-use mien::sensor::stream::Tally;
+use mien::sensor::kinect::device::{Model, Stream};
+use mien::sensor::kinect::driver::{Kinect, Settings, develop};
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::pairing::RawPair;
+use mien::sensor::kinect::picture_clock::PictureClock;
+use mien::sensor::kinect::stream::Tally;
 use mien::simulator::faults::{Faulty, Injected, Rates};
 use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
 
@@ -19,10 +19,10 @@ const VARIANTS: u64 = 16;
 /// Ticks from frame to frame: 2^21 instead of 2 000 000, so that a stamp tells the variant across the wrap of the counter.
 const STAMP: u32 = 1 << 21;
 
-fn variants() -> Vec<Frame> {
+fn variants() -> Vec<KinectFrame> {
     (0..VARIANTS)
         .map(|number| {
-            let mut frame = Frame::default();
+            let mut frame = KinectFrame::default();
             test_pattern::draw(number, &mut frame);
             frame
         })
@@ -44,12 +44,15 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
     let _alone = alone();
     let variants = variants();
     let mut number = 0u64;
-    let scene = |frame: &mut Frame| {
+    let scene = |frame: &mut KinectFrame| {
         let variant = &variants[(number % VARIANTS) as usize];
         frame.depth.copy_from_slice(&*variant.depth);
-        frame.bayer.copy_from_slice(&*variant.bayer);
-        frame.ticks = (number as u32).wrapping_mul(STAMP);
-        frame.colour_ticks = frame.ticks.wrapping_add(70_000);
+        frame
+            .original
+            .bayer
+            .copy_from_slice(&*variant.original.bayer);
+        frame.original.ticks = (number as u32).wrapping_mul(STAMP);
+        frame.original.colour_ticks = frame.original.ticks.wrapping_add(70_000);
         number += 1;
         true
     };
@@ -58,7 +61,7 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
     kinect.start().unwrap();
     let mut pair = RawPair::default();
     let mut clock = PictureClock::default();
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let mut delivered = 0;
     let mut index = None;
     let milliseconds = seconds * 1000;
@@ -75,7 +78,7 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
                 paired.swap_into(&mut pair);
                 develop(&mut pair, &mut clock, &mut frame);
                 // The first frame may be lost: the stamp says which one this is, the number in the pixels must agree.
-                let expected = stamped(frame.ticks);
+                let expected = stamped(frame.original.ticks);
                 let drawn = &variants[expected as usize];
                 assert!(
                     *frame.depth == *drawn.depth,
@@ -88,11 +91,14 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
                     return;
                 }
                 assert!(
-                    *frame.bayer == *drawn.bayer,
+                    *frame.original.bayer == *drawn.original.bayer,
                     "colour of frame {}",
                     frame.index
                 );
-                assert_eq!(frame.colour_ticks, frame.ticks.wrapping_add(70_000));
+                assert_eq!(
+                    frame.original.colour_ticks,
+                    frame.original.ticks.wrapping_add(70_000)
+                );
                 delivered += 1;
             })
             .unwrap();

@@ -3,7 +3,8 @@
 sessions.py DATA CACHE [film desk faces pcl]      (numpy, opencv-python-headless)
 
 Each session is made once, under CACHE: film, film-depth (without the grey colour picture), desk, p00-0 to p05-8 (person and
-pose), pcl-people, pcl-desk. Prints their names. The data sets' own scripts write all but the last two.
+pose), pcl-people, pcl-desk. Prints their names. The data sets' own scripts write all but the last two;
+with FACES=own the faces are written at their camera's own size.
 """
 import json
 import os
@@ -14,6 +15,8 @@ import sys
 import cv2
 import numpy as np
 
+import depth_camera
+
 PEOPLE = [f"p{i:02}" for i in range(6)]
 POSES = range(9)
 # A Kinect v1's focal length in its depth camera's own view, and in kinect_v1_pcl.
@@ -21,8 +24,11 @@ FOCAL_PX, PCL_FOCAL_PX = 575.8, 525.0
 CENTRE = (319.5, 239.5)
 # The zero-plane's nominal figures (mm), and no distance between the cameras: colour and depth of kinect_v1_pcl share a grid.
 EMITTER, COLOUR, REFERENCE, PIXEL, SHIFT = 7.5, 0.0001, 120.0, 0.1042, 200
+# Stills of the faces: neutral between the expressions.
+ORDER = [2, 1, 0, 2, 3, 2, 4, 2, 5, 2]
 PCL = {"pcl-people": ["five_people"], "pcl-desk": ["desk_000", "desk_001"]}
 HELD = 30
+OWN = os.environ.get("FACES") == "own"
 
 
 def pcl(data, out, names):
@@ -75,6 +81,9 @@ def makers(data, part):
                 "film-depth": lambda out: script(data, "kinect_v1_film", out, "--depth-only")}
     if part == "desk":
         return {"desk": lambda out: script(data, "kinect_v1_desk", out, "--hold", "6")}
+    if part == "faces" and OWN:
+        return {f"{p}-{k}": lambda out, p=p, k=k: depth_camera.session(f"{data}/kinect_v2_faces", out, p, k, ORDER)
+                for p in PEOPLE for k in POSES}
     if part == "faces":
         return {f"{p}-{k}": lambda out, p=p, k=k: script(data, "kinect_v2_faces", out, "--person", p, "--pose", str(k))
                 for p in PEOPLE for k in POSES}
@@ -86,9 +95,10 @@ def makers(data, part):
 def main():
     data, cache = sys.argv[1:3]
     for part in sys.argv[3:]:
+        whole = "camera.toml" if part == "faces" and OWN else "INDEX.txt"
         for name, make in makers(data, part).items():
             to = f"{cache}/{name}"
-            if not os.path.exists(f"{to}/INDEX.txt"):
+            if not os.path.exists(f"{to}/{whole}"):
                 # In a folder of its own first: what is cut off half way leaves nothing that looks whole.
                 half = f"{to}.half-{os.getpid()}"
                 shutil.rmtree(half, ignore_errors=True)

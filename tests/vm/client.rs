@@ -9,12 +9,13 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use mien::base::capacity::{PIXELS, WIDTH};
-use mien::sensor::Frame;
-use mien::sensor::camera::{Camera, Registration, RegistrationTable};
-use mien::sensor::device::Stream;
-use mien::sensor::kinect::Settings;
-use mien::sensor::live_kinect::LiveKinect;
-use mien::sensor::usb_devices;
+use mien::sensor::kinect::device::Stream;
+use mien::sensor::kinect::driver::Settings;
+use mien::sensor::kinect::frame::KinectFrame;
+use mien::sensor::kinect::live::LiveKinect;
+use mien::sensor::kinect::registration::Registration;
+use mien::sensor::kinect::table::RegistrationTable;
+use mien::sensor::kinect::usb_devices;
 use mien::simulator::virtual_kinect::test_pattern;
 
 fn hash(h: u64, word: u32) -> u64 {
@@ -24,11 +25,8 @@ fn hash(h: u64, word: u32) -> u64 {
 /// The same check values that `freenect_client.c` prints: raw depth to millimetres, depth pixels to colour pixels.
 fn tables(registration: &Registration) -> [u64; 2] {
     const START: u64 = 1_469_598_103_934_665_603;
-    let (camera, table) = (
-        Camera::new(registration),
-        RegistrationTable::new(registration),
-    );
-    let distances = (0..1089).fold(START, |h, raw| hash(h, camera.depth_mm(raw).into()));
+    let table = RegistrationTable::new(registration);
+    let distances = (0..1089).fold(START, |h, raw| hash(h, registration.depth_mm(raw).into()));
     let mut places = START;
     for pixel in (0..PIXELS).step_by(97) {
         for z_mm in (450..4000).step_by(37) {
@@ -56,7 +54,7 @@ fn main() -> ExitCode {
     };
     let mut live = LiveKinect::usb(arguments.get(3).cloned(), settings);
     let deadline = Instant::now() + Duration::from_secs(seconds);
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let (mut delivered, mut wrong_frames, mut wrong_pixels, mut mixed) = (0u64, 0u64, 0usize, 0u64);
     let mut waiting = None;
     let mut last = None;

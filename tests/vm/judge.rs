@@ -21,7 +21,7 @@ use mien::output::Output;
 use mien::output::csv::Csv;
 use mien::pipeline::Pipeline;
 use mien::sensor::Frame;
-use mien::sensor::camera::Registration;
+use mien::sensor::camera::Camera;
 use rosc::{OscPacket, OscType};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
@@ -103,11 +103,11 @@ fn since_first(row: &Row) -> usize {
 /// first row's.
 fn direct(
     rows: &[Row],
-    registration: &Registration,
+    camera: &Camera,
     model: &FaceModel,
     mut frame_of: impl FnMut(usize) -> Result<Frame>,
 ) -> Result<Vec<String>> {
-    let mut pipeline = Pipeline::new(&Settings::default().stages(), registration, model)?;
+    let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
     let mut csv = Vec::new();
     let names = (Pipeline::measure_names(), pipeline.unit_names());
     let mut writer = Csv::new(&mut csv, &names.0, &names.1)?;
@@ -163,15 +163,10 @@ fn first_frame(rows: &[Row], model: &FaceModel) -> Result<Option<u64>> {
     let told = &rows[..told.map_or(rows.len(), |face| face + 1)];
     let ahead = since_first(&told[told.len() - 1]);
     let mut scene = Scene::new()?;
-    let registration = scene.source.registration().clone();
+    let camera = scene.source.camera().clone();
     for number in first..first + MOST_LOST {
         scene.go_to(number, ahead)?;
-        let lines = direct(
-            told,
-            &registration,
-            model,
-            |at| Ok(scene.frames[at].clone()),
-        )?;
+        let lines = direct(told, &camera, model, |at| Ok(scene.frames[at].clone()))?;
         if told.iter().zip(&lines).all(|(row, line)| row.text == line) {
             return Ok(Some(number));
         }
@@ -275,12 +270,12 @@ fn compare(csv: &str, datagrams: &str, serial: &str) -> Result<u8> {
     let model = FaceModel::shipped();
     let told = first_frame(&rows, &model)?;
     let first = told.unwrap_or(rows[0].frame);
-    let registration = Scene::new()?.source.registration().clone();
+    let camera = Scene::new()?.source.camera().clone();
     // The rows before the first difference that tell nothing of their colour, and which of them are tried without it.
     let (mut differs, mut without) = (0, 0_u32);
     let expected = loop {
         let mut scene = Scene::new()?;
-        let expected = direct(&rows, &registration, &model, |at| {
+        let expected = direct(&rows, &camera, &model, |at| {
             scene.go_to(first + at as u64, 0)?;
             Ok(scene.frames[0].clone())
         })?;

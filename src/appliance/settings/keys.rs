@@ -130,14 +130,14 @@ sections! { s
             text(&mut s.sensor.source, "\"kinect\", \"kinect:SERIAL\", \"simulated\", \"simulated:SCENE\" or the path of a recording", |text| !text.is_empty());
         model: "Face model file; the option --model takes precedence." =>
             text(&mut s.sensor.model, "a path, or empty for the built-in model", |_| true);
-        near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => flag(&mut s.sensor.kinect.near_mode);
+        near_mode: "Kinect for Windows: measure from 0.4 m instead of 0.8 m." => flag(&mut s.sensor.device.near_mode);
         freeze_exposure: "Whether exposure and white balance are locked while a face is tracked." =>
-            flag(&mut s.sensor.kinect.freeze_exposure);
-        set_tilt: "Whether the motor tilts the Kinect when it is opened." => flag(&mut s.sensor.kinect.set_tilt);
+            flag(&mut s.sensor.device.freeze_exposure);
+        set_tilt: "Whether the motor tilts the Kinect when it is opened." => flag(&mut s.sensor.device.set_tilt);
         tilt_deg: "The tilt, relative to the horizon." =>
-            float(&mut s.sensor.kinect.tilt_deg, -31.0, 31.0, "degrees");
+            float(&mut s.sensor.device.tilt_deg, -31.0, 31.0, "degrees");
         reset_audio: "Second series and Kinect for Windows: reset the audio device on opening, for sensors that otherwise stop streaming." =>
-            flag(&mut s.sensor.kinect.reset_audio);
+            flag(&mut s.sensor.device.reset_audio);
     }
     segment: "Head segmentation in the depth picture." {
         max_distance_m: "Maximum distance at which heads are detected." =>

@@ -1,11 +1,11 @@
 //! Everything that can be configured, section by section, in the stages' own types.
 
+use crate::appliance::source;
 use crate::base::defaults;
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
     SacnSettings, ServerSettings,
 };
-use crate::sensor::kinect;
 use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
 /// Everything that can be configured, in the stages' own types.
@@ -49,12 +49,12 @@ defaults! {
     /// Where frames come from.
     #[derive(Clone, Debug, PartialEq)]
     pub struct SensorSettings {
-        /// `kinect`, `kinect:SERIAL`, `simulated`, `simulated:SCENE` or the path of a recording.
-        pub source: String = "kinect".into(),
+        /// As [`source::SourceName`] reads it.
+        pub source: String = source::DEFAULT.into(),
         /// Path of a face model; empty = the built-in one.
         pub model: String = String::new(),
-        /// Kinect settings.
-        pub kinect: kinect::Settings = kinect::Settings::default(),
+        /// What can be chosen about a sensor on USB.
+        pub device: source::SensorSettings = source::SensorSettings::default(),
     }
 
     /// Settings of the outputs that are optional build features; every build reads all of them.
@@ -85,7 +85,7 @@ defaults! {
     /// State kept across restarts.
     #[derive(Clone, Debug, PartialEq)]
     pub struct StateSettings {
-        /// Whether people who left are saved; only while the source is a Kinect.
+        /// Whether people who left are saved; only from a live sensor.
         pub persist: bool = true,
         /// Path of the file.
         pub path: String = "/var/lib/mien/people.ranges".into(),

@@ -33,8 +33,10 @@ pub use script::Scene;
 use crate::base::capacity::{HEIGHT, LANDMARKS, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 use crate::base::time::Timestamp;
+use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-use crate::sensor::{Frame, colour};
+use crate::sensor::kinect::colour;
+use crate::sensor::kinect::frame::{Developed, Original};
 use appearance::{Outfit, OutfitPainter, Stuff};
 use body::Shape;
 use draw::{Canvas, HeadPainter, ShapePainter};
@@ -168,6 +170,7 @@ pub struct Simulator {
     depth: DepthBuffer,
     canvas: Canvas,
     blurred: Vec<[u8; 3]>,
+    bayer: Box<[u8; PIXELS]>,
     drawn: u64,
 }
 
@@ -225,7 +228,7 @@ impl Simulator {
     /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
     #[must_use]
     pub fn new(asset: HeadAsset, scene: Scene, seed: u64) -> Self {
-        let camera = Camera::nominal();
+        let camera = crate::sensor::kinect::geometry::nominal();
         let light = Light::default();
         let room = Shape::room(
             WALL_M,
@@ -265,6 +268,7 @@ impl Simulator {
             room_rgb: canvas.rgb.clone(),
             depth,
             blurred: canvas.rgb.clone(),
+            bayer: Original::default().bayer,
             canvas,
             camera,
             drawn: 0,
@@ -371,7 +375,8 @@ impl Simulator {
 
     /// Draws the scene at a time. The truth is that of the first person who is there, `None` when nobody is; the others'
     /// are in [`Simulator::truths`]. Sets all of the frame; its index counts the frames drawn.
-    pub fn draw(&mut self, at: Timestamp, frame: &mut Frame) -> Option<Truth> {
+    pub fn draw(&mut self, at: Timestamp, into: &mut impl Developed) -> Option<Truth> {
+        let (frame, original) = into.parts();
         let t = (at.as_us() as f64 * 1e-6) as f32;
         self.begin();
         self.play(t, true);
@@ -381,6 +386,9 @@ impl Simulator {
             self.play(t + self.sensor.colour_late_s, false);
         }
         self.draw_colour(hand, at, frame);
+        if let Some(original) = original {
+            original.bayer.copy_from_slice(&*self.bayer);
+        }
         self.people.iter().find_map(|person| person.truth.clone())
     }
 
@@ -540,9 +548,9 @@ impl Simulator {
             sensor.colour_sigma,
             &self.tiles,
             seed,
-            &mut frame.bayer,
+            &mut self.bayer,
         );
-        colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+        colour::luma_from_bayer(&self.bayer, &mut frame.luma);
         frame.index = self.drawn;
         frame.at = at;
         self.drawn += 1;

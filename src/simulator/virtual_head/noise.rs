@@ -491,10 +491,9 @@ pub(crate) fn expose(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::camera::Camera;
 
     fn reading() -> DepthReading {
-        super::super::depth_reading(&Camera::nominal())
+        super::super::depth_reading(&crate::sensor::kinect::geometry::nominal())
     }
 
     fn boxed() -> Box<[u16; PIXELS]> {
@@ -503,7 +502,7 @@ mod tests {
 
     #[test]
     fn the_noise_of_a_wall_is_half_a_raw_unit_and_unbiased() {
-        let (camera, tiles) = (Camera::nominal(), Tiles::new(7));
+        let (camera, tiles) = (crate::sensor::kinect::geometry::nominal(), Tiles::new(7));
         let mut depth = boxed();
         let (mut sum, mut squares, mut n) = (0.0f64, 0.0f64, 0.0f64);
         for k in 0..20 {

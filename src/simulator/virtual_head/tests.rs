@@ -5,6 +5,7 @@ use nalgebra::Translation3;
 use super::*;
 use crate::base::geometry::rotation_from_yaw_pitch_roll;
 use crate::sensor::NO_DEPTH;
+use crate::sensor::kinect::frame::KinectFrame;
 
 fn facing(z: f32, yaw: f32) -> Rigid {
     Rigid::from_parts(
@@ -18,10 +19,10 @@ fn at(t: f64) -> Timestamp {
 }
 
 /// Order-sensitive digest of what a frame holds (FNV-1a, 64 bit).
-fn digest(frame: &Frame) -> u64 {
+fn digest(frame: &KinectFrame) -> u64 {
     let depth = frame.depth.iter().flat_map(|raw| raw.to_le_bytes());
     depth
-        .chain(frame.bayer.iter().copied())
+        .chain(frame.original.bayer.iter().copied())
         .fold(0xcbf2_9ce4_8422_2325, |h, b| {
             (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
         })
@@ -30,11 +31,11 @@ fn digest(frame: &Frame) -> u64 {
 #[test]
 fn the_depth_at_a_landmark_is_the_truth_within_the_noise() {
     let mut simulator = Simulator::new(HeadAsset::shipped(), Scene::Still, 3);
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let weights = vec![0.0; simulator.asset().expressions.len()];
     for (z, yaw) in [(0.7, 0.0), (0.9, 0.3), (0.65, -0.2)] {
         let truth = simulator.draw_pose(&facing(z, yaw), &weights, at(z.into()), &mut frame);
-        let camera = Camera::nominal();
+        let camera = crate::sensor::kinect::geometry::nominal();
         // Points of flat, open surface: bridge of the nose, lips.
         for k in [27, 28, 51, 57] {
             let p = truth.sensor_from_head * truth.landmarks_head[k];
@@ -70,7 +71,7 @@ fn a_marked_landmark_is_seen_at_its_true_colour_pixel() {
             },
             1.0,
         );
-        let mut frame = Frame::default();
+        let mut frame = KinectFrame::default();
         let truth = simulator.draw_pose(&facing(0.6, 0.15), &vec![0.0; n], at(1.0), &mut frame);
         let [x, y] = truth.landmarks_px[k];
         let (mut sum, mut cx, mut cy) = (0.0, 0.0, 0.0);
@@ -95,7 +96,7 @@ fn the_same_seed_and_time_give_the_same_bytes_in_any_order() {
     let mut one = Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
     let mut two = Simulator::new(HeadAsset::shipped(), Scene::Acted, 5);
     let mut other = Simulator::new(HeadAsset::shipped(), Scene::Acted, 6);
-    let (mut a, mut b) = (Frame::default(), Frame::default());
+    let (mut a, mut b) = (KinectFrame::default(), KinectFrame::default());
     one.draw(at(4.0), &mut a);
     one.draw(at(9.0), &mut a);
     two.draw(at(9.0), &mut b);
@@ -109,11 +110,13 @@ fn the_same_seed_and_time_give_the_same_bytes_in_any_order() {
 
 #[test]
 fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let mut empty = Simulator::new(HeadAsset::shipped(), Scene::Empty, 1);
     assert!(empty.draw(at(1.0), &mut frame).is_none());
     let nearest = frame.depth.iter().filter(|raw| **raw != NO_DEPTH).min();
-    assert!(nearest.is_some_and(|&raw| Camera::nominal().depth_m(raw) > 1.0));
+    assert!(
+        nearest.is_some_and(|&raw| crate::sensor::kinect::geometry::nominal().depth_m(raw) > 1.0)
+    );
     let mut still = Simulator::new(HeadAsset::shipped(), Scene::Still, 1);
     let truth = still.draw(at(1.0), &mut frame).expect("somebody");
     let inside = truth
@@ -126,7 +129,7 @@ fn an_empty_room_has_nobody_and_a_face_covers_a_tenth_at_most() {
 /// Changes only on purpose: pictures of the whole chain of tests stand on it.
 #[test]
 fn a_still_frame_is_the_golden_one() {
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     Simulator::new(HeadAsset::shipped(), Scene::Still, 1).draw(at(1.0), &mut frame);
     assert_eq!(format!("{:016x}", digest(&frame)), "44bc8aba5988b28d");
 }
@@ -135,8 +138,8 @@ fn dressed(look: Look) -> Simulator {
     Simulator::new(HeadAsset::shipped(), Scene::Acted, 5).dressed([look])
 }
 
-fn drawn(simulator: &mut Simulator, t: f64) -> (Frame, Truth) {
-    let mut frame = Frame::default();
+fn drawn(simulator: &mut Simulator, t: f64) -> (KinectFrame, Truth) {
+    let mut frame = KinectFrame::default();
     let truth = simulator.draw(at(t), &mut frame).expect("somebody");
     (frame, truth)
 }
@@ -149,12 +152,12 @@ fn hair_stands_off_the_head_and_both_cameras_see_it() {
         clothes: [120.0, 120.0, 120.0],
         ..Look::default()
     };
-    let camera = Camera::nominal();
+    let camera = crate::sensor::kinect::geometry::nominal();
     let (bald, truth) = drawn(&mut dressed(look(HairStyle::Bald)), 0.5);
     let (bushy, _) = drawn(&mut dressed(look(HairStyle::Bushy)), 0.5);
     let (long, _) = drawn(&mut dressed(look(HairStyle::Long)), 0.5);
     // Of the 9 × 9 pixels around a point, the share nearer than 1 m, and the mean grey level.
-    let around = |frame: &Frame, p: &Point| {
+    let around = |frame: &KinectFrame, p: &Point| {
         let places = |[col, row]: [f32; 2]| {
             (0..81).map(move |k| {
                 let (c, r) = (col as usize + k % 9 - 4, row as usize + k / 9 - 4);
@@ -220,13 +223,13 @@ fn a_sensor_without_faults_gives_the_bytes_of_old() {
         ..Sensor::default()
     };
     let (other, _) = drawn(&mut plain().seen_by(real), 3.0);
-    assert!(old.depth != other.depth && old.bayer == other.bayer);
+    assert!(old.depth != other.depth && old.original.bayer == other.original.bayer);
 }
 
 /// How far a picture has moved to the right against another around a pixel: the shift of the best agreement.
-fn moved(before: &Frame, after: &Frame, [x, y]: [f32; 2]) -> i32 {
+fn moved(before: &KinectFrame, after: &KinectFrame, [x, y]: [f32; 2]) -> i32 {
     let (x, y) = (x as i32, y as i32);
-    let value = |frame: &Frame, col: i32, row: i32| {
+    let value = |frame: &KinectFrame, col: i32, row: i32| {
         i32::from(frame.luma[row as usize * WIDTH + col as usize])
     };
     let apart = |shift: i32| -> i32 {

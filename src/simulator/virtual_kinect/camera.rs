@@ -1,10 +1,10 @@
 //! The camera's side of the command channel, of the motor device and of the audio device.
 
-use crate::sensor::calibration::{Block, emit_block, emit_fixed};
-use crate::sensor::camera::Registration;
-use crate::sensor::command::{self, Command, image_sensor, register};
-use crate::sensor::device::{Model, Stream};
-use crate::sensor::motor::{self, Posture, audio};
+use crate::sensor::kinect::calibration::{Block, emit_block, emit_fixed};
+use crate::sensor::kinect::command::{self, Command, image_sensor, register};
+use crate::sensor::kinect::device::{Model, Stream};
+use crate::sensor::kinect::motor::{self, Posture, audio};
+use crate::sensor::kinect::registration::Registration;
 
 /// Registers, calibration and motor of a camera, and the reply that waits.
 #[derive(Clone, Debug)]

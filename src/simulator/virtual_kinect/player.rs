@@ -3,11 +3,11 @@
 use core::time::Duration;
 
 use super::view::View;
-use crate::sensor::Frame;
-use crate::sensor::device::{Received, Stream};
-use crate::sensor::packet::LONGEST;
-use crate::sensor::stream::Cutter;
-use crate::sensor::unpack::{PACKED_DEPTH, pack_depth};
+use crate::sensor::kinect::device::{Received, Stream};
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::packet::LONGEST;
+use crate::sensor::kinect::stream::Cutter;
+use crate::sensor::kinect::unpack::{PACKED_DEPTH, pack_depth};
 
 /// Share of a picture's time within which its packets go out; the rest of the microframes are empty.
 const BUSY: f64 = 0.95;
@@ -16,8 +16,8 @@ const SLIP: Duration = Duration::from_millis(50);
 
 /// Cuts the frames of a scene into packets, on time.
 pub struct Player<D> {
-    pub(super) view: D,
-    frame: Box<Frame>,
+    pub(in crate::simulator) view: D,
+    frame: Box<KinectFrame>,
     packed: Box<[u8; PACKED_DEPTH]>,
     cutters: [Cutter; 2],
     /// Packets of the present picture already sent, by stream.
@@ -51,7 +51,7 @@ impl<D: View> Player<D> {
 
     /// The frame whose packets are going out.
     #[must_use]
-    pub const fn frame(&self) -> &Frame {
+    pub const fn frame(&self) -> &KinectFrame {
         &self.frame
     }
 
@@ -102,8 +102,11 @@ impl<D: View> Player<D> {
                 }
                 let due = ((share * total[i] as f64) as usize).min(total[i]);
                 let (picture, ticks): (&[u8], u32) = match stream {
-                    Stream::Colour => (self.frame.bayer.as_slice(), self.frame.colour_ticks),
-                    Stream::Depth => (self.packed.as_slice(), self.frame.ticks),
+                    Stream::Colour => (
+                        self.frame.original.bayer.as_slice(),
+                        self.frame.original.colour_ticks,
+                    ),
+                    Stream::Depth => (self.packed.as_slice(), self.frame.original.ticks),
                 };
                 let mut packet = [0; LONGEST];
                 while self.sent[i] < due {

@@ -1,8 +1,8 @@
 //! Frames that can be recognised: every pixel follows from the frame's number, so that one comparison tells whether a
 //! frame is whole, wrong, or mixed from two.
 
-use crate::sensor::Frame;
-use crate::sensor::packet::TICKS_PER_PICTURE;
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::packet::TICKS_PER_PICTURE;
 
 fn mixed(number: u64) -> u64 {
     // SplitMix64's output function: neighbours become unlike.
@@ -22,35 +22,50 @@ fn bayer(number: u64, group: usize) -> [u8; 8] {
 }
 
 /// Draws frame `number`: its number in the first four pixels, noise that depends on it behind.
-pub fn draw(number: u64, frame: &mut Frame) {
+pub fn draw(number: u64, frame: &mut KinectFrame) {
     for (group, pixels) in frame.depth.as_chunks_mut().0.iter_mut().enumerate() {
         *pixels = depth(number, group);
     }
-    for (group, pixels) in frame.bayer.as_chunks_mut().0.iter_mut().enumerate() {
+    for (group, pixels) in frame
+        .original
+        .bayer
+        .as_chunks_mut()
+        .0
+        .iter_mut()
+        .enumerate()
+    {
         *pixels = bayer(number, group);
     }
     for i in 0..4 {
         frame.depth[i] = (number >> (8 * i) & 0xff) as u16;
-        frame.bayer[i] = (number >> (8 * i) & 0xff) as u8;
+        frame.original.bayer[i] = (number >> (8 * i) & 0xff) as u8;
     }
-    frame.ticks = (number as u32).wrapping_mul(TICKS_PER_PICTURE);
-    frame.colour_ticks = frame.ticks.wrapping_add(60_000);
+    frame.original.ticks = (number as u32).wrapping_mul(TICKS_PER_PICTURE);
+    frame.original.colour_ticks = frame.original.ticks.wrapping_add(60_000);
 }
 
 /// Numbers read from a frame's depth and colour picture, and the pixels that are not what those numbers demand.
 #[must_use]
-pub fn check(frame: &Frame) -> ([u64; 2], usize) {
+pub fn check(frame: &KinectFrame) -> ([u64; 2], usize) {
     let read = |value: &dyn Fn(usize) -> u64| (0..4).map(|i| value(i) << (8 * i)).sum::<u64>();
     let numbers = [
         read(&|i| u64::from(frame.depth[i]) & 0xff),
-        read(&|i| u64::from(frame.bayer[i])),
+        read(&|i| u64::from(frame.original.bayer[i])),
     ];
     let mut wrong = 0;
     for (group, pixels) in frame.depth.as_chunks::<4>().0.iter().enumerate().skip(1) {
         let expected = depth(numbers[0], group);
         wrong += (0..4).filter(|&i| pixels[i] != expected[i]).count();
     }
-    for (group, pixels) in frame.bayer.as_chunks::<8>().0.iter().enumerate().skip(1) {
+    for (group, pixels) in frame
+        .original
+        .bayer
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .enumerate()
+        .skip(1)
+    {
         let expected = bayer(numbers[1], group);
         wrong += (0..8).filter(|&i| pixels[i] != expected[i]).count();
     }

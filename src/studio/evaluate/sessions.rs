@@ -302,7 +302,7 @@ fn play_one(
     let expressions: Vec<String> = expressions.collect();
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let mut simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
-    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera().registration(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
     let names: Vec<String> = pipeline
         .unit_names()
         .iter()

@@ -51,7 +51,7 @@ fn a_training_picture_depends_on_its_number_and_seed_only() {
     let one = renderer.samples(2..3, 9);
     assert_eq!(all[2].luma, one[0].luma);
     assert_ne!(all[2].luma, renderer.samples(2..3, 10)[0].luma);
-    let camera = crate::sensor::camera::Camera::nominal();
+    let camera = crate::sensor::kinect::geometry::nominal();
     for sample in &all {
         for k in 0..crate::base::capacity::LANDMARKS {
             let [x, y] = camera.colour_pixel(&(sample.sensor_from_head * sample.head[k]));

@@ -9,8 +9,8 @@ use super::album::{Album, name_of};
 use super::error::InspectError;
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
+use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
-use crate::sensor::recording::Recording;
 use crate::studio::atomic_write;
 
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.
@@ -23,7 +23,7 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
         source,
     };
     if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
-        return recording::inspect(&name_of(path), Recording::open(path)?, model, settings);
+        return recording::inspect(&name_of(path), Source::recording(path)?, model, settings);
     }
     let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
         .map_err(unreadable)?;

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use crate::appliance::source::SourceError;
 use crate::face_model::ModelError;
 use crate::pipeline::PipelineError;
-use crate::sensor::recording::RecordingError;
 use crate::studio::bake::glb::GlbError;
 use crate::studio::bake::obj::ObjError;
 use crate::users::saved::PeopleError;
@@ -123,7 +123,7 @@ pub enum InspectError {
     },
     /// A directory that is no recording.
     #[error(transparent)]
-    Recording(#[from] RecordingError),
+    Recording(#[from] SourceError),
     /// A model that cannot be read.
     #[error("{path}: {source}")]
     Model {

@@ -12,15 +12,17 @@ use super::canvas::{self, face_lines};
 use super::error::InspectError;
 use super::learning::Learning;
 use crate::appliance::settings::Settings;
+use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::segment::{HeadCloud, PixelRect};
+use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
-use crate::sensor::recording::Recording;
-use crate::sensor::{Frame, NO_DEPTH, colour};
+use crate::sensor::kinect::colour;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
@@ -61,9 +63,9 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
 }
 
 /// The colour picture.
-pub(in crate::studio) fn colour_picture(frame: &Frame) -> RgbImage {
+pub(in crate::studio) fn colour_picture(frame: &KinectFrame) -> RgbImage {
     let mut rgb = vec![0; 3 * PIXELS];
-    colour::rgb_from_bayer(&frame.bayer, &mut rgb);
+    colour::rgb_from_bayer(&frame.original.bayer, &mut rgb);
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
 }
 
@@ -189,7 +191,7 @@ fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3])
 }
 
 /// Depth with every head that was cut out, and what became of it.
-fn draw_depth(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
+fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let camera = pipeline.camera();
     let mut picture = depth_picture(&frame.depth, camera);
     let reports = pipeline.reports();
@@ -229,7 +231,7 @@ struct Counts {
 }
 
 impl Counts {
-    fn add(&mut self, frame: &Frame, pipeline: &Pipeline) {
+    fn add(&mut self, frame: &KinectFrame, pipeline: &Pipeline) {
         let report = pipeline.report();
         let posed = report.sensor_from_head.is_some();
         self.frames += 1;
@@ -294,7 +296,7 @@ fn values(pipeline: &Pipeline) -> [Option<f64>; CURVE_NAMES.len()] {
 }
 
 /// Pictures of one frame: depth, and colour if there is one.
-fn pictures(frame: &Frame, seconds: f64, pipeline: &Pipeline, album: &mut Album) {
+fn pictures(frame: &KinectFrame, seconds: f64, pipeline: &Pipeline, album: &mut Album) {
     let caption = format!("frame {}, {seconds:.2} s", frame.index);
     album.pictures.push((
         format!(
@@ -313,7 +315,7 @@ fn pictures(frame: &Frame, seconds: f64, pipeline: &Pipeline, album: &mut Album)
 }
 
 /// Colour with the landmarks and axes of everybody.
-fn draw_colour(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
+fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let mut picture = colour_picture(frame);
     for report in pipeline.reports() {
         if let Some(landmarks) = report.landmarks {
@@ -328,7 +330,7 @@ fn draw_colour(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
 }
 
 /// One picture of the film: what there is, side by side.
-fn film_picture(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
+fn film_picture(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let (wide, high) = TILE;
     let mut tiles = vec![draw_depth(frame, pipeline)];
     if frame.has_colour {
@@ -346,22 +348,22 @@ fn film_picture(frame: &Frame, pipeline: &Pipeline) -> RgbImage {
 /// Plays the recording through the stages and draws it.
 pub(super) fn inspect(
     name: &str,
-    mut recording: Recording,
+    mut recording: Source,
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<Album, InspectError> {
-    let mut pipeline = Pipeline::new(&settings.stages(), recording.registration(), model)?;
+    let mut pipeline = Pipeline::new(&settings.stages(), recording.camera(), model)?;
     let mut album = Album {
         title: format!("Recording {name}"),
         ..Album::default()
     };
     let mut curves = Curves::default();
     let mut learning = Learning::new(settings.learning.clone());
-    let mut frame = Frame::default();
-    let every = recording.len().div_ceil(SHOWN).max(1);
+    let mut frame = KinectFrame::default();
+    let every = recording.frames().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
-    let filmed = recording.len().div_ceil(FILM).max(1);
-    while recording.next_frame(&mut frame) {
+    let filmed = recording.frames().div_ceil(FILM).max(1);
+    while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
         counts.add(&frame, &pipeline);
         let report = pipeline.report();

@@ -37,8 +37,8 @@ use std::time::{Duration, Instant};
 
 use super::bake::glb::Glb;
 use super::bake::recipe::{Recipe, SHIPPED};
-use crate::appliance::service::{self, NoKinect};
-use crate::appliance::source::SourceName;
+use crate::appliance::service;
+use crate::appliance::source::{self, Missing, SourceName};
 use crate::expression::unit_words;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
@@ -474,8 +474,9 @@ fn feed(
         } => {
             let settings = service::settings(config.as_deref())?;
             let model = service::model(model.as_deref())?;
-            let mut source = service::open(name, NoKinect::Wait, settings.sensor.kinect)?;
-            let mut pipeline = Pipeline::new(&settings.stages(), source.registration(), &model)
+            let mut source = source::open(name, Missing::Wait, settings.sensor.device)
+                .map_err(service::Failure::from)?;
+            let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)
                 .map_err(service::Failure::from)?;
             Ok(Box::new(move || {
                 sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);

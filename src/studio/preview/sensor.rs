@@ -19,9 +19,8 @@ use crate::appliance::source::{Pacer, Source, SourceError};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
-use crate::sensor::camera::Camera;
-use crate::sensor::recording::Recording;
-use crate::sensor::{Frame, colour};
+use crate::sensor::kinect::colour;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::studio::inspect::depth_picture;
 
 /// Between two tellings of the ranges, seconds of the stream.
@@ -58,8 +57,8 @@ pub fn follow(
     hub: &Hub,
     commands: &Receiver<Command>,
 ) {
-    let live = !matches!(source, Source::Recording(_));
-    let mut frame = Frame::default();
+    let live = source.frames() == 0;
+    let mut frame = KinectFrame::default();
     let mut pacer = Pacer::default();
     let mut told = f64::NEG_INFINITY;
     hub.schema(pipeline.unit_names().into_iter());
@@ -81,8 +80,8 @@ pub fn follow(
         }
         hub.note("");
         let arrived = source.arrived().unwrap_or_else(Instant::now);
-        if source.registration() != pipeline.camera().registration() {
-            pipeline.set_camera(source.registration());
+        if source.camera() != pipeline.camera() {
+            pipeline.set_camera(source.camera());
         }
         while let Ok(command) = commands.try_recv() {
             pipeline.obey(command);
@@ -111,9 +110,9 @@ pub fn follow(
     }
 }
 
-fn seen(frame: &Frame) -> Seen {
+fn seen(frame: &KinectFrame) -> Seen {
     if frame.has_colour {
-        Seen::Colour(frame.bayer.as_slice().into())
+        Seen::Colour(frame.original.bayer.as_slice().into())
     } else {
         Seen::Depth(frame.depth.as_slice().into())
     }
@@ -129,7 +128,10 @@ pub fn jpeg(seen: &Seen) -> Option<(bool, Vec<u8>)> {
             (rgb, false)
         }
         Seen::Depth(depth) => {
-            let picture = depth_picture((&**depth).try_into().ok()?, &Camera::nominal());
+            let picture = depth_picture(
+                (&**depth).try_into().ok()?,
+                &crate::sensor::kinect::geometry::nominal(),
+            );
             (picture.into_raw(), true)
         }
     };
@@ -147,9 +149,9 @@ pub fn jpeg(seen: &Seen) -> Option<(bool, Vec<u8>)> {
 /// Picture of frame `number` of a recording, as [`jpeg`]; `None` if it is damaged or not there.
 #[must_use]
 pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
-    let mut recording = Recording::open(directory).ok()?;
-    let mut frame = Frame::default();
+    let mut recording = Source::recording(directory).ok()?;
+    let mut frame = KinectFrame::default();
     recording.go_to(usize::try_from(number).ok()?);
-    let found = recording.next_frame(&mut frame) && frame.index == number;
+    let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
     found.then(|| jpeg(&seen(&frame)))?
 }

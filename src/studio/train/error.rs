@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use super::dataset::DatasetError;
+use crate::appliance::source::SourceError;
 use crate::face_model::ModelError;
 use crate::pipeline::PipelineError;
-use crate::sensor::recording::RecordingError;
 use crate::studio::heads::HeadsError;
 use crate::studio::heads::ict::IctError;
 use crate::studio::nrsfm;
@@ -40,7 +40,7 @@ pub enum TrainError {
     },
     /// A recording.
     #[error(transparent)]
-    Recording(#[from] RecordingError),
+    Recording(#[from] SourceError),
     /// The stages that follow it.
     #[error(transparent)]
     Pipeline(#[from] PipelineError),

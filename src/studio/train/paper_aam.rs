@@ -30,8 +30,9 @@ use crate::landmarks::paper_aam::warp::{Shape2, base_pixels, triangulate};
 use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver, normalised, sample};
 use crate::landmarks::view::View;
 use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
+use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
-use crate::sensor::{Frame, timestamp_from_ticks};
+use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::correlation::correlation;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
@@ -111,7 +112,7 @@ pub fn paper_aam_block(
         drawn.len(),
         renderer.heads().len()
     ));
-    let camera = Camera::nominal();
+    let camera = crate::sensor::kinect::geometry::nominal();
     let acted = match (tracks, renderer.heads().first()) {
         (Some(tracks), _) => tracks.clone(),
         (None, Some(actor)) => acted_tracks(&actor.asset, practice.seed)?,

@@ -15,13 +15,13 @@ use super::render::TrainingSample;
 use super::samples::TruePicture;
 use super::seen_face::Seen;
 use crate::appliance::settings::Settings;
+use crate::appliance::source::Source;
 use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
 use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
-use crate::sensor::camera::{Camera, Registration};
-use crate::sensor::recording::Recording;
+use crate::sensor::camera::Camera;
 use crate::studio::nrsfm::Tracks;
 use crate::users::TrackingState;
 
@@ -40,11 +40,11 @@ pub fn learn_session(
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, TrainError> {
-    let mut recording = Recording::open(session)?;
-    let registration = recording.registration().clone();
+    let mut recording = Source::recording(session)?;
+    let camera = recording.camera().clone();
     learn_frames(
-        &mut |frame| recording.next_frame(frame),
-        &registration,
+        &mut |frame| recording.next_frame(frame).unwrap_or(false),
+        &camera,
         model,
         seed,
         say,
@@ -57,13 +57,12 @@ pub fn learn_session(
 /// As there.
 pub fn learn_frames(
     next: &mut dyn FnMut(&mut Frame) -> bool,
-    registration: &Registration,
+    camera: &Camera,
     model: &FaceModel,
     seed: u64,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, TrainError> {
-    let mut pipeline = Pipeline::new(&Settings::default().stages(), registration, model)?;
-    let camera = Camera::new(registration);
+    let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
     let mut frame = Frame::default();
     let (mut seen, mut frames, mut every) = (Vec::new(), 0usize, 1);
     while next(&mut frame) {
@@ -78,7 +77,7 @@ pub fn learn_frames(
         if points.confidence < SURE || !frames.is_multiple_of(every) {
             continue;
         }
-        seen.extend(taught(&frame, points, pose, &camera, &model.shape));
+        seen.extend(taught(&frame, points, pose, camera, &model.shape));
         if seen.len() >= 4 * PICTURES {
             // Half as dense, evenly over the whole recording.
             let mut odd = false;
@@ -152,7 +151,7 @@ mod tests {
     use super::*;
     use crate::expression::{Measure, measures};
     use crate::landmarks::paper_aam::{PaperAam, PaperAamFitter, PaperAamSettings};
-    use crate::sensor::timestamp_from_ticks;
+    use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
     use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
     use crate::studio::correlation::correlation;
     use crate::studio::people_split::Split;
@@ -204,7 +203,7 @@ mod tests {
 
     fn learnt(head: &HeadAsset) -> Vec<u8> {
         let mut practice = Simulator::new(head.clone(), Scene::Acted, 5);
-        let registration = practice.camera().registration().clone();
+        let camera = practice.camera().clone();
         let mut n = 0;
         let mut next = |frame: &mut Frame| {
             // Every third frame: the act takes 43 s.
@@ -213,7 +212,7 @@ mod tests {
             n <= LEARNT
         };
         let mut say = |words: &str| println!("{words}");
-        learn_frames(&mut next, &registration, &FaceModel::shipped(), 1, &mut say).unwrap()
+        learn_frames(&mut next, &camera, &FaceModel::shipped(), 1, &mut say).unwrap()
     }
 
     fn person(number: usize) -> Option<HeadAsset> {
@@ -235,8 +234,7 @@ mod tests {
         ];
         let camera = simulator.camera().clone();
         let model = FaceModel::shipped();
-        let mut pipeline =
-            Pipeline::new(&Settings::default().stages(), camera.registration(), &model).unwrap();
+        let mut pipeline = Pipeline::new(&Settings::default().stages(), &camera, &model).unwrap();
         let mut pairs: [Vec<[f32; 2]>; 5] = Default::default();
         let mut frame = Frame::default();
         for n in 0..JUDGED {
@@ -272,13 +270,13 @@ mod tests {
     #[test]
     fn a_recording_without_a_face_is_refused_with_what_it_needs() {
         let model = FaceModel::shipped();
-        let registration = Registration::default();
+        let camera = Camera::default();
         let mut left = 3;
         let mut next = |_: &mut Frame| {
             left -= 1;
             left > 0
         };
-        let refused = learn_frames(&mut next, &registration, &model, 1, &mut |_| {});
+        let refused = learn_frames(&mut next, &camera, &model, 1, &mut |_| {});
         let words = refused.unwrap_err().to_string();
         assert!(
             words.contains("150 frames") && words.contains("found 0"),

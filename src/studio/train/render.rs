@@ -26,7 +26,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::scheme::MIRROR;
 use crate::sensor::camera::Camera;
-use crate::sensor::colour::luma_of;
+use crate::sensor::kinect::colour::luma_of;
 use crate::simulator::virtual_head::body::Shape;
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
 use crate::simulator::virtual_head::{HeadAsset, Light, Part};
@@ -151,7 +151,7 @@ impl Renderer {
             heads,
             identities,
             opposite,
-            camera: Camera::nominal(),
+            camera: crate::sensor::kinect::geometry::nominal(),
         })
     }
 

@@ -14,7 +14,6 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::yaw_pitch_roll;
 use crate::face_model::{FaceModel, scheme};
 use crate::landmarks::cascade::Solver;
-use crate::sensor::camera::Camera;
 use crate::studio::evaluate::sessions::Spread;
 use crate::studio::inspect::album::Album;
 use crate::studio::inspect::canvas;
@@ -144,7 +143,7 @@ fn drawn<'a>(
     model: &FaceModel,
     samples: &'a [TrainingSample],
 ) -> Vec<(&'a TrainingSample, TruePicture)> {
-    let camera = Camera::nominal();
+    let camera = crate::sensor::kinect::geometry::nominal();
     samples
         .iter()
         .filter_map(|s| Some((s, TruePicture::drawn(s, &camera, &model.shape)?)))

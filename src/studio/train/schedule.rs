@@ -114,7 +114,7 @@ impl TrainArgs {
         keep: impl Fn(Split) -> bool,
     ) -> Result<Vec<TruePicture>, TrainError> {
         let renderer = Renderer::new(&self.data, |person| keep(Split::of(person)))?;
-        let camera = Camera::nominal();
+        let camera = crate::sensor::kinect::geometry::nominal();
         let samples = renderer.samples(0..count as u64, seed);
         let faces = samples
             .par_iter()
@@ -467,7 +467,13 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
     let strangers = args.strangers();
     let renderer = Renderer::new(&args.data, |person| Split::of(person) == strangers)?;
     let drawn = renderer.samples(0..400, args.seed + 11);
-    report_drawn(&model, &drawn, &Camera::nominal(), args.seed, log.say);
+    report_drawn(
+        &model,
+        &drawn,
+        &crate::sensor::kinect::geometry::nominal(),
+        args.seed,
+        log.say,
+    );
     let names: Vec<String> = renderer
         .expression_names()
         .into_iter()

@@ -25,8 +25,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use mien::appliance::source::Source;
-use mien::sensor::Frame;
-use mien::sensor::device::{Model, PacketSource, Stream};
+use mien::sensor::kinect::device::{Model, PacketSource, Stream};
+use mien::sensor::kinect::frame::KinectFrame;
 use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::virtual_kinect::{VirtualKinect, test_pattern};
 
@@ -36,7 +36,7 @@ use wire::{CAPABILITIES, WIDE_IDS, Wire, message};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 /// Fills the next frame; false when there is none.
-type Scene = Box<dyn FnMut(&mut Frame) -> bool + Send>;
+type Scene = Box<dyn FnMut(&mut KinectFrame) -> bool + Send>;
 type Device = Faulty<VirtualKinect<Scene>>;
 /// When the camera is pulled out and for how long.
 #[derive(Clone, Copy)]

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Duration;
 
-use mien::sensor::device::{Model, PacketSource, Stream};
+use mien::sensor::kinect::device::{Model, PacketSource, Stream};
 
 use crate::Device;
 use crate::descriptors::{Descriptors, Function};

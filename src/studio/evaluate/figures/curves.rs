@@ -6,7 +6,7 @@ use crate::base::capacity::{LANDMARKS, USERS};
 use crate::base::geometry::yaw_pitch_roll;
 use crate::expression::units::Units;
 use crate::pipeline::Pipeline;
-use crate::sensor::Frame;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
 use crate::studio::evaluate::acted::Acted;
 use crate::studio::frame_time::frame_time;
@@ -39,7 +39,7 @@ pub(super) fn time(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(),
         let mut pipelines = studio.pipelines(&simulator)?;
         let mut times: Vec<Vec<f64>> = vec![Vec::new(); pipelines.len()];
         let mut there = vec![Vec::new(); USERS];
-        let mut frame = Frame::default();
+        let mut frame = KinectFrame::default();
         for n in 0..frames {
             simulator.draw(frame_time(n as i64), &mut frame);
             for (times, (_, pipeline)) in times.iter_mut().zip(&mut pipelines) {
@@ -132,7 +132,7 @@ pub(super) fn weights(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<
     let mut pipelines = studio.pipelines(&simulator)?;
     let frames = (studio.seconds * 30.0) as usize;
     let mut curves: Vec<Vec<Vec<Option<f64>>>> = vec![vec![Vec::new(); 3]; SHOWN.len()];
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     for n in 0..frames {
         let truth = simulator.draw(frame_time(n as i64), &mut frame);
         for (unit, curves) in SHOWN.iter().zip(&mut curves) {
@@ -309,7 +309,7 @@ fn play(
 ) -> Result<(), FiguresError> {
     let acted = Acted::new(simulator.asset());
     let mut pipelines = studio.pipelines(&simulator)?;
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     // Units that both systems have.
     let units = Units::shipped().columns(true);
     for n in 0..((LEARNS_S + studio.seconds * share) * 30.0) as i64 {

@@ -3,12 +3,12 @@
 use image::RgbImage;
 
 use crate::landmarks::Landmarks;
-use crate::sensor::Frame;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::studio::inspect::canvas;
 
 /// The colour picture around a place (pixels), half as large again, with what is drawn on it.
 pub(super) fn crop(
-    frame: &Frame,
+    frame: &KinectFrame,
     middle: [f32; 2],
     half: [u32; 2],
     draw: impl Fn(&mut RgbImage, &dyn Fn([f32; 2]) -> [f32; 2]),

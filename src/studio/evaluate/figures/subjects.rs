@@ -29,10 +29,9 @@ impl Studio<'_> {
         simulator: &Simulator,
     ) -> Result<Vec<(&'static str, Pipeline)>, FiguresError> {
         let of = |(name, settings): &(&'static str, Settings)| {
-            let registration = simulator.camera().registration();
             Ok((
                 *name,
-                Pipeline::new(&settings.stages(), registration, self.model)?,
+                Pipeline::new(&settings.stages(), simulator.camera(), self.model)?,
             ))
         };
         self.settings.iter().map(of).collect()

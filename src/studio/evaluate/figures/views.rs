@@ -6,7 +6,7 @@ use super::error::FiguresError;
 use super::pictures::{crop, draw_points, title};
 use super::subjects::Studio;
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-use crate::sensor::Frame;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::simulator::virtual_head::{Held, Look, Scene, Simulator};
 use crate::studio::bake::render::sheet;
 use crate::studio::frame_time::frame_time;
@@ -26,7 +26,7 @@ pub(super) fn hand(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<(),
     let mut simulator = Simulator::new(asset, Scene::Acted, 14).dressed([look]);
     let mut pipelines = studio.pipelines(&simulator)?;
     let mut rows: Vec<Vec<RgbImage>> = vec![Vec::new(); pipelines.len()];
-    let mut frame = Frame::default();
+    let mut frame = KinectFrame::default();
     let last = (SHOWN_S[SHOWN_S.len() - 1] * 30.0) as i64;
     for n in 0..=last {
         let Some(truth) = simulator.draw(frame_time(n), &mut frame) else {
@@ -72,7 +72,7 @@ pub(super) fn poses(studio: &Studio<'_>, say: &mut dyn FnMut(&str)) -> Result<()
     for [yaw, pitch] in ENDS_DEG {
         let mut simulator = Simulator::new(asset.clone(), Scene::Still, 18);
         let mut pipelines = studio.pipelines(&simulator)?;
-        let mut frame = Frame::default();
+        let mut frame = KinectFrame::default();
         let mut truth = None;
         for n in 0..WAY + STAYS {
             let share = (n as f32 / WAY as f32).min(1.0);

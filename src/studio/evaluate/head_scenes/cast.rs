@@ -15,8 +15,8 @@ use crate::pipeline::{
 };
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
-use crate::sensor::camera::Camera;
-use crate::sensor::{Frame, colour};
+use crate::sensor::Frame;
+use crate::sensor::kinect::colour;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator};
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
@@ -59,11 +59,7 @@ impl Cast<'_> {
     }
 
     pub(super) fn pipeline(&self, simulator: &Simulator) -> Result<Pipeline, PipelineError> {
-        Pipeline::new(
-            &self.settings.stages(),
-            simulator.camera().registration(),
-            self.model,
-        )
+        Pipeline::new(&self.settings.stages(), simulator.camera(), self.model)
     }
 
     /// A scene with the cast that begins with person `k`.
@@ -236,9 +232,8 @@ impl Cast<'_> {
 
     /// Frames with a face among real ones without.
     pub(super) fn real_faces(&self, data: &Path) -> Result<Option<[usize; 2]>, PipelineError> {
-        let camera = Camera::nominal();
-        let mut pipeline =
-            Pipeline::new(&self.settings.stages(), camera.registration(), self.model)?;
+        let camera = crate::sensor::kinect::geometry::nominal();
+        let mut pipeline = Pipeline::new(&self.settings.stages(), &camera, self.model)?;
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {
@@ -256,8 +251,7 @@ impl Cast<'_> {
                     crate::sensor::NO_DEPTH
                 };
             }
-            colour::bayer_from_rgb(&rgb.into_rgb8(), &mut frame.bayer);
-            colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+            colour::luma_from_rgb(&rgb.into_rgb8(), &mut frame.luma);
             for _ in 0..15 {
                 (frame.index, frame.at) = (count as u64, at(count));
                 pipeline.follow(&frame);

@@ -17,7 +17,9 @@ use crate::appliance::settings::Settings;
 use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::sensor::{Frame, NO_DEPTH, colour};
+use crate::sensor::NO_DEPTH;
+use crate::sensor::kinect::colour;
+use crate::sensor::kinect::frame::KinectFrame;
 use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
 use crate::studio::evaluate::sessions::{
     Sessions, SessionsError, Spread, landmark_error, lighting, seed_of,
@@ -130,8 +132,8 @@ fn play_one(
     progress: &Progress,
 ) -> Result<Row, SessionsError> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
-    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera().registration(), model)?;
-    let (mut frame, mut film) = (Frame::default(), Film::default());
+    let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
+    let (mut frame, mut film) = (KinectFrame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in 0..(sessions.seconds * 30.0) as usize {
         if n % 30 == 29 {
@@ -176,7 +178,7 @@ fn play_one(
 }
 
 /// Depth in false colours beside colour.
-fn picture(frame: &Frame) -> image::RgbImage {
+fn picture(frame: &KinectFrame) -> image::RgbImage {
     let mut picture = image::RgbImage::new(2 * WIDTH as u32, HEIGHT as u32);
     let mut near: Vec<u16> = frame
         .depth
@@ -187,8 +189,8 @@ fn picture(frame: &Frame) -> image::RgbImage {
     near.sort_unstable();
     let end = |share: usize| f32::from(near.get(near.len() * share / 100).copied().unwrap_or(0));
     let (low, high) = (end(1), end(99).max(end(1) + 1.0));
-    let mut rgb = vec![0; 3 * frame.bayer.len()];
-    colour::rgb_from_bayer(&frame.bayer, &mut rgb);
+    let mut rgb = vec![0; 3 * frame.original.bayer.len()];
+    colour::rgb_from_bayer(&frame.original.bayer, &mut rgb);
     for (index, &raw) in frame.depth.iter().enumerate() {
         let (col, row) = ((index % WIDTH) as u32, (index / WIDTH) as u32);
         let t = ((f32::from(raw) - low) / (high - low)).clamp(0.0, 1.0) * 4.0;

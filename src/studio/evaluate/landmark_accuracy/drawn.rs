@@ -239,7 +239,7 @@ impl<'a> Player<'a> {
             light,
             exposure,
             frame: Frame::default(),
-            camera: Camera::new(simulator.camera().registration()),
+            camera: simulator.camera().clone(),
             segmenter: Segmenter::new(settings.segment),
             pose: PoseTracker::new(settings.pose, &anchor)?,
             model,

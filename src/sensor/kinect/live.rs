@@ -11,15 +11,16 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use super::Frame;
-use super::camera::Registration;
 use super::device::{DeviceError, Model, PacketSource, Stream};
-use super::kinect::{Health, Kinect, KinectError, Settings, develop};
+use super::driver::{Health, Kinect, KinectError, Settings, develop};
+use super::frame::Developed;
 use super::motor::Light;
 use super::pairing::{Paired, RawPair};
 use super::picture_clock::PictureClock;
+use super::registration::Registration;
 use super::usb::UsbKinect;
 use crate::base::capacity::WAITING_FRAMES as RING;
+use crate::sensor::camera::Camera;
 
 /// Between two looks for an absent device.
 const RETRY: Duration = Duration::from_millis(500);
@@ -73,6 +74,7 @@ pub struct LiveKinect {
     last: Option<(u64, Instant)>,
     arrived: Option<Instant>,
     registration: Registration,
+    camera: Camera,
 }
 
 impl LiveKinect {
@@ -115,11 +117,12 @@ impl LiveKinect {
             last: None,
             arrived: None,
             registration: Registration::default(),
+            camera: Registration::default().camera(),
         }
     }
 
     /// Fills `frame` with the oldest frame in the ring, waiting at most `wait` for one; false if none came.
-    pub fn next_frame(&mut self, frame: &mut Frame, wait: Duration) -> bool {
+    pub fn next_frame(&mut self, frame: &mut impl Developed, wait: Duration) -> bool {
         let deadline = Instant::now() + wait;
         let mut inner = self.shared.lock();
         let (opening, mut pair) = loop {
@@ -145,7 +148,11 @@ impl LiveKinect {
             self.clock.restart(now - at);
         }
         if self.last.is_none_or(|(former, _)| former != opening) {
-            self.registration.clone_from(&inner.registration);
+            Self::calibrate(
+                &mut self.registration,
+                &mut self.camera,
+                &inner.registration,
+            );
         }
         self.last = Some((opening, now));
         drop(inner);
@@ -162,7 +169,11 @@ impl LiveKinect {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             if inner.status.openings > 0 || inner.status.waiting_for.is_some() || left.is_zero() {
-                self.registration.clone_from(&inner.registration);
+                Self::calibrate(
+                    &mut self.registration,
+                    &mut self.camera,
+                    &inner.registration,
+                );
                 return inner.status.clone();
             }
             let (guard, _) = self
@@ -184,6 +195,19 @@ impl LiveKinect {
     #[must_use]
     pub const fn registration(&self) -> &Registration {
         &self.registration
+    }
+
+    /// The same in the form the stages use.
+    #[must_use]
+    pub const fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn calibrate(known: &mut Registration, camera: &mut Camera, read: &Registration) {
+        if known != read {
+            known.clone_from(read);
+            *camera = read.camera();
+        }
     }
 
     /// When the last frame was whole in this machine's memory.

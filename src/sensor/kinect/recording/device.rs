@@ -11,8 +11,8 @@ use std::io::Read;
 use std::path::Path;
 
 use super::error::RecordingError;
-use super::files::open_file;
-use crate::sensor::camera::{Registration, RegistrationIntegers};
+use crate::base::bounded_read;
+use crate::sensor::kinect::registration::{Registration, RegistrationIntegers};
 
 /// Larger files are no calibration.
 const LARGEST_BYTES: u64 = 64 * 1024;
@@ -38,7 +38,7 @@ pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
         source,
     };
     let mut text = Vec::new();
-    match open_file(path) {
+    match bounded_read::open_regular(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(file_error(error)),
         Ok(file) => file

@@ -13,17 +13,18 @@
 //! One file: one device from opening to closing, and what happens when a stream falls silent.
 
 use crate::base::defaults;
+use crate::sensor::Frame;
 use core::time::Duration;
 
-use super::Frame;
 use super::calibration::CalibrationError;
-use super::camera::Registration;
 use super::colour;
 use super::command::{BadReply, register};
 use super::device::{DeviceError, Model, PacketSource, Stream};
+use super::frame::Developed;
 use super::motor::Light;
 use super::pairing::{Paired, Pairing, RawPair};
 use super::picture_clock::PictureClock;
+use super::registration::Registration;
 use super::stream::{Assembler, Tally};
 use super::unpack::unpack_depth;
 
@@ -415,17 +416,28 @@ impl<S: PacketSource> Kinect<S> {
     }
 }
 
-/// Unpacks a pair, or a depth picture alone, into `frame`: depth, Bayer, luma, number and time. The Bayer picture is swapped, not copied.
-pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, frame: &mut Frame) {
+/// Unpacks a pair, or a depth picture alone. The Bayer picture is swapped, not copied.
+pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl Developed) {
     let [colour_ticks, ticks] = pair.ticks;
+    let (frame, original) = into.parts();
     (frame.index, frame.at) = (pair.number, clock.stamp(ticks));
-    frame.ticks = ticks;
     develop_depth(pair, frame);
     if pair.has_colour {
-        (frame.has_colour, frame.colour_ticks) = (true, colour_ticks);
         develop_colour(pair, frame);
     } else {
         frame.drop_colour();
+    }
+    let Some(original) = original else { return };
+    original.ticks = ticks;
+    if pair.has_colour {
+        original.colour_ticks = colour_ticks;
+        let bayer = &mut pair.pictures[Stream::Colour.index()];
+        let taken = core::mem::take(bayer).try_into();
+        let taken = taken.expect("a colour picture's length");
+        let former = core::mem::replace(&mut original.bayer, taken);
+        *bayer = former;
+    } else {
+        original.drop_colour();
     }
 }
 
@@ -438,11 +450,12 @@ pub(crate) fn develop_depth(pair: &RawPair, frame: &mut Frame) {
     );
 }
 
-/// The colour half of [`develop`]: Bayer and luma.
-pub(crate) fn develop_colour(pair: &mut RawPair, frame: &mut Frame) {
-    let bayer = &mut pair.pictures[Stream::Colour.index()];
-    let taken = core::mem::take(bayer).try_into();
-    let former = core::mem::replace(&mut frame.bayer, taken.expect("a colour picture's length"));
-    *bayer = former;
-    colour::luma_from_bayer(&frame.bayer, &mut frame.luma);
+/// The colour half of [`develop`].
+pub(crate) fn develop_colour(pair: &RawPair, frame: &mut Frame) {
+    let bayer = &pair.pictures[Stream::Colour.index()];
+    frame.has_colour = true;
+    colour::luma_from_bayer(
+        bayer.first_chunk().expect("a colour picture's length"),
+        &mut frame.luma,
+    );
 }

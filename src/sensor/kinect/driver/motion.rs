@@ -1,8 +1,8 @@
 //! LED, tilt and accelerometer: of the motor device, or through the audio device of the later models.
 
 use super::Kinect;
-use crate::sensor::device::{DeviceError, Model, PacketSource};
-use crate::sensor::motor::{self, Light, Posture, audio};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource};
+use crate::sensor::kinect::motor::{self, Light, Posture, audio};
 
 impl<S: PacketSource> Kinect<S> {
     /// Sets the LED.

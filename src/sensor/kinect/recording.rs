@@ -29,11 +29,15 @@ use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use super::camera::Registration;
-use super::{Frame, NO_DEPTH, colour, timestamp_from_ticks};
+use super::colour;
+use super::frame::Developed;
+use super::picture_clock::timestamp_from_ticks;
+use super::registration::Registration;
 use crate::base::bounded_read;
 use crate::base::capacity::PIXELS;
-use files::{DEVICE_NAME, INDEX_NAME, open_file};
+use crate::sensor::NO_DEPTH;
+use crate::sensor::camera::Camera;
+use files::{DEVICE_NAME, INDEX_NAME};
 use index::{Entry, Index};
 
 /// Bytes and pictures of the longest index: nine hours of both streams at 30 a second, which take a terabyte and a half.
@@ -67,6 +71,7 @@ enum Damage {
 /// A recording that is played.
 pub struct Recording {
     registration: Registration,
+    camera: Camera,
     index: Index,
     next: usize,
     skipped: u64,
@@ -85,7 +90,7 @@ impl Recording {
     /// If there is no index, or none that names a depth picture, or `device.json` is there and unusable.
     pub fn open(directory: &Path) -> Result<Self, RecordingError> {
         let path = directory.join(INDEX_NAME);
-        let text = open_file(&path)
+        let text = bounded_read::open_regular(&path)
             .and_then(|file| bounded_read::all(file, INDEX_MOST[0]))
             .and_then(|text| {
                 let text = String::from_utf8_lossy(&text).into_owned();
@@ -107,8 +112,10 @@ impl Recording {
         if index.depth.is_empty() {
             return Err(RecordingError::NoDepth { path });
         }
+        let registration = device::read(&directory.join(DEVICE_NAME))?.unwrap_or_default();
         Ok(Self {
-            registration: device::read(&directory.join(DEVICE_NAME))?.unwrap_or_default(),
+            camera: registration.camera(),
+            registration,
             index,
             next: 0,
             skipped: 0,
@@ -124,6 +131,12 @@ impl Recording {
     #[must_use]
     pub fn registration(&self) -> &Registration {
         &self.registration
+    }
+
+    /// The same in the form the stages use.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
     }
 
     /// Depth pictures the index names, skipped ones included.
@@ -152,7 +165,7 @@ impl Recording {
     }
 
     /// Fills `frame` with the next whole frame; `false` at the end.
-    pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
+    pub fn next_frame(&mut self, frame: &mut impl Developed) -> bool {
         while self.next < self.index.depth.len() {
             let at = self.next;
             self.next += 1;
@@ -187,7 +200,8 @@ impl Recording {
         }
     }
 
-    fn read(&mut self, at: usize, frame: &mut Frame) -> Result<(), Damage> {
+    fn read(&mut self, at: usize, into: &mut impl Developed) -> Result<(), Damage> {
+        let (frame, mut original) = into.parts();
         let depth = self.index.depth[at];
         let time = depth.time.ok_or(match depth.ticks {
             Some(_) if depth.stray => Damage::Stray,
@@ -212,16 +226,25 @@ impl Recording {
         let colour = depth.colour.map(|colour| self.index.colour[colour]);
         match colour {
             Some(colour) if self.read_colour(&colour)? => {
-                colour::bayer_from_rgb(&self.bytes, &mut frame.bayer);
                 colour::luma_from_rgb(&self.bytes, &mut frame.luma);
-                frame.colour_ticks = colour.ticks.unwrap_or_default();
                 frame.has_colour = true;
+                if let Some(original) = &mut original {
+                    colour::bayer_from_rgb(&self.bytes, &mut original.bayer);
+                    original.colour_ticks = colour.ticks.unwrap_or_default();
+                }
             }
-            _ => frame.drop_colour(),
+            _ => {
+                frame.drop_colour();
+                if let Some(original) = &mut original {
+                    original.drop_colour();
+                }
+            }
         }
         frame.index = depth.number as u64;
         frame.at = timestamp_from_ticks(time);
-        frame.ticks = depth.ticks.unwrap_or_default();
+        if let Some(original) = original {
+            original.ticks = depth.ticks.unwrap_or_default();
+        }
         Ok(())
     }
 
@@ -251,7 +274,7 @@ fn read_picture(path: &Path, header: &'static str, body: &mut [u8]) -> Result<()
         ErrorKind::Other => Damage::NoFile,
         kind => Damage::Unreadable(kind),
     };
-    let mut file = open_file(path).map_err(unreadable)?;
+    let mut file = bounded_read::open_regular(path).map_err(unreadable)?;
     // Header and the start of the body come in one small read; the rest goes straight to its place.
     let mut head = [0; HEADER_BYTES];
     let got = read_fully(&mut file, &mut head).map_err(unreadable)?;

@@ -18,7 +18,7 @@
 
 use std::collections::BinaryHeap;
 
-use crate::sensor::FRAME_TICKS;
+use crate::sensor::kinect::picture_clock::FRAME_TICKS;
 
 /// A step back beyond this many ticks (a second) is a restart, not pictures out of order.
 const RESTART_TICKS: i64 = 60_000_000;

@@ -3,8 +3,17 @@
 use core::time::Duration;
 
 use super::packet::TICKS_PER_SECOND;
-use super::timestamp_from_ticks;
 use crate::base::time::Timestamp;
+
+/// Ticks of the 60 MHz counter from picture to picture, at 30 pictures a second.
+pub const FRAME_TICKS: i64 = 2_000_000;
+
+/// Capture time of unwrapped 60 MHz ticks since the first depth picture, rounded down to whole microseconds. Every source
+/// goes through here, so that a run and its replay agree to the bit.
+#[must_use]
+pub fn timestamp_from_ticks(ticks: i64) -> Timestamp {
+    Timestamp::from_us(ticks.max(0).unsigned_abs() / 60)
+}
 
 /// Tells the depth pictures' time since the first one. It goes on across the counter's wrap and a restart of the camera.
 #[derive(Clone, Debug, Default)]
@@ -36,7 +45,7 @@ impl PictureClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::packet::TICKS_PER_PICTURE;
+    use crate::sensor::kinect::packet::TICKS_PER_PICTURE;
 
     #[test]
     fn time_goes_on_across_the_wrap_and_across_losses_and_restarts() {

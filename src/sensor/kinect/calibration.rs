@@ -4,8 +4,8 @@
 //! of raw depth, the lines cut off. The distance between the cameras is replaced by 2.4 cm, as every common driver does: the
 //! devices store 2.3, and the registration was computed with 2.4.
 
-use super::camera::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 use super::device::Model;
+use super::registration::{Padding, Registration, RegistrationIntegers, ZeroPlane};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -261,7 +261,7 @@ mod tests {
                 }
             }
             if round % 1000 == 0 {
-                let camera = super::super::camera::Camera::new(&registration);
+                let camera = registration.camera();
                 assert!((0..2048).all(|raw| camera.depth_m(raw).is_finite()));
             }
         }

@@ -3,10 +3,10 @@
 use core::time::Duration;
 
 use super::{Kinect, KinectError};
-use crate::sensor::calibration::{Block, parse_block, parse_fixed};
-use crate::sensor::camera::Registration;
-use crate::sensor::command::{self, BadReply, Command, image_sensor};
-use crate::sensor::device::{DeviceError, PacketSource};
+use crate::sensor::kinect::calibration::{Block, parse_block, parse_fixed};
+use crate::sensor::kinect::command::{self, BadReply, Command, image_sensor};
+use crate::sensor::kinect::device::{DeviceError, PacketSource};
+use crate::sensor::kinect::registration::Registration;
 
 /// Between two looks for a reply.
 const REPLY_STEP: Duration = Duration::from_millis(1);

@@ -9,6 +9,7 @@ use super::registration::{Registration, RegistrationIntegers};
 use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
+use crate::sensor::camera::Cubic;
 
 /// The registration polynomial of one axis as forward differences in fixed point, the device's own form.
 #[derive(Clone, Copy, Debug)]
@@ -128,21 +129,6 @@ impl Axis {
             add(i, [k, 0.0, 0.0, 0.0]);
         }
         Cubic(t)
-    }
-}
-
-/// A polynomial of column and row: `Σ t[i][j] column^i (row + 1)^j`, i + j ≤ 3.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Cubic([[f64; 4]; 4]);
-
-impl Cubic {
-    pub(super) fn at(&self, col: f64, row: f64) -> f64 {
-        let [t0, t1, t2, t3] = &self.0;
-        let n = row + 1.0;
-        let c0 = ((t0[3] * n + t0[2]) * n + t0[1]) * n + t0[0];
-        let c1 = (t1[2] * n + t1[1]) * n + t1[0];
-        let c2 = t2[1] * n + t2[0];
-        ((t3[0] * col + c2) * col + c1) * col + c0
     }
 }
 

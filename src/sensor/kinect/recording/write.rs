@@ -10,8 +10,10 @@ use super::device;
 use super::error::RecordingError;
 use super::files::{DEVICE_NAME, INDEX_NAME};
 use crate::base::capacity::{PIXELS, RAW_DEPTH_VALUES};
-use crate::sensor::camera::Registration;
-use crate::sensor::{Frame, NO_DEPTH, colour};
+use crate::sensor::NO_DEPTH;
+use crate::sensor::kinect::colour;
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::registration::Registration;
 
 /// A recording that is being made.
 pub struct Recorder {
@@ -71,11 +73,11 @@ impl Recorder {
     ///
     /// # Errors
     /// If a file cannot be written; what was recorded before stays usable.
-    pub fn write(&mut self, frame: &Frame) -> Result<(), RecordingError> {
+    pub fn write(&mut self, frame: &KinectFrame) -> Result<(), RecordingError> {
         let wall = self.started_unix_s + frame.at.as_us() as f64 * 1e-6;
-        if frame.has_colour && self.last_colour != Some(frame.colour_ticks) {
-            colour::rgb_from_bayer(&frame.bayer, &mut self.rgb);
-            let name = format!("r-{wall:.6}-{}.ppm", frame.colour_ticks);
+        if frame.has_colour && self.last_colour != Some(frame.original.colour_ticks) {
+            colour::rgb_from_bayer(&frame.original.bayer, &mut self.rgb);
+            let name = format!("r-{wall:.6}-{}.ppm", frame.original.colour_ticks);
             write_picture(
                 &self.directory,
                 &mut self.index,
@@ -83,7 +85,7 @@ impl Recorder {
                 "P6 640 480 255\n",
                 &self.rgb,
             )?;
-            self.last_colour = Some(frame.colour_ticks);
+            self.last_colour = Some(frame.original.colour_ticks);
         }
         for (bytes, &raw) in self.depth.chunks_exact_mut(2).zip(frame.depth.iter()) {
             let raw = if usize::from(raw) < RAW_DEPTH_VALUES {
@@ -93,7 +95,7 @@ impl Recorder {
             };
             bytes.copy_from_slice(&raw.to_le_bytes());
         }
-        let name = format!("d-{wall:.6}-{}.pgm", frame.ticks);
+        let name = format!("d-{wall:.6}-{}.pgm", frame.original.ticks);
         write_picture(
             &self.directory,
             &mut self.index,

@@ -255,7 +255,7 @@ impl Bus {
         })
     }
 
-    /// See [`super::kinect::Settings::reset_audio`]. The handles of the other parts stay valid.
+    /// See [`super::driver::Settings::reset_audio`]. The handles of the other parts stay valid.
     fn reset_audio(&self, camera: &Device<Context>) {
         let Some(audio) = self.part(camera, &AUDIO) else {
             return;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::sensor::packet::{LONGEST, TICKS_PER_PICTURE};
+use crate::sensor::kinect::packet::{LONGEST, TICKS_PER_PICTURE};
 
 type Packets = Vec<(bool, Vec<u8>)>;
 

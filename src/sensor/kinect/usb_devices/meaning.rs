@@ -1,6 +1,6 @@
 //! Translates libusb's errors.
 
-use crate::sensor::device::DeviceError;
+use crate::sensor::kinect::device::DeviceError;
 
 /// What a failure to open or claim means.
 pub(super) fn opening(problem: rusb::Error, bus: u8, address: u8) -> DeviceError {

@@ -1,0 +1,267 @@
+//! Recordings of any depth camera: a folder in the layout of the TUM RGB-D data sets, and its calibration in one small file.
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
+//! | `rgb.txt` | the same of colour or infrared pictures; optional |
+//! | `camera.toml` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
+//!
+//! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG where the program has
+//! a decoder ([`picture`]). A depth picture goes with the other one nearest in time, at most half a period away; one without is
+//! a frame without a picture. Larger ones than [`WIDTH`] × [`HEIGHT`] are reduced by a whole number: depth is picked, so that no
+//! edge is smeared; brightness is averaged. A damaged frame is skipped with a warning and a count.
+//!
+//! Memory: a file and a table of 131 kB; nothing is allocated per frame but by a PNG's decoder. Limitation: lens distortion
+//! must have been taken out, as most cameras' software does.
+
+mod calibration;
+mod index;
+mod picture;
+
+use std::path::{Path, PathBuf};
+
+use super::camera::{Camera, Picture, Pinhole, RANGE_M};
+use super::{Frame, NO_DEPTH};
+use crate::base::bounded_read;
+use crate::base::capacity::{HEIGHT, WIDTH};
+use crate::base::time::Timestamp;
+use calibration::{Calibration, View};
+use index::Index;
+use picture::{Damage, File, Pixels};
+
+/// Largest list of pictures and largest calibration, bytes.
+const LIST_MOST: usize = 1 << 26;
+const CALIBRATION_MOST: usize = 1 << 16;
+/// Up to this many skipped frames are logged in full; after that only when their number has doubled.
+const WARNINGS_IN_FULL: u64 = 10;
+
+/// Why a recording cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum RgbdError {
+    /// A file that must be there.
+    #[error("{}: cannot be read ({source}); a recording of a depth camera has depth.txt and camera.toml, see docs/recordings.md", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The calibration is not one.
+    #[error("{}: {problem}", path.display())]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        problem: String,
+    },
+    /// A list without a picture.
+    #[error("{}: names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?", path.display())]
+    Empty {
+        /// The list.
+        path: PathBuf,
+    },
+}
+
+/// One stream: its view as the frame has it, and what it takes to read a picture.
+struct Stream {
+    size: [usize; 2],
+    /// Pixels of the file to one of the frame.
+    reduced: usize,
+    file: File,
+}
+
+impl Stream {
+    fn new(view: &View) -> Self {
+        let [columns, rows] = view.size;
+        Self {
+            size: view.size,
+            reduced: columns.div_ceil(WIDTH).max(rows.div_ceil(HEIGHT)),
+            file: File::new(view.size),
+        }
+    }
+
+    /// Columns and rows in the frame.
+    fn kept(&self) -> [usize; 2] {
+        self.size.map(|pixels| pixels / self.reduced)
+    }
+
+    /// The view of the frame's picture; `within` a reduced pixel is what it stands for, pixels of the file.
+    fn pinhole(&self, view: &View, within: f32) -> Pinhole {
+        let reduced = self.reduced as f32;
+        Pinhole {
+            focal: view.focal.map(|focal| focal / reduced),
+            centre: view.centre.map(|centre| (centre - within) / reduced),
+        }
+    }
+
+    fn read(&mut self, path: &Path) -> Result<Pixels<'_>, Damage> {
+        self.file.read(path, self.size)
+    }
+}
+
+/// A recording that is played.
+pub struct Rgbd {
+    folder: PathBuf,
+    index: Index,
+    next: usize,
+    skipped: u64,
+    camera: Camera,
+    depth: Stream,
+    picture: Stream,
+    /// Raw depth by what a file says.
+    raw: Box<[u16]>,
+    /// Value of a 16-bit picture that is shown as white.
+    white: u32,
+    path: PathBuf,
+}
+
+impl Rgbd {
+    /// Whether `folder` is one.
+    #[must_use]
+    pub fn is_in(folder: &Path) -> bool {
+        folder.join("depth.txt").exists()
+    }
+
+    /// Opens the recording in `folder`.
+    ///
+    /// # Errors
+    /// If there is no list of depth pictures, or the calibration is missing or unusable.
+    pub fn open(folder: &Path) -> Result<Self, RgbdError> {
+        let text = |name: &str, most| {
+            let path = folder.join(name);
+            match bounded_read::regular(&path, most) {
+                Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
+                Err(source) => Err(RgbdError::File { path, source }),
+            }
+        };
+        let calibration = Calibration::parse(&text("camera.toml", CALIBRATION_MOST)?);
+        let calibration = calibration.map_err(|problem| RgbdError::Calibration {
+            path: folder.join("camera.toml"),
+            problem,
+        })?;
+        let pictures = match text("rgb.txt", LIST_MOST) {
+            Err(RgbdError::File { source, .. })
+                if source.kind() == std::io::ErrorKind::NotFound =>
+            {
+                String::new()
+            }
+            text => text?,
+        };
+        let index = Index::parse(&text("depth.txt", LIST_MOST)?, &pictures);
+        if index.depth.is_empty() {
+            let path = folder.join("depth.txt");
+            return Err(RgbdError::Empty { path });
+        }
+        let Calibration { depth, picture } = calibration;
+        let streams = [&depth, &picture].map(Stream::new);
+        let [of_depth, of_picture] = &streams;
+        let camera = Camera::metric(
+            of_depth.pinhole(&depth, (of_depth.reduced / 2) as f32),
+            of_depth.kept(),
+            Picture::Pinhole {
+                view: of_picture.pinhole(&picture, (of_picture.reduced - 1) as f32 * 0.5),
+                picture_from_sensor: picture.picture_from_sensor(),
+            },
+        );
+        let metres = |value: u16| f32::from(value) / depth.units_per_m;
+        let raw = (0..=u16::MAX).map(|value| match metres(value) {
+            z if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
+            _ => NO_DEPTH,
+        });
+        let raw = raw.collect();
+        let [depth, of_picture] = streams;
+        Ok(Self {
+            // Long enough for any name, so that no frame makes it grow.
+            path: PathBuf::with_capacity(folder.as_os_str().len() + 256),
+            folder: folder.to_owned(),
+            index,
+            next: 0,
+            skipped: 0,
+            camera,
+            depth,
+            white: picture.white,
+            picture: of_picture,
+            raw,
+        })
+    }
+
+    /// Geometry of both cameras.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Frames skipped so far because a file of theirs is damaged or missing.
+    #[must_use]
+    pub fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// Depth pictures the list names, skipped ones included.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.index.depth.len()
+    }
+
+    /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
+    pub fn go_to(&mut self, number: usize) {
+        self.next = number.min(self.frames());
+    }
+
+    /// Fills `frame` with the next whole frame; `false` at the end.
+    pub fn next_frame(&mut self, frame: &mut Frame) -> bool {
+        while self.next < self.index.depth.len() {
+            self.next += 1;
+            let Err(damage) = self.read(self.next - 1, frame) else {
+                return true;
+            };
+            self.skipped += 1;
+            if self.skipped <= WARNINGS_IN_FULL || self.skipped.is_power_of_two() {
+                let (number, file, skipped) = (self.next - 1, self.path.display(), self.skipped);
+                tracing::warn!(
+                    "frame {number} skipped: {file}: {damage} ({skipped} skipped so far)"
+                );
+            }
+        }
+        false
+    }
+
+    fn read(&mut self, at: usize, frame: &mut Frame) -> Result<(), Damage> {
+        let Self {
+            index, path, raw, ..
+        } = self;
+        let entry = &index.depth[at];
+        let place = |path: &mut PathBuf, name: &str| {
+            path.clone_from(&self.folder);
+            path.push(name);
+        };
+        place(path, &entry.name);
+        let time_us = entry.time_us.ok_or(Damage::Order)?;
+        let ([columns, rows], reduced) = (self.depth.kept(), self.depth.reduced);
+        let width = self.depth.size[0];
+        let pixels = self.depth.read(path)?;
+        if pixels.channels != 1 || !pixels.wide {
+            return Err(Damage::NotDepth);
+        }
+        frame.depth.fill(NO_DEPTH);
+        for row in 0..rows {
+            let from = (row * reduced + reduced / 2) * width + reduced / 2;
+            let out = &mut frame.depth[row * WIDTH..][..columns];
+            for (col, out) in out.iter_mut().enumerate() {
+                *out = raw[usize::from(pixels.wide_at(from + col * reduced))];
+            }
+        }
+        match entry.picture {
+            Some(other) => {
+                place(path, &index.pictures[other].name);
+                let (kept, reduced) = (self.picture.kept(), self.picture.reduced);
+                let pixels = self.picture.read(path)?;
+                pixels.brightness(reduced, kept, self.white, &mut frame.luma);
+                frame.has_colour = true;
+            }
+            None => frame.drop_colour(),
+        }
+        (frame.index, frame.at) = (at as u64, Timestamp::from_us(time_us));
+        Ok(())
+    }
+}

@@ -1,0 +1,269 @@
+//! A picture file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG where the program has a decoder: the workstation's
+//! build, `--features studio`.
+
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+
+use crate::base::bounded_read;
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
+
+/// Bytes of a file besides its pixels.
+const HEADER_MOST: usize = 4096;
+
+/// Why one frame was skipped.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Damage {
+    #[error("expected seconds and a file of this folder, later than the line before")]
+    Order,
+    #[error("cannot be read ({0})")]
+    Unreadable(ErrorKind),
+    #[error("is neither PGM, PPM nor a whole PNG")]
+    Format,
+    #[cfg(not(feature = "studio"))]
+    #[error(
+        "this program reads no PNG; use one built with --features studio, or write PGM: docs/recordings.md"
+    )]
+    Png,
+    #[error("has {found:?} pixels, camera.toml says {expected:?}")]
+    Size {
+        expected: [usize; 2],
+        found: [usize; 2],
+    },
+    #[error("ends before its last pixel")]
+    Short,
+    #[error("expected grey of 16 bit, as depth is")]
+    NotDepth,
+}
+
+/// A file's bytes.
+pub(super) struct File {
+    bytes: Box<[u8]>,
+    #[cfg(feature = "studio")]
+    decoded: Vec<u8>,
+}
+
+/// The pixels of a picture.
+pub(super) struct Pixels<'a> {
+    columns: usize,
+    /// 1: grey, 3: RGB.
+    pub(super) channels: usize,
+    /// 16 bit, the upper byte first.
+    pub(super) wide: bool,
+    body: &'a [u8],
+}
+
+impl Pixels<'_> {
+    /// A 16-bit number.
+    pub(super) fn wide_at(&self, at: usize) -> u16 {
+        u16::from_be_bytes([self.body[2 * at], self.body[2 * at + 1]])
+    }
+
+    /// Brightness of one pixel, 0 to 255.
+    fn luma(&self, pixel: usize, white: u32) -> u32 {
+        let at = pixel * self.channels;
+        let value = |at: usize| match self.wide {
+            true => (u32::from(self.wide_at(at)) * 255 / white).min(255),
+            false => self.body[at].into(),
+        };
+        match self.channels {
+            1 => value(at),
+            // BT.601, as everywhere.
+            _ => (77 * value(at) + 150 * value(at + 1) + 29 * value(at + 2) + 128) >> 8,
+        }
+    }
+
+    /// The brightness of `reduced`² pixels each, and beyond `kept` columns and rows the border's.
+    pub(super) fn brightness(
+        &self,
+        reduced: usize,
+        [columns, rows]: [usize; 2],
+        white: u32,
+        luma: &mut [u8; PIXELS],
+    ) {
+        for row in 0..rows {
+            let line = &mut luma[row * WIDTH..][..WIDTH];
+            for (col, out) in line[..columns].iter_mut().enumerate() {
+                let mut sum = 0;
+                for y in 0..reduced {
+                    let from = (row * reduced + y) * self.columns + col * reduced;
+                    sum += (from..from + reduced)
+                        .map(|at| self.luma(at, white))
+                        .sum::<u32>();
+                }
+                *out = (sum / (reduced * reduced) as u32) as u8;
+            }
+            let last = line[columns - 1];
+            line[columns..].fill(last);
+        }
+        for row in rows..HEIGHT {
+            luma.copy_within((rows - 1) * WIDTH..rows * WIDTH, row * WIDTH);
+        }
+    }
+}
+
+impl File {
+    /// For pictures of a size.
+    pub(super) fn new([columns, rows]: [usize; 2]) -> Self {
+        Self {
+            bytes: vec![0; columns * rows * 6 + HEADER_MOST].into_boxed_slice(),
+            #[cfg(feature = "studio")]
+            decoded: Vec::new(),
+        }
+    }
+
+    /// Reads a picture of a size.
+    pub(super) fn read(&mut self, path: &Path, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
+        let unreadable = |error: std::io::Error| Damage::Unreadable(error.kind());
+        let mut file = bounded_read::open_regular(path).map_err(unreadable)?;
+        let mut got = 0;
+        while got < self.bytes.len() {
+            match file.read(&mut self.bytes[got..]) {
+                Ok(0) => break,
+                Ok(more) => got += more,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(unreadable(error)),
+            }
+        }
+        if self.bytes[..got].starts_with(b"\x89PNG") {
+            return self.png(got, size);
+        }
+        let (header, start) = netpbm(&self.bytes[..got]).ok_or(Damage::Format)?;
+        let [channels, columns, rows, most] = header;
+        pixels(
+            &self.bytes[start..got],
+            channels,
+            most > 255,
+            [columns, rows],
+            size,
+        )
+    }
+
+    #[cfg(not(feature = "studio"))]
+    fn png(&mut self, _: usize, _: [usize; 2]) -> Result<Pixels<'_>, Damage> {
+        Err(Damage::Png)
+    }
+
+    #[cfg(feature = "studio")]
+    fn png(&mut self, got: usize, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
+        use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+        let bytes = std::io::Cursor::new(&self.bytes[..got]);
+        let mut reader = ImageReader::with_format(bytes, ImageFormat::Png);
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(self.bytes.len() as u64 * 2);
+        reader.limits(limits);
+        let picture = reader.decode().map_err(|_| Damage::Format)?;
+        let found = [picture.width(), picture.height()].map(|n| n as usize);
+        let (wide, channels) = (
+            picture.color().bytes_per_pixel() > 4,
+            picture.color().has_color(),
+        );
+        self.decoded.clear();
+        let wide = wide
+            || matches!(
+                picture,
+                DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_)
+            );
+        match (channels, wide) {
+            (true, _) => self.decoded.extend_from_slice(&picture.into_rgb8()),
+            (false, true) => {
+                let values = picture.into_luma16();
+                self.decoded
+                    .extend(values.iter().flat_map(|value| value.to_be_bytes()));
+            }
+            (false, false) => self.decoded.extend_from_slice(&picture.into_luma8()),
+        }
+        let number = if channels { 3 } else { 1 };
+        pixels(&self.decoded, number, wide && !channels, found, size)
+    }
+}
+
+fn pixels(
+    body: &[u8],
+    channels: usize,
+    wide: bool,
+    found: [usize; 2],
+    expected: [usize; 2],
+) -> Result<Pixels<'_>, Damage> {
+    if found != expected {
+        return Err(Damage::Size { expected, found });
+    }
+    let columns = found[0];
+    let bytes = columns * found[1] * channels * (1 + usize::from(wide));
+    let body = body.get(..bytes).ok_or(Damage::Short)?;
+    Ok(Pixels {
+        columns,
+        channels,
+        wide,
+        body,
+    })
+}
+
+/// Channels, columns, rows and largest value of a PGM or PPM, and where its pixels begin.
+fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
+    let channels = match bytes.get(..2)? {
+        b"P5" => 1,
+        b"P6" => 3,
+        _ => return None,
+    };
+    let (mut at, mut header) = (2, [channels, 0, 0, 0]);
+    for number in &mut header[1..] {
+        while bytes.get(at)?.is_ascii_whitespace() || bytes[at] == b'#' {
+            if bytes[at] == b'#' {
+                at += bytes[at..].iter().position(|byte| *byte == b'\n')?;
+            }
+            at += 1;
+        }
+        let digits = bytes[at..].iter().take_while(|byte| byte.is_ascii_digit());
+        let digits = digits.take(6).count();
+        *number = std::str::from_utf8(&bytes[at..at + digits])
+            .ok()?
+            .parse()
+            .ok()?;
+        at += digits;
+    }
+    let is_header = bytes.get(at)?.is_ascii_whitespace() && (1..=65535).contains(&header[3]);
+    is_header.then_some((header, at + 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::Frame;
+
+    #[test]
+    fn a_header_is_read_however_it_is_spaced_and_anything_else_is_refused() {
+        let header = |text: &str| netpbm(text.as_bytes());
+        assert_eq!(
+            header("P5 640 480 65535\nx"),
+            Some(([1, 640, 480, 65535], 17))
+        );
+        assert_eq!(header("P6\n# by\n4 3\n255\nx"), Some(([3, 4, 3, 255], 16)));
+        for odd in [
+            "",
+            "P5",
+            "P4 1 1 1\n",
+            "P5 1 1 0\n",
+            "P5 1 1 99999\n",
+            "P5 1 1 255",
+            "P5 1 x 255\n",
+            "P5 #",
+        ] {
+            assert_eq!(header(odd), None, "{odd}");
+        }
+    }
+
+    #[test]
+    fn pixels_are_averaged_and_the_border_goes_on() {
+        let body: Vec<u8> = (0..16)
+            .flat_map(|k| (k as u16 * 1000).to_be_bytes())
+            .collect();
+        let picture = pixels(&body, 1, true, [4, 4], [4, 4]).unwrap();
+        let mut luma = Frame::default().luma;
+        picture.brightness(2, [2, 2], 15_000, &mut luma);
+        // Means of 0 1 4 5 and of 2 3 6 7, each times 17.
+        assert_eq!(luma[..4], [42, 76, 76, 76]);
+        assert_eq!(luma[WIDTH * 2..][..2], luma[WIDTH..][..2]);
+        assert!(pixels(&body[1..], 1, true, [4, 4], [4, 4]).is_err());
+        assert!(pixels(&body, 1, true, [4, 4], [4, 5]).is_err());
+    }
+}

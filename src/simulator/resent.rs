@@ -1,0 +1,94 @@
+//! A frame sent again: cut into the packets a Kinect would have sent, and made of them once more, step by step.
+
+use core::time::Duration;
+
+use super::virtual_kinect::{PERIOD, Player, STEP, View};
+use crate::sensor::Frame;
+use crate::sensor::kinect::device::Stream;
+use crate::sensor::kinect::driver::{develop_colour, develop_depth};
+use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::kinect::packet::LONGEST;
+use crate::sensor::kinect::pairing::{Pairing, RawPair};
+use crate::sensor::kinect::stream::Assembler;
+
+/// A frame and its packets, as both streams send them, and where they become pictures again.
+pub struct Resent {
+    /// The frame to send.
+    pub drawn: KinectFrame,
+    player: Player<Drawn>,
+    now: Duration,
+    /// Stream, length and bytes of each packet, in order of time.
+    cut: Vec<(Stream, usize, [u8; LONGEST])>,
+    assemblers: [Assembler; 2],
+    pairing: Pairing,
+    pair: RawPair,
+}
+
+/// What the player sends next.
+struct Drawn(KinectFrame);
+
+impl View for Drawn {
+    fn draw(&mut self, frame: &mut KinectFrame) -> bool {
+        core::mem::swap(&mut self.0, frame);
+        // Where there is no colour a black picture makes the same way.
+        if !frame.has_colour {
+            frame.original.colour_ticks = frame.original.ticks;
+        }
+        true
+    }
+}
+
+impl Default for Resent {
+    fn default() -> Self {
+        Self {
+            drawn: KinectFrame::default(),
+            player: Player::new(Drawn(KinectFrame::default()), PERIOD),
+            now: Duration::ZERO,
+            cut: Vec::new(),
+            assemblers: Stream::BOTH.map(Assembler::new),
+            pairing: Pairing::default(),
+            pair: RawPair::default(),
+        }
+    }
+}
+
+impl Resent {
+    /// Cuts the frame into packets.
+    pub fn cut(&mut self) {
+        self.player.view.0.clone_from(&self.drawn);
+        self.cut.clear();
+        let end = self.now + PERIOD;
+        while self.now < end {
+            self.player.play(self.now, [true; 2], &mut |packet| {
+                let mut bytes = [0; LONGEST];
+                bytes[..packet.bytes.len()].copy_from_slice(packet.bytes);
+                self.cut.push((packet.stream, packet.bytes.len(), bytes));
+            });
+            self.now += STEP;
+        }
+        self.now = end;
+    }
+
+    /// Packets to pictures; `number` counts frames.
+    pub fn assemble(&mut self, number: u64) {
+        for (stream, length, bytes) in &self.cut {
+            let assembler = &mut self.assemblers[stream.index()];
+            if let Some(ticks) = assembler.push(true, &bytes[..*length])
+                && let Some(paired) =
+                    (self.pairing).offer(*stream, number, ticks, assembler.picture())
+            {
+                paired.swap_into(&mut self.pair);
+            }
+        }
+    }
+
+    /// Depth pictures to raw values.
+    pub fn unpack(&self, frame: &mut Frame) {
+        develop_depth(&self.pair, frame);
+    }
+
+    /// Mosaic to luma.
+    pub fn develop(&self, frame: &mut Frame) {
+        develop_colour(&self.pair, frame);
+    }
+}

@@ -1,0 +1,213 @@
+//! Promise: a recording of any depth camera plays: a folder in the layout of the TUM RGB-D data sets, at its own size and
+//! calibration. What is broken in it is said in a sentence.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use mien::appliance::settings::Settings;
+use mien::appliance::source::Source;
+use mien::base::capacity::WIDTH;
+use mien::base::geometry::Point;
+use mien::face_model::FaceModel;
+use mien::pipeline::Pipeline;
+use mien::sensor::{Frame, NO_DEPTH};
+use tempfile::TempDir;
+
+use crate::common;
+
+const CAMERA: &str = "[depth]\nsize = [512, 424]\nfocal = [365.0, 366.0]\ncentre = [256.0, 212.0]\nunits_per_m = 5000\n\
+    [picture]\nsize = [1280, 720]\nfocal = [910.0, 911.0]\ncentre = [640.0, 360.0]\n\
+    rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ntranslation = [-0.03, 0, 0]\n";
+
+fn pgm(path: &Path, [columns, rows]: [usize; 2], value: impl Fn(usize, usize) -> u16) {
+    let pixels = (0..columns * rows).map(|k| value(k % columns, k / columns));
+    let body = pixels.flat_map(u16::to_be_bytes);
+    let header = format!("P5\n# by hand\n{columns} {rows}\n65535\n").into_bytes();
+    fs::write(path, header.into_iter().chain(body).collect::<Vec<u8>>()).unwrap();
+}
+
+/// Two depth pictures, 0.8 m with a hole, and a picture that gets brighter to the right.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for name in ["0", "1"] {
+        let depth = |col, row| if col < 9 || row < 9 { 0 } else { 4000 };
+        pgm(&at(&format!("d{name}.pgm")), [512, 424], depth);
+    }
+    pgm(&at("c0.pgm"), [1280, 720], |col, _| (col * 50) as u16);
+    fs::write(at("depth.txt"), "# depth\n100.00 d0.pgm\n100.05 d1.pgm\n").unwrap();
+    fs::write(at("rgb.txt"), "100.01 c0.pgm\n").unwrap();
+    fs::write(at("camera.toml"), CAMERA).unwrap();
+    folder
+}
+
+#[test]
+fn depth_and_picture_come_at_their_own_size_and_calibration() {
+    let folder = folder();
+    let mut source = Source::recording(folder.path()).unwrap();
+    let camera = source.camera().clone();
+    assert_eq!(camera.depth_size(), [512, 424]);
+    let mut frame = Frame::default();
+    assert!(source.next_frame(&mut frame).unwrap());
+    assert_eq!((frame.index, frame.at.as_us()), (0, 0));
+    assert!((camera.depth_m(frame.depth[100 * WIDTH + 100]) - 0.8).abs() < 0.001);
+    for hole in [
+        100 * WIDTH + 8,
+        8 * WIDTH + 100,
+        100 * WIDTH + 512,
+        424 * WIDTH + 100,
+    ] {
+        assert_eq!(frame.depth[hole], NO_DEPTH);
+    }
+    // Two by two pixels to one: column 200 was 400 and 401.
+    assert!(frame.has_colour && frame.has_picture());
+    assert_eq!(
+        frame.luma[100 * WIDTH + 200],
+        (400 * 50 * 255 / 65535) as u8
+    );
+    assert_eq!(frame.luma[470 * WIDTH + 200], frame.luma[359 * WIDTH + 200]);
+    let p = Point::new(0.1, -0.05, 0.8);
+    let [col, row] = camera.depth_pixel(&p);
+    assert!((col - (256.0 + 36.5 / 0.8)).abs() < 1e-3 && (row - (212.0 - 18.3 / 0.8)).abs() < 1e-3);
+    let [col, row] = camera.colour_pixel(&p);
+    let expected = [
+        (640.0 - 0.5 + 910.0 * 0.07 / 0.8) / 2.0,
+        (360.0 - 0.5 - 911.0 * 0.05 / 0.8) / 2.0,
+    ];
+    assert!((col - expected[0]).abs() < 1e-3 && (row - expected[1]).abs() < 1e-3);
+    // The second has no picture within half a period.
+    assert!(source.next_frame(&mut frame).unwrap());
+    assert_eq!((frame.index, frame.at.as_us()), (1, 50_000));
+    assert!(!frame.has_colour && frame.luma.iter().all(|&luma| luma == 0));
+    assert!(!source.next_frame(&mut frame).unwrap());
+    assert_eq!(source.skipped(), 0);
+}
+
+#[test]
+fn a_broken_one_gets_a_sentence() {
+    let with = |name: &str, text: &str| {
+        let folder = folder();
+        fs::write(folder.path().join(name), text).unwrap();
+        Source::recording(folder.path())
+            .err()
+            .map(|problem| problem.to_string())
+    };
+    let camera = |from: &str, to: &str| with("camera.toml", &CAMERA.replace(from, to)).unwrap();
+    for (said, expected) in [
+        (
+            with("depth.txt", "# nothing\n").unwrap(),
+            "names no picture",
+        ),
+        (
+            camera("focal = [365.0, 366.0]\n", ""),
+            "missing field `focal`",
+        ),
+        (
+            camera("units_per_m = 5000", "units = 5000"),
+            "unknown field `units`",
+        ),
+        (
+            camera("[512, 424]", "[512, 42]"),
+            "depth.size is [512, 42], expected",
+        ),
+        (
+            camera("365.0", "0.365"),
+            "depth.focal is [0.365, 366.0], expected",
+        ),
+        (
+            camera("5000", "0.001"),
+            "depth.units_per_m is 0.001, expected 1000",
+        ),
+        (
+            camera("[-0.03, 0, 0]", "[-30, 0, 0]"),
+            "are these millimetres?",
+        ),
+        (camera("[0, 1, 0]", "[0, 2, 0]"), "picture.rotation is none"),
+        (camera("[depth]", "[depth"), "camera.toml: line 1"),
+    ] {
+        assert!(said.contains(expected) && !said.contains('\n'), "{said}");
+    }
+    let folder = folder();
+    fs::remove_file(folder.path().join("camera.toml")).unwrap();
+    let said = Source::recording(folder.path()).err().unwrap().to_string();
+    assert!(
+        said.contains("camera.toml") && said.contains("docs/recordings.md"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_damaged_frame_is_skipped_and_counted() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    pgm(&at("small.pgm"), [320, 240], |_, _| 4000);
+    fs::write(at("text.pgm"), "no picture").unwrap();
+    let whole = fs::read(at("d0.pgm")).unwrap();
+    fs::write(at("cut.pgm"), &whole[..whole.len() / 2]).unwrap();
+    let names = [
+        "small.pgm",
+        "text.pgm",
+        "cut.pgm",
+        "none.pgm",
+        "../d0.pgm",
+        "d0.pgm",
+    ];
+    let lines = names.iter().enumerate();
+    let lines: Vec<String> = lines.map(|(k, name)| format!("{k} {name}")).collect();
+    fs::write(at("depth.txt"), lines.join("\n")).unwrap();
+    let mut source = Source::recording(folder.path()).unwrap();
+    let mut frame = Frame::default();
+    assert!(source.next_frame(&mut frame).unwrap());
+    assert_eq!((frame.index, source.skipped()), (5, 5));
+    assert!(!source.next_frame(&mut frame).unwrap());
+}
+
+#[test]
+fn a_kinect_v2_is_followed_at_its_own_size() {
+    let Some(data) = common::data::data(&["kinect_v2_faces"]) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/real/depth_camera.py");
+    let words = [
+        "--person", "p00", "--first", "30", "--hold", "10", "--order", "2,1,2",
+    ];
+    let ending = if cfg!(feature = "studio") {
+        "png"
+    } else {
+        "pgm"
+    };
+    let mut python = Command::new("python3");
+    python
+        .arg(script)
+        .arg(data)
+        .arg(folder.path())
+        .args(words)
+        .args(["--ending", ending]);
+    if !python.output().is_ok_and(|done| done.status.success()) {
+        return common::data::skip("no python3 with numpy and OpenCV");
+    }
+    let mut source = Source::recording(folder.path()).unwrap();
+    let model = FaceModel::shipped();
+    let mut pipeline =
+        Pipeline::new(&Settings::default().stages(), source.camera(), &model).unwrap();
+    let (mut frame, mut faces) = (Frame::default(), 0);
+    while source.next_frame(&mut frame).unwrap() {
+        pipeline.follow(&frame);
+        let report = pipeline.report();
+        let Some(points) = report.landmarks.filter(|_| report.state.is_present()) else {
+            continue;
+        };
+        faces += 1;
+        // The outer eye corners of a head at 0.95 m are 35 pixels apart, at the place of the crop.
+        let [right, left] = [36, 45].map(|k| points.pixels[k]);
+        assert!(
+            (30.0..42.0).contains(&(left[0] - right[0])),
+            "{right:?} {left:?}"
+        );
+        assert!((180.0..340.0).contains(&right[0]) && (120.0..240.0).contains(&right[1]));
+    }
+    assert_eq!(source.skipped(), 0);
+    assert!(faces >= 45, "a face in {faces} of 50 frames");
+}
