@@ -54,6 +54,13 @@ pub enum RgbdError {
         /// What is wrong, and where.
         problem: String,
     },
+    /// Pictures that this program cannot decode.
+    #[cfg(not(feature = "studio"))]
+    #[error("{}: names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md", path.display())]
+    Png {
+        /// The list.
+        path: PathBuf,
+    },
     /// A list without a picture.
     #[error("{}: names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?", path.display())]
     Empty {
@@ -151,6 +158,11 @@ impl Rgbd {
         if index.depth.is_empty() {
             let path = folder.join("depth.txt");
             return Err(RgbdError::Empty { path });
+        }
+        #[cfg(not(feature = "studio"))]
+        if index.depth[0].name.ends_with(".png") {
+            let path = folder.join("depth.txt");
+            return Err(RgbdError::Png { path });
         }
         let Calibration { depth, picture } = calibration;
         let streams = [&depth, &picture].map(Stream::new);

@@ -14,7 +14,6 @@ pub mod whole_run;
 use std::path::Path;
 
 use mien::sensor::NO_DEPTH;
-#[cfg(feature = "studio")]
 use mien::sensor::kinect::colour;
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::picture_clock::timestamp_from_ticks;

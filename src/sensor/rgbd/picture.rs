@@ -19,11 +19,6 @@ pub(super) enum Damage {
     Unreadable(ErrorKind),
     #[error("is neither PGM, PPM nor a whole PNG")]
     Format,
-    #[cfg(not(feature = "studio"))]
-    #[error(
-        "this program reads no PNG; use one built with --features studio, or write PGM: docs/recordings.md"
-    )]
-    Png,
     #[error("has {found:?} pixels, camera.toml says {expected:?}")]
     Size {
         expected: [usize; 2],
@@ -124,6 +119,7 @@ impl File {
                 Err(error) => return Err(unreadable(error)),
             }
         }
+        #[cfg(feature = "studio")]
         if self.bytes[..got].starts_with(b"\x89PNG") {
             return self.png(got, size);
         }
@@ -136,11 +132,6 @@ impl File {
             [columns, rows],
             size,
         )
-    }
-
-    #[cfg(not(feature = "studio"))]
-    fn png(&mut self, _: usize, _: [usize; 2]) -> Result<Pixels<'_>, Damage> {
-        Err(Damage::Png)
     }
 
     #[cfg(feature = "studio")]
