@@ -6,8 +6,7 @@
 //!
 //! Frames and units: sensor frame in metres ([`crate::base::geometry`]); pixel centres are integers. Memory: 8 kB on the heap,
 //! built once. Cost: `colour_pixel` about 40 multiplications. Degenerate: a raw value without a distance gives 0; a point at
-//! z ≤ 0 projects to nothing useful (the result may be infinite). Limitation: no lens distortion beyond what a polynomial
-//! holds.
+//! z ≤ 0 projects to nothing useful (the result may be infinite). Limitation: no lens distortion of the depth camera.
 
 use crate::base::capacity::{HEIGHT, RAW_DEPTH_VALUES, WIDTH};
 use crate::base::geometry::{Point, Rigid};
@@ -34,6 +33,26 @@ impl Pinhole {
     }
 }
 
+/// A lens's radial and tangential distortion: k1, k2, p1, p2, k3 of Brown and Conrady, as OpenCV has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Deserialize)]
+pub struct Distortion(pub [f32; 5]);
+
+impl Distortion {
+    /// Where the lens shows a point with z > 0, as one at z = 1.
+    #[must_use]
+    pub fn bent(&self, p: &Point) -> Point {
+        let [k1, k2, p1, p2, k3] = self.0;
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        let r = x * x + y * y;
+        let radial = 1.0 + r * (k1 + r * (k2 + r * k3));
+        Point::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r + 2.0 * x * x),
+            y * radial + p1 * (r + 2.0 * y * y) + 2.0 * p2 * x * y,
+            1.0,
+        )
+    }
+}
+
 /// Where the grey picture shows what the depth camera sees.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Picture {
@@ -41,6 +60,8 @@ pub enum Picture {
     Pinhole {
         /// Its view.
         view: Pinhole,
+        /// Its lens.
+        distortion: Distortion,
         /// The sensor frame, which is the depth camera's, to its frame.
         picture_from_sensor: Rigid,
     },
@@ -178,8 +199,9 @@ impl Camera {
         match &self.picture {
             Picture::Pinhole {
                 view,
+                distortion,
                 picture_from_sensor,
-            } => view.pixel(&(picture_from_sensor * p)),
+            } => view.pixel(&distortion.bent(&(picture_from_sensor * p))),
             Picture::Polynomial {
                 displacement,
                 shift: [far, near],
@@ -206,6 +228,7 @@ impl Default for Camera {
             [WIDTH, HEIGHT],
             Picture::Pinhole {
                 view,
+                distortion: Distortion::default(),
                 picture_from_sensor,
             },
         )
@@ -245,6 +268,7 @@ mod tests {
             [512, 424],
             Picture::Pinhole {
                 view,
+                distortion: Distortion::default(),
                 picture_from_sensor,
             },
         );
@@ -257,5 +281,14 @@ mod tests {
             212.0 + 601.0 * p.y / 0.8,
         ];
         assert!((col - expected[0]).abs() < 1e-3 && (row - expected[1]).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_lens_bends_as_opencv_says() {
+        // cv2.projectPoints, fx = fy = 600, cx = 320, cy = 240.
+        let lens = Distortion([-0.2, 0.1, 0.001, -0.002, 0.05]);
+        let p = lens.bent(&Point::new(0.2, -0.1, 0.8));
+        let (col, row) = (320.0 + 600.0 * p.x, 240.0 + 600.0 * p.y);
+        assert!((col - 467.4701).abs() < 1e-3 && (row - 166.2649).abs() < 1e-3);
     }
 }

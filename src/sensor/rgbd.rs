@@ -4,15 +4,15 @@
 //! | --- | --- |
 //! | `depth.txt` | a line per depth picture: seconds, and its file; `#` begins a comment |
 //! | `rgb.txt` | the same of colour or infrared pictures; optional |
-//! | `camera.toml` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
+//! | `camera.json` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
 //!
-//! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG where the program has
-//! a decoder ([`picture`]). A depth picture goes with the other one nearest in time, at most half a period away; one without is
+//! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG and JPEG where the program has
+//! decoders ([`picture`]). A depth picture goes with the other one nearest in time, at most half a period away; one without is
 //! a frame without a picture. Larger ones than [`WIDTH`] × [`HEIGHT`] are reduced by a whole number: depth is picked, so that no
 //! edge is smeared; brightness is averaged. A damaged frame is skipped with a warning and a count.
 //!
-//! Memory: a file and a table of 131 kB; nothing is allocated per frame but by a PNG's decoder. Limitation: lens distortion
-//! must have been taken out, as most cameras' software does.
+//! Memory: a file and a table of 131 kB; nothing is allocated per frame but by a PNG's decoder. Limitation: distortion of
+//! the depth camera's lens must have been taken out, as most cameras' software does.
 
 mod calibration;
 mod index;
@@ -39,7 +39,7 @@ const WARNINGS_IN_FULL: u64 = 10;
 #[derive(Debug, thiserror::Error)]
 pub enum RgbdError {
     /// A file that must be there.
-    #[error("{}: cannot be read ({source}); a recording of a depth camera has depth.txt and camera.toml, see docs/recordings.md", path.display())]
+    #[error("{}: cannot be read ({source}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", path.display())]
     File {
         /// The file.
         path: PathBuf,
@@ -79,11 +79,11 @@ struct Stream {
 
 impl Stream {
     fn new(view: &View) -> Self {
-        let [columns, rows] = view.size;
+        let [columns, rows] = view.size();
         Self {
-            size: view.size,
+            size: view.size(),
             reduced: columns.div_ceil(WIDTH).max(rows.div_ceil(HEIGHT)),
-            file: File::new(view.size),
+            file: File::new(view.size()),
         }
     }
 
@@ -94,10 +94,10 @@ impl Stream {
 
     /// The view of the frame's picture; `within` a reduced pixel is what it stands for, pixels of the file.
     fn pinhole(&self, view: &View, within: f32) -> Pinhole {
-        let reduced = self.reduced as f32;
+        let (reduced, whole) = (self.reduced as f32, view.pinhole());
         Pinhole {
-            focal: view.focal.map(|focal| focal / reduced),
-            centre: view.centre.map(|centre| (centre - within) / reduced),
+            focal: whole.focal.map(|focal| focal / reduced),
+            centre: whole.centre.map(|centre| (centre - within) / reduced),
         }
     }
 
@@ -141,9 +141,9 @@ impl Rgbd {
                 Err(source) => Err(RgbdError::File { path, source }),
             }
         };
-        let calibration = Calibration::parse(&text("camera.toml", CALIBRATION_MOST)?);
+        let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
         let calibration = calibration.map_err(|problem| RgbdError::Calibration {
-            path: folder.join("camera.toml"),
+            path: folder.join("camera.json"),
             problem,
         })?;
         let pictures = match text("rgb.txt", LIST_MOST) {
@@ -164,18 +164,23 @@ impl Rgbd {
             let path = folder.join("depth.txt");
             return Err(RgbdError::Png { path });
         }
-        let Calibration { depth, picture } = calibration;
+        let Calibration {
+            depth,
+            colour: picture,
+            colour_from_depth,
+        } = calibration;
         let streams = [&depth, &picture].map(Stream::new);
         let [of_depth, of_picture] = &streams;
         let camera = Camera::metric(
             of_depth.pinhole(&depth, (of_depth.reduced / 2) as f32),
             of_depth.kept(),
             Picture::Pinhole {
+                distortion: picture.distortion,
                 view: of_picture.pinhole(&picture, (of_picture.reduced - 1) as f32 * 0.5),
-                picture_from_sensor: picture.picture_from_sensor(),
+                picture_from_sensor: colour_from_depth,
             },
         );
-        let metres = |value: u16| f32::from(value) / depth.units_per_m;
+        let metres = |value: u16| f32::from(value) * depth.metres_per_unit;
         let raw = (0..=u16::MAX).map(|value| match metres(value) {
             z if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
             _ => NO_DEPTH,

@@ -16,9 +16,11 @@ use tempfile::TempDir;
 
 use crate::common;
 
-const CAMERA: &str = "[depth]\nsize = [512, 424]\nfocal = [365.0, 366.0]\ncentre = [256.0, 212.0]\nunits_per_m = 5000\n\
-    [picture]\nsize = [1280, 720]\nfocal = [910.0, 911.0]\ncentre = [640.0, 360.0]\n\
-    rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ntranslation = [-0.03, 0, 0]\n";
+const CAMERA: &str = r#"{
+    "depth": {"width": 512, "height": 424, "fx": 365.0, "fy": 366.0, "cx": 256.0, "cy": 212.0, "metres_per_unit": 0.0002},
+    "colour": {"width": 1280, "height": 720, "fx": 910.0, "fy": 911.0, "cx": 640.0, "cy": 360.0, "distortion": [0, 0, 0, 0, 0]},
+    "colour_from_depth": [1, 0, 0, -0.03, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+}"#;
 
 fn pgm(path: &Path, [columns, rows]: [usize; 2], value: impl Fn(usize, usize) -> u16) {
     let pixels = (0..columns * rows).map(|k| value(k % columns, k / columns));
@@ -38,7 +40,7 @@ fn folder() -> TempDir {
     pgm(&at("c0.pgm"), [1280, 720], |col, _| (col * 50) as u16);
     fs::write(at("depth.txt"), "# depth\n100.00 d0.pgm\n100.05 d1.pgm\n").unwrap();
     fs::write(at("rgb.txt"), "100.01 c0.pgm\n").unwrap();
-    fs::write(at("camera.toml"), CAMERA).unwrap();
+    fs::write(at("camera.json"), CAMERA).unwrap();
     folder
 }
 
@@ -93,46 +95,43 @@ fn a_broken_one_gets_a_sentence() {
             .err()
             .map(|problem| problem.to_string())
     };
-    let camera = |from: &str, to: &str| with("camera.toml", &CAMERA.replace(from, to)).unwrap();
+    let camera = |from: &str, to: &str| with("camera.json", &CAMERA.replace(from, to)).unwrap();
     for (said, expected) in [
         (
             with("depth.txt", "# nothing\n").unwrap(),
             "names no picture",
         ),
         (
-            camera("focal = [365.0, 366.0]\n", ""),
-            "missing field `focal`",
+            camera("\"fx\": 365.0, ", ""),
+            "missing field `fx` at line 2",
         ),
+        (camera("metres_per_unit", "units"), "unknown field `units`"),
         (
-            camera("units_per_m = 5000", "units = 5000"),
-            "unknown field `units`",
-        ),
-        (
-            camera("[512, 424]", "[512, 42]"),
-            "depth.size is [512, 42], expected",
+            camera("424", "42"),
+            "depth: width and height are [512, 42], expected",
         ),
         (
             camera("365.0", "0.365"),
-            "depth.focal is [0.365, 366.0], expected",
+            "depth: fx and fy are [0.365, 366.0], expected",
         ),
         (
-            camera("5000", "0.001"),
-            "depth.units_per_m is 0.001, expected 1000",
+            camera("0.0002", "5000"),
+            "depth: metres_per_unit is 5000, expected 0.001",
         ),
+        (camera("-0.03", "-30"), "are these millimetres?"),
         (
-            camera("[-0.03, 0, 0]", "[-30, 0, 0]"),
-            "are these millimetres?",
+            camera("0, 1, 0, 0", "0, 2, 0, 0"),
+            "colour_from_depth is no rotation",
         ),
-        (camera("[0, 1, 0]", "[0, 2, 0]"), "picture.rotation is none"),
-        (camera("[depth]", "[depth"), "camera.toml: line 1"),
+        (camera("\"depth\":", "\"depth\""), "at line 2 column"),
     ] {
         assert!(said.contains(expected) && !said.contains('\n'), "{said}");
     }
     let folder = folder();
-    fs::remove_file(folder.path().join("camera.toml")).unwrap();
+    fs::remove_file(folder.path().join("camera.json")).unwrap();
     let said = Source::recording(folder.path()).err().unwrap().to_string();
     assert!(
-        said.contains("camera.toml") && said.contains("docs/recordings.md"),
+        said.contains("camera.json") && said.contains("docs/recordings.md"),
         "{said}"
     );
 }

@@ -3,17 +3,12 @@
 `kinect_v2_faces` of the data sets as its own camera saw it: one person in one pose as a recording in the layout of the TUM RGB-D data
 sets, 512x424, millimetres, the infra-red picture in grey, 30 a second; the stills, their order and `truth.csv` are those of the data
 set's own to_session.py. Needs numpy and opencv-python. A still is one file, however often it is named."""
-import argparse, csv, os, sys
+import argparse, csv, json, os, sys
 import cv2
 import numpy as np
 
-CAMERA = """# A Kinect v2: its infra-red picture is the depth camera's own.
-[depth]
-size = [512, 424]
-focal = [365.0, 365.0]
-centre = [256.0, 212.0]
-units_per_m = 1000.0
-"""
+# A Kinect v2: its infra-red picture is the depth camera's own.
+CAMERA = {"depth": {"width": 512, "height": 424, "fx": 365.0, "fy": 365.0, "cx": 256.0, "cy": 212.0, "metres_per_unit": 0.001}}
 
 
 def still(here, row):
@@ -48,8 +43,8 @@ def session(here, out, person, pose, order, first=60, hold=20, ending="pgm"):
     for folder, lines in lists.items():
         with open(f"{out}/{folder}.txt", "w") as f:
             f.write("\n".join(lines) + "\n")
-    with open(f"{out}/camera.toml", "w") as f:
-        f.write(CAMERA)
+    with open(f"{out}/camera.json", "w") as f:
+        json.dump(CAMERA, f)
     with open(f"{out}/truth.csv", "w", newline="") as f:
         writer = csv.writer(f)
         writer.writerow("segment expression from to".split() + [f"{a}{i}" for i in range(15) for a in "xy"])

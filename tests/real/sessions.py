@@ -95,7 +95,7 @@ def makers(data, part):
 def main():
     data, cache = sys.argv[1:3]
     for part in sys.argv[3:]:
-        whole = "camera.toml" if part == "faces" and OWN else "INDEX.txt"
+        whole = "camera.json" if part == "faces" and OWN else "INDEX.txt"
         for name, make in makers(data, part).items():
             to = f"{cache}/{name}"
             if not os.path.exists(f"{to}/{whole}"):

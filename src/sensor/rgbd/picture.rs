@@ -1,4 +1,4 @@
-//! A picture file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG where the program has a decoder: the workstation's
+//! A picture file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has decoders: the workstation's
 //! build, `--features studio`.
 
 use std::io::{ErrorKind, Read};
@@ -17,9 +17,9 @@ pub(super) enum Damage {
     Order,
     #[error("cannot be read ({0})")]
     Unreadable(ErrorKind),
-    #[error("is neither PGM, PPM nor a whole PNG")]
+    #[error("is no whole PGM, PPM, PNG or JPEG")]
     Format,
-    #[error("has {found:?} pixels, camera.toml says {expected:?}")]
+    #[error("has {found:?} pixels, camera.json says {expected:?}")]
     Size {
         expected: [usize; 2],
         found: [usize; 2],
@@ -120,8 +120,10 @@ impl File {
             }
         }
         #[cfg(feature = "studio")]
-        if self.bytes[..got].starts_with(b"\x89PNG") {
-            return self.png(got, size);
+        if let Ok(format) = image::guess_format(&self.bytes[..got])
+            && format != image::ImageFormat::Pnm
+        {
+            return self.decode(format, got, size);
         }
         let (header, start) = netpbm(&self.bytes[..got]).ok_or(Damage::Format)?;
         let [channels, columns, rows, most] = header;
@@ -135,10 +137,15 @@ impl File {
     }
 
     #[cfg(feature = "studio")]
-    fn png(&mut self, got: usize, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
-        use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+    fn decode(
+        &mut self,
+        format: image::ImageFormat,
+        got: usize,
+        size: [usize; 2],
+    ) -> Result<Pixels<'_>, Damage> {
+        use image::{DynamicImage, ImageReader, Limits};
         let bytes = std::io::Cursor::new(&self.bytes[..got]);
-        let mut reader = ImageReader::with_format(bytes, ImageFormat::Png);
+        let mut reader = ImageReader::with_format(bytes, format);
         let mut limits = Limits::default();
         limits.max_alloc = Some(self.bytes.len() as u64 * 2);
         reader.limits(limits);
