@@ -165,7 +165,7 @@ fn time(
     let (mut resent, mut frame) = (Resent::default(), Frame::default());
     let mut allocated = 0;
     for number in 0..frames.saturating_add(WARM_UP) {
-        match source.next_frame(&mut resent.drawn) {
+        match source.next_frame(resent.next_frame()) {
             Ok(true) => {}
             Ok(false) => break,
             Err(SourceError::Waiting(_)) => continue,
@@ -187,8 +187,8 @@ fn time(
         lap(UNPACK, &mut times);
         resent.develop(&mut frame);
         lap(LUMA, &mut times);
-        (frame.index, frame.at) = (resent.drawn.index, resent.drawn.at);
-        frame.has_colour = resent.drawn.has_colour;
+        (frame.index, frame.at) = (resent.sent().index, resent.sent().at);
+        frame.has_colour = resent.sent().has_colour;
         pipeline.follow_by_stage(&frame, |stage| lap(step_of(stage), &mut times));
         let counts = number >= WARM_UP;
         if counts {

@@ -13,8 +13,6 @@ use crate::sensor::kinect::stream::Assembler;
 
 /// A frame and its packets, as both streams send them, and where they become pictures again.
 pub struct Resent {
-    /// The frame to send.
-    pub drawn: KinectFrame,
     player: Player<Drawn>,
     now: Duration,
     /// Stream, length and bytes of each packet, in order of time.
@@ -41,7 +39,6 @@ impl View for Drawn {
 impl Default for Resent {
     fn default() -> Self {
         Self {
-            drawn: KinectFrame::default(),
             player: Player::new(Drawn(KinectFrame::default()), PERIOD),
             now: Duration::ZERO,
             cut: Vec::new(),
@@ -53,9 +50,19 @@ impl Default for Resent {
 }
 
 impl Resent {
+    /// Where to put the next frame to send.
+    pub fn next_frame(&mut self) -> &mut KinectFrame {
+        &mut self.player.view.0
+    }
+
+    /// The frame that was cut last.
+    #[must_use]
+    pub fn sent(&self) -> &Frame {
+        self.player.frame()
+    }
+
     /// Cuts the frame into packets.
     pub fn cut(&mut self) {
-        self.player.view.0.clone_from(&self.drawn);
         self.cut.clear();
         let end = self.now + PERIOD;
         while self.now < end {

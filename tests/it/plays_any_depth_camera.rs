@@ -87,6 +87,36 @@ fn depth_and_picture_come_at_their_own_size_and_calibration() {
 }
 
 #[test]
+fn depth_larger_than_a_frame_is_picked_and_not_smeared() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // What is picked stands before a wall.
+    let depth = |col, row| {
+        if col % 2 == 1 && row % 2 == 1 {
+            800
+        } else {
+            1600
+        }
+    };
+    pgm(&at("d.pgm"), [1280, 960], depth);
+    fs::write(at("depth.txt"), "0 d.pgm\n").unwrap();
+    let camera = "[depth]\nsize = [1280, 960]\nfocal = [1000.0, 1000.0]\ncentre = [641.0, 481.0]\n";
+    fs::write(at("camera.toml"), camera).unwrap();
+    let mut source = Source::recording(folder.path()).unwrap();
+    let mut frame = Frame::default();
+    assert!(source.next_frame(&mut frame).unwrap());
+    let camera = source.camera();
+    assert_eq!(
+        (camera.depth_size(), camera.depth_focal_px()),
+        ([640, 480], 500.0)
+    );
+    let apart = |raw: &u16| (camera.depth_m(*raw) - 0.8).abs();
+    assert!(frame.depth.iter().all(|raw| apart(raw) < 0.001));
+    let middle = camera.point(320.0, 240.0, 0.8);
+    assert_eq!((middle.x, middle.y), (0.0, 0.0));
+}
+
+#[test]
 fn a_broken_one_gets_a_sentence() {
     let with = |name: &str, text: &str| {
         let folder = folder();

@@ -86,7 +86,10 @@ mod tests {
     #[test]
     fn what_is_nearest_in_time_goes_together_and_a_step_back_has_no_time() {
         let depth = "# depth maps\n10.000 d/0\n10.033 d/1\n10.066 d/2\n10.050 d/x\n10.2 d/3\nodd\n10.3 ../d\n";
-        let index = Index::parse(depth, "# colour\n9.99 r/0\n10.045 r/1\n10.06 r/2\n");
+        let index = Index::parse(
+            depth,
+            "# colour\n9.99 r/0\n10.045 r/1\n10.06 r/2\n10.222 r/3\n",
+        );
         let known: Vec<_> = index.depth.iter().map(|e| (e.time_us, e.picture)).collect();
         let expected = [
             (Some(0), Some(0)),
