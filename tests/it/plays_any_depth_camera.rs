@@ -100,8 +100,8 @@ fn depth_larger_than_a_frame_is_picked_and_not_smeared() {
     };
     pgm(&at("d.pgm"), [1280, 960], depth);
     fs::write(at("depth.txt"), "0 d.pgm\n").unwrap();
-    let camera = "[depth]\nsize = [1280, 960]\nfocal = [1000.0, 1000.0]\ncentre = [641.0, 481.0]\n";
-    fs::write(at("camera.toml"), camera).unwrap();
+    let camera = r#"{"depth": {"width": 1280, "height": 960, "fx": 1000, "fy": 1000, "cx": 641, "cy": 481, "metres_per_unit": 0.001}}"#;
+    fs::write(at("camera.json"), camera).unwrap();
     let mut source = Source::recording(folder.path()).unwrap();
     let mut frame = Frame::default();
     assert!(source.next_frame(&mut frame).unwrap());

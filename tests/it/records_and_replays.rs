@@ -101,7 +101,8 @@ fn a_simulated_run_and_its_replay_agree_bit_for_bit() {
     assert!(!replay.next_frame(&mut frame).unwrap());
     let refused = Source::simulated(Some("opera")).err().unwrap().to_string();
     assert!(
-        refused.starts_with("simulated scene is \"opera\", expected one of acted, "),
+        refused.starts_with("expected one of the scenes acted, ")
+            && refused.ends_with(", found opera"),
         "{refused}"
     );
 }
@@ -294,8 +295,8 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
     assert_eq!(
         message(),
         format!(
-            "{shown}/device.json:2:22: expected a whole number of 32 bits; correct it, or remove the file to use the \
-             nominal calibration"
+            "{shown}/device.json: ax is \"many\", expected a whole number of 32 bits; correct it, or \
+             remove the file to use the nominal calibration"
         )
     );
     let again = Recorder::create(at, &Registration::default(), 0.0)

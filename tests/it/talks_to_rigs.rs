@@ -226,7 +226,11 @@ fn commands_are_taken_only_if_allowed_and_what_is_malformed_is_counted() {
         }))
         .unwrap()
     };
-    let mut closed = Osc::new(osc::Settings::default(), &UNITS).unwrap();
+    let closed = osc::Settings {
+        commands: false,
+        ..osc::Settings::default()
+    };
+    let mut closed = Osc::new(closed, &UNITS).unwrap();
     assert_eq!((closed.listens_at(), closed.next_command()), (None, None));
 
     let socket = receiver("127.0.0.1:0");

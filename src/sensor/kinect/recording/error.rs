@@ -20,16 +20,12 @@ pub enum RecordingError {
         path: PathBuf,
     },
     /// The calibration is there but unusable.
-    #[error("{}:{line}:{column}: expected {expected}; correct it, or remove the file to use the nominal calibration", path.display())]
+    #[error("{}: {problem}; correct it, or remove the file to use the nominal calibration", path.display())]
     Device {
         /// The file.
         path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Column, from 1, in bytes.
-        column: usize,
-        /// What should stand there.
-        expected: &'static str,
+        /// What is wrong, and where.
+        problem: String,
     },
     /// The place to record to is taken.
     #[error("{}: holds a recording already; choose another directory, nothing was changed", path.display())]
