@@ -1,19 +1,17 @@
 //! One person's stages in order (pose, landmarks, expression) and everything known about that person.
 //!
 //! All memory is allocated at construction, about 1.3 MB per person; the standard head is shared.
-//! One file: one person's state and how a frame changes it.
 
-use super::stage::Stage;
+use super::stage::{Now, Stage};
 use crate::base::capacity::UNITS;
-use crate::base::frames::SensorFromFace;
+use crate::base::frames::{SensorFromFace, SensorFromHead};
 use crate::base::geometry::Vector;
 use crate::base::time::Timestamp;
 use crate::expression::{Expression, UnitRange};
 use crate::landmarks::{LandmarkStage, Landmarks};
 use crate::output::Report;
-use crate::pose::{HeadPose, PoseTracker, guess};
-use crate::segment::{HeadCloud, PixelRect};
-use crate::sensor::Frame;
+use crate::pose::{HeadPose, PoseTracker, Sighting, guess};
+use crate::segment::{HeadCloud, PixelRect, Segmenter};
 use crate::sensor::camera::Camera;
 use crate::users::likeness::{FaceLengths, Likeness};
 use crate::users::matching::Place;
@@ -131,135 +129,159 @@ impl Follower {
         self.frames + self.posed
     }
 
-    /// Runs the stages on a head and updates the state; whether the face was found, or its pose where that is enough.
+    /// The stages of a user, where their head is expected, or else in the cut-out of it that `head` numbers. Whether they
+    /// were found.
     pub(crate) fn follow(
         &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        cloud: &HeadCloud,
-        searches: &mut u32,
-        after: &mut impl FnMut(Stage),
+        now: &mut Now<'_>,
+        segmenter: &mut Segmenter,
+        head: Option<usize>,
     ) -> bool {
-        let pose = self.pose.track_with(cloud, frame.at, searches);
-        after(Stage::Pose);
-        match pose {
-            Some(pose) => self.look(frame, camera, cloud, &pose, after),
-            None => {
-                self.rect = Some(cloud.rect);
-                self.miss_head();
-                self.spot(frame, camera, cloud);
-                false
+        let at = now.frame.at;
+        let middle = head.map(|head| segmenter.heads()[head].centre);
+        let expected = self.pose.expected(at, middle);
+        let cloud = expected.and_then(|place| segmenter.around(now.frame, now.camera, place));
+        if let Some(cloud) = cloud {
+            let pose = self.pose.follow(cloud, at);
+            (now.after)(Stage::Pose);
+            if let Some(pose) = pose {
+                return self.look(now, cloud, &pose);
             }
         }
+        head.is_some_and(|head| self.follow_in(now, &segmenter.heads()[head]))
     }
 
-    /// Searches the colour picture for a face that depth does not show: one place per frame.
-    fn spot(&mut self, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
-        if !frame.has_picture() {
-            return;
-        }
-        let guesses = guess::guesses(&cloud.points, self.guesses);
-        self.guesses += 1;
-        let spot = |guess| self.landmarks.spot(&frame.luma, camera, &guess);
-        let found = guesses.into_iter().flatten().filter_map(spot);
-        if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
-            self.pose.look_at(head, frame.at);
-        }
-    }
-
-    /// As [`Self::follow`], but only at the expected pose, on the points there; `None` if the head is not there.
-    pub(crate) fn follow_expected(
-        &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        cloud: &HeadCloud,
-        after: &mut impl FnMut(Stage),
-    ) -> Option<bool> {
-        let pose = self.pose.follow(cloud, frame.at);
-        after(Stage::Pose);
-        Some(self.look(frame, camera, cloud, &pose?, after))
-    }
-
-    /// The stages after the pose.
-    fn look(
-        &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        cloud: &HeadCloud,
-        pose: &HeadPose,
-        after: &mut impl FnMut(Stage),
-    ) -> bool {
-        self.rect = Some(cloud.rect);
-        let sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
-        if !frame.has_picture() && !pose.proven {
-            self.pose.take_back();
-            return false;
-        }
-        if !frame.has_picture() {
-            // Until somebody is known to be there, only what is surely a head counts.
-            if sure || (self.is_known() && !self.missed) {
-                self.follow_by_depth(pose, camera, cloud, frame.at);
-                return true;
-            }
+    /// The stages on a cut-out head; whether a face was found, or the pose where that is enough.
+    pub(crate) fn follow_in(&mut self, now: &mut Now<'_>, cloud: &HeadCloud) -> bool {
+        let pose;
+        (pose, now.searches) = self.pose.find(cloud, now.frame.at, now.searches);
+        (now.after)(Stage::Pose);
+        let Some(pose) = pose else {
+            self.rect = Some(cloud.rect);
             self.miss_head();
+            self.spot(now, cloud);
             return false;
+        };
+        self.look(now, cloud, &pose)
+    }
+
+    /// The stages after the pose: landmarks, what they tell the pose, expression.
+    fn look(&mut self, now: &mut Now<'_>, cloud: &HeadCloud, pose: &HeadPose) -> bool {
+        self.rect = Some(cloud.rect);
+        let Some(landmarks) = self.fit(now, pose) else {
+            return self.follow_without_face(now, cloud, pose);
+        };
+        let turn = self.landmarks.turn();
+        let sensor_from_head = self.tell_pose(cloud, pose, landmarks.confidence);
+        let sensor_from_face = sensor_from_head * turn;
+        self.expression
+            .observe(&landmarks, &sensor_from_face, now.frame.at);
+        self.ranges = self.expression.unit_ranges();
+        self.face.see(&landmarks.head);
+        self.show(now, landmarks, sensor_from_face, cloud);
+        true
+    }
+
+    /// The landmarks at a pose, if the frame has a picture and there is a face.
+    fn fit(&mut self, now: &mut Now<'_>, pose: &HeadPose) -> Option<Landmarks> {
+        let frame = now.frame;
+        if !frame.has_picture() {
+            return None;
         }
         self.posed = 0;
         let fitted = self
             .landmarks
-            .fit(&frame.luma, &frame.depth, camera, pose, frame.at);
-        after(Stage::Landmarks);
-        let fitted = fitted.cloned();
-        let leant = fitted
-            .as_ref()
-            .filter(|landmarks| landmarks.confidence >= LEANING_CONFIDENCE)
-            .and_then(|_| self.landmarks.strayed())
-            .and_then(|strayed| self.pose.lean(&(pose.sensor_from_head * strayed)))
-            .unwrap_or(pose.sensor_from_head);
-        let sensor_from_face = leant * self.landmarks.turn();
-        let landmarks = match fitted {
-            Some(landmarks) => {
-                self.expression
-                    .observe(&landmarks, &sensor_from_face, frame.at);
-                self.ranges = self.expression.unit_ranges();
-                self.pose.learn(cloud);
-                self.face.see(&landmarks.head);
-                landmarks
-            }
-            None if !pose.proven => {
-                self.pose.take_back();
-                return false;
-            }
-            None => match self.turned_away(&sensor_from_face, camera, frame.at) {
-                Some(landmarks) => landmarks,
-                // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
-                None if self.frames >= KNOWN_FRAMES && sure => {
-                    self.follow_by_depth(pose, camera, cloud, frame.at);
-                    return true;
-                }
-                None => {
-                    self.doubt();
-                    self.spot(frame, camera, cloud);
-                    return false;
-                }
-            },
-        };
-        after(Stage::Expression);
-        self.find(sensor_from_face, cloud, frame.at);
-        if self.frames < CORRECTED_FRAMES
-            && let Some(head_from_face) = self.landmarks.straighten()
-        {
-            // The face knows better than hair where the head is.
-            self.pose.correct(&head_from_face);
+            .fit(&frame.luma, &frame.depth, now.camera, pose, frame.at);
+        (now.after)(Stage::Landmarks);
+        fitted.cloned()
+    }
+
+    /// Tells the pose that its face was seen; the head's pose by depth and picture.
+    fn tell_pose(&mut self, cloud: &HeadCloud, pose: &HeadPose, confidence: f32) -> SensorFromHead {
+        let sure = confidence >= LEANING_CONFIDENCE;
+        let strayed = self.landmarks.strayed().filter(|_| sure);
+        let by_picture = strayed.map(|strayed| pose.sensor_from_head * strayed);
+        // The face knows better than hair where the head is.
+        let head_from_face = (self.frames < CORRECTED_FRAMES)
+            .then(|| self.landmarks.straighten())
+            .flatten();
+        let told = self.pose.see(Sighting::Face {
+            cloud,
+            by_picture,
+            head_from_face,
+        });
+        told.unwrap_or(pose.sensor_from_head)
+    }
+
+    /// A pose without a face, which may be one all the same: in the dark, turned away, or behind a hand.
+    fn follow_without_face(
+        &mut self,
+        now: &mut Now<'_>,
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+    ) -> bool {
+        let is_sure = pose.coverage >= SURE_COVERAGE && pose.confidence >= SURE_CONFIDENCE;
+        if !pose.proven {
+            self.pose.see(Sighting::Nothing);
+            return false;
         }
+        if !now.frame.has_picture() {
+            // Until somebody is known to be there, only what is surely a head counts.
+            let is_one = is_sure || (self.is_known() && !self.missed);
+            if is_one {
+                self.follow_by_depth(now, cloud, pose);
+            } else {
+                self.miss_head();
+            }
+            return is_one;
+        }
+        let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
+        if let Some(landmarks) = self.turned_away(&sensor_from_face, now.camera, now.frame.at) {
+            self.show(now, landmarks, sensor_from_face, cloud);
+            return true;
+        }
+        // Somebody whose head is there beyond doubt: a hand, the light or the hair hides the face.
+        if self.frames >= KNOWN_FRAMES && is_sure {
+            self.follow_by_depth(now, cloud, pose);
+            return true;
+        }
+        self.doubt();
+        self.spot(now, cloud);
+        false
+    }
+
+    /// The landmarks of this frame, in it or moved with the head.
+    fn show(
+        &mut self,
+        now: &mut Now<'_>,
+        landmarks: Landmarks,
+        sensor_from_face: SensorFromFace,
+        cloud: &HeadCloud,
+    ) {
+        (now.after)(Stage::Expression);
+        let at = now.frame.at;
+        self.find(sensor_from_face, cloud, at);
         self.confidence = landmarks.confidence;
         self.points = Some(landmarks);
         self.doubted = 0;
         self.missed = false;
         self.frames += 1;
         let ready = !self.expression.weights().warming;
-        self.state = self.presence.seen(frame.at, ready);
-        true
+        self.state = self.presence.seen(at, ready);
+    }
+
+    /// Searches the colour picture for a face that depth does not show: one place per frame.
+    fn spot(&mut self, now: &Now<'_>, cloud: &HeadCloud) {
+        if !now.frame.has_picture() {
+            return;
+        }
+        let guesses = guess::guesses(&cloud.points, self.guesses);
+        self.guesses += 1;
+        let spot = |guess| self.landmarks.spot(&now.frame.luma, now.camera, &guess);
+        let found = guesses.into_iter().flatten().filter_map(spot);
+        if let Some((_, head)) = found.max_by(|(a, _), (b, _)| a.total_cmp(b)) {
+            self.pose.see(Sighting::Elsewhere(head, now.frame.at));
+        }
     }
 
     /// The head was found, with or without its face.
@@ -285,15 +307,10 @@ impl Follower {
     }
 
     /// A frame without colour: the pose is accepted, and a face that was just seen moves with it.
-    fn follow_by_depth(
-        &mut self,
-        pose: &HeadPose,
-        camera: &Camera,
-        cloud: &HeadCloud,
-        at: Timestamp,
-    ) {
+    fn follow_by_depth(&mut self, now: &Now<'_>, cloud: &HeadCloud, pose: &HeadPose) {
+        let at = now.frame.at;
         let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
-        self.pose.learn(cloud);
+        self.pose.see(Sighting::Head(cloud));
         self.find(sensor_from_face, cloud, at);
         self.doubted = 0;
         self.missed = false;
@@ -303,7 +320,7 @@ impl Follower {
             self.points = None;
         }
         match &mut self.points {
-            Some(points) => points.move_to(&sensor_from_face, camera),
+            Some(points) => points.move_to(&sensor_from_face, now.camera),
             None => self.confidence = pose.confidence,
         }
     }
@@ -336,7 +353,7 @@ impl Follower {
         self.doubted += 1;
         if self.doubted >= DOUBTED_FRAMES || self.frames < KNOWN_FRAMES {
             self.doubted = 0;
-            self.pose.doubt();
+            self.pose.see(Sighting::NoFace);
         }
     }
 
@@ -427,14 +444,13 @@ impl Follower {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::frames::SensorFromHead;
     use crate::base::geometry::Rigid;
     use crate::base::geometry::Rotation;
     use crate::base::shared_cell::Shared;
     use crate::expression::Units;
     use crate::face_model::FaceModel;
     use crate::pipeline::Settings;
-    use crate::segment::Segmenter;
+    use crate::sensor::Frame;
     use crate::simulator::simulated::Simulated;
 
     fn follower() -> Follower {
@@ -473,6 +489,24 @@ mod tests {
         }
     }
 
+    /// The stages after a given pose; which ones ran.
+    fn look(
+        follower: &mut Follower,
+        (frame, camera): (&Frame, &Camera),
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+    ) -> (bool, Vec<Stage>) {
+        let mut done = Vec::new();
+        let mut now = Now {
+            frame,
+            camera,
+            searches: 0,
+            after: &mut |stage| done.push(stage),
+        };
+        let seen = follower.look(&mut now, cloud, pose);
+        (seen, done)
+    }
+
     #[test]
     fn a_head_that_depth_has_turned_is_turned_back_by_its_face() {
         // Less than what makes the pose be searched anew.
@@ -481,8 +515,7 @@ mod tests {
         let mut left = Vec::new();
         frames(40, |frame, camera, cloud, truth| {
             let given = pose(truth * wrong);
-            let mut done = Vec::new();
-            let seen = follower.look(frame, camera, cloud, &given, &mut |stage| done.push(stage));
+            let (seen, done) = look(&mut follower, (frame, camera), cloud, &given);
             if seen {
                 assert_eq!(done, [Stage::Landmarks, Stage::Expression]);
             }
@@ -496,16 +529,26 @@ mod tests {
         assert!(mean < 0.06, "{mean} rad of 0.10 are left");
     }
 
+    fn spot(follower: &mut Follower, frame: &Frame, camera: &Camera, cloud: &HeadCloud) {
+        let now = Now {
+            frame,
+            camera,
+            searches: 0,
+            after: &mut |_| {},
+        };
+        follower.spot(&now, cloud);
+    }
+
     #[test]
     fn a_face_that_depth_does_not_tell_of_is_found_in_the_picture() {
         let mut follower = follower();
         let mut random = fastrand::Rng::with_seed(5);
         let (mut looked, mut off) = (0, Vec::new());
         frames(24, |frame, camera, cloud, truth| {
-            follower.spot(frame, camera, cloud);
+            spot(&mut follower, frame, camera, cloud);
             looked += 1;
             if follower.pose.is_searching()
-                && let Some((found, _)) = follower.pose.expected(frame.at)
+                && let Some((found, _)) = follower.pose.expected(frame.at, None)
             {
                 let apart = (found.translation.vector - truth.translation.vector).norm();
                 off.push((found.rotation.angle_to(&truth.rotation), apart));
@@ -514,7 +557,7 @@ mod tests {
             follower.pose.reset();
             let mut covered = frame.clone();
             covered.luma.fill_with(|| random.u8(..));
-            follower.spot(&covered, camera, cloud);
+            spot(&mut follower, &covered, camera, cloud);
             assert!(!follower.pose.is_searching(), "no face in noise");
         });
         assert!(looked > 20 && off.len() >= 4, "{} of {looked}", off.len());
@@ -530,7 +573,7 @@ mod tests {
         let mut face = FaceLengths::default();
         frames(12, |frame, camera, cloud, truth| {
             let frames = before.frames;
-            before.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+            look(&mut before, (frame, camera), cloud, &pose(truth)).0;
             if before.frames > frames {
                 face.see(&before.points.as_ref().expect("a face").head);
             }
@@ -571,7 +614,7 @@ mod tests {
         frames(45, |frame, camera, cloud, truth| {
             frame_number += 1;
             if frame_number <= 35 {
-                follower.look(frame, camera, cloud, &pose(truth), &mut |_| {});
+                look(&mut follower, (frame, camera), cloud, &pose(truth)).0;
                 return;
             }
             if follower.frames < KNOWN_FRAMES {
@@ -591,9 +634,9 @@ mod tests {
             let before = follower.frames;
             if faces >= AWAY_FACING.end {
                 if covered == 1 {
-                    assert!(!follower.look(&hidden, camera, cloud, &unsure, &mut |_| {}));
+                    assert!(!look(&mut follower, (&hidden, camera), cloud, &unsure).0);
                 }
-                assert!(follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {}));
+                assert!(look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0);
                 assert_eq!(follower.frames, before, "no face was seen");
                 assert_eq!(follower.last_seen, frame.at);
                 assert!(follower.head.is_some_and(|head| {
@@ -622,7 +665,7 @@ mod tests {
                     coverage,
                     ..pose(truth)
                 };
-                let found = follower.look(&dark, camera, cloud, &given, &mut |_| {});
+                let found = look(&mut follower, (&dark, camera), cloud, &given).0;
                 assert_eq!(found, somebody_after.is_some());
                 seen += 1;
                 if first.is_none() && follower.is_somebody() {
@@ -664,7 +707,7 @@ mod tests {
                 }
                 let mut follower = follower();
                 follower.frames = frames_before;
-                let found = follower.look(&hidden, camera, cloud, &pose(truth), &mut |_| {});
+                let found = look(&mut follower, (&hidden, camera), cloud, &pose(truth)).0;
                 assert_eq!(found, followed, "{frames_before} frames");
             });
             assert!(looked);

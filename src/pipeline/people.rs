@@ -7,13 +7,12 @@
 //! frames. A frame does at most half of a search for an initial pose, so that no frame costs much more than tracking.
 //!
 //! When all slots are in use, a newcomer has to wait until a user is forgotten.
-//! One file: the steps from candidate to remembered user depend on each other.
 
 use alloc::sync::Arc;
 
 use super::follower::Follower;
 use super::settings::Settings;
-use super::stage::Stage;
+use super::stage::Now;
 use crate::base::capacity::{HEADS, REMEMBERED, USERS};
 use crate::base::geometry::Point;
 use crate::base::shared_cell::Shared;
@@ -25,8 +24,6 @@ use crate::landmarks::LandmarkStage;
 use crate::output::{Command, Report};
 use crate::pose::{PoseError, PoseTracker};
 use crate::segment::{HeadCloud, Segmenter};
-use crate::sensor::Frame;
-use crate::sensor::camera::Camera;
 use crate::users::choice::{Candidate, Choice};
 use crate::users::likeness::Likeness;
 use crate::users::matching::Place;
@@ -75,7 +72,7 @@ pub(super) struct People {
 }
 
 /// The follower of the candidate, who may become a user.
-const DOOR: usize = USERS;
+const CANDIDATE: usize = USERS;
 
 /// Why a pipeline cannot be created from these settings and this model.
 #[derive(Debug, thiserror::Error)]
@@ -112,7 +109,7 @@ impl People {
             ))
         };
         Ok(Self {
-            followers: (0..=DOOR)
+            followers: (0..=CANDIDATE)
                 .map(follower)
                 .collect::<Result<_, PipelineError>>()?,
             memory: Memory::default(),
@@ -126,14 +123,9 @@ impl People {
         })
     }
 
-    /// Runs everybody's stages on the heads of a segmented frame, and calls `after` at the end of each stage reached.
-    pub(super) fn follow(
-        &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        segmenter: &mut Segmenter,
-        after: &mut impl FnMut(Stage),
-    ) {
+    /// Runs everybody's stages on the heads of a segmented frame.
+    pub(super) fn follow(&mut self, now: &mut Now<'_>, segmenter: &mut Segmenter) {
+        let frame = now.frame;
         (self.frame, self.at) = (frame.index, frame.at);
         self.count += 1;
         self.left = [false; USERS];
@@ -143,34 +135,25 @@ impl People {
         let busy = self.followers[..USERS]
             .iter()
             .any(|user| user.state.is_present());
-        let mut searches = if busy { 1 } else { 2 };
-        let free = self.follow_users(frame, camera, segmenter, &mut searches, after);
-        self.watch_door(
-            frame,
-            camera,
-            segmenter.heads(),
-            &free,
-            &mut searches,
-            after,
-        );
+        now.searches = if busy { 1 } else { 2 };
+        let free = self.follow_users(now, segmenter);
+        self.follow_candidate(now, segmenter.heads(), &free);
         self.choose();
     }
 
     /// Runs the users' stages on their heads; returns the unassigned heads.
     fn follow_users(
         &mut self,
-        frame: &Frame,
-        camera: &Camera,
+        now: &mut Now<'_>,
         segmenter: &mut Segmenter,
-        searches: &mut u32,
-        after: &mut impl FnMut(Stage),
     ) -> heapless::Vec<usize, HEADS> {
+        let at = now.frame.at;
         let heads = segmenter.heads().iter();
         let centres: heapless::Vec<Point, HEADS> = heads.map(|head| head.centre).collect();
         let expected = core::array::from_fn(|slot| {
             let user = &self.followers[slot];
             let place = user.place.filter(|_| user.is_taken());
-            place.map(|place| place.expected(frame.at))
+            place.map(|place| place.expected(at))
         });
         let theirs = matching::assign(&expected, &centres);
         // Who is served first when several are lost changes from frame to frame.
@@ -181,22 +164,9 @@ impl People {
                 continue;
             }
             user.rect = None;
-            if let Some(head) = theirs[slot] {
-                user.pose.meet(centres[head]);
-            }
-            let expected = user.pose.expected(frame.at);
-            let cloud = expected.and_then(|place| segmenter.around(frame, camera, place));
-            let found = cloud
-                .and_then(|cloud| user.follow_expected(frame, camera, cloud, after))
-                .unwrap_or_else(|| {
-                    theirs[slot].is_some_and(|head| {
-                        let head = &segmenter.heads()[head];
-                        user.follow(frame, camera, head, searches, after)
-                    })
-                });
-            if !found {
+            if !user.follow(now, segmenter, theirs[slot]) {
                 let before = user.state;
-                user.miss(frame.at);
+                user.miss(at);
                 if user.state == TrackingState::Absent && before != TrackingState::Absent {
                     self.left[slot] = true;
                 }
@@ -252,24 +222,16 @@ impl People {
     }
 
     /// Processes one unassigned head, which may become a user.
-    fn watch_door(
-        &mut self,
-        frame: &Frame,
-        camera: &Camera,
-        heads: &[HeadCloud],
-        free: &[usize],
-        searches: &mut u32,
-        after: &mut impl FnMut(Stage),
-    ) {
+    fn follow_candidate(&mut self, now: &mut Now<'_>, heads: &[HeadCloud], free: &[usize]) {
         let present = (0..USERS).filter(|&slot| self.followers[slot].state.is_present());
         if present.count() >= self.settings.most as usize {
-            self.followers[DOOR].forget();
+            self.followers[CANDIDATE].forget();
             return;
         }
-        let guest = &mut self.followers[DOOR];
-        let head = match &guest.place {
+        let candidate = &mut self.followers[CANDIDATE];
+        let head = match &candidate.place {
             Some(place) => {
-                let (place, reach) = place.expected(frame.at);
+                let (place, reach) = place.expected(now.frame.at);
                 let apart = |head: usize| (heads[head].centre - place).norm();
                 let near = free.iter().copied().filter(|&head| apart(head) <= reach);
                 near.min_by(|&a, &b| apart(a).total_cmp(&apart(b)))
@@ -287,21 +249,21 @@ impl People {
             }
         };
         let Some(head) = head else {
-            if guest.place.is_some() {
-                guest.forget();
+            if candidate.place.is_some() {
+                candidate.forget();
             }
             return;
         };
-        if *searches == 0 && guest.place.is_none() {
+        if now.searches == 0 && candidate.place.is_none() {
             return;
         }
-        if !guest.follow(frame, camera, &heads[head], searches, after) {
-            if guest.pose.is_searching() {
+        if !candidate.follow_in(now, &heads[head]) {
+            if candidate.pose.is_searching() {
                 let centre = heads[head].centre;
-                guest.place = Some(Place::new(centre, centre.coords, frame.at));
+                candidate.place = Some(Place::new(centre, centre.coords, now.frame.at));
                 return;
             }
-            guest.forget();
+            candidate.forget();
             if self.refused.is_full() {
                 self.refused.pop_front();
             }
@@ -311,7 +273,7 @@ impl People {
                 .push_back((heads[head].centre, self.count + REFUSED_FRAMES));
             return;
         }
-        if guest.is_somebody() {
+        if candidate.is_somebody() {
             self.admit();
         }
     }
@@ -320,8 +282,11 @@ impl People {
     fn admit(&mut self) {
         let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
-        let guest = &self.followers[DOOR];
-        let (taught, waited) = (guest.pose.taught(), guest.followed() >= LONGEST_LOOK);
+        let candidate = &self.followers[CANDIDATE];
+        let (taught, waited) = (
+            candidate.pose.taught(),
+            candidate.followed() >= LONGEST_LOOK,
+        );
         if anybody && taught < FIRST_LOOK && !waited {
             return;
         }
@@ -332,9 +297,9 @@ impl People {
         } else {
             FIRST_LOOK_APART
         };
-        let known = self.recognise(DOOR, apart);
+        let known = self.recognise(CANDIDATE, apart);
         // Who may be one of them is looked at for longer: a slot is not to be taken back.
-        if known.is_none() && !sure && self.most_like(DOOR, STRANGER_APART).is_some() {
+        if known.is_none() && !sure && self.most_like(CANDIDATE, STRANGER_APART).is_some() {
             return;
         }
         let slot = known.filter(|&slot| slot < most);
@@ -354,9 +319,9 @@ impl People {
             } else if self.followers[slot].is_taken() {
                 self.remember(slot);
             }
-            self.followers.swap(slot, DOOR);
+            self.followers.swap(slot, CANDIDATE);
         }
-        self.followers[DOOR].forget();
+        self.followers[CANDIDATE].forget();
     }
 
     /// Compares a recent newcomer again with people who left; if recognised, they move back to their slot.
@@ -410,7 +375,7 @@ impl People {
 
     /// How far apart two people are; `None` when too little was seen to tell.
     pub(super) fn apart(&self, one: &Likeness, other: &Likeness) -> Option<f32> {
-        let pose = &self.followers[DOOR].pose;
+        let pose = &self.followers[CANDIDATE].pose;
         Some(one.apart(other, pose.differ(&one.head, &other.head)?))
     }
 
@@ -504,12 +469,12 @@ impl People {
 
     /// What was learned about the user of a slot (beyond the last: the candidate), for pictures and tables.
     pub(super) fn expression(&self, slot: usize) -> &Expression {
-        &self.followers[slot.min(DOOR)].expression
+        &self.followers[slot.min(CANDIDATE)].expression
     }
 
     /// Takes over what another pipeline knows about its users, as when settings change during a run.
     pub(super) fn adopt(&mut self, before: &Self) {
-        let before_users = before.followers.iter().take(DOOR);
+        let before_users = before.followers.iter().take(CANDIDATE);
         for (follower, before) in self.followers.iter_mut().zip(before_users) {
             if before.is_taken() {
                 follower.adopt(before);

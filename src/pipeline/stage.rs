@@ -1,4 +1,7 @@
-//! The stages by name.
+//! The stages by name, and what they share of a frame.
+
+use crate::sensor::Frame;
+use crate::sensor::camera::Camera;
 
 /// Stages of [`super::Pipeline::follow`], in order; all but the first run once for each tracked head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,4 +14,14 @@ pub enum Stage {
     Landmarks,
     /// Measures, ranges, weights.
     Expression,
+}
+
+/// A frame on its way through the stages.
+pub(super) struct Now<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) camera: &'a Camera,
+    /// Halves of a search that this frame has time for.
+    pub(super) searches: u32,
+    /// Called at the end of each stage reached.
+    pub(super) after: &'a mut dyn FnMut(Stage),
 }

@@ -7,7 +7,7 @@
 
 use super::people::{People, PipelineError};
 use super::settings::Settings;
-use super::stage::Stage;
+use super::stage::{Now, Stage};
 use crate::base::capacity::{REMEMBERED, USERS};
 use crate::base::time::Timestamp;
 use crate::expression::Expression;
@@ -55,8 +55,13 @@ impl Pipeline {
     pub fn follow_by_stage(&mut self, frame: &Frame, mut after: impl FnMut(Stage)) {
         self.segmenter.segment(frame, &self.camera);
         after(Stage::Segment);
-        self.people
-            .follow(frame, &self.camera, &mut self.segmenter, &mut after);
+        let mut now = Now {
+            frame,
+            camera: &self.camera,
+            searches: 0,
+            after: &mut after,
+        };
+        self.people.follow(&mut now, &mut self.segmenter);
     }
 
     /// The reports of the last frame: one for each user, one with the state absent for each user forgotten in this frame, and
@@ -155,6 +160,7 @@ impl Pipeline {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pose::Sighting;
     use crate::simulator::simulated::Simulated;
 
     #[test]
@@ -183,7 +189,7 @@ mod tests {
         follow(&mut pipeline, 45, false);
         assert_eq!(pipeline.people.followers[2].state, TrackingState::Lost);
         pipeline.people.followers[2].place = None;
-        pipeline.people.followers[2].pose.doubt();
+        pipeline.people.followers[2].pose.see(Sighting::NoFace);
         let left = pipeline.people.followers[2].last_seen;
         let now = follow(&mut pipeline, 15, true);
         let user = &pipeline.people.followers[2];

@@ -157,7 +157,7 @@ impl Recording {
         self.skipped
     }
 
-    /// Plays on from the depth picture of this number, as [`Frame::index`] counts.
+    /// Plays on from the depth picture of this number, as [`crate::sensor::Frame::index`] counts.
     pub fn go_to(&mut self, number: usize) {
         let mut numbers = self.index.depth.iter().map(|depth| depth.number);
         let at = numbers.position(|known| known == number);
