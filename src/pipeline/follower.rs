@@ -573,7 +573,7 @@ mod tests {
         let mut face = FaceLengths::default();
         frames(12, |frame, camera, cloud, truth| {
             let frames = before.frames;
-            look(&mut before, (frame, camera), cloud, &pose(truth)).0;
+            look(&mut before, (frame, camera), cloud, &pose(truth));
             if before.frames > frames {
                 face.see(&before.points.as_ref().expect("a face").head);
             }
@@ -614,7 +614,7 @@ mod tests {
         frames(45, |frame, camera, cloud, truth| {
             frame_number += 1;
             if frame_number <= 35 {
-                look(&mut follower, (frame, camera), cloud, &pose(truth)).0;
+                look(&mut follower, (frame, camera), cloud, &pose(truth));
                 return;
             }
             if follower.frames < KNOWN_FRAMES {
