@@ -1,6 +1,6 @@
 //! Head cloud to `sensor_from_head`: rigid ICP, anchored, smoothed (paper section 1.1, steps 2 and 3).
 //!
-//! Two methods of one [`Tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard head
+//! Two methods of one [`tracker`]: the paper's ([`paper_tracker`]), and the default ([`plane_tracker`]) against a standard head
 //! whose size and shape adapt to the user ([`shape`]). Both find the first pose among several starts ([`start`]), and leave
 //! their poses in the same [`trail`], which smooths them ([`smoothing`]).
 //!
@@ -17,6 +17,7 @@ mod paper_tracker;
 mod patches;
 mod plane;
 mod plane_tracker;
+mod settings;
 mod shape;
 mod shape_learning;
 pub mod signature;
@@ -24,11 +25,11 @@ pub mod smoothing;
 mod start;
 #[cfg(test)]
 mod tests;
+mod tracker;
 mod trail;
 
 use alloc::sync::Arc;
 
-use crate::base::defaults;
 use crate::base::frames::{HeadFromFace, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
@@ -38,59 +39,10 @@ use crate::segment::HeadCloud;
 use anchor::{Anchor, Surface};
 use paper_tracker::PaperTracker;
 use plane_tracker::PlaneTracker;
-use shape::HeadShape;
+pub use settings::{HeadPose, Method, Settings, WINDOW_FRAMES};
 use signature::{Difference, Signature};
-use smoothing::Smoothing;
-use trail::{COAST_S, Information, Trail};
-
-/// A head pose and its confidence.
-#[derive(Clone, Copy, Debug)]
-pub struct HeadPose {
-    /// Maps head coordinates to the depth camera's.
-    pub sensor_from_head: SensorFromHead,
-    /// Agreement, 0…1: share of the evidence that fits.
-    pub confidence: f32,
-    /// Root mean square distance of the accepted pairs, metres.
-    pub residual: f32,
-    /// Share of the middle of the face, or of the nose if that is less, that the cloud covers, 0…1; 1 with the paper's method,
-    /// which does not compute it.
-    pub coverage: f32,
-    /// Whether depth alone confirms it; otherwise it holds only if a face is seen
-    /// there ([`Sighting`]).
-    pub proven: bool,
-}
-
-/// Pose estimation method.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Method {
-    /// Point-to-point, frame to frame, anchored: the paper's.
-    Paper,
-    /// Point-to-plane against the learned head.
-    #[default]
-    Plane,
-}
-
-defaults! {
-    /// Settings of the pose stage.
-    #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Settings {
-        /// Which method.
-        pub method: Method = Method::default(),
-        /// Filter over time.
-        pub smoothing: Smoothing = Smoothing::default(),
-        /// Below this agreement (0…1) the head counts as lost.
-        pub min_agreement: f32 = 0.45,
-        /// Whether size and shape of the user's head are learned (plane method).
-        pub learn_shape: bool = true,
-        /// Frames of [`Smoothing::Window`].
-        pub window_frames: u32 = WINDOW_FRAMES,
-        /// Rounds of an alignment at most (paper's method).
-        pub rounds: u32 = 400,
-    }
-}
-
-/// Default length of the window, frames.
-pub const WINDOW_FRAMES: u32 = 5;
+use tracker::Tracker;
+use trail::{COAST_S, Trail};
 
 /// Why a tracker cannot be created.
 #[derive(Debug, thiserror::Error)]
@@ -110,10 +62,6 @@ pub enum PoseError {
 const SEARCH_HALVES: u32 = 2;
 /// After this long it may be another person: the learned shape is dropped, seconds.
 const FORGET_S: f64 = 2.0;
-/// The first [`TAUGHT_ALL`] frames that teach the shape all do, later ones every [`TAUGHT_STEP`]-th: neighbours are redundant.
-const TAUGHT_ALL: u64 = 60;
-const TAUGHT_STEP: u64 = 3;
-
 /// What the picture shows at a pose that was found: the pose stage learns it after the landmarks.
 pub enum Sighting<'a> {
     /// A face, in the cloud that gave the pose.
@@ -134,52 +82,6 @@ pub enum Sighting<'a> {
     NoFace,
     /// A face where depth found no head: the next cloud is aligned starting there.
     Elsewhere(SensorFromHead, Timestamp),
-}
-
-/// A pose, and its alignment's information.
-type Found = (HeadPose, Information);
-
-/// A method of finding one head in its clouds. What it does not say it leaves out.
-trait Tracker: Send {
-    /// What was learned of the head's size and shape.
-    fn shape(&self) -> &HeadShape;
-    /// Frames from which the shape was learned.
-    fn taught(&self) -> u64 {
-        0
-    }
-    /// Whether a search continues in the next frame.
-    fn is_searching(&self) -> bool {
-        false
-    }
-    /// Where the head is expected, whose cut-out is centred on `middle`.
-    fn expected(
-        &mut self,
-        _: &Trail,
-        _: Timestamp,
-        _middle: Option<Point>,
-    ) -> Option<SensorFromHead> {
-        None
-    }
-    /// The head where it is expected; all stays as it was if it is not there.
-    fn follow(&mut self, _: &HeadCloud, _: &Trail, _: Timestamp) -> Option<Found> {
-        None
-    }
-    /// The head anywhere in the cloud, with as many halves of a search as are left.
-    fn find(
-        &mut self,
-        cloud: &HeadCloud,
-        trail: &Trail,
-        at: Timestamp,
-        searches: &mut u32,
-    ) -> Option<Found>;
-    /// Learns from the cloud of the pose found last, once.
-    fn learn(&mut self, cloud: &HeadCloud);
-    /// The head did not move on from where it was found last.
-    fn lose(&mut self) {}
-    /// Nothing found so far is of use any more.
-    fn restart(&mut self);
-    /// The next cloud is another person's.
-    fn forget(&mut self);
 }
 
 /// Tracks one head.

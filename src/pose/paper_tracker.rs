@@ -6,9 +6,11 @@ use alloc::sync::Arc;
 use nalgebra::SMatrix;
 
 use super::anchor::{Anchor, Surface};
+use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
+use super::tracker::{Found, TAUGHT_ALL, TAUGHT_STEP, Tracker};
 use super::trail::Trail;
-use super::{Found, HeadPose, Settings, TAUGHT_ALL, TAUGHT_STEP, Tracker, icp, start};
+use super::{icp, start};
 use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::{Point, Rigid};
 #[cfg(not(feature = "std"))]

@@ -5,9 +5,11 @@ use alloc::sync::Arc;
 
 use super::anchor::Anchor;
 use super::plane::{self, Coverage, Effort, PlaneFit};
+use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
+use super::start;
+use super::tracker::{Found, TAUGHT_ALL, TAUGHT_STEP, Tracker};
 use super::trail::{COAST_S, STEP_M, Trail};
-use super::{Found, HeadPose, Settings, TAUGHT_ALL, TAUGHT_STEP, Tracker, start};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]

@@ -1,5 +1,6 @@
 //! The tracker as the follower uses it.
 
+use super::smoothing::Smoothing;
 use super::*;
 use crate::base::geometry::{Rigid, rotation_from_yaw_pitch_roll};
 use anchor::tests::half_egg;

@@ -3,8 +3,8 @@
 use nalgebra::SMatrix;
 
 use super::lean;
+use super::settings::{HeadPose, Settings};
 use super::smoothing::{PoseFilter, Smoothing};
-use super::{HeadPose, Settings};
 use crate::base::frames::{HeadFromFace, HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Rotation, Vector};
 use crate::base::time::Timestamp;

@@ -1,0 +1,54 @@
+//! What can be chosen about the pose stage, and what it gives.
+
+use super::smoothing::Smoothing;
+use crate::base::defaults;
+use crate::base::frames::SensorFromHead;
+
+/// A head pose and its confidence.
+#[derive(Clone, Copy, Debug)]
+pub struct HeadPose {
+    /// Maps head coordinates to the depth camera's.
+    pub sensor_from_head: SensorFromHead,
+    /// Agreement, 0…1: share of the evidence that fits.
+    pub confidence: f32,
+    /// Root mean square distance of the accepted pairs, metres.
+    pub residual: f32,
+    /// Share of the middle of the face, or of the nose if that is less, that the cloud covers, 0…1; 1 with the paper's method,
+    /// which does not compute it.
+    pub coverage: f32,
+    /// Whether depth alone confirms it; otherwise it holds only if a face is seen
+    /// there ([`super::Sighting`]).
+    pub proven: bool,
+}
+
+/// Pose estimation method.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Point-to-point, frame to frame, anchored: the paper's.
+    Paper,
+    /// Point-to-plane against the learned head.
+    #[default]
+    Plane,
+}
+
+defaults! {
+    /// Settings of the pose stage.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Which method.
+        pub method: Method = Method::default(),
+        /// Filter over time.
+        pub smoothing: Smoothing = Smoothing::default(),
+        /// Below this agreement (0…1) the head counts as lost.
+        pub min_agreement: f32 = 0.45,
+        /// Whether size and shape of the user's head are learned (plane method).
+        pub learn_shape: bool = true,
+        /// Frames of [`Smoothing::Window`].
+        pub window_frames: u32 = WINDOW_FRAMES,
+        /// Rounds of an alignment at most (paper's method).
+        pub rounds: u32 = 400,
+    }
+}
+
+/// Default length of the window, frames.
+pub const WINDOW_FRAMES: u32 = 5;
