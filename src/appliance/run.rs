@@ -19,6 +19,7 @@ use crate::appliance::{memory, wires};
 use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::output::csv::Csv;
+use crate::output::gesture::Gestures;
 use crate::output::{Output, OutputError, Report, Tally};
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
@@ -55,6 +56,7 @@ struct Session<'r> {
     signals: Signals,
     csv: Option<Csv<Rows>>,
     wires: Vec<Box<dyn Output>>,
+    gestures: Gestures,
     status: Status,
     people: Option<People>,
     live: Option<Live>,
@@ -92,13 +94,14 @@ impl<'r> Session<'r> {
         let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_ref();
-        let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
+        let csv = csv.map(|to| table(to, &signals, &source, &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
             csv => csv?,
         };
         let wires = wires::open(&settings, &pipeline.unit_names())?;
+        let gestures = Gestures::new(&settings.gestures, &pipeline.unit_names());
         let status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
         let people = people(&settings, &source);
         if let Some(people) = &people {
@@ -123,6 +126,7 @@ impl<'r> Session<'r> {
             signals,
             csv,
             wires,
+            gestures,
             status,
             people,
             live,
@@ -155,6 +159,8 @@ impl<'r> Session<'r> {
                     renewed.adopt(&self.pipeline);
                     self.pipeline = renewed;
                 }
+                self.release();
+                self.gestures = Gestures::new(&self.settings.gestures, &self.pipeline.unit_names());
                 // Those before say goodbye, and leave their ports.
                 self.wires = opened;
                 let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
@@ -224,6 +230,7 @@ impl<'r> Session<'r> {
 
     /// Half a second without a frame: outputs continue their heartbeat.
     fn wait(&mut self) -> Result<(), Failure> {
+        self.release();
         let nobody = nobody(&self.frame, self.taken.elapsed());
         // The CSV has rows of frames only.
         for wire in &mut self.wires {
@@ -246,6 +253,8 @@ impl<'r> Session<'r> {
     fn tell(&mut self) -> Result<(), Failure> {
         let latency_us = self.arrived.elapsed().as_micros();
         let mut reports = self.pipeline.reports();
+        self.gestures.observe(&mut reports);
+        tell(&mut self.gestures, &mut self.wires);
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
@@ -278,6 +287,12 @@ impl<'r> Session<'r> {
         Ok(())
     }
 
+    /// Switches off what gestures have switched on.
+    fn release(&mut self) {
+        self.gestures.release();
+        tell(&mut self.gestures, &mut self.wires);
+    }
+
     /// What is due with or without a frame: commands, status, the service manager.
     fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
         obey(&mut self.wires, &mut self.pipeline);
@@ -289,6 +304,7 @@ impl<'r> Session<'r> {
 
     fn finish(mut self) {
         self.manager.stopping();
+        self.release();
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people().iter(), self.pipeline.at());
         }
@@ -302,6 +318,10 @@ impl<'r> Session<'r> {
             );
         }
     }
+}
+
+fn tell(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
+    gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
 fn lock_memory(manager: &ServiceManager) {
@@ -358,6 +378,7 @@ fn table(
     signals: &Signals,
     source: &Source,
     pipeline: &Pipeline,
+    settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
     let rows = match to {
         CsvTarget::StandardOutput => Pipe::of(io::stdout()),
@@ -365,5 +386,11 @@ fn table(
     };
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;
-    Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
+    let gestures = settings
+        .gestures
+        .iter()
+        .map(|gesture| gesture.name.as_str());
+    let gestures: Vec<&str> = gestures.collect();
+    let units = pipeline.unit_names();
+    Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
 }

@@ -35,5 +35,6 @@ mod shipped_config;
 mod shipped_words;
 mod shows_a_head;
 mod survives_real_life;
+mod switches_by_gesture;
 mod talks_to_rigs;
 mod tracks_a_head;

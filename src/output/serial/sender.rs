@@ -1,19 +1,22 @@
 //! The serial line as an output: an encoder, and a thread that feeds the port.
 
+use std::fmt::Write as _;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::budget::{self, Plan};
 use super::encoder::Encoder;
 use super::port::{self, PortState, Shared};
-use super::settings::Settings;
+use super::settings::{Settings, Style};
 use crate::output::closing;
+use crate::output::gesture::Switch;
 use crate::output::{Output, OutputError, Report, Tally};
 
 /// A sender of weights, one face at a time.
 pub struct Serial {
     encoder: Encoder,
     shared: Arc<Shared>,
+    tells_gestures: bool,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -30,6 +33,7 @@ impl Serial {
         Ok(Self {
             encoder,
             shared,
+            tells_gestures: settings.style == Style::Text,
             thread: Some(thread),
         })
     }
@@ -87,6 +91,16 @@ impl Output for Serial {
             self.shared.put(line);
         }
         Ok(())
+    }
+
+    fn switch(&mut self, switch: &Switch<'_>) {
+        if self.tells_gestures {
+            let (name, is_on) = (&switch.gesture.name, u8::from(switch.is_on));
+            self.shared.put_switch(|line| match switch.user {
+                Some(user) => write!(line, "!{name} {is_on} {user}\r\n"),
+                None => write!(line, "!{name} {is_on}\r\n"),
+            });
+        }
     }
 
     fn tally(&self) -> Tally {
