@@ -33,15 +33,9 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let Some(mut session) = Session::start(run)? else {
         return Ok(());
     };
-    while session.goes_on() {
-        session.renew();
-        if session.next_frame()? {
-            session.follow();
-            session.tell()?;
-        }
-    }
-    session.finish();
-    Ok(())
+    let ended = session.play();
+    session.release();
+    ended.map(|()| session.finish())
 }
 
 /// A run, from the first frame to the last.
@@ -102,7 +96,12 @@ impl<'r> Session<'r> {
         };
         let wires = wires::open(&settings, &pipeline.unit_names())?;
         let gestures = Gestures::new(&settings.gestures, &pipeline.unit_names());
-        let status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+        let status = Status::new(
+            &settings.status.path,
+            &name,
+            &pipeline.unit_names(),
+            &settings.gesture_names(),
+        );
         let people = people(&settings, &source);
         if let Some(people) = &people {
             pipeline.recall(people.load());
@@ -141,6 +140,17 @@ impl<'r> Session<'r> {
         }))
     }
 
+    fn play(&mut self) -> Result<(), Failure> {
+        while self.goes_on() {
+            self.renew();
+            if self.next_frame()? {
+                self.follow();
+                self.tell()?;
+            }
+        }
+        Ok(())
+    }
+
     fn goes_on(&self) -> bool {
         self.left > 0 && !self.ended && !self.signals.stop.load(Ordering::Relaxed)
     }
@@ -164,7 +174,8 @@ impl<'r> Session<'r> {
                 // Those before say goodbye, and leave their ports.
                 self.wires = opened;
                 let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
-                self.status = Status::new(path, &self.name, &units);
+                let gestures = self.settings.gesture_names();
+                self.status = Status::new(path, &self.name, &units, &gestures);
                 self.people = people(&self.settings, &self.source);
             }
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
@@ -230,8 +241,9 @@ impl<'r> Session<'r> {
 
     /// Half a second without a frame: outputs continue their heartbeat.
     fn wait(&mut self) -> Result<(), Failure> {
-        self.release();
-        let nobody = nobody(&self.frame, self.taken.elapsed());
+        let mut nobody = nobody(&self.frame, self.taken.elapsed());
+        self.gestures.observe(std::slice::from_mut(&mut nobody));
+        tell_gestures(&mut self.gestures, &mut self.wires);
         // The CSV has rows of frames only.
         for wire in &mut self.wires {
             wire.send(&nobody)?;
@@ -254,7 +266,6 @@ impl<'r> Session<'r> {
         let latency_us = self.arrived.elapsed().as_micros();
         let mut reports = self.pipeline.reports();
         self.gestures.observe(&mut reports);
-        tell(&mut self.gestures, &mut self.wires);
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
@@ -269,6 +280,8 @@ impl<'r> Session<'r> {
                 wire.send(report)?;
             }
         }
+        // After the reports, as a tapped key goes up with the next ones.
+        tell_gestures(&mut self.gestures, &mut self.wires);
         let mut latency = Some(self.arrived.elapsed());
         for report in &reports {
             self.status.observe(report, latency.take());
@@ -290,7 +303,7 @@ impl<'r> Session<'r> {
     /// Switches off what gestures have switched on.
     fn release(&mut self) {
         self.gestures.release();
-        tell(&mut self.gestures, &mut self.wires);
+        tell_gestures(&mut self.gestures, &mut self.wires);
     }
 
     /// What is due with or without a frame: commands, status, the service manager.
@@ -304,7 +317,6 @@ impl<'r> Session<'r> {
 
     fn finish(mut self) {
         self.manager.stopping();
-        self.release();
         if let Some(people) = &mut self.people {
             people.save(self.pipeline.people().iter(), self.pipeline.at());
         }
@@ -320,7 +332,12 @@ impl<'r> Session<'r> {
     }
 }
 
-fn tell(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
+#[cfg_attr(
+    not(feature = "gestures"),
+    expect(unused_variables, reason = "there are none")
+)]
+fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
+    #[cfg(feature = "gestures")]
     gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
@@ -386,11 +403,6 @@ fn table(
     };
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;
-    let gestures = settings
-        .gestures
-        .iter()
-        .map(|gesture| gesture.name.as_str());
-    let gestures: Vec<&str> = gestures.collect();
-    let units = pipeline.unit_names();
+    let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
     Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
 }

@@ -1,9 +1,9 @@
 //! Gestures: expressions that switch something, as a raised brow that presses a key.
 //!
-//! A gesture reads one sum of units. It goes on when the sum has been at its upper level for its hold time, and off below its
-//! lower one; never while the person speaks, has the head turned away or is not known yet, and not again before its pause is
-//! over. Every on has an off: when the face is lost, the person leaves, the source falls silent, the configuration changes or
-//! the run ends.
+//! A gesture reads one sum of units. It goes on when the sum has been at its upper level for its hold time, but not while the
+//! person speaks, has the head turned away or is not known yet, nor before its pause is over; and off below its lower level.
+//! Every on has an off: also when the head turns away, the face is lost, the person leaves, the source falls silent, the
+//! configuration changes or the run ends.
 //!
 //! Somebody speaks while their mouth opens and closes again and again: at least [`REVERSALS`] turns of at least [`REVERSAL`]
 //! within [`SPEECH_S`].
@@ -18,6 +18,8 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
 
+/// Whether this build has gestures; without, the configuration has none.
+pub const ENABLED: bool = cfg!(feature = "gestures");
 /// Turns of the mouth that make speech, how far each goes, and within how long.
 const REVERSALS: usize = 4;
 const REVERSAL: f32 = 0.08;
@@ -71,6 +73,23 @@ pub struct Gesture {
     pub turned_deg: f32,
     /// Key or mouse button to press; empty = none.
     pub key: String,
+    /// How.
+    pub press: Press,
+}
+
+/// How a key is pressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Press {
+    /// Down and up again at once: a key that stays down repeats.
+    #[default]
+    Tap,
+    /// Down while the gesture is on.
+    Hold,
+}
+
+impl Press {
+    /// Names in the configuration.
+    pub const NAMES: [(&'static str, Self); 2] = [("tap", Self::Tap), ("hold", Self::Hold)];
 }
 
 /// Gestures that need no more than their name: name, sum, on, off, hold time.
@@ -105,6 +124,7 @@ impl Gesture {
             speaking: false,
             turned_deg: 30.0,
             key: String::new(),
+            press: Press::default(),
         }
     }
 
@@ -138,6 +158,8 @@ pub struct Switch<'a> {
     pub user: Option<usize>,
     /// Whether it is on.
     pub is_on: bool,
+    /// Whether it was not before; otherwise this is a repetition.
+    pub is_new: bool,
 }
 
 /// One person's state of one gesture.
@@ -224,6 +246,7 @@ impl Gestures {
     /// `units` are the names in the order of the weights. Units that are not measured count as 0.
     #[must_use]
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
+        let all = if ENABLED { all } else { &[] };
         let index = |unit: &str| units.iter().position(|name| *name == unit);
         let terms = |gesture: &Gesture| {
             let terms = Gesture::terms(&gesture.of).unwrap_or_default();
@@ -244,11 +267,15 @@ impl Gestures {
 
     /// Follows everybody of a frame; [`Report::gestures`] then says which of theirs are on.
     pub fn observe(&mut self, reports: &mut [Report<'_>]) {
-        if self.all.is_empty() {
+        if !ENABLED || self.all.is_empty() {
             return;
         }
         let mut seen = [false; USERS];
         for report in reports.iter_mut() {
+            // Another clock; times before it mean nothing.
+            if report.at < self.at {
+                self.release();
+            }
             self.at = report.at;
             if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
                 seen[slot] = true;
@@ -290,20 +317,21 @@ impl Gestures {
     /// Tells `each` output what changed, and from time to time everything.
     pub fn tell(&mut self, mut each: impl FnMut(&Switch<'_>)) {
         let last = self.repeated.map(|last| self.at.seconds_since(last));
-        // Before the last time only if another source plays.
+        // Before the last time only by another clock.
         let again = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
         if again {
             self.repeated = Some(self.at);
         }
         for (i, gesture) in self.all.iter().enumerate() {
             let mut switch = |at: usize, user, is_on| {
-                let changed = core::mem::replace(&mut self.told[i][at], is_on) != is_on;
-                if changed || again {
+                let is_new = core::mem::replace(&mut self.told[i][at], is_on) != is_on;
+                if is_new || again {
                     each(&Switch {
                         index: i,
                         gesture,
                         user,
                         is_on,
+                        is_new,
                     });
                 }
             };
@@ -317,14 +345,14 @@ impl Gestures {
         }
     }
 
-    /// Everything off, as when frames end.
+    /// Everything off, as if nobody had ever been there.
     pub fn release(&mut self) {
         self.lamps = Default::default();
         self.speech = Default::default();
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "gestures"))]
 mod tests {
     use super::*;
     use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -347,10 +375,9 @@ mod tests {
 
     /// What outputs are told, repetitions left out: name, user, on or off.
     fn told(gestures: &mut Gestures) -> Vec<(String, Option<usize>, bool)> {
-        let before = gestures.told;
         let mut all = Vec::new();
         gestures.tell(|switch| {
-            if before[switch.index][switch.user.unwrap_or(USERS)] != switch.is_on {
+            if switch.is_new {
                 let name = switch.gesture.name.clone();
                 all.push((name, switch.user, switch.is_on));
             }
@@ -396,7 +423,7 @@ mod tests {
     #[test]
     fn every_end_of_a_face_is_an_off() {
         let faces = [0.9, 0.9, 0.0, 0.0];
-        for end in ["lost", "absent", "gone", "source", "turned", "aside"] {
+        for end in ["lost", "absent", "gone", "clock", "end", "turned", "aside"] {
             let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
             for ms in [0, 100, 200] {
                 gestures.observe(&mut [user(1, ms, &faces)]);
@@ -431,6 +458,7 @@ mod tests {
                     sensor_from_head: Some(&turned),
                     ..now
                 }]),
+                "clock" => gestures.observe(&mut [user(1, 0, &faces)]),
                 "aside" => gestures.observe(&mut [Report { aside: true, ..now }]),
                 _ => gestures.release(),
             }

@@ -1,9 +1,11 @@
 //! Keys and mouse buttons that gestures press: through the kernel's `uinput`, or on the wire of a USB HID gadget, where the
 //! box is a keyboard for any computer.
 //!
+//! A tapped key goes up with the frame after it went down. With `uinput` the kernel itself releases what is pressed when this
+//! process ends, however it ends; a gadget's host does not know, so a gadget is told that nothing is pressed when it is opened.
+//!
 //! Sources: Linux `uinput.h` and `input-event-codes.h`; USB HID 1.11, appendix B.1 (boot keyboard); HID Usage Tables 1.5,
-//! page 7. With `uinput` the kernel itself releases what is pressed when this process ends, however it ends. A path that is
-//! neither gets `uinput`'s events as they are, for tests.
+//! page 7. A path that is neither device gets `uinput`'s events as they are, for tests.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -11,7 +13,7 @@ use std::os::fd::AsRawFd;
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
-use super::gesture::Switch;
+use super::gesture::{Press, Switch};
 use super::{Output, OutputError, Report, Tally};
 use crate::base::capacity::USERS;
 
@@ -36,8 +38,11 @@ const UI_SET_KEYBIT: libc::Ioctl = 0x4004_5565;
 const UI_DEV_CREATE: libc::Ioctl = 0x5501;
 /// Bytes of `struct uinput_user_dev`: the name, bus and ids, then limits of axes that we have none of.
 const DEVICE_BYTES: usize = 1116;
-/// Bytes of an event.
-const EVENT_BYTES: usize = size_of::<libc::timeval>() + 8;
+/// Bytes of an event's time, two words of the kernel whatever the C library's are, and of an event.
+const TIME_BYTES: usize = 2 * size_of::<libc::c_ulong>();
+const EVENT_BYTES: usize = TIME_BYTES + 8;
+/// Keys that a device has if it is a keyboard.
+const KEYBOARD: core::ops::Range<u16> = 1..89;
 const NAME: &[u8] = b"mien gestures";
 /// Keys of a HID report.
 const REPORT_KEYS: usize = 6;
@@ -65,8 +70,9 @@ enum Way {
 pub struct Keys {
     device: File,
     way: Way,
-    /// Gestures that hold each key, a bit each, and whether the device was told that it is down.
+    /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
     held: [u128; KEYS.len()],
+    tapped: [bool; KEYS.len()],
     is_down: [bool; KEYS.len()],
     sent: u64,
     dropped: u64,
@@ -97,20 +103,26 @@ impl Keys {
         if about.file_type().is_char_device() && matches!(way, Way::Events) {
             create(&mut device).map_err(failed)?;
         }
-        Ok(Self {
+        let mut keys = Self {
             device,
             way,
             held: [0; KEYS.len()],
+            tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
             sent: 0,
             dropped: 0,
-        })
+        };
+        if matches!(keys.way, Way::Reports) {
+            // Without a host there is nobody to tell.
+            let _ = keys.device.write_all(&keys.report());
+        }
+        Ok(keys)
     }
 
     /// Tells the device what changed; what it does not take at once is told again with the next frame.
     fn sync(&mut self) {
         for i in 0..KEYS.len() {
-            let is_down = self.held[i] != 0;
+            let is_down = self.held[i] != 0 || self.tapped[i];
             if is_down == self.is_down[i] {
                 continue;
             }
@@ -141,6 +153,9 @@ impl Keys {
 
 impl Output for Keys {
     fn send(&mut self, _: &Report) -> Result<(), OutputError> {
+        for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
+            *tapped &= !is_down;
+        }
         self.sync();
         Ok(())
     }
@@ -148,10 +163,10 @@ impl Output for Keys {
     fn switch(&mut self, switch: &Switch<'_>) {
         if let Some(key) = KEYS.iter().position(|key| key.0 == switch.gesture.key) {
             let bit = 1 << (switch.index * (USERS + 1) + switch.user.unwrap_or(USERS));
-            if switch.is_on {
-                self.held[key] |= bit;
-            } else {
-                self.held[key] &= !bit;
+            match switch.gesture.press {
+                Press::Tap => self.tapped[key] |= switch.is_on && switch.is_new,
+                Press::Hold if switch.is_on => self.held[key] |= bit,
+                Press::Hold => self.held[key] &= !bit,
             }
             self.sync();
         }
@@ -169,6 +184,7 @@ impl Output for Keys {
 impl Drop for Keys {
     fn drop(&mut self) {
         self.held = [0; KEYS.len()];
+        self.tapped = [false; KEYS.len()];
         self.sync();
     }
 }
@@ -176,7 +192,7 @@ impl Drop for Keys {
 /// Two events of the kernel, whose time it fills in: a key, and that this is all.
 fn press(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
     let mut bytes = [0; 2 * EVENT_BYTES];
-    let at = size_of::<libc::timeval>();
+    let at = TIME_BYTES;
     bytes[at..at + 2].copy_from_slice(&EV_KEY.to_ne_bytes());
     bytes[at + 2..at + 4].copy_from_slice(&code.to_ne_bytes());
     bytes[at + 4..at + 8].copy_from_slice(&i32::from(is_down).to_ne_bytes());
@@ -195,7 +211,10 @@ fn create(device: &mut File) -> io::Result<()> {
         }
     };
     set(UI_SET_EVBIT, EV_KEY)?;
-    KEYS.iter().try_for_each(|key| set(UI_SET_KEYBIT, key.1))?;
+    let codes = KEYBOARD.chain(KEYS.iter().map(|key| key.1));
+    codes
+        .into_iter()
+        .try_for_each(|code| set(UI_SET_KEYBIT, code))?;
     let mut about = [0; DEVICE_BYTES];
     about[..NAME.len()].copy_from_slice(NAME);
     // BUS_VIRTUAL.
@@ -207,7 +226,9 @@ fn create(device: &mut File) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::gesture::Gesture;
+    use crate::base::time::Timestamp;
+    use crate::output::gesture::{Gesture, Gestures, Person};
+    use crate::users::TrackingState;
 
     /// What is written for a smile and a brow that press the same key, and for one that presses none.
     fn written(name: &str) -> Vec<u8> {
@@ -216,6 +237,7 @@ mod tests {
         std::fs::write(&path, []).unwrap();
         let gesture = |name: &str, key: &str| Gesture {
             key: key.into(),
+            press: Press::Hold,
             ..Gesture::named(name)
         };
         let all = [
@@ -230,13 +252,10 @@ mod tests {
                 gesture: &all[index],
                 user: None,
                 is_on,
+                is_new: true,
             });
         }
         // The brow is still up.
-        assert_eq!(
-            std::fs::read(&path).unwrap().len(),
-            keys.sent as usize * if name == "hidg0" { 8 } else { 48 }
-        );
         assert_eq!(keys.sent, 1);
         drop(keys);
         std::fs::read(&path).unwrap()
@@ -260,8 +279,116 @@ mod tests {
     #[test]
     fn a_gadget_gets_the_reports_of_a_boot_keyboard() {
         // Usage 0x2C is the space bar.
-        let reports = [[0, 0, 0x2C, 0, 0, 0, 0, 0], [0; 8]].concat();
+        let reports = [[0; 8], [0, 0, 0x2C, 0, 0, 0, 0, 0], [0; 8]].concat();
         assert_eq!(written("hidg0"), reports);
+    }
+
+    #[test]
+    fn a_tap_is_down_until_the_next_frame_whatever_else_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        std::fs::write(&path, []).unwrap();
+        let gesture = Gesture {
+            key: "a".into(),
+            ..Gesture::named("smile")
+        };
+        let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+        let mut downs = Vec::new();
+        for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
+            keys.switch(&Switch {
+                index: 0,
+                gesture: &gesture,
+                user: None,
+                is_on,
+                is_new,
+            });
+            downs.push(keys.is_down.contains(&true));
+            keys.send(&Report::default()).unwrap();
+            downs.push(keys.is_down.contains(&true));
+        }
+        assert_eq!(
+            downs,
+            [true, false, false, false, false, false, true, false]
+        );
+    }
+
+    /// Key downs (`true`) and ups.
+    fn presses(events: &[u8]) -> Vec<bool> {
+        let pairs = events.chunks_exact(2 * EVENT_BYTES);
+        pairs.map(|pair| pair[TIME_BYTES + 4] == 1).collect()
+    }
+
+    #[test]
+    fn a_thousand_random_endings_leave_no_key_down() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        let gesture = |person, press| Gesture {
+            of: "AU26".into(),
+            hold_s: 0.0,
+            pause_s: 0.0,
+            key: "a".into(),
+            person,
+            press,
+            ..Gesture::named("jaw")
+        };
+        let all = [
+            gesture(Person::Any, Press::Hold),
+            gesture(Person::Each, Press::Hold),
+            gesture(Person::Shown, Press::Tap),
+        ];
+        let mut random = fastrand::Rng::with_seed(11);
+        let mut pressed = 0;
+        for round in 0..1000 {
+            std::fs::write(&path, []).unwrap();
+            let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+            let mut gestures = Gestures::new(&all, &["AU26"]);
+            let mut frame = |gestures: &mut Gestures, reports: &mut [Report<'_>]| {
+                gestures.observe(reports);
+                reports.iter().for_each(|report| keys.send(report).unwrap());
+                gestures.tell(|switch| keys.switch(switch));
+            };
+            let mut at = Timestamp::from_us(random.u64(..1 << 40));
+            for _ in 0..random.usize(1..9) {
+                at = Timestamp::from_us(at.as_us() + random.u64(1..900_000));
+                let weights = [random.f32(), random.f32()];
+                let user = |slot: usize, state| Report {
+                    user: Some(slot),
+                    state,
+                    at,
+                    aside: slot > 0,
+                    weights: &weights[slot..=slot],
+                    ..Report::default()
+                };
+                let states = [0, 1].map(|_| random.choice(TrackingState::ALL).unwrap());
+                let mut both = [user(0, states[0]), user(1, states[1])];
+                frame(&mut gestures, &mut both[..random.usize(1..3)]);
+            }
+            let nobody = Report {
+                at: Timestamp::from_us(at.as_us() + 500_000),
+                ..Report::default()
+            };
+            match random.u8(..4) {
+                // They leave, or the sensor is unplugged: nobody, again and again.
+                0 => (0..2).for_each(|_| frame(&mut gestures, &mut [nobody])),
+                // The run ends, or reads its configuration again.
+                1 => {
+                    gestures.release();
+                    gestures.tell(|switch| keys.switch(switch));
+                    keys.send(&nobody).unwrap();
+                }
+                // It ends by an error.
+                2 => drop(keys),
+                // Another recording begins.
+                _ => (0..2).for_each(|_| frame(&mut gestures, &mut [Report::default()])),
+            }
+            let presses = presses(&std::fs::read(&path).unwrap());
+            pressed += presses.len() / 2;
+            assert!(
+                presses.chunks(2).all(|press| press == [true, false]),
+                "round {round}: {presses:?}"
+            );
+        }
+        assert!(pressed > 1000, "{pressed}");
     }
 
     #[test]

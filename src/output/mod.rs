@@ -102,6 +102,7 @@ pub trait Output {
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
     /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    #[cfg(feature = "gestures")]
     fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.

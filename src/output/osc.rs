@@ -32,6 +32,7 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
+#[cfg(feature = "gestures")]
 use super::gesture::Switch;
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
@@ -323,6 +324,7 @@ impl Output for Osc {
         }
     }
 
+    #[cfg(feature = "gestures")]
     fn switch(&mut self, switch: &Switch<'_>) {
         let name = &switch.gesture.name;
         let is_on = switch.is_on.into();

@@ -43,7 +43,7 @@ fn a_key_that_this_build_cannot_press_is_refused() {
     let output = run(folder.path(), "", &["--frames", "1"]);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(
-        !output.status.success() && said.contains("build with --features gestures"),
+        !output.status.success() && said.contains("a build with --features gestures"),
         "{said}"
     );
 }
@@ -54,20 +54,11 @@ mod pressed {
     use std::process::{Child, Stdio};
     use std::time::Duration;
 
-    /// Key downs and ups that were written where `uinput` would be: pairs of events, 24 bytes each on 64 bits.
-    fn pressed(path: &Path) -> Vec<bool> {
-        let bytes = std::fs::read(path).unwrap();
-        let event = size_of::<libc_timeval::Timeval>() + 8;
-        let downs = bytes
-            .chunks_exact(2 * event)
-            .map(|pair| pair[event - 4] == 1);
-        downs.collect()
-    }
-
-    mod libc_timeval {
-        /// As the kernel's events begin.
-        #[repr(C)]
-        pub struct Timeval(i64, i64);
+    /// Key downs (`true`) and ups that were written where `uinput` would be: pairs of events, each a time and eight bytes.
+    fn presses(events: &[u8]) -> Vec<bool> {
+        let event = 2 * size_of::<std::ffi::c_ulong>() + 8;
+        let pairs = events.chunks_exact(2 * event);
+        pairs.map(|pair| pair[event - 4] == 1).collect()
     }
 
     fn keys(folder: &Path) -> (String, std::path::PathBuf) {
@@ -103,7 +94,7 @@ mod pressed {
         let begins = smiles.windows(2).filter(|pair| !pair[0] && pair[1]).count();
         assert!(begins > 0, "nobody smiles");
         // As often a key, and up again at the end.
-        let pressed = pressed(&path);
+        let pressed = presses(&std::fs::read(&path).unwrap());
         assert_eq!(pressed.len(), 2 * begins);
         assert!(pressed.chunks(2).all(|press| press == [true, false]));
         let all = messages(&socket);
@@ -137,36 +128,62 @@ mod pressed {
         Command::new("kill").args([name, &id]).status().unwrap();
     }
 
+    /// A key that is down most of the time.
+    const AWAKE: &str = r#"
+[[gesture]]
+name = "awake"
+of = "AU26 - AU43L"
+on = 0.02
+off = 0.01
+hold_s = 0.0
+pause_s = 0.0
+speaking = true
+key = "a"
+press = "hold"
+"#;
+
     #[test]
-    fn no_key_stays_down_when_a_run_is_stopped_or_reads_its_configuration_again() {
+    fn no_key_stays_down_however_a_run_ends() {
         let mut random = fastrand::Rng::with_seed(7);
         for round in 0..12 {
             let folder = tempfile::tempdir().unwrap();
-            let (device, path) = keys(folder.path());
-            // A key that is down most of the time.
-            let always = "[[gesture]]\nname = \"awake\"\nof = \"AU26 - AU43L\"\non = 0.02\noff = 0.01\nhold_s = 0.0\nspeaking = true\nkey = \"a\"\n";
-            let config = format!("[osc]\nenabled = false\n{device}{always}");
-            let mut run = start(folder.path(), &config);
+            // A pipe: what is at its other end learns of the process's end, as the kernel does of a keyboard's.
+            let path = folder.path().join("events");
+            assert!(
+                Command::new("mkfifo")
+                    .arg(&path)
+                    .status()
+                    .unwrap()
+                    .success()
+            );
+            let reader = {
+                let path = path.clone();
+                std::thread::spawn(move || std::fs::read(path).unwrap())
+            };
+            let device = format!("[osc]\nenabled = false\n[keys]\ndevice = {path:?}\n");
+            let mut run = start(folder.path(), &format!("{device}{AWAKE}"));
             let wait = |random: &mut fastrand::Rng| {
                 std::thread::sleep(Duration::from_millis(random.u64(300..900)));
             };
             wait(&mut random);
-            if round % 2 == 1 {
+            if round % 3 == 1 {
                 // Without the gesture: what it held is let go.
-                std::fs::write(
-                    folder.path().join("mien.toml"),
-                    format!("[osc]\nenabled = false\n{device}"),
-                )
-                .unwrap();
+                std::fs::write(folder.path().join("mien.toml"), &device).unwrap();
                 signal(&run, "-HUP");
                 wait(&mut random);
             }
-            signal(&run, "-TERM");
-            assert!(run.wait().unwrap().success());
-            let pressed = pressed(&path);
+            let killed = round % 3 == 2;
+            signal(&run, if killed { "-KILL" } else { "-TERM" });
+            assert_eq!(run.wait().unwrap().success(), !killed);
+            // All there is: the device is closed.
+            let mut presses = presses(&reader.join().unwrap());
+            if killed && presses.len() % 2 == 1 {
+                // The kernel releases what is held when it is closed.
+                presses.push(false);
+            }
             assert!(
-                pressed.chunks(2).all(|press| press == [true, false]),
-                "round {round}: {pressed:?}"
+                presses.chunks(2).all(|press| press == [true, false]),
+                "round {round}: {presses:?}"
             );
         }
     }

@@ -10,14 +10,14 @@ use super::toml_words::{describe, float, toml_string};
 use super::units::is_unit;
 use crate::base::capacity::GESTURES;
 use crate::base::nearest_word::hint;
-use crate::output::gesture::{Gesture, PRESETS, Person};
+use crate::output::gesture::{ENABLED, Gesture, PRESETS, Person, Press};
 use crate::output::is_name;
 
 /// What the tables are called.
 pub(super) const SECTION: &str = "gesture";
 
 /// Keys besides the name, which comes first.
-const KEYS: [&str; 9] = [
+const KEYS: [&str; 10] = [
     "of",
     "on",
     "off",
@@ -27,6 +27,7 @@ const KEYS: [&str; 9] = [
     "speaking",
     "turned_deg",
     "key",
+    "press",
 ];
 
 /// An error: where, what was expected, what was found.
@@ -34,6 +35,10 @@ type Refusal = (Option<Range<usize>>, String, String);
 
 /// Reads all tables.
 pub(super) fn read(value: &Spanned<DeValue<'_>>) -> Result<Vec<Gesture>, Refusal> {
+    if !ENABLED {
+        let expected = "a build with --features gestures, or the package".to_owned();
+        return Err((None, expected, "[[gesture]]".to_owned()));
+    }
     let tables = value.get_ref().as_array();
     let tables = tables.filter(|all| all.iter().all(|one| one.get_ref().is_table()));
     let Some(tables) = tables else {
@@ -104,6 +109,10 @@ fn gesture(table: &Spanned<DeValue<'_>>) -> Result<Gesture, Refusal> {
                 Some(key) => key.clone_into(&mut gesture.key),
                 None => return Err(refuse(value, name, KEY)),
             },
+            "press" => match Press::NAMES.iter().find(|known| Some(known.0) == text) {
+                Some(&(_, press)) => gesture.press = press,
+                None => return Err(refuse(value, name, "to be \"tap\" or \"hold\"")),
+            },
             unknown => {
                 let expected = format!("one of the keys name, {} in [[gesture]]", KEYS.join(", "));
                 let found = format!("{unknown}{}", hint(unknown, KEYS));
@@ -159,10 +168,13 @@ pub(super) fn print(all: &[Gesture], text: &mut String) {
             [&gesture.name, &gesture.of, &gesture.key].map(|text| toml_string(text));
         let person = Person::NAMES.iter().find(|known| known.1 == gesture.person);
         let person = person.map_or("", |known| known.0);
+        let press = Press::NAMES.iter().find(|known| known.1 == gesture.press);
+        let press = press.map_or("", |known| known.0);
         let _ = write!(
             text,
             "\n[[gesture]]\nname = {name}\nof = {of}\non = {on:?}\noff = {off:?}\nhold_s = {hold_s:?}\n\
-             pause_s = {pause_s:?}\nperson = \"{person}\"\nspeaking = {speaking}\nturned_deg = {turned_deg:?}\nkey = {key}\n"
+             pause_s = {pause_s:?}\nperson = \"{person}\"\nspeaking = {speaking}\nturned_deg = {turned_deg:?}\nkey = {key}\n\
+             press = \"{press}\"\n"
         );
     }
 }
@@ -177,7 +189,8 @@ const ABOUT: &str = "
 #   person      \"shown\", \"any\" or \"each\"
 #   speaking    whether it may go on while the person speaks (true or false)
 #   turned_deg  largest angle between face and line of sight (1 to 90 degrees)
-#   key         key or mouse button to press while it is on, or empty
+#   key         key or mouse button to press, or empty
+#   press       \"tap\" or \"hold\" while it is on
 # [[gesture]]
 # name = \"smile\"
 # key = \"space\"

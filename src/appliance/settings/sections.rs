@@ -118,6 +118,13 @@ defaults! {
 }
 
 impl Settings {
+    /// Names of the gestures, in their order.
+    #[must_use]
+    pub fn gesture_names(&self) -> Vec<&str> {
+        let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
+        names.collect()
+    }
+
     /// The part used by the stages.
     #[must_use]
     pub fn stages(&self) -> pipeline::Settings {

@@ -1,22 +1,21 @@
 //! The serial line as an output: an encoder, and a thread that feeds the port.
 
-use std::fmt::Write as _;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::budget::{self, Plan};
 use super::encoder::Encoder;
 use super::port::{self, PortState, Shared};
-use super::settings::{Settings, Style};
+use super::settings::Settings;
 use crate::output::closing;
-use crate::output::gesture::Switch;
 use crate::output::{Output, OutputError, Report, Tally};
 
 /// A sender of weights, one face at a time.
 pub struct Serial {
     encoder: Encoder,
     shared: Arc<Shared>,
-    tells_gestures: bool,
+    #[cfg(feature = "gestures")]
+    style: super::settings::Style,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -33,7 +32,8 @@ impl Serial {
         Ok(Self {
             encoder,
             shared,
-            tells_gestures: settings.style == Style::Text,
+            #[cfg(feature = "gestures")]
+            style: settings.style,
             thread: Some(thread),
         })
     }
@@ -93,14 +93,10 @@ impl Output for Serial {
         Ok(())
     }
 
-    fn switch(&mut self, switch: &Switch<'_>) {
-        if self.tells_gestures {
-            let (name, is_on) = (&switch.gesture.name, u8::from(switch.is_on));
-            self.shared.put_switch(|line| match switch.user {
-                Some(user) => write!(line, "!{name} {is_on} {user}\r\n"),
-                None => write!(line, "!{name} {is_on}\r\n"),
-            });
-        }
+    #[cfg(feature = "gestures")]
+    fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
+        self.shared
+            .put_switch(|line| super::frame::switch(self.style, switch, line));
     }
 
     fn tally(&self) -> Tally {
