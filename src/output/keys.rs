@@ -348,8 +348,8 @@ mod tests {
                 gestures.tell(|switch| keys.switch(switch));
             };
             let mut at = Timestamp::from_us(random.u64(..1 << 40));
-            for _ in 0..random.usize(1..9) {
-                at = Timestamp::from_us(at.as_us() + random.u64(1..900_000));
+            for _ in 0..random.usize(1..30) {
+                at = Timestamp::from_us(at.as_us() + random.u64(1..400_000));
                 let weights = [random.f32(), random.f32()];
                 let user = |slot: usize, state| Report {
                     user: Some(slot),
@@ -359,7 +359,10 @@ mod tests {
                     weights: &weights[slot..=slot],
                     ..Report::default()
                 };
-                let states = [0, 1].map(|_| random.choice(TrackingState::ALL).unwrap());
+                let states = [0, 1].map(|_| match random.u8(..6) {
+                    0 => random.choice(TrackingState::ALL).unwrap(),
+                    _ => TrackingState::Tracking,
+                });
                 let mut both = [user(0, states[0]), user(1, states[1])];
                 frame(&mut gestures, &mut both[..random.usize(1..3)]);
             }
