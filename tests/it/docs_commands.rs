@@ -26,7 +26,7 @@ const DOCUMENTS: [&str; 10] = [
     "docs/troubleshooting.md",
 ];
 /// Lines of the README, at most: what does not fit belongs into a document.
-const README_LINES: usize = 200;
+const README_LINES: usize = 160;
 /// What needs minutes: only its words are looked at.
 const LONG: [&str; 5] = ["train", "units", "evaluate", "fit", "nrsfm"];
 /// Commands of others, or of this very run.
