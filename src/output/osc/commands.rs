@@ -300,6 +300,9 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
         ("forget", &[user]) => Command::Forget(slot(user)?),
         ("neutral", &[user]) => Command::Neutral(slot(user)?),
         ("freeze", &[user, on @ 0..=1]) => Command::Freeze(slot(user)?, on == 1),
+        ("level", &[gesture, level]) => {
+            Command::Level(gesture.try_into().ok()?, level.try_into().ok()?)
+        }
         ("schema", []) => return Some(Request::Schema),
         _ => return None,
     };
