@@ -332,11 +332,7 @@ sections! { s
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
             text(&mut s.network.page.password_file, FILE, |_| true);
     }
-    oscquery: "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP." {
-        enabled: SERVES => flag(&mut s.network.oscquery.enabled);
-        listen: LISTEN => listen(&mut s.network.oscquery.listen);
-    }
-    discovery: "mDNS: the box announces OSC, OSCQuery and WebSocket, if enabled." {
+    discovery: "mDNS: the box announces OSC, the page and WebSocket, if enabled." {
         enabled: "Whether the box announces its services." => flag(&mut s.network.discovery.enabled);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
@@ -345,8 +341,6 @@ sections! { s
         tls: "Whether the connection is encrypted with TLS, usually on port 8883." => flag(&mut s.network.mqtt.tls);
         ca_file: "Trusted CA certificates, in PEM; the default is the system's." =>
             text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
-        version: "Protocol version: 4 is MQTT 3.1.1, which every broker supports; 5 is MQTT 5." =>
-            integer(&mut s.network.mqtt.version, 4, 5, "");
         user: "User name; empty = none." =>
             text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
         password_file: "File with the password in its first line; empty = none." =>
@@ -505,10 +499,10 @@ fn is_topic(text: &str) -> bool {
 
 /// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
 fn is_channel(row: &str) -> bool {
-    #[cfg(feature = "lights")]
+    #[cfg(feature = "wires")]
     let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
     // Rows that nothing reads are not judged.
-    #[cfg(not(feature = "lights"))]
+    #[cfg(not(feature = "wires"))]
     let read = row.split_whitespace().next();
     read.is_some_and(|unit| ["present", "yaw", "pitch", "roll"].contains(&unit) || is_unit(unit))
 }

@@ -4,7 +4,7 @@ use crate::appliance::source;
 use crate::base::defaults;
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
-    SacnSettings, ServerSettings,
+    SacnSettings, WebSocketSettings,
 };
 use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
@@ -75,11 +75,9 @@ defaults! {
         /// Unreal's Live Link.
         pub live_link: LiveLinkSettings = LiveLinkSettings::default(),
         /// JSON for pages.
-        pub websocket: ServerSettings = ServerSettings::websocket(),
+        pub websocket: WebSocketSettings = WebSocketSettings::default(),
         /// The page of the box.
         pub page: PageSettings = PageSettings::default(),
-        /// OSC's addresses over HTTP.
-        pub oscquery: ServerSettings = ServerSettings::oscquery(),
         /// mDNS.
         pub discovery: DiscoverySettings = DiscoverySettings::default(),
         /// MQTT.
