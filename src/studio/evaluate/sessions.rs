@@ -259,17 +259,23 @@ pub fn play(
     settings: &Settings,
     sessions: &Sessions,
 ) -> Result<Table, SessionsError> {
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
-    if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
-    }
+    let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let played: Vec<Played> = heads
         .into_par_iter()
         .map(|head| play_one(head, model, settings, sessions, &progress))
         .collect::<Result<_, _>>()?;
     Ok(table(&played))
+}
+
+/// The people who play: those of the split, at most so many.
+pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, SessionsError> {
+    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
+    heads.truncate(sessions.people);
+    if heads.is_empty() {
+        return Err(SessionsError::Nobody(data.display().to_string()));
+    }
+    Ok(heads)
 }
 
 /// Seed of one person's session, from that of all.

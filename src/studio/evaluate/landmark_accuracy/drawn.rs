@@ -21,10 +21,9 @@ use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
-use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_of};
+use crate::studio::evaluate::sessions::{Sessions, SessionsError, held_out, lighting, seed_of};
 use crate::studio::frame_time::frame_time;
-use crate::studio::heads::{PersonHead, textured_heads};
-use crate::studio::people_split::Split;
+use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
@@ -148,11 +147,7 @@ pub(super) fn play(
     settings: &Settings,
     sessions: &Sessions,
 ) -> Result<Seen, SessionsError> {
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
-    if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
-    }
+    let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len());
     let played: Vec<Seen> = heads
         .into_par_iter()

@@ -8,11 +8,10 @@ use rayon::prelude::*;
 use super::tallies::Errors;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{FaceModel, scheme};
-use crate::landmarks::window::Picture;
 use crate::studio::evaluate::sessions::Spread;
-use crate::studio::fit::{FaceBox, StillFitter, disturbed_box};
+use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
-use crate::studio::train::dataset::{DatasetError, Entry, GreyPicture, load_grey, read_folder};
+use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
 type Differences = [[f32; 2]; LANDMARKS];
@@ -135,16 +134,8 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, DatasetError
     let (mut followed, mut last): (usize, Option<([[f32; 2]; LANDMARKS], _)>) = (0, None);
     let mut steps = Vec::new();
     for path in &paths {
-        let GreyPicture {
-            luma,
-            width,
-            height,
-        } = load_grey(path, 1.0)?;
-        let picture = Picture {
-            luma: &luma,
-            width,
-            height,
-        };
+        let grey = load_grey(path, 1.0)?;
+        let picture = grey.picture();
         let face = match &last {
             None => fitter.fit(&picture, &TALKING_BOX, 0.0),
             Some((_, view)) => fitter.follow(&picture, view),

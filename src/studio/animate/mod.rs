@@ -3,22 +3,24 @@
 //! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
 //! in files from elsewhere, by the unit the shipped recipe gives to its name. The corrective of two targets has the product of
 //! their weights. Rows without weights (nobody there, lost)
-//! are neutral. The head turns as the pose says ([`super::head_turn`]) and stays as it was while there is none. Times count
+//! are neutral. The head turns as the pose says ([`head_turn`]) and stays as it was while there is none. Times count
 //! from the first row of the chosen user.
+
+mod head_turn;
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::bake::error::BakeError;
-use super::bake::files::write;
-use super::bake::glb::{Glb, GlbError};
-use super::bake::recipe::{Recipe, SHIPPED};
-use super::bake::shape::pair;
-use super::head_turn::Turned;
 use crate::base::bounded_read;
+use crate::studio::bake::error::BakeError;
+use crate::studio::bake::files::write;
+use crate::studio::bake::glb::{Glb, GlbError};
+use crate::studio::bake::recipe::{Recipe, SHIPPED};
+use crate::studio::bake::shape::pair;
 use crate::studio::csv;
 use crate::studio::text_files::{self, decoded};
+use head_turn::Turned;
 
 /// Why there is no animation.
 #[derive(Debug, thiserror::Error)]
