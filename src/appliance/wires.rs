@@ -71,6 +71,8 @@ outputs! { s units
         output::web::oscquery::open(&s.network.oscquery, &s.osc, &s.network.name, units)?;
     "MQTT" mqtt "mqtt": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
         output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
+    "keys" keys "gestures": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
+        output::keys::Keys::new(&s.keys.device)?;
     // Sends no weights: it announces the others.
     "mDNS" discovery "discovery": s.network.discovery.enabled, &[] =>
         output::discovery::Discovery::new(&s.network.name, services(s))?;

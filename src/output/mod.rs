@@ -14,6 +14,7 @@ pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
+pub mod gesture;
 #[cfg(any(
     feature = "lights",
     feature = "live-link",
@@ -22,6 +23,8 @@ pub mod features;
     feature = "mqtt"
 ))]
 mod identity;
+#[cfg(feature = "gestures")]
+pub mod keys;
 #[cfg(feature = "lights")]
 pub mod lights;
 #[cfg(feature = "live-link")]
@@ -97,6 +100,10 @@ pub trait Output {
     /// Only if the output cannot recover, such as a file on a full disk. An absent receiver or port is a state, not an
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
+
+    /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    #[cfg(feature = "gestures")]
+    fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.
     fn tally(&self) -> Tally;
@@ -204,6 +211,17 @@ pub enum OutputError {
         section: &'static str,
         /// Feature of the build.
         feature: &'static str,
+    },
+    /// The device that presses keys cannot be used.
+    #[cfg(feature = "gestures")]
+    #[error(
+        "cannot press keys through {path:?}: {source}; is the module uinput loaded, and may mien's user write to it?"
+    )]
+    Keys {
+        /// The device.
+        path: String,
+        /// The system's error.
+        source: std::io::Error,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]

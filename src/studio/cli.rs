@@ -29,7 +29,8 @@ use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
 use crate::studio::evaluate::landmark_accuracy;
 use crate::studio::evaluate::paper;
-use crate::studio::evaluate::sessions::{self, Sessions};
+use crate::studio::evaluate::sessions::Sessions;
+use crate::studio::evaluate::table;
 use crate::studio::heads::{default_head, hero};
 use crate::studio::people_split::{Data, Split};
 use crate::studio::units::readings;
@@ -70,7 +71,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio record --source simulated --seconds 10 --out session"
     )]
-    Record(Record),
+    Record(record::Args),
     /// Run rendered sessions of held-out people through the whole pipeline and print one table
     #[command(
         after_help = "Example: mien-studio evaluate --data ../shared/data --people 19 --seconds 45"
@@ -83,7 +84,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv"
     )]
-    Nrsfm(Nrsfm),
+    Nrsfm(nrsfm::Args),
     /// Bake 67 blendshapes onto a neutral head
     #[command(
         after_help = "Example: mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html"
@@ -121,7 +122,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio animate --mesh head.glb --csv run.csv --out acted.glb"
     )]
-    Animate(Animate),
+    Animate(animate::Args),
 }
 
 #[derive(Args)]
@@ -151,19 +152,6 @@ struct Inspect {
     out: Option<PathBuf>,
     #[command(flatten)]
     setup: Setup,
-}
-
-#[derive(Args)]
-struct Record {
-    /// Folder to write; plays with --source FOLDER of mien and mien-studio
-    #[arg(long)]
-    out: PathBuf,
-    /// How long; Ctrl-C keeps what there is
-    #[arg(long, default_value_t = 10.0)]
-    seconds: f64,
-    /// kinect, simulated[:KIND] or a folder; without a Kinect the simulator
-    #[arg(long, default_value = "kinect")]
-    source: String,
 }
 
 #[derive(Args)]
@@ -212,22 +200,6 @@ struct Units {
     /// Where to write the tables [default: standard output]
     #[arg(long)]
     out: Option<PathBuf>,
-}
-
-#[derive(Args)]
-struct Nrsfm {
-    /// 2F x P image tracks: x row, y row per frame; a missing point empty or nan
-    #[arg(long)]
-    tracks: PathBuf,
-    /// Number of shape modes, 0 for a rigid reconstruction [default: chosen from the tracks]
-    #[arg(long)]
-    rank: Option<usize>,
-    /// 3F x P shapes to write
-    #[arg(long)]
-    out: PathBuf,
-    /// 3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
-    #[arg(long)]
-    truth: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -281,22 +253,6 @@ struct Preview {
     /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
     #[arg(long, default_value = preview::PAGE_AT)]
     port: String,
-}
-
-#[derive(Args)]
-struct Animate {
-    /// A head with named morph targets, as bake writes it
-    #[arg(long)]
-    mesh: PathBuf,
-    /// What mien run --csv wrote
-    #[arg(long)]
-    csv: PathBuf,
-    /// The head with the run as an animation, .glb or .vrm
-    #[arg(long, value_parser = |text: &str| bake::request::written(text, &["glb", "vrm"]))]
-    out: PathBuf,
-    /// Slot to follow [default: the first that appears]
-    #[arg(long)]
-    user: Option<String>,
 }
 
 /// Why a command failed, and with which exit code.
@@ -389,7 +345,10 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Record(words) => run_record(&words),
         Command::Evaluate(words) => run_evaluate(&words),
         Command::Units(words) => run_units(words),
-        Command::Nrsfm(words) => run_nrsfm(&words),
+        Command::Nrsfm(args) => {
+            stopped::tell(Goes::File(args.out.clone()));
+            Ok(nrsfm::run(&args)?)
+        }
         Command::Bake(request) => Ok(bake::command::run(&request).map(drop)?),
         Command::Place(Place {
             mesh,
@@ -408,12 +367,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         }
         Command::Preview(words) => run_preview(words),
         Command::Skin { out, data } => Ok(bake::command::skin(&data.data, &out)?),
-        Command::Animate(Animate {
-            mesh,
-            csv,
-            out,
-            user,
-        }) => Ok(animate::animate(&mesh, &csv, &out, user.as_deref())?),
+        Command::Animate(args) => Ok(animate::animate(&args)?),
     }
 }
 
@@ -433,32 +387,16 @@ fn say(line: &str) {
     println!("{line}");
 }
 
-fn run_record(words: &Record) -> Result<(), Fault> {
-    let Record {
-        out,
-        seconds,
-        source,
-    } = words;
-    let mut source = source::open(source, Missing::Simulate, Default::default())
+fn run_record(args: &record::Args) -> Result<(), Fault> {
+    let mut source = source::open(&args.source, Missing::Simulate, Default::default())
         .map_err(|failure| service_fault(failure.into()))?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
     let stop = stop_on_signals();
-    let done = record::record(&mut source, out, *seconds, now, &stop)?;
-    say(&format!("{} frames in {}", done.frames, out.display()));
-    eprintln!(
-        "{}{:.1} s at {:.1} Hz, {:.1} MB{}",
-        if done.stopped { "stopped: " } else { "" },
-        done.seconds,
-        done.rate_hz(),
-        done.bytes as f64 / 1e6,
-        if done.stopped {
-            "; the recording so far is kept and can be played"
-        } else {
-            ""
-        },
-    );
+    let done = record::record(&mut source, &args.out, args.seconds, now, &stop)?;
+    say(&format!("{} frames in {}", done.frames, args.out.display()));
+    eprintln!("{done}");
     Ok(())
 }
 
@@ -491,7 +429,7 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
         print!("{table}");
     } else {
         let sessions = sessions(all, Sessions::default().seconds);
-        let table = sessions::play(data, &model, &settings, &sessions)?;
+        let table = table::play(data, &model, &settings, &sessions)?;
         print!("{table}");
     }
     Ok(())
@@ -521,15 +459,6 @@ fn run_units(words: Units) -> Result<(), Fault> {
         None => print!("{text}"),
     }
     Ok(())
-}
-
-fn run_nrsfm(words: &Nrsfm) -> Result<(), Fault> {
-    stopped::tell(Goes::File(words.out.clone()));
-    let truth = words.truth.as_deref();
-    nrsfm::run(&words.tracks, words.rank, &words.out, truth).map_err(|error| match error {
-        nrsfm::Error::Usage { problem } => Fault::Usage(problem),
-        other => other.into(),
-    })
 }
 
 fn run_preview(words: Preview) -> Result<(), Fault> {

@@ -43,7 +43,7 @@ impl Receiver {
     /// Takes one datagram and tells what it says.
     pub fn take(&mut self, datagram: &[u8], to: &dyn Listener) {
         let units = self.units.clone();
-        let (taken, refused) = self.packet(datagram, DEPTH);
+        let (taken, refused) = self.packet(datagram, DEPTH, to);
         to.count(taken, refused);
         if units != self.units {
             to.schema(&self.units);
@@ -62,9 +62,9 @@ impl Receiver {
     }
 
     /// Messages taken and refused.
-    fn packet(&mut self, bytes: &[u8], depth: usize) -> (u64, u64) {
+    fn packet(&mut self, bytes: &[u8], depth: usize, to: &dyn Listener) -> (u64, u64) {
         let Some(mut rest) = bytes.strip_prefix(b"#bundle\0") else {
-            let taken = self.message(bytes).is_some();
+            let taken = self.message(bytes, to).is_some();
             return (taken.into(), (!taken).into());
         };
         // The time tag is not waited for: what comes is shown.
@@ -77,14 +77,14 @@ impl Receiver {
             let Some((inner, after)) = element(rest) else {
                 return (counts.0, counts.1 + 1);
             };
-            let (taken, refused) = self.packet(inner, depth - 1);
+            let (taken, refused) = self.packet(inner, depth - 1, to);
             counts = (counts.0 + taken, counts.1 + refused);
             rest = after;
         }
         counts
     }
 
-    fn message(&mut self, bytes: &[u8]) -> Option<()> {
+    fn message(&mut self, bytes: &[u8], to: &dyn Listener) -> Option<()> {
         let (address, rest) = string(bytes)?;
         let (tags, rest) = string(rest)?;
         let values = values(tags.strip_prefix(',')?, rest)?;
@@ -100,6 +100,15 @@ impl Receiver {
                     .collect();
                 self.rename(names.filter(|names| names.len() <= MOST_UNITS)?);
                 self.named = true;
+                return Some(());
+            }
+            (["mien", "gesture", name, user @ ..], [Value::Int(is_on)]) if is_name(name) => {
+                let user = match user {
+                    [] => None,
+                    [word] => Some(slot(word)?),
+                    _ => return None,
+                };
+                to.gesture(name, user, *is_on != 0);
                 return Some(());
             }
             ([.., "alive"], [Value::Int(_), Value::Text(_), Value::Float(_)]) => return Some(()),

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! acted              what each weight should be while a drawn head acts
-//! sessions           people never trained on act before the simulated sensor: pose, points, weights
+//! sessions           who plays, and how what is found is compared
+//! played, table      people never trained on act before the simulated sensor: pose, points, weights
 //! head_scenes        one and several heads, hands, rooms: pose, ids, loss, time
 //! landmark_accuracy  the face model alone, under every condition and on photographs
 //! paper              the paper's experiments: its own system beside the default
@@ -12,4 +13,6 @@ pub(crate) mod acted;
 pub mod head_scenes;
 pub mod landmark_accuracy;
 pub mod paper;
+mod played;
 pub mod sessions;
+pub mod table;

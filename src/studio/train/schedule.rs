@@ -370,8 +370,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainErr
         began: Instant::now(),
         say,
     };
-    let mut ict = IctHead::read(&args.data.data.join("ict_facekit"))?;
-    crate::studio::heads::expressions::complete(&mut ict);
+    let ict = IctHead::read(&args.data.data.join("ict_facekit"))?;
     let mut model = learn_fits(args, &ict, log)?;
     // Written before the paper's model as well, which takes longest: what is done is not lost.
     write(&args.out, &file::emit(&model))?;

@@ -26,7 +26,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::sessions::{Sessions, SessionsError, Spread, held_out};
+use super::sessions::{Sessions, SessionsError, Spread, held_out, median};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::simulator::virtual_head::Scene;
@@ -146,12 +146,6 @@ impl Rows {
         say(scene, &figure);
         self.0.push((scene.to_owned(), bar.to_owned(), figure));
     }
-}
-
-fn median(times: &[f64]) -> f64 {
-    let mut sorted = times.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
 
 /// A part in percent of all, over all films.
