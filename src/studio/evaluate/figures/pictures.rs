@@ -15,7 +15,7 @@ pub(super) fn crop(
     draw: impl Fn(&mut RgbImage, &dyn Fn([f32; 2]) -> [f32; 2]),
 ) -> RgbImage {
     const TIMES: f32 = 1.5;
-    let whole = crate::studio::inspect::colour_picture(frame);
+    let whole = crate::studio::inspect::colour_picture(&frame.original.bayer);
     let corner = [0, 1].map(|k| {
         let most = [whole.width(), whole.height()][k].saturating_sub(2 * half[k]);
         (middle[k].max(0.0) as u32)
