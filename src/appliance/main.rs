@@ -26,22 +26,19 @@ fn main() -> ExitCode {
             Ok(())
         }
         Command::Version => {
-            let features = [
-                ("std", true),
-                ("studio", cfg!(feature = "studio")),
-                ("lights", cfg!(feature = "lights")),
-                ("live-link", cfg!(feature = "live-link")),
-                ("web", cfg!(feature = "web")),
-                ("discovery", cfg!(feature = "discovery")),
-                ("mqtt", cfg!(feature = "mqtt")),
-            ];
-            let built = features
-                .into_iter()
-                .filter_map(|(name, on)| on.then_some(name));
-            let features = built.collect::<Vec<_>>().join(" ");
             println!(
-                "mien {} (features {features}, model {:08x})",
+                "mien {} (features std{}{}, model {:08x})",
                 env!("CARGO_PKG_VERSION"),
+                if cfg!(feature = "studio") {
+                    " studio"
+                } else {
+                    ""
+                },
+                if cfg!(feature = "wires") {
+                    " wires"
+                } else {
+                    ""
+                },
                 FaceModel::shipped().id
             );
             Ok(())

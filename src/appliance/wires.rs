@@ -3,6 +3,7 @@
 use std::slice::from_ref;
 
 use crate::appliance::settings::Settings;
+use crate::output::gesture::ENABLED;
 use crate::output::{self, Output, OutputError, osc};
 
 type Opened = Result<Box<dyn Output>, OutputError>;
@@ -13,8 +14,6 @@ pub(crate) struct Row {
     name: &'static str,
     /// Section of the configuration.
     pub(crate) section: &'static str,
-    /// The build feature that it needs; empty = none.
-    feature: &'static str,
     enabled: fn(&Settings) -> bool,
     /// Where it sends to: hosts, a broker or a port.
     pub(crate) targets: fn(&Settings) -> &[String],
@@ -22,13 +21,13 @@ pub(crate) struct Row {
     open: Option<fn(&Settings, &[&str]) -> Opened>,
 }
 
-/// A row: `"name" section "feature": enabled, targets => constructor;`, of the settings `s` and the names of the units.
+/// A row: `"name" section: enabled, targets => constructor;`, of the settings `s` and the names of the units; `"wires"` behind
+/// the section where only builds with that feature have it.
 macro_rules! outputs {
     ($s:ident $units:ident $($name:literal $section:ident $($feature:literal)?: $enabled:expr, $targets:expr => $open:expr;)*) => {
         const OUTPUTS: &[Row] = &[$(Row {
             name: $name,
             section: stringify!($section),
-            feature: concat!($($feature)?),
             enabled: |$s| $enabled,
             targets: |$s| {
                 let _ = $s;
@@ -54,25 +53,25 @@ outputs! { s units
     "VRChat" vrchat: s.vrchat.enabled, &s.vrchat.targets => osc::vrchat::VrChat::new(s.vrchat.clone(), units)?;
     "FaceOSC" faceosc: s.faceosc.enabled, &s.faceosc.targets => osc::faceosc::FaceOsc::new(s.faceosc.clone())?;
     "serial" serial: !s.serial.port.is_empty(), from_ref(&s.serial.port) => output::serial::Serial::new(&s.serial, units)?;
-    "Art-Net" artnet "lights": s.network.artnet.enabled, &s.network.artnet.targets =>
+    "Art-Net" artnet "wires": s.network.artnet.enabled, &s.network.artnet.targets =>
         output::lights::artnet::ArtNet::new(&s.network.artnet, &s.network.lights, units)?;
-    "sACN" sacn "lights": s.network.sacn.enabled, &s.network.sacn.targets =>
+    "sACN" sacn "wires": s.network.sacn.enabled, &s.network.sacn.targets =>
         output::lights::sacn::Sacn::new(&s.network.sacn, &s.network.lights, &s.network.name, units)?;
-    "Live Link" live_link "live-link": s.network.live_link.enabled, &s.network.live_link.targets =>
+    "Live Link" live_link "wires": s.network.live_link.enabled, &s.network.live_link.targets =>
         output::live_link::LiveLink::new(s.network.live_link.clone(), &s.network.name, units)?;
-    "WebSocket" websocket "web": s.network.websocket.enabled, &[] =>
+    "WebSocket" websocket "wires": s.network.websocket.enabled, &[] =>
         output::web::websocket::open(&s.network.websocket, units)?;
-    "page" page "web": s.network.page.enabled, &[] => {
+    "page" page "wires": s.network.page.enabled, &[] => {
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
         output::web::page::open(&s.network.page, &s.network.name, &sends, units)?
     };
-    "OSCQuery" oscquery "web": s.network.oscquery.enabled, &[] =>
-        output::web::oscquery::open(&s.network.oscquery, &s.osc, &s.network.name, units)?;
-    "MQTT" mqtt "mqtt": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
+    "MQTT" mqtt "wires": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
         output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
+    "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
+        output::keys::Keys::new(&s.keys.device)?;
     // Sends no weights: it announces the others.
-    "mDNS" discovery "discovery": s.network.discovery.enabled, &[] =>
+    "mDNS" discovery "wires": s.network.discovery.enabled, &[] =>
         output::discovery::Discovery::new(&s.network.name, services(s))?;
 }
 
@@ -86,10 +85,12 @@ pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row>
 /// # Errors
 /// If it is without one.
 pub fn check(settings: &Settings) -> Result<(), OutputError> {
+    if !ENABLED && !settings.gestures.is_empty() {
+        return Err(OutputError::NotBuilt { section: "gesture" });
+    }
     match enabled(settings).find(|row| row.open.is_none()) {
         Some(row) => Err(OutputError::NotBuilt {
             section: row.section,
-            feature: row.feature,
         }),
         None => Ok(()),
     }
@@ -135,7 +136,7 @@ fn listed(rows: impl Iterator<Item = &'static Row>, settings: &Settings) -> Stri
 }
 
 /// The services to announce.
-#[cfg(feature = "discovery")]
+#[cfg(feature = "wires")]
 fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
     let one = |on: bool, listen: &str, kind, transport, text| {
         let (_, port) = listen.rsplit_once(':').filter(|_| on)?;
@@ -147,20 +148,17 @@ fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
         })
     };
     let (osc, network) = (&settings.osc, &settings.network);
-    let (query, page, pages) = (&network.oscquery, &network.page, &network.websocket);
+    let (page, pages) = (&network.page, &network.websocket);
     // A name has one service of a kind, and the page is what a browser can show.
-    let (shown, at) = (
-        page.enabled || pages.enabled,
-        if page.enabled {
-            &page.listen
-        } else {
-            &pages.listen
-        },
-    );
+    let shown = if page.enabled {
+        &page.listen
+    } else {
+        &pages.listen
+    };
+    let serves = page.enabled || pages.enabled;
     [
         one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
-        one(query.enabled, &query.listen, "_oscjson", "_tcp", ""),
-        one(shown, at, "_http", "_tcp", "path=/"),
+        one(serves, shown, "_http", "_tcp", "path=/"),
     ]
     .into_iter()
     .flatten()
@@ -182,12 +180,12 @@ mod tests {
         settings.network.artnet.enabled = true;
         let opened = open(&settings, &["AU26"]);
         assert_eq!(check(&settings).is_ok(), opened.is_ok());
-        assert_eq!(opened.is_ok(), cfg!(feature = "lights"));
+        assert_eq!(opened.is_ok(), cfg!(feature = "wires"));
         match opened {
             Ok(wires) => assert_eq!(wires[1].tally().name, "artnet"),
             Err(problem) => {
                 let told = problem.to_string();
-                assert!(told.contains("build with --features lights"), "{told}");
+                assert!(told.contains("build with --features wires"), "{told}");
             }
         }
     }

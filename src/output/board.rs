@@ -1,122 +1,20 @@
-//! What outputs with their own thread (web, MQTT) know about the users: the newest report of each, with the weights as that
-//! output presents them. The pipeline stores reports here and wakes the thread; neither waits for longer than a copy takes.
+//! Outputs with their own thread (web, MQTT), as the pipeline sees them: reports are stored for the thread with the weights as
+//! that output presents them.
 
-use std::io::{Read, Write};
-use std::os::fd::{AsRawFd, RawFd};
-use std::os::unix::net::UnixStream;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::Arc;
 
-use super::closing;
-use super::unit_range;
+use super::worker::{Bell, Shared, Shot, Worker};
 use super::{
     Command, LossPolicy, Output, OutputError, Report, Tally, TrackingState, View, WireWeights,
+    unit_range,
 };
 use crate::base::capacity::{UNITS, USERS};
 
-/// Commands waiting for the pipeline.
-const COMMANDS: usize = 16;
-
-/// A report as the output shows it.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Shot {
-    pub(super) frame: u64,
-    pub(super) at_us: u64,
-    /// Reports of this user so far.
-    pub(super) count: u32,
-    pub(super) state: TrackingState,
-    pub(super) confidence: f32,
-    pub(super) frozen: bool,
-    pub(super) latency_us: u32,
-    /// Position in metres, rotation as x, y, z, w.
-    pub(super) pose: Option<[f32; 7]>,
-    pub(super) weights: heapless::Vec<f32, UNITS>,
-    /// Whether it has not been read yet.
-    pub(super) fresh: bool,
-}
-
-/// The newest report of each user, and of nobody.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Board {
-    pub(super) users: [Shot; USERS],
-    pub(super) nobody: Shot,
-    commands: heapless::Deque<Command, COMMANDS>,
-}
-
-/// Shared by the pipeline and the thread.
-pub(super) struct Shared {
-    board: Mutex<Board>,
-    bell: UnixStream,
-    pub(super) stop: AtomicBool,
-    pub(super) sent: AtomicU64,
-    pub(super) dropped: AtomicU64,
-    /// Input that was malformed or found no room.
-    pub(super) refused: AtomicU64,
-    taken: AtomicU64,
-    pub(super) connected: AtomicBool,
-}
-
-impl Shared {
-    fn board(&self) -> MutexGuard<'_, Board> {
-        self.board.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn ring(&self) {
-        // A full one has been rung enough.
-        let _ = (&self.bell).write(&[1]);
-    }
-
-    /// Copies the reports and marks them as read.
-    pub(super) fn take(&self, into: &mut Board) {
-        let mut board = self.board();
-        let board = &mut *board;
-        let theirs = board.users.iter_mut().chain([&mut board.nobody]);
-        for (shot, own) in theirs.zip(into.users.iter_mut().chain([&mut into.nobody])) {
-            // What the thread has not looked at stays fresh.
-            let fresh = own.fresh || std::mem::take(&mut shot.fresh);
-            own.clone_from(shot);
-            own.fresh = fresh;
-        }
-    }
-
-    /// Passes a command to the pipeline; false if there is no room, and it is refused.
-    pub(super) fn ask(&self, command: Command) -> bool {
-        let took = self.board().commands.push_back(command).is_ok();
-        let count = if took { &self.taken } else { &self.refused };
-        count.fetch_add(1, Ordering::Relaxed);
-        took
-    }
-}
-
-/// Adds one.
-pub(super) fn count(counter: &AtomicU64) {
-    counter.fetch_add(1, Ordering::Relaxed);
-}
-
-/// The thread's end of the wake-up socket.
-pub(super) struct Bell(UnixStream);
-
-impl Bell {
-    /// The descriptor to poll.
-    pub(super) fn fd(&self) -> RawFd {
-        self.0.as_raw_fd()
-    }
-
-    /// Clears all wake-ups so far.
-    pub(super) fn answer(&mut self) {
-        let mut rings = [0; 64];
-        while matches!(self.0.read(&mut rings), Ok(64)) {}
-    }
-}
-
-/// An output with its own thread, as the pipeline sees it: its end of the wake-up socket.
+/// Where reports are stored for an output's thread.
 pub struct Front {
-    pub(super) shared: Arc<Shared>,
-    name: &'static str,
+    worker: Worker,
     users: [(bool, WireWeights); USERS],
     view: View,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Front {
@@ -128,33 +26,10 @@ impl Front {
         loss: LossPolicy,
         work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
     ) -> Result<Self, OutputError> {
-        let pair = UnixStream::pair().and_then(|(bell, heard)| {
-            bell.set_nonblocking(true)?;
-            heard.set_nonblocking(true)?;
-            Ok((bell, heard))
-        });
-        let (bell, heard) = pair.map_err(|source| OutputError::Socket { source })?;
-        let shared = Arc::new(Shared {
-            board: Mutex::default(),
-            bell,
-            stop: AtomicBool::new(false),
-            sent: AtomicU64::new(0),
-            dropped: AtomicU64::new(0),
-            refused: AtomicU64::new(0),
-            taken: AtomicU64::new(0),
-            connected: AtomicBool::new(false),
-        });
-        let its = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name(name.to_owned())
-            .spawn(move || work(its, Bell(heard)))
-            .map_err(|source| OutputError::Thread { source })?;
         Ok(Self {
-            shared,
-            name,
+            worker: Worker::start(name, work)?,
             users: std::array::from_fn(|_| (false, WireWeights::new(view.channels(units), loss))),
             view: view.clone(),
-            thread: Some(thread),
         })
     }
 }
@@ -162,7 +37,7 @@ impl Front {
 impl Output for Front {
     /// Stores the report and wakes the thread.
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        let mut board = self.shared.board();
+        let mut board = self.worker.shared.board();
         if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
             let (known, weights) = &mut self.users[slot];
             *known = true;
@@ -196,28 +71,19 @@ impl Output for Front {
             (nobody.frame, nobody.at_us, nobody.fresh) = (report.frame, report.at.as_us(), true);
         }
         drop(board);
-        self.shared.ring();
+        self.worker.shared.ring();
         Ok(())
     }
 
     fn next_command(&mut self) -> Option<Command> {
-        self.shared.board().commands.pop_front()
+        self.worker.shared.board().commands.pop_front()
     }
 
     fn tally(&self) -> Tally {
-        let shared = &self.shared;
-        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let weights = self.users.iter().map(|(_, weights)| weights);
         Tally {
-            sent: of(&shared.sent),
-            dropped: of(&shared.dropped),
-            connected: shared.connected.load(Ordering::Relaxed),
-            not_numbers: self
-                .users
-                .iter()
-                .map(|(_, weights)| weights.not_numbers())
-                .sum(),
-            commands: [of(&shared.taken), of(&shared.refused)],
-            ..Tally::of(self.name)
+            not_numbers: weights.map(WireWeights::not_numbers).sum(),
+            ..self.worker.tally()
         }
     }
 }
@@ -237,7 +103,7 @@ fn fill(shot: &mut Shot, report: &Report, state: TrackingState, weights: &WireWe
 impl Drop for Front {
     /// Sends neutral and absent, as far as receivers accept it within half a second.
     fn drop(&mut self) {
-        let mut board = self.shared.board();
+        let mut board = self.worker.shared.board();
         for ((_, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
             if shot.count > 0 {
                 weights.reset();
@@ -249,12 +115,6 @@ impl Drop for Front {
                 };
                 fill(shot, &report, TrackingState::Absent, weights);
             }
-        }
-        drop(board);
-        self.shared.stop.store(true, Ordering::Relaxed);
-        self.shared.ring();
-        if let Some(thread) = self.thread.take() {
-            closing::wait_for(thread);
         }
     }
 }

@@ -79,7 +79,7 @@ impl WireWeights {
     }
 
     /// 0…1, as last seen, whether held or not.
-    #[cfg(feature = "lights")]
+    #[cfg(feature = "wires")]
     pub(super) fn kept(&self, unit: usize) -> f32 {
         self.weights.get(unit).copied().unwrap_or(0.0)
     }

@@ -1,7 +1,7 @@
 //! Settings of the outputs that are optional build features: lights, Live Link, web, discovery, MQTT. Every build knows them, so
 //! that all builds read the same configuration; enabling an output that is not built in is an error.
 
-#[cfg(any(feature = "web", feature = "mqtt"))]
+#[cfg(feature = "wires")]
 use super::OutputError;
 use super::{LossPolicy, View};
 use crate::base::defaults;
@@ -56,43 +56,20 @@ defaults! {
     }
 }
 
-/// A server of web pages' data: WebSocket, or OSCQuery.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ServerSettings {
-    /// Whether anybody is served.
-    pub enabled: bool,
-    /// `address:port`.
-    pub listen: String,
-    /// Names, gains and mirroring of the units.
-    pub view: View,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
-}
-
-impl ServerSettings {
-    fn at(listen: &str) -> Self {
-        Self {
-            enabled: false,
-            listen: listen.to_owned(),
-            view: View::default(),
-            loss: LossPolicy::default(),
-        }
-    }
-
-    /// WebSocket's own.
-    #[must_use]
-    pub fn websocket() -> Self {
-        Self::at("127.0.0.1:9133")
-    }
-
-    /// OSCQuery's own.
-    #[must_use]
-    pub fn oscquery() -> Self {
-        Self::at("127.0.0.1:9132")
-    }
-}
-
 defaults! {
+    /// JSON over WebSocket.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct WebSocketSettings {
+        /// Whether anybody is served.
+        pub enabled: bool = false,
+        /// `address:port`.
+        pub listen: String = "127.0.0.1:9133".to_owned(),
+        /// Names, gains and mirroring of the units.
+        pub view: View = View::default(),
+        /// What is sent when a face is lost.
+        pub loss: LossPolicy = LossPolicy::default(),
+    }
+
     /// The page of the box.
     #[derive(Clone, Debug, PartialEq)]
     pub struct PageSettings {
@@ -126,8 +103,6 @@ defaults! {
         pub tls: bool = false,
         /// A file with the certificates, in PEM, that the broker's must be signed by.
         pub ca_file: String = "/etc/ssl/certs/ca-certificates.crt".to_owned(),
-        /// 4 for MQTT 3.1.1, 5.
-        pub version: u32 = 4,
         /// For brokers that ask for one; empty = none.
         pub user: String = String::new(),
         /// A file with the password; empty = none.
@@ -153,7 +128,7 @@ defaults! {
 ///
 /// # Errors
 /// If the file cannot be read.
-#[cfg(any(feature = "web", feature = "mqtt"))]
+#[cfg(feature = "wires")]
 pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
     if path.is_empty() {
         return Ok(None);

@@ -25,7 +25,6 @@ pub(super) fn host() -> String {
 }
 
 /// The box's 128-bit number, in the form of a random UUID (RFC 9562), from its name and the machine ID, if there is one.
-#[cfg(any(feature = "lights", feature = "live-link", test))]
 pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
     let mut uuid = [0; 16];

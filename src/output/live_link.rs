@@ -12,17 +12,16 @@
 //! Angles are in radians, as Unreal turns the app's transforms: yaw to the subject's right, pitch down, roll towards the
 //! subject's left shoulder. Eyes: 30° where the unit is 1. Shapes that are not measured are 0. Not tested with
 //! Unreal itself: the signs of the angles are derived from its axes.
-//! One file: most of it is the list of names.
 
 use super::features::LiveLinkSettings;
 use super::osc::parameters::Parameter;
-use super::osc::{Targets, udp};
+use super::osc::{Sender, udp};
 use super::{OneFace, Output, OutputError, Report, Tally, View, identity};
 use crate::base::geometry::yaw_pitch_roll;
 use crate::base::time::Timestamp;
 
 /// The shapes in their order; ARKit's names but for the first letter.
-pub const SHAPES: [&str; 52] = [
+const SHAPES: [&str; 52] = [
     "EyeBlinkLeft",
     "EyeLookDownLeft",
     "EyeLookInLeft",
@@ -77,7 +76,7 @@ pub const SHAPES: [&str; 52] = [
     "TongueOut",
 ];
 /// Shapes and angles.
-pub const VALUES: usize = SHAPES.len() + 9;
+const VALUES: usize = SHAPES.len() + 9;
 /// Gaze among [`SHAPES`]: down, in, out, up, of the left and the right eye.
 const LEFT_EYE: [usize; 4] = [1, 2, 3, 4];
 const RIGHT_EYE: [usize; 4] = [8, 9, 10, 11];
@@ -88,85 +87,9 @@ const LONGEST: usize = 64;
 /// Bytes of the longest datagram.
 const LARGEST: usize = 1 + 4 + 36 + 4 + LONGEST + 16 + 1 + 4 * VALUES;
 
-/// The contents of a datagram.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Packet<'a> {
-    /// The device's UUID, as text.
-    pub device: &'a [u8; 36],
-    /// Name of the subject, at most 64 bytes.
-    pub subject: &'a str,
-    /// Number of the frame, and subframe.
-    pub frame: (u32, f32),
-    /// Shapes, then yaw, pitch and roll of the head, the left and the right eye; `None` without a face.
-    pub values: Option<[f32; VALUES]>,
-}
-
-/// Writes a datagram into `bytes`; its length.
-fn emit(packet: &Packet, bytes: &mut [u8; LARGEST]) -> usize {
-    let mut length = 0;
-    let mut put = |part: &[u8]| {
-        bytes[length..length + part.len()].copy_from_slice(part);
-        length += part.len();
-    };
-    let subject = &packet.subject.as_bytes()[..packet.subject.len().min(LONGEST)];
-    put(&[6]);
-    put(&36_u32.to_be_bytes());
-    put(packet.device);
-    put(&(subject.len() as u32).to_be_bytes());
-    put(subject);
-    let (frame, part) = packet.frame;
-    for word in [frame, part.to_bits(), RATE, 1] {
-        put(&word.to_be_bytes());
-    }
-    if let Some(values) = packet.values {
-        put(&[VALUES as u8]);
-        for value in values {
-            put(&value.to_be_bytes());
-        }
-    }
-    length
-}
-
-/// Parses a datagram; `None` unless it has 30 frames per second and 61 finite values.
-#[must_use]
-pub fn parse(bytes: &[u8]) -> Option<Packet<'_>> {
-    fn word(bytes: &[u8]) -> Option<(u32, &[u8])> {
-        let (word, rest) = bytes.split_first_chunk()?;
-        Some((u32::from_be_bytes(*word), rest))
-    }
-    let rest = bytes.strip_prefix(&[6, 0, 0, 0, 36])?;
-    let (device, rest) = rest.split_first_chunk()?;
-    let (length, rest) = word(rest)?;
-    let length = usize::try_from(length)
-        .ok()
-        .filter(|&length| length <= LONGEST)?;
-    let (subject, rest) = rest.split_at_checked(length)?;
-    let (frame, rest) = word(rest)?;
-    let (part, rest) = word(rest)?;
-    let rest = rest.strip_prefix(&[0, 0, 0, RATE as u8, 0, 0, 0, 1])?;
-    let values = match rest.split_first() {
-        None => None,
-        Some((&count, rest)) if usize::from(count) == VALUES && rest.len() == 4 * VALUES => {
-            let mut values = [0.0; VALUES];
-            for (value, bytes) in values.iter_mut().zip(rest.chunks_exact(4)) {
-                *value = f32::from_be_bytes(bytes.try_into().ok()?);
-            }
-            Some(values)
-        }
-        Some(_) => return None,
-    };
-    let finite = values.iter().flatten().all(|value| value.is_finite());
-    finite.then_some(Packet {
-        device,
-        subject: std::str::from_utf8(subject).ok()?,
-        frame: (frame, f32::from_bits(part)),
-        values,
-    })
-}
-
 /// A sender for Unreal.
 pub struct LiveLink {
-    targets: Targets,
+    to: Sender,
     face: OneFace,
     view: View,
     device: [u8; 36],
@@ -176,8 +99,6 @@ pub struct LiveLink {
     /// Yaw, pitch and roll of the head when last seen.
     turn: [f32; 3],
     at: Timestamp,
-    sent: u64,
-    dropped: u64,
 }
 
 impl LiveLink {
@@ -205,7 +126,7 @@ impl LiveLink {
             subject.pop();
         }
         Ok(Self {
-            targets: udp::open(&settings.targets)?,
+            to: udp::open(&settings.targets)?.into(),
             face: OneFace::new(units, &settings.view, settings.loss),
             view: settings.view,
             device: as_text(&identity::uuid(&name, "live-link")),
@@ -213,8 +134,6 @@ impl LiveLink {
             shapes: shapes.filter_map(place).collect(),
             turn: [0.0; 3],
             at: Timestamp::default(),
-            sent: 0,
-            dropped: 0,
         })
     }
 
@@ -233,24 +152,28 @@ impl LiveLink {
             values[SHAPES.len()..].copy_from_slice(angles.as_flattened());
             values
         });
+        self.to.send(&self.emit(values.as_ref()));
+    }
+
+    /// Writes a datagram: shapes, then yaw, pitch and roll of the head, the left and the right eye; nothing without a face.
+    fn emit(&self, values: Option<&[f32; VALUES]>) -> heapless::Vec<u8, LARGEST> {
+        let mut bytes = heapless::Vec::new();
+        // There is room for the longest subject.
+        let mut put = |part: &[u8]| bytes.extend_from_slice(part).unwrap_or_default();
+        put(&[6]);
+        put(&36_u32.to_be_bytes());
+        put(&self.device);
+        put(&(self.subject.len() as u32).to_be_bytes());
+        put(self.subject.as_bytes());
         let frames = self.at.as_us() as f64 * 1e-6 * f64::from(RATE);
-        let mut bytes = [0; LARGEST];
-        let length = emit(
-            &Packet {
-                device: &self.device,
-                subject: &self.subject,
-                frame: (frames as u32, frames.fract() as f32),
-                values,
-            },
-            &mut bytes,
-        );
-        for target in &mut self.targets {
-            *(if target.send(&bytes[..length]) {
-                &mut self.sent
-            } else {
-                &mut self.dropped
-            }) += 1;
+        for word in [frames as u32, (frames.fract() as f32).to_bits(), RATE, 1] {
+            put(&word.to_be_bytes());
         }
+        if let Some(values) = values {
+            put(&[VALUES as u8]);
+            values.iter().for_each(|value| put(&value.to_be_bytes()));
+        }
+        bytes
     }
 }
 
@@ -287,19 +210,15 @@ impl Output for LiveLink {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.sent,
-            dropped: self.dropped,
-            not_numbers: self.face.weights.not_numbers(),
-            ..Tally::of("live_link")
-        }
+        let not_numbers = self.face.weights.not_numbers();
+        self.to.tally("live_link", not_numbers)
     }
 }
 
 impl Drop for LiveLink {
     /// A neutral face, then none.
     fn drop(&mut self) {
-        if self.sent + self.dropped > 0 {
+        if self.to.is_used() {
             self.face.weights.reset();
             self.turn = [0.0; 3];
             self.send_frame(true);
@@ -315,38 +234,41 @@ mod tests {
     use crate::output::TrackingState;
     use std::net::UdpSocket;
 
+    fn sender(targets: Vec<String>, units: &[&str]) -> LiveLink {
+        let settings = LiveLinkSettings {
+            targets,
+            subject: "hall".into(),
+            ..LiveLinkSettings::default()
+        };
+        LiveLink::new(settings, "", units).unwrap()
+    }
+
     #[test]
-    fn what_is_written_is_read_with_and_without_a_face() {
-        let device = as_text(&[0xa5; 16]);
-        assert_eq!(&device, b"A5A5A5A5-A5A5-A5A5-A5A5-A5A5A5A5A5A5");
-        let values = std::array::from_fn(|i| i as f32 / 61.0);
-        for values in [Some(values), None] {
-            let packet = Packet {
-                device: &device,
-                subject: "hall",
-                frame: (12_345, 0.5),
-                values,
-            };
-            let mut bytes = [0; LARGEST];
-            let length = emit(&packet, &mut bytes);
-            assert_eq!(length, if values.is_some() { 306 + 4 } else { 65 });
-            assert_eq!(parse(&bytes[..length]), Some(packet));
-            for cut in 0..length {
-                assert!(parse(&bytes[..cut]).is_none_or(|packet| packet.values.is_none()));
-            }
-        }
+    fn a_datagram_is_the_one_that_pylivelinkface_writes() {
+        let mut sender = sender(vec!["127.0.0.1:9".into()], &[]);
+        sender.device = as_text(&[0xa5; 16]);
+        // 12,345.5 frames.
+        sender.at = Timestamp::from_us(411_516_667);
+        let values: [f32; VALUES] = std::array::from_fn(|i| i as f32 / 64.0);
+        // PyLiveLinkFace 0.1, encode() with this name, UUID, frame and values; its denominator at this rate is 0, the app's 1.
+        let mut expected =
+            b"\x06\0\0\0$A5A5A5A5-A5A5-A5A5-A5A5-A5A5A5A5A5A5\0\0\0\x04hall\0\0\x30\x39".to_vec();
+        let bytes = sender.emit(Some(&values));
+        assert_eq!(bytes[..expected.len()], expected);
+        let subframe = f32::from_be_bytes(*bytes[expected.len()..].first_chunk().unwrap());
+        assert!((subframe - 0.5).abs() < 1e-3, "{subframe}");
+        expected = b"\0\0\0\x1e\0\0\0\x01\x3d\0\0\0\0\x3c\x80\0\0\x3d\0\0\0\x3d\x40\0\0".to_vec();
+        assert_eq!(bytes[57..][..expected.len()], expected);
+        assert_eq!(bytes[306..], [0x3f, 0x70, 0, 0]);
+        assert_eq!(sender.emit(None).len(), 65);
     }
 
     #[test]
     fn shapes_stand_in_their_places_and_angles_turn_the_right_way() {
         let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let settings = LiveLinkSettings {
-            targets: vec![receiver.local_addr().unwrap().to_string()],
-            subject: "one".into(),
-            ..LiveLinkSettings::default()
-        };
         let units = ["AU26", "AU12L", "AU62", "AU64"];
-        let mut sender = LiveLink::new(settings, "", &units).unwrap();
+        let targets = vec![receiver.local_addr().unwrap().to_string()];
+        let mut sender = sender(targets, &units);
         let pose = Rigid::from_parts(
             nalgebra::Vector3::new(0.0, 0.0, 0.8).into(),
             rotation_from_yaw_pitch_roll(0.3, -0.2, 0.1),
@@ -364,7 +286,11 @@ mod tests {
         let mut bytes = [0; 1500];
         let mut next = || {
             let length = receiver.recv(&mut bytes).unwrap();
-            parse(&bytes[..length]).unwrap().values
+            let values = bytes[..length].get(66..)?.chunks_exact(4);
+            let values: Vec<f32> = values
+                .map(|four| f32::from_be_bytes(*four.first_chunk().unwrap()))
+                .collect();
+            Some(values)
         };
         let values = next().unwrap();
         let of = |name: &str| values[SHAPES.iter().position(|shape| *shape == name).unwrap()];

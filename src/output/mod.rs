@@ -4,29 +4,28 @@
 //! freeze: its last weights are held briefly, then fade to neutral ([`LossPolicy`]). Dropping an output sends neutral and
 //! absent. Nothing allocates per report, and no output can block the pipeline: what it cannot send at once is dropped and counted.
 
-#[cfg(any(feature = "web", feature = "mqtt"))]
+#[cfg(feature = "wires")]
 pub mod board;
 #[cfg(feature = "std")]
 mod closing;
 pub mod csv;
-#[cfg(feature = "discovery")]
+#[cfg(feature = "wires")]
 pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
-#[cfg(any(
-    feature = "lights",
-    feature = "live-link",
-    feature = "web",
-    feature = "discovery",
-    feature = "mqtt"
-))]
+pub mod gesture;
+#[cfg(feature = "wires")]
 mod identity;
-#[cfg(feature = "lights")]
+#[cfg(feature = "wires")]
+pub mod keys;
+#[cfg(feature = "wires")]
 pub mod lights;
-#[cfg(feature = "live-link")]
+#[cfg(feature = "std")]
+mod limits;
+#[cfg(feature = "wires")]
 pub mod live_link;
-#[cfg(feature = "mqtt")]
+#[cfg(feature = "wires")]
 pub mod mqtt;
 pub mod osc;
 #[cfg(feature = "studio")]
@@ -34,9 +33,12 @@ pub mod received;
 mod report;
 pub mod serial;
 mod view;
-#[cfg(feature = "web")]
+#[cfg(feature = "wires")]
 pub mod web;
+#[cfg(feature = "wires")]
+mod worker;
 
+use crate::base::capacity::USERS;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -56,6 +58,36 @@ pub enum Command {
     Freeze(usize, bool),
     /// Take the current face of the user in a slot as rest.
     Neutral(usize),
+    /// Let a gesture go on at a level, in hundredths.
+    Level(usize, u16),
+}
+
+impl Command {
+    /// A command by its name, for a slot; `freeze` has `on`. `None` if there is no such command or slot.
+    pub(crate) fn named(what: &str, slot: usize, on: Option<bool>) -> Option<Self> {
+        match (what, on) {
+            _ if slot >= USERS => None,
+            ("forget", None) => Some(Self::Forget(slot)),
+            ("neutral", None) => Some(Self::Neutral(slot)),
+            ("freeze", Some(on)) => Some(Self::Freeze(slot, on)),
+            _ => None,
+        }
+    }
+
+    /// The same of words: the slot, then `0` or `1`.
+    #[cfg(feature = "wires")]
+    fn of_words<'a>(what: &str, mut words: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let slot = words.next()?.parse().ok()?;
+        let on = match words.next() {
+            None => None,
+            Some(on @ ("0" | "1")) => Some(on == "1"),
+            Some(_) => return None,
+        };
+        words
+            .next()
+            .is_none()
+            .then(|| Self::named(what, slot, on))?
+    }
 }
 
 /// Counters of an output.
@@ -97,6 +129,10 @@ pub trait Output {
     /// Only if the output cannot recover, such as a file on a full disk. An absent receiver or port is a state, not an
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
+
+    /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    #[cfg(feature = "wires")]
+    fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.
     fn tally(&self) -> Tally;
@@ -197,13 +233,22 @@ pub enum OutputError {
     },
     /// An output is enabled that this build does not contain.
     #[error(
-        "[{section}] is enabled, but this mien was built without it; build with --features {feature}, or install the package"
+        "[{section}] is enabled, but this mien was built without it; build with --features wires, or install the package"
     )]
     NotBuilt {
         /// Section of the configuration.
         section: &'static str,
-        /// Feature of the build.
-        feature: &'static str,
+    },
+    /// The device that presses keys cannot be used.
+    #[cfg(feature = "wires")]
+    #[error(
+        "cannot press keys through {path:?}: {source}; is the module uinput loaded, and may mien's user write to it?"
+    )]
+    Keys {
+        /// The device.
+        path: String,
+        /// The system's error.
+        source: std::io::Error,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]

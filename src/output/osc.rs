@@ -9,6 +9,7 @@
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
+//! | `/mien/gesture/<name>`, `/mien/gesture/<name>/<u>` of each | 1 or 0 | on change and every 2 s, a datagram each |
 //! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if enabled |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
@@ -19,6 +20,8 @@
 
 pub mod commands;
 pub mod faceosc;
+#[cfg(feature = "std")]
+mod listener;
 pub(crate) mod packet;
 pub(super) mod parameters;
 #[cfg(feature = "studio")]
@@ -31,6 +34,8 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
+#[cfg(feature = "wires")]
+use super::gesture::Switch;
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
     WireWeights, unit_range,
@@ -41,10 +46,13 @@ use crate::base::defaults;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 #[cfg(feature = "std")]
-use commands::{Commands, Request};
+use commands::Request;
+#[cfg(feature = "std")]
+use listener::Listener;
 use packet::Argument;
 #[cfg(feature = "studio")]
 pub use receive::Receiver;
+pub(super) use wire::Sender;
 use wire::Wire;
 pub use wire::{Datagrams, Targets};
 
@@ -107,7 +115,7 @@ pub struct Osc {
     /// Time of the last report.
     at: Timestamp,
     #[cfg(feature = "std")]
-    commands: Option<Commands>,
+    commands: Option<Listener>,
 }
 
 /// What was sent about one user.
@@ -130,7 +138,7 @@ impl Osc {
     pub fn new(settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let commands = settings
             .commands
-            .then(|| Commands::listen(&settings.listen, &settings.prefix))
+            .then(|| Listener::open(&settings.listen, &settings.prefix))
             .transpose()?;
         let mut osc = Self::over(udp::open(&settings.targets)?, settings, units)?;
         osc.commands = commands;
@@ -189,7 +197,7 @@ impl Osc {
     #[cfg(feature = "std")]
     #[must_use]
     pub fn listens_at(&self) -> Option<std::net::SocketAddr> {
-        self.commands.as_ref().and_then(Commands::address)
+        self.commands.as_ref().and_then(Listener::address)
     }
 
     /// Writes everything about one user, starting in the current datagram.
@@ -204,7 +212,7 @@ impl Osc {
             Argument::Float(report.latency_us as f32 * 1e-3),
         ];
         user.count = next(user.count);
-        wire.message(format_args!("/{slot}/frame"), head.into_iter());
+        wire.message(format_args!("/{slot}/frame"), head);
         let (vector, scalar) = (self.style != Style::Scalar, self.style != Style::Vector);
         if user.known && vector {
             wire.message(
@@ -214,10 +222,7 @@ impl Osc {
         }
         if user.known && scalar {
             for (name, weight) in self.units.iter().zip(user.weights.shown()) {
-                wire.message(
-                    format_args!("/{slot}/au/{name}"),
-                    core::iter::once(Argument::Float(weight)),
-                );
+                wire.message(format_args!("/{slot}/au/{name}"), [Argument::Float(weight)]);
             }
         }
         if let Some(pose) = report.sensor_from_head.filter(|_| present) {
@@ -239,7 +244,7 @@ impl Osc {
         if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
             wire.message(
                 format_args!("/{slot}/present"),
-                core::iter::once(Argument::Int(present.into())),
+                [Argument::Int(present.into())],
             );
         }
         // Ranges are of the unit itself, not of its reflection nor its gain.
@@ -270,8 +275,7 @@ impl Osc {
             Argument::Float(report.at.as_us() as f32 * 1e-6),
         ];
         self.alive_count = next(self.alive_count);
-        self.wire
-            .message(format_args!("/alive"), arguments.into_iter());
+        self.wire.message(format_args!("/alive"), arguments);
         self.wire.flush();
     }
 }
@@ -311,14 +315,18 @@ impl Output for Osc {
 
     fn tally(&self) -> Tally {
         let weights = self.users.iter().map(|user| &user.weights);
+        let not_numbers = weights.map(WireWeights::not_numbers).sum();
         Tally {
-            sent: self.wire.sent(),
-            dropped: self.wire.dropped(),
-            not_numbers: weights.map(WireWeights::not_numbers).sum(),
             #[cfg(feature = "std")]
-            commands: self.commands.as_ref().map_or([0; 2], Commands::counts),
-            ..Tally::of("osc")
+            commands: self.commands.as_ref().map_or([0; 2], Listener::counts),
+            ..self.wire.to.tally("osc", not_numbers)
         }
+    }
+
+    #[cfg(feature = "wires")]
+    fn switch(&mut self, switch: &Switch<'_>) {
+        let address = format_args!("/mien/gesture/{switch}");
+        self.wire.alone(address, switch.is_on.into());
     }
 
     #[cfg(feature = "std")]
@@ -341,7 +349,7 @@ impl Output for Osc {
 impl Drop for Osc {
     /// Sends neutral and absent for every user seen so far.
     fn drop(&mut self) {
-        if !self.wire.is_used() {
+        if !self.wire.to.is_used() {
             return;
         }
         for slot in 0..USERS {

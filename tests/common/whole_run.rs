@@ -66,11 +66,24 @@ const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\"
     [live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
     [websocket]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [page]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
-    [oscquery]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [discovery]\nenabled = true\n\
     [mqtt]\nenabled = true\nbroker = \"127.0.0.1:9\"\n";
 #[cfg(not(feature = "wires"))]
 const WIRES: &str = "";
+
+/// Gestures of everybody that go on and off all the time, and press keys of a file.
+#[cfg(feature = "wires")]
+fn gestures(folder: &Path) -> String {
+    let keys = folder.join("keys");
+    std::fs::write(&keys, []).unwrap();
+    let of = |name, person, press| {
+        format!(
+            "[[gesture]]\nname = \"{name}\"\nof = \"AU26 + AU12L - AU43L\"\non = 0.1\noff = 0.09\nhold_s = 0\n\
+             pause_s = 0\nperson = \"{person}\"\nspeaking = true\nkey = \"space\"\npress = \"{press}\"\n"
+        )
+    };
+    format!("[keys]\ndevice = {keys:?}\n") + &of("one", "each", "hold") + &of("two", "any", "tap")
+}
 
 /// Every output there is, into this folder and to nobody.
 pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
@@ -85,6 +98,8 @@ pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
         folder.join("status.json")
     );
     let text = text + WIRES;
+    #[cfg(feature = "wires")]
+    let text = text + &gestures(folder);
     std::fs::write(&config, text).unwrap();
     config
 }

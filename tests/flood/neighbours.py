@@ -5,8 +5,8 @@ names have it. MIEN needs --features wires.
   * an MQTT broker that refuses the subscription over and over, publishes without end, drips a byte a second, announces a
     length that never comes, or hangs up at once;
   * a host that answers every mDNS probe by claiming the name (left out where multicast does not work);
-  * 300 WebSocket clients, 300 readers of the page and its events, 300 of OSCQuery: they come again and again, finish no
-    request (a letter at a time), or ask and read nothing.
+  * 300 WebSocket clients, 300 readers of the page and its events: they come again and again, finish no request (a letter at a
+    time), or ask and read nothing.
 
 What is held: at most 20 kB of log; the calm run's frames, within 3 %; memory within 1 MiB after the first minute, or half of
 a shorter run; for a frame at most twice the calm run's processor time, of all threads; at most 20 names, and the configured
@@ -150,7 +150,6 @@ OTHERS = {
     "a thief of names": Thief,
     "WebSocket clients that never read": lambda config: crowd(config, "websocket", [UPGRADE]),
     "pages that never finish": lambda config: crowd(config, "page", [ASK("/"), ASK("/events"), "POST /neutral/0 HTTP/1.1\r\n\r\n"]),
-    "OSCQuery that never finishes": lambda config: crowd(config, "oscquery", [ASK("/"), UPGRADE, ASK("/?HOST_INFO")]),
 }
 
 

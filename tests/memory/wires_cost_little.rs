@@ -41,6 +41,7 @@ fn all_wires_at_once_cost_no_memory() {
         folder.path().join("status.json").to_str().unwrap(),
         "",
         &UNITS,
+        &[],
     );
     let serial = serial::Settings {
         port: port.name().unwrap(),
@@ -145,7 +146,7 @@ fn all_wires_at_once_cost_no_memory() {
             tally.name, tally.sent, tally.dropped
         );
         // Nobody asks these; the page's stream is told a few times a second only.
-        let asked = ["oscquery", "discovery", "mqtt"].contains(&tally.name);
+        let asked = ["discovery", "mqtt"].contains(&tally.name);
         let least = if tally.name == "page" { 3 } else { 100 };
         assert!(tally.sent > least || asked, "{tally:?}");
     }
@@ -172,7 +173,7 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
     use mien::output::discovery::Discovery;
     use mien::output::features::{
         ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
-        ServerSettings,
+        WebSocketSettings,
     };
     use mien::output::lights::{artnet::ArtNet, sacn::Sacn};
     use mien::output::live_link::LiveLink;
@@ -212,13 +213,9 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
             .unwrap()
     };
     let page = free();
-    let websocket = ServerSettings {
+    let websocket = WebSocketSettings {
         listen: page.to_string(),
-        ..ServerSettings::websocket()
-    };
-    let oscquery = ServerSettings {
-        listen: free().to_string(),
-        ..ServerSettings::oscquery()
+        ..WebSocketSettings::default()
     };
     let phone = PageSettings {
         listen: free().to_string(),
@@ -234,7 +231,6 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
         Box::new(web::websocket::open(&websocket, &UNITS).unwrap()),
         Box::new(web::page::open(&phone, "", "", &UNITS).unwrap()),
-        Box::new(web::oscquery::open(&oscquery, &osc::Settings::default(), "", &UNITS).unwrap()),
         Box::new(mqtt::open(&broker, "", &UNITS).unwrap()),
         Box::new(Discovery::new("memory-test", Vec::new()).unwrap()),
     ];

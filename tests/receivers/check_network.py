@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Wires that are features of the build, against programs and libraries that others wrote.
 
-    check_network.py MIEN WHAT...      WHAT: sacn ola live-link websocket oscquery discovery
+    check_network.py MIEN WHAT...      WHAT: sacn ola live-link websocket discovery
 
 What is received is compared with the CSV of the same run, by the rules the wires' descriptions state, written here anew.
 """
@@ -290,86 +290,12 @@ def flood(port, connections):
             held.pop(0).close()
 
 
-OSCQUERY_CLIENT = """
-const { OSCQueryDiscovery } = require("oscquery");
-const discovery = new OSCQueryDiscovery();
-discovery.queryNewService("127.0.0.1", Number(process.argv[2])).then((service) => {
-  const out = { host: service.hostInfo, nodes: [] };
-  for (const method of service.flat()) {
-    out.nodes.push({ path: method.full_path, arguments: method.arguments, access: method.access, description: method.description });
-  }
-  console.log(JSON.stringify(out));
-  process.exit(0);
-}).catch((error) => { console.error(String(error)); process.exit(1); });
-"""
-
-
-def check_oscquery(mien):
-    """The library oscquery (npm) reads the tree; plain HTTP asks for values while frames go by."""
-    import json
-    import urllib.error
-    import urllib.request
-    port, commands = free_port(socket.SOCK_STREAM), free_port()
-    seen, client, codes = [], [], {}
-
-    def ask(path):
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=5) as answer:
-            return json.load(answer) if answer.status == 200 else answer.status
-
-    def while_running(_):
-        for _ in range(100):
-            try:
-                ask("/?HOST_INFO")
-                break
-            except OSError:
-                time.sleep(0.05)
-        if os.environ.get("NODE_PATH"):
-            client.append(subprocess.run(["node", "-e", OSCQUERY_CLIENT, "-", str(port)], capture_output=True, text=True))
-        for path in ("/nobody", "/?NONSENSE", "/face/0/pose/1"):
-            try:
-                codes[path] = ask(path)
-            except urllib.error.HTTPError as error:
-                codes[path] = error.code
-        for _ in range(60):
-            frame = ask("/face/0?CONTENTS")["CONTENTS"]
-            seen.append((frame["frame"]["VALUE"][1], frame["au"]["VALUE"]))
-            time.sleep(0.02)
-        seen.append(ask("/"))
-    config = f'[oscquery]\nenabled = true\nlisten = "127.0.0.1:{port}"\n' \
-             f'[osc]\ncommands = true\nlisten = "127.0.0.1:{commands}"\ntarget = "127.0.0.1:9"\n'
-    path, _, _ = session.run(mien, config, RUN, while_running)
-    rows, units = session.read(path)
-    tree = seen.pop()
-    assert tree["CONTENTS"]["face"]["CONTENTS"]["0"]["CONTENTS"]["au"]["TYPE"] == "f" * len(units)
-    assert codes == {"/nobody": 404, "/?NONSENSE": 400, "/face/0/pose/1": 404}, codes
-    by_time = {row.ms: row for row in rows}
-    compared = 0
-    for ms, weights in seen:
-        if ms in by_time and by_time[ms].present:
-            for unit, weight in zip(units, weights):
-                assert abs(weight - by_time[ms].shown[unit]) <= 0.5e-4 + 1e-6, unit
-                compared += 1
-    assert compared > 20 * len(units), compared
-    told = ""
-    if client:
-        assert client[0].returncode == 0, client[0].stderr
-        answer = json.loads(client[0].stdout)
-        assert answer["host"]["name"].startswith("mien ") and answer["host"]["oscPort"] == commands, answer["host"]
-        paths = [node["path"] for node in answer["nodes"]]
-        for unit in units:
-            assert f"/face/0/au/{unit}" in paths, unit
-        one = next(node for node in answer["nodes"] if node["path"] == "/face/0/au/AU26")
-        assert one["arguments"][0]["range"] == {"min": 0, "max": 1} and one["description"], one
-        told = f"; oscquery (npm) found {len(paths)} nodes"
-    print(f"OSCQuery: {len(seen)} values of the tree over HTTP, {compared} weights equal to the CSV's{told}")
-
-
 def check_discovery(mien):
-    """zeroconf (PyPI) finds the three services, resolves them, and learns that they are gone; beside a second box of the same
+    """zeroconf (PyPI) finds both services, resolves them, and learns that they are gone; beside a second box of the same
     name, and beside avahi if it runs here. 10,000 datagrams of garbage change only a counter."""
     import zeroconf
-    ports = [free_port(), free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM)]
-    kinds = ["_osc._udp.local.", "_oscjson._tcp.local.", "_http._tcp.local."]
+    ports = [free_port(), free_port(socket.SOCK_STREAM)]
+    kinds = ["_osc._udp.local.", "_http._tcp.local."]
     found, gone, avahi = {}, set(), []
 
     class Heard(zeroconf.ServiceListener):
@@ -384,8 +310,7 @@ def check_discovery(mien):
 
     def config(ports):
         return (f'[network]\nname = "receiver-test"\n[osc]\ncommands = true\ntarget = "127.0.0.1:9"\nlisten = "127.0.0.1:{ports[0]}"\n'
-                f'[oscquery]\nenabled = true\nlisten = "127.0.0.1:{ports[1]}"\n'
-                f'[websocket]\nenabled = true\nlisten = "127.0.0.1:{ports[2]}"\n[discovery]\nenabled = true\n')
+                f'[websocket]\nenabled = true\nlisten = "127.0.0.1:{ports[1]}"\n[discovery]\nenabled = true\n')
 
     def while_running(_):
         end = time.time() + 15
@@ -396,12 +321,12 @@ def check_discovery(mien):
             info = zc.get_service_info(kind, name, timeout=3000)
             assert info, f"{name} is not resolved; found {sorted(found)}"
             assert info.port == port and info.server == "mien-receiver-test.local." and info.parsed_addresses(), info
-        assert zc.get_service_info(kinds[2], f"mien receiver-test.{kinds[2]}").properties == {b"path": b"/"}
+        assert zc.get_service_info(kinds[1], f"mien receiver-test.{kinds[1]}").properties == {b"path": b"/"}
         if shutil.which("avahi-browse"):
-            lines = subprocess.run(["avahi-browse", "-prt", "_oscjson._tcp"], capture_output=True, text=True, timeout=30).stdout
+            lines = subprocess.run(["avahi-browse", "-prt", "_osc._udp"], capture_output=True, text=True, timeout=30).stdout
             avahi.append(sum("mien" in line and line.startswith("=") for line in lines.splitlines()))
         # Another of the same name makes way.
-        other = [free_port(), free_port(socket.SOCK_STREAM), free_port(socket.SOCK_STREAM)]
+        other = [free_port(), free_port(socket.SOCK_STREAM)]
         def second(process):
             end = time.time() + 15
             while time.time() < end and not any(name.startswith("mien receiver-test-2.") for _, name in found):
@@ -432,7 +357,7 @@ def check_discovery(mien):
     wire = next(one for one in status["outputs"] if one["name"] == "discovery")
     assert wire["commands_refused"] > 1000, wire
     beside = f"; {avahi[0]} entries in avahi-browse" if avahi and avahi[0] else ""
-    print(f"zeroconf (PyPI): 3 services found, resolved and taken back, a second box of the same name is -2{beside}; "
+    print(f"zeroconf (PyPI): 2 services found, resolved and taken back, a second box of the same name is -2{beside}; "
           f"{wire['commands_refused']} datagrams of garbage counted")
 
 
@@ -443,7 +368,7 @@ def random_length(i):
 def main():
     mien, *wanted = sys.argv[1:]
     checks = {"sacn": check_sacn, "ola": check_ola, "live-link": check_live_link, "websocket": check_websocket,
-              "oscquery": check_oscquery, "discovery": check_discovery}
+              "discovery": check_discovery}
     for name in wanted:
         checks[name](mien)
 

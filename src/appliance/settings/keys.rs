@@ -4,9 +4,11 @@
 
 use tracing::Level;
 
+use super::gestures;
 use super::sections::Settings;
 use super::units::is_unit;
 use crate::expression::measures::Scale;
+use crate::output::gesture::{Person, Press};
 use crate::output::osc::Style;
 use crate::output::osc::vmc::{Names, Role};
 use crate::output::osc::vrchat::{MOST_BITS, Values};
@@ -18,11 +20,23 @@ use crate::{expression, landmarks, pose};
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";
 
+/// The section that is an array of tables.
+pub(super) const GESTURE: &str = "gesture";
+
 /// A section, with a sentence about it.
 pub(super) struct Section {
     pub(super) name: &'static str,
     pub(super) about: &'static str,
     pub(super) keys: &'static [Key],
+}
+
+impl Section {
+    pub(super) fn header(&self) -> String {
+        match self.name {
+            GESTURE => format!("[[{GESTURE}]]"),
+            name => format!("[{name}]"),
+        }
+    }
 }
 
 /// One key.
@@ -318,11 +332,7 @@ sections! { s
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
             text(&mut s.network.page.password_file, FILE, |_| true);
     }
-    oscquery: "OSCQuery: the OSC addresses with their types, ranges and values, over HTTP." {
-        enabled: SERVES => flag(&mut s.network.oscquery.enabled);
-        listen: LISTEN => listen(&mut s.network.oscquery.listen);
-    }
-    discovery: "mDNS: the box announces OSC, OSCQuery and WebSocket, if enabled." {
+    discovery: "mDNS: the box announces OSC, the page and WebSocket, if enabled." {
         enabled: "Whether the box announces its services." => flag(&mut s.network.discovery.enabled);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
@@ -331,8 +341,6 @@ sections! { s
         tls: "Whether the connection is encrypted with TLS, usually on port 8883." => flag(&mut s.network.mqtt.tls);
         ca_file: "Trusted CA certificates, in PEM; the default is the system's." =>
             text(&mut s.network.mqtt.ca_file, "the path of a file", |path| !path.is_empty());
-        version: "Protocol version: 4 is MQTT 3.1.1, which every broker supports; 5 is MQTT 5." =>
-            integer(&mut s.network.mqtt.version, 4, 5, "");
         user: "User name; empty = none." =>
             text(&mut s.network.mqtt.user, "at most 64 bytes, or empty", |name| name.len() <= 64);
         password_file: "File with the password in its first line; empty = none." =>
@@ -350,6 +358,10 @@ sections! { s
         hold_s: HOLD => seconds(&mut s.network.mqtt.loss.hold_s);
         decay_s: DECAY => seconds(&mut s.network.mqtt.loss.decay_s);
     }
+    keys: "Keys that gestures press." {
+        device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
+            text(&mut s.keys.device, "the path of a device", |text| !text.is_empty());
+    }
     state: "What is kept across restarts about people tracked with a Kinect." {
         persist: "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody." =>
             flag(&mut s.state.persist);
@@ -363,6 +375,24 @@ sections! { s
     log: "What is written to standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
             choice(&mut s.log.level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
+    }
+    gesture: "Expressions that switch something, see docs/gestures.md. At most 16, of which smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need no more than their name." {
+        name: "What it is called." =>
+            text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
+        of: "What it reads." =>
+            text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\"", gestures::is_sum);
+        on: "It goes on when that is as much," => float(&mut s.gesture().on, 0.01, 8.0, "");
+        off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
+        hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);
+        pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
+        person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
+            choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
+        speaking: "Whether it may go on while they speak." => flag(&mut s.gesture().speaking);
+        turned_deg: "Largest angle between face and line of sight." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
+        key: "What it presses; empty = nothing." =>
+            text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
+        press: "Whether the key is tapped, or down while the gesture is on." =>
+            choice(&mut s.gesture().press, &[("tap", Press::Tap), ("hold", Press::Hold)]);
     }
 }
 
@@ -469,10 +499,10 @@ fn is_topic(text: &str) -> bool {
 
 /// Whether a row of the channel table is well-formed; whether its unit is measured depends on the learning method.
 fn is_channel(row: &str) -> bool {
-    #[cfg(feature = "lights")]
+    #[cfg(feature = "wires")]
     let read = crate::output::lights::Row::read(row).map(|(unit, _)| unit);
     // Rows that nothing reads are not judged.
-    #[cfg(not(feature = "lights"))]
+    #[cfg(not(feature = "wires"))]
     let read = row.split_whitespace().next();
     read.is_some_and(|unit| ["present", "yaw", "pitch", "roll"].contains(&unit) || is_unit(unit))
 }

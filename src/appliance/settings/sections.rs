@@ -4,7 +4,7 @@ use crate::appliance::source;
 use crate::base::defaults;
 use crate::output::features::{
     ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
-    SacnSettings, ServerSettings,
+    SacnSettings, WebSocketSettings,
 };
 use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
@@ -35,6 +35,10 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// Gestures, and the device that presses their keys.
+    pub gestures: Vec<output::gesture::Gesture>,
+    /// The device.
+    pub keys: KeySettings,
     /// Settings of the optional outputs.
     pub network: NetworkSettings,
     /// State kept across restarts.
@@ -71,15 +75,20 @@ defaults! {
         /// Unreal's Live Link.
         pub live_link: LiveLinkSettings = LiveLinkSettings::default(),
         /// JSON for pages.
-        pub websocket: ServerSettings = ServerSettings::websocket(),
+        pub websocket: WebSocketSettings = WebSocketSettings::default(),
         /// The page of the box.
         pub page: PageSettings = PageSettings::default(),
-        /// OSC's addresses over HTTP.
-        pub oscquery: ServerSettings = ServerSettings::oscquery(),
         /// mDNS.
         pub discovery: DiscoverySettings = DiscoverySettings::default(),
         /// MQTT.
         pub mqtt: MqttSettings = MqttSettings::default(),
+    }
+
+    /// The device that presses keys.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct KeySettings {
+        /// Path of `uinput` or of a USB HID gadget.
+        pub device: String = "/dev/uinput".into(),
     }
 
     /// State kept across restarts.
@@ -107,6 +116,19 @@ defaults! {
 }
 
 impl Settings {
+    /// The gesture that is being read or printed.
+    pub(super) fn gesture(&mut self) -> &mut output::gesture::Gesture {
+        let last = self.gestures.last_mut();
+        last.expect("keys of gestures are asked for only while there is one")
+    }
+
+    /// Names of the gestures, in their order.
+    #[must_use]
+    pub fn gesture_names(&self) -> Vec<&str> {
+        let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
+        names.collect()
+    }
+
     /// The part used by the stages.
     #[must_use]
     pub fn stages(&self) -> pipeline::Settings {

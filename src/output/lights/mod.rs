@@ -130,6 +130,12 @@ enum Driver {
     Turn(usize),
 }
 
+/// The universes of a protocol, in numbers and words.
+struct Universes {
+    valid: std::ops::RangeInclusive<u16>,
+    expected: &'static str,
+}
+
 /// The table with its current values.
 struct Desk {
     face: OneFace,
@@ -148,12 +154,10 @@ struct Channel {
 }
 
 impl Desk {
-    /// `most` is the highest universe of the protocol, `least` the lowest.
     fn new(
         settings: &LightSettings,
         units: &[&str],
-        least: u16,
-        most: u16,
+        universes_of: Universes,
     ) -> Result<Self, OutputError> {
         let refuse = |row: &str, expected: &'static str| OutputError::Channel {
             row: row.to_owned(),
@@ -180,15 +184,8 @@ impl Desk {
                     )?)
                 }
             };
-            if !(least..=most).contains(&row.universe) {
-                return Err(refuse(
-                    text,
-                    if least == 0 {
-                        "an Art-Net universe, 0 to 32767"
-                    } else {
-                        "an sACN universe, 1 to 63999"
-                    },
-                ));
+            if !universes_of.valid.contains(&row.universe) {
+                return Err(refuse(text, universes_of.expected));
             }
             let at = match universes
                 .iter()
@@ -276,7 +273,11 @@ mod tests {
             channels: rows.iter().map(|&row| row.to_owned()).collect(),
             ..LightSettings::default()
         };
-        Desk::new(&settings, &["AU26", "AU12L"], 1, 63_999)
+        let any = Universes {
+            valid: 1..=63_999,
+            expected: "an sACN universe, 1 to 63999",
+        };
+        Desk::new(&settings, &["AU26", "AU12L"], any)
     }
 
     #[test]

@@ -7,105 +7,33 @@
 //! | 38–114 | framing layer: 0x7258, vector 2, name (64), priority, 0 0, sequence number, options (0x40 in the last), universe (2) |
 //! | 115–637 | DMP layer: 0x720b, 2, 0xa1, 0, 1, 513, start code 0, 512 values |
 
-use super::{CHANNELS, Desk};
+use super::{CHANNELS, Desk, Universes};
 use crate::output::features::{LightSettings, SacnSettings};
-use crate::output::osc::{Targets, udp};
+use crate::output::osc::{Sender, udp};
 use crate::output::{Output, OutputError, Report, Tally, identity};
 
 const NAME: std::ops::Range<usize> = 44..108;
 const VALUES: usize = 126;
 /// Bytes of a datagram.
-pub const LENGTH: usize = VALUES + CHANNELS;
+const LENGTH: usize = VALUES + CHANNELS;
 /// Option bit of the last packet.
 const TERMINATED: u8 = 0x40;
 /// Packets that end a stream.
 const LAST: usize = 3;
-
-/// Everything before the name, for a datagram of full length.
-const ROOT: [u8; 22] = *b"\0\x10\0\0ASC-E1.17\0\0\0\x72\x6e\0\0\0\x04";
-const DMP: [u8; 11] = *b"\x72\x0b\x02\xa1\0\0\0\x01\x02\x01\0";
-
-/// The contents of a datagram.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Packet<'a> {
-    /// Of the source.
-    pub cid: [u8; 16],
-    /// Of the source, without the zeros.
-    pub name: &'a [u8],
-    /// 0 to 200.
-    pub priority: u8,
-    /// Of the packet.
-    pub number: u8,
-    /// Whether the stream ends.
-    pub terminated: bool,
-    /// 1 to 63999.
-    pub universe: u16,
-    /// From channel 1 on.
-    pub values: &'a [u8],
-}
-
-/// Writes a datagram. The name is truncated to 63 bytes.
-#[must_use]
-pub fn emit(packet: &Packet) -> [u8; LENGTH] {
-    let mut bytes = [0; LENGTH];
-    bytes[..22].copy_from_slice(&ROOT);
-    bytes[22..38].copy_from_slice(&packet.cid);
-    bytes[38..44].copy_from_slice(b"\x72\x58\0\0\0\x02");
-    let name = &packet.name[..packet.name.len().min(NAME.len() - 1)];
-    bytes[NAME][..name.len()].copy_from_slice(name);
-    bytes[108] = packet.priority;
-    bytes[111] = packet.number;
-    bytes[112] = if packet.terminated { TERMINATED } else { 0 };
-    bytes[113..115].copy_from_slice(&packet.universe.to_be_bytes());
-    bytes[115..VALUES].copy_from_slice(&DMP);
-    let count = packet.values.len().min(CHANNELS);
-    bytes[VALUES..][..count].copy_from_slice(&packet.values[..count]);
-    bytes
-}
-
-/// Parses a datagram; `None` if it is not a data packet with start code 0.
-#[must_use]
-pub fn parse(bytes: &[u8]) -> Option<Packet<'_>> {
-    let (header, values) = bytes.split_at_checked(VALUES)?;
-    let word = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
-    // Each layer's length counts from its own first byte to the last of the packet.
-    let layer = |at: usize| word(at) == 0x7000 | (bytes.len() - at) as u16;
-    let count = usize::from(word(123)).checked_sub(1)?;
-    let shaped = header[..16] == ROOT[..16]
-        && header[18..22] == ROOT[18..]
-        && header[40..44] == [0, 0, 0, 2]
-        && header[117..123] == DMP[2..8]
-        && header[125] == 0
-        && bytes.len() < 0x1000
-        && [16, 38, 115].into_iter().all(layer)
-        && count == values.len()
-        && count <= CHANNELS;
-    let name = &header[NAME];
-    let end = name.iter().position(|&byte| byte == 0)?;
-    let universe = word(113);
-    let valid = shaped && (1..=63_999).contains(&universe) && header[108] <= 200;
-    valid.then_some(Packet {
-        cid: header[22..38].try_into().ok()?,
-        name: &name[..end],
-        priority: header[108],
-        number: header[111],
-        terminated: header[112] & TERMINATED != 0,
-        universe,
-        values,
-    })
-}
+const SACN: Universes = Universes {
+    valid: 1..=63_999,
+    expected: "an sACN universe, 1 to 63999",
+};
 
 /// A sender of sACN.
 pub struct Sacn {
     desk: Desk,
     /// One per universe, or one for all.
-    targets: Box<[Targets]>,
+    to: Box<[Sender]>,
     cid: [u8; 16],
     name: String,
     priority: u8,
     number: u8,
-    sent: u64,
-    dropped: u64,
 }
 
 impl Sacn {
@@ -119,48 +47,50 @@ impl Sacn {
         name: &str,
         units: &[&str],
     ) -> Result<Self, OutputError> {
-        let desk = Desk::new(lights, units, 1, 63_999)?;
-        let group = |(universe, _): &(u16, [u8; CHANNELS])| {
-            let [high, low] = universe.to_be_bytes();
-            udp::open(&[format!("239.255.{high}.{low}:5568")])
-        };
-        let targets: Result<Box<[Targets]>, OutputError> = if settings.targets.is_empty() {
-            desk.universes.iter().map(group).collect()
+        let desk = Desk::new(lights, units, SACN)?;
+        let open = |targets: &[String]| udp::open(targets).map(Sender::from);
+        let to: Box<[Sender]> = if settings.targets.is_empty() {
+            let groups = desk.universes.iter().map(|(universe, _)| {
+                let [high, low] = universe.to_be_bytes();
+                open(&[format!("239.255.{high}.{low}:5568")])
+            });
+            groups.collect::<Result<_, _>>()?
         } else {
-            Ok(Box::new([udp::open(&settings.targets)?]))
+            Box::new([open(&settings.targets)?])
         };
         let name = identity::name(name);
         Ok(Self {
             desk,
-            targets: targets?,
+            to,
             cid: identity::uuid(&name, "sacn"),
             name: format!("mien {name}"),
             priority: settings.priority.min(200) as u8,
             number: 0,
-            sent: 0,
-            dropped: 0,
         })
+    }
+
+    /// Writes a datagram. The name is truncated to 63 bytes.
+    fn emit(&self, terminated: bool, universe: u16, values: &[u8; CHANNELS]) -> [u8; LENGTH] {
+        let mut bytes = [0; LENGTH];
+        bytes[..22].copy_from_slice(b"\0\x10\0\0ASC-E1.17\0\0\0\x72\x6e\0\0\0\x04");
+        bytes[22..38].copy_from_slice(&self.cid);
+        bytes[38..44].copy_from_slice(b"\x72\x58\0\0\0\x02");
+        let name = &self.name.as_bytes()[..self.name.len().min(NAME.len() - 1)];
+        bytes[NAME][..name.len()].copy_from_slice(name);
+        bytes[108] = self.priority;
+        bytes[111] = self.number;
+        bytes[112] = if terminated { TERMINATED } else { 0 };
+        bytes[113..115].copy_from_slice(&universe.to_be_bytes());
+        bytes[115..VALUES].copy_from_slice(b"\x72\x0b\x02\xa1\0\0\0\x01\x02\x01\0");
+        bytes[VALUES..].copy_from_slice(values);
+        bytes
     }
 
     fn send_all(&mut self, terminated: bool) {
         for (at, (universe, values)) in self.desk.universes.iter().enumerate() {
-            let datagram = emit(&Packet {
-                cid: self.cid,
-                name: self.name.as_bytes(),
-                priority: self.priority,
-                number: self.number,
-                terminated,
-                universe: *universe,
-                values,
-            });
-            let which = at.min(self.targets.len() - 1);
-            for target in &mut self.targets[which] {
-                *(if target.send(&datagram) {
-                    &mut self.sent
-                } else {
-                    &mut self.dropped
-                }) += 1;
-            }
+            let datagram = self.emit(terminated, *universe, values);
+            let which = at.min(self.to.len() - 1);
+            self.to[which].send(&datagram);
         }
         self.number = self.number.wrapping_add(1);
     }
@@ -175,19 +105,20 @@ impl Output for Sacn {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.sent,
-            dropped: self.dropped,
-            not_numbers: self.desk.face.weights.not_numbers(),
-            ..Tally::of("sacn")
+        let not_numbers = self.desk.face.weights.not_numbers();
+        let mut all = Tally::of("sacn");
+        for one in self.to.iter().map(|one| one.tally("sacn", not_numbers)) {
+            (all.sent, all.dropped) = (all.sent + one.sent, all.dropped + one.dropped);
+            all.not_numbers = one.not_numbers;
         }
+        all
     }
 }
 
 impl Drop for Sacn {
     /// Nobody, then the end of the stream.
     fn drop(&mut self) {
-        if self.sent + self.dropped == 0 {
+        if !self.to.iter().any(Sender::is_used) {
             return;
         }
         self.desk.neutral();
@@ -202,46 +133,27 @@ impl Drop for Sacn {
 mod tests {
     use super::*;
 
-    fn packet(values: &[u8]) -> Packet<'_> {
-        Packet {
-            cid: *b"0123456789abcdef",
-            name: b"mien hall",
-            priority: 100,
-            number: 255,
-            terminated: true,
-            universe: 63_999,
-            values,
-        }
-    }
-
     #[test]
-    fn what_is_written_is_read_and_has_the_lengths_of_the_standard() {
-        let values: Vec<u8> = (0..CHANNELS).map(|at| at as u8).collect();
-        let bytes = emit(&packet(&values));
-        assert_eq!(bytes.len(), 638);
-        assert_eq!(parse(&bytes), Some(packet(&values)));
-        for at in [0, 4, 16, 21, 39, 43, 115, 118, 121, 124, 125] {
-            let mut other = bytes;
-            other[at] ^= 0xff;
-            assert_eq!(parse(&other), None, "{at}");
-        }
-        assert_eq!(parse(&bytes[..637]), None);
-    }
-
-    #[test]
-    fn no_bytes_whatever_do_harm() {
-        let mut random = fastrand::Rng::with_seed(4);
-        let good = emit(&packet(&[1; CHANNELS]));
-        for _ in 0..100_000 {
-            let mut bytes = good.to_vec();
-            for _ in 0..random.usize(..3) {
-                let at = random.usize(..130);
-                bytes[at] = random.u8(..);
-            }
-            bytes.truncate(random.usize(..=bytes.len()));
-            if let Some(packet) = parse(&bytes) {
-                assert!(packet.values.len() <= CHANNELS && packet.name.len() < 64);
-            }
-        }
+    fn a_datagram_is_the_one_that_the_library_sacn_writes() {
+        let mut sacn = Sacn::new(
+            &SacnSettings::default(),
+            &LightSettings::default(),
+            "hall",
+            &[],
+        )
+        .unwrap();
+        (sacn.cid, sacn.number) = (*b"0123456789abcdef", 255);
+        let values = std::array::from_fn(|at| at as u8);
+        let bytes = sacn.emit(true, 63_999, &values);
+        // sacn 1.11.0 (PyPI), DataPacket(cid, "mien hall", 63999, priority=100, sequence=255, streamTerminated=True).
+        let mut expected =
+            b"\x00\x10\x00\x00ASC-E1.17\x00\x00\x00\x72\x6e\x00\x00\x00\x040123456789abcdef\
+            \x72\x58\x00\x00\x00\x02mien hall"
+                .to_vec();
+        expected.resize(108, 0);
+        expected
+            .extend(b"\x64\x00\x00\xff\x40\xf9\xff\x72\x0b\x02\xa1\x00\x00\x00\x01\x02\x01\x00");
+        expected.extend(values);
+        assert_eq!(bytes[..], expected);
     }
 }

@@ -1,7 +1,5 @@
-//! The thread that talks to the broker.
-//! One file: what is sent, when, and what happens to it over a lost connection depend on each other.
+//! The thread that talks to the broker: connects, speaks, listens, and comes back.
 
-use std::fmt::Write as _;
 use std::io::{ErrorKind, Read, Write as _};
 use std::os::fd::AsRawFd;
 use std::sync::Arc;
@@ -10,16 +8,15 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
+use super::home_assistant;
 use super::packet::{self, Hello, LONGEST, Message, Nonsense, Told};
 use super::stream::{Stream, Trust};
+use super::watch::{Change, Draft, Watch};
 use crate::base::capacity::USERS;
-use crate::base::json::Quoted;
-use crate::output::board::{Bell, Board, Shared, Weight, count};
+use crate::output::Command;
 use crate::output::features::MqttSettings;
-use crate::output::{Command, TrackingState};
-
-/// Presence changes that may wait for a broker.
-pub(super) const QUEUE: usize = 64;
+use crate::output::limits::{Allowance, BackOff};
+use crate::output::worker::{Bell, Shared, count};
 
 /// Keep-alive, seconds: after one and a half times this without traffic, either side considers the other dead.
 const KEEP_ALIVE_S: u16 = 10;
@@ -34,45 +31,23 @@ const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 /// Reads in a row, and the rest after as many.
 const READS: usize = 4;
 const REST: Duration = Duration::from_millis(10);
-/// Burst of commands allowed, and the time after which one more is.
-const AT_ONCE: u32 = 16;
-const EACH: Duration = Duration::from_millis(250);
-/// A sensor without frames for this long is reported as gone.
-const NO_FRAMES: Duration = Duration::from_secs(2);
-
-/// A message that must reach the broker.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Item {
-    Online,
-    /// Index of a Home Assistant message.
-    Discovery(usize),
-    Faces(usize),
-    State {
-        slot: usize,
-        state: TrackingState,
-        changes: u32,
-        at_us: u64,
-    },
-}
 
 /// What is published, and to which broker.
 pub(super) struct Talk {
     broker: String,
     trust: Trust,
-    version: u8,
     client: String,
     user: Option<String>,
     password: Option<String>,
     /// Prefix and name.
     base: String,
-    /// With a slash, of each user.
     presence: String,
+    /// Output names of the units.
     units: Box<[String]>,
     /// Topics and payloads for Home Assistant.
-    discovery: Box<[(String, String)]>,
-    commands: bool,
-    /// Topic of the commands.
-    heard: String,
+    entities: Box<[(String, String)]>,
+    /// Topic of the commands, if any are accepted.
+    commands: Option<String>,
     weights_each: Option<Duration>,
     health_each: Duration,
 }
@@ -81,264 +56,110 @@ impl Talk {
     pub(super) fn new(
         settings: &MqttSettings,
         name: &str,
-        (trust, password): (Trust, Option<String>),
-        units: &[String],
+        trust: Trust,
+        password: Option<String>,
+        units: &[&str],
     ) -> Self {
         let base = format!("{}/{name}", settings.prefix);
-        let discovery = if settings.home_assistant {
-            discovery(&base, name, settings.commands)
-        } else {
-            Vec::new()
-        };
+        let entities = settings
+            .home_assistant
+            .then(|| home_assistant::entities(&base, name, settings.commands));
+        let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
         Self {
             broker: settings.broker.clone(),
             trust,
-            version: settings.version as u8,
             client: format!("mien-{name}"),
             user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
             password,
             presence: format!("{base}/presence"),
-            heard: format!("{base}/cmd/+"),
+            units: names.collect(),
+            entities: entities.unwrap_or_default(),
+            commands: settings.commands.then(|| format!("{base}/cmd/+")),
             base,
-            units: units
-                .iter()
-                .map(|unit| format!("{}:", Quoted(unit)))
-                .collect(),
-            discovery: discovery.into(),
-            commands: settings.commands,
             weights_each: (settings.rate_hz > 0.0)
                 .then(|| Duration::from_secs_f32(1.0 / settings.rate_hz)),
             health_each: Duration::from_secs_f32(settings.health_s),
         }
     }
 
-    /// Topic and payload of an item.
-    fn item(&self, item: Item, topic: &mut String, payload: &mut String) {
-        topic.clear();
-        payload.clear();
-        // Strings take everything.
-        let _ = match item {
-            Item::Online => {
-                topic.push_str(&self.presence);
-                payload.push_str("online");
-                Ok(())
-            }
-            Item::Discovery(i) => {
-                topic.push_str(&self.discovery[i].0);
-                payload.push_str(&self.discovery[i].1);
-                Ok(())
-            }
-            Item::Faces(faces) => {
-                write!(topic, "{}/faces", self.base).and_then(|()| write!(payload, "{faces}"))
-            }
-            Item::State {
-                slot,
-                state,
-                changes,
-                at_us,
-            } => write!(topic, "{}/{slot}/state", self.base).and_then(|()| {
-                write!(
-                    payload,
-                    "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
-                    state.name(),
-                    state.is_present()
-                )
-            }),
-        };
-    }
-
     /// The command in a message on one of our topics.
     fn command(&self, topic: &[u8], payload: &[u8]) -> Option<Command> {
         let topic = std::str::from_utf8(topic).ok()?;
-        let what = topic
-            .strip_prefix(self.base.as_str())?
-            .strip_prefix("/cmd/")?;
-        let mut words = std::str::from_utf8(payload).ok()?.split_whitespace();
-        let slot = words
-            .next()?
-            .parse()
-            .ok()
-            .filter(|&slot: &usize| slot < USERS)?;
-        let on = words.next();
-        if words.next().is_some() {
-            return None;
-        }
-        match (what, on) {
-            ("forget", None) => Some(Command::Forget(slot)),
-            ("neutral", None) => Some(Command::Neutral(slot)),
-            ("freeze", Some("0" | "1")) => Some(Command::Freeze(slot, on == Some("1"))),
-            _ => None,
-        }
+        let what = topic.strip_prefix(&self.base)?.strip_prefix("/cmd/")?;
+        let payload = std::str::from_utf8(payload).ok()?;
+        Command::of_words(what, payload.split_whitespace())
     }
 }
 
-/// Home Assistant discovery messages: topics and payloads.
-fn discovery(base: &str, name: &str, commands: bool) -> Vec<(String, String)> {
-    let device = format!(
-        "\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{}\"}}",
-        env!("CARGO_PKG_VERSION")
-    );
-    let one = |kind: &str, id: &str, rest: &str| {
-        let topic = format!("homeassistant/{kind}/mien_{name}/{id}/config");
-        (
-            topic,
-            format!("{{\"unique_id\":\"mien_{name}_{id}\",{rest},{device}}}"),
-        )
+/// Why a connection ended.
+#[derive(Debug, thiserror::Error)]
+enum End {
+    #[error("stopped")]
+    Stopped,
+    #[error(transparent)]
+    Lost(#[from] std::io::Error),
+    #[error("connection refused with code {0}; are mqtt.user and mqtt.password_file right?")]
+    Refused(u8),
+    #[error("the reply is not MQTT; is it a broker?")]
+    Nonsense,
+    #[error("no reply")]
+    Slow,
+}
+
+/// Runs until told to stop.
+pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
+    let mut watch = Watch::new(&talk.units);
+    let mut buffers = Buffers {
+        out: Vec::with_capacity(WAITING[1]),
+        heard: Box::new([0; LONGEST]),
+        draft: Draft {
+            topic: String::with_capacity(256),
+            payload: String::with_capacity(4096),
+        },
     };
-    let state = |topic: &str, template: &str, rest: &str| {
-        format!(
-            "\"state_topic\":\"{base}/{topic}\",\"value_template\":\"{{{{ {template} }}}}\",{rest}"
-        )
-    };
-    let switch = |condition: &str| format!("'ON' if {condition} else 'OFF'");
-    let mut all = vec![
-        one(
-            "binary_sensor",
-            "face",
-            &state(
-                "faces",
-                &switch("value|int > 0"),
-                "\"name\":\"Face\",\"device_class\":\"occupancy\"",
-            ),
-        ),
-        one(
-            "sensor",
-            "faces",
-            &state(
-                "faces",
-                "value",
-                "\"name\":\"Faces\",\"state_class\":\"measurement\"",
-            ),
-        ),
-        one(
-            "binary_sensor",
-            "sensor",
-            &state(
-                "health",
-                &switch("value_json.sensor"),
-                "\"name\":\"Depth camera\",\"device_class\":\"connectivity\",\"entity_category\":\"diagnostic\"",
-            ),
-        ),
-        one(
-            "sensor",
-            "rate",
-            &state(
-                "health",
-                "value_json.rate_hz",
-                "\"name\":\"Rate\",\"unit_of_measurement\":\"Hz\",\"device_class\":\"frequency\",\"entity_category\":\"diagnostic\"",
-            ),
-        ),
-    ];
-    if commands {
-        for (id, shown) in [("forget", "Forget"), ("neutral", "Set neutral")] {
-            all.push(one(
-                "button",
-                id,
-                &format!("\"name\":\"{shown}\",\"command_topic\":\"{base}/cmd/{id}\",\"payload_press\":\"0\""),
-            ));
-        }
-    }
-    all
-}
-
-/// State of the users since the start.
-struct Watch {
-    board: Board,
-    states: [TrackingState; USERS],
-    changes: [u32; USERS],
-    faces: usize,
-    queue: heapless::Deque<Item, QUEUE>,
-    /// The newest frame and when it came.
-    frame: (u64, Instant),
-    /// Frames and time at the last health message.
-    told: (u64, Instant),
-    start: Instant,
-}
-
-impl Watch {
-    fn new() -> Self {
-        let now = Instant::now();
-        Self {
-            board: Board::default(),
-            states: Default::default(),
-            changes: [0; USERS],
-            faces: 0,
-            queue: heapless::Deque::new(),
-            frame: (0, now),
-            told: (0, now),
-            start: now,
-        }
-    }
-
-    fn push(&mut self, item: Item, shared: &Shared) {
-        if self.queue.is_full() {
-            self.queue.pop_front();
-            count(&shared.dropped);
-        }
-        // There is room now.
-        let _ = self.queue.push_back(item);
-    }
-
-    fn state(&self, slot: usize) -> Item {
-        Item::State {
-            slot,
-            state: self.states[slot],
-            changes: self.changes[slot],
-            at_us: self.board.users[slot].at_us,
-        }
-    }
-
-    /// Processes new reports.
-    fn look(&mut self, shared: &Shared) {
-        shared.take(&mut self.board);
-        let users = self.board.users.iter().chain([&self.board.nobody]);
-        let frame = users.map(|shot| shot.frame).max().unwrap_or(0);
-        // Backwards if another source has taken its place.
-        if frame != self.frame.0 {
-            self.frame = (frame, Instant::now());
-        }
-        for slot in 0..USERS {
-            let state = self.board.users[slot].state;
-            if state != self.states[slot] {
-                self.states[slot] = state;
-                self.changes[slot] += 1;
-                self.push(self.state(slot), shared);
+    let (mut back_off, mut told) = (BackOff::new(PAUSES[0], PAUSES[1]), false);
+    loop {
+        let end = match Stream::connect(&talk.broker, &talk.trust) {
+            Ok(stream) => {
+                let mut connection = Connection::new(stream, &talk, shared);
+                let end = connection.run(&mut bell, &mut watch, &mut buffers);
+                // What was not acknowledged goes first on the next connection.
+                if let Some((Some(change), ..)) = connection.asked
+                    && watch.queue.push_front(change).is_err()
+                {
+                    count(&shared.dropped);
+                }
+                if connection.settled {
+                    back_off.reset();
+                    told = false;
+                }
+                end
             }
+            Err(error) => End::Lost(error),
+        };
+        shared.connected.store(false, Ordering::Relaxed);
+        if matches!(end, End::Stopped) {
+            return;
         }
-        let faces = self
-            .states
-            .iter()
-            .filter(|state| state.is_present())
-            .count();
-        if faces != self.faces {
-            self.faces = faces;
-            self.push(Item::Faces(faces), shared);
+        if matches!(end, End::Nonsense | End::Refused(_)) {
+            count(&shared.refused);
         }
-    }
-
-    fn health(&mut self, shared: &Shared, payload: &mut String) {
-        let now = Instant::now();
-        let (frames, since) = self.told;
-        let rate =
-            self.frame.0.saturating_sub(frames) as f64 / (now - since).as_secs_f64().max(1e-3);
-        self.told = (self.frame.0, now);
-        let latency_us = self
-            .board
-            .users
-            .iter()
-            .map(|shot| shot.latency_us)
-            .max()
-            .unwrap_or(0);
-        let _ = write!(
-            payload,
-            "{{\"sensor\":{},\"rate_hz\":{rate:.1},\"latency_ms\":{:.1},\"faces\":{},\"frames\":{},\"uptime_s\":{:.1},\"dropped\":{}}}",
-            now - self.frame.1 < NO_FRAMES && self.frame.0 > 0,
-            f64::from(latency_us) * 1e-3,
-            self.faces,
-            self.frame.0,
-            (now - self.start).as_secs_f64(),
-            shared.dropped.load(Ordering::Relaxed)
-        );
+        if !std::mem::replace(&mut told, true) {
+            let broker = &talk.broker;
+            tracing::warn!("MQTT broker {broker}: {end}; retrying until it is back");
+        }
+        // Meanwhile what changes is kept.
+        let again = Instant::now() + back_off.pause();
+        while Instant::now() < again {
+            if shared.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
+            let mut asked = [PollFd::new(bell.fd(), PollFlags::POLLIN)];
+            let _ = poll(&mut asked, left.max(1));
+            bell.answer();
+            watch.look(shared);
+        }
     }
 }
 
@@ -346,91 +167,19 @@ impl Watch {
 struct Buffers {
     out: Vec<u8>,
     heard: Box<[u8; LONGEST]>,
-    topic: String,
-    payload: String,
+    draft: Draft,
 }
 
-/// Why a connection ended.
-#[derive(Debug)]
-enum End {
-    Stopped,
-    Lost(std::io::Error),
-    Refused(u8),
-    Nonsense,
-    Slow,
-}
-
-impl std::fmt::Display for End {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Stopped => f.write_str("stopped"),
-            Self::Lost(error) => write!(f, "{error}"),
-            Self::Refused(code) => write!(
-                f,
-                "connection refused with code {code}; are mqtt.user and mqtt.password_file right?"
-            ),
-            Self::Nonsense => f.write_str("the reply is not MQTT; is it a broker?"),
-            Self::Slow => f.write_str("no reply"),
-        }
-    }
-}
-
-/// Runs until told to stop.
-pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
-    let mut watch = Watch::new();
-    let mut buffers = Buffers {
-        out: Vec::with_capacity(WAITING[1]),
-        heard: Box::new([0; LONGEST]),
-        topic: String::with_capacity(256),
-        payload: String::with_capacity(4096),
-    };
-    let (mut pause, mut told) = (PAUSES[0], false);
-    loop {
-        let end = match Stream::connect(&talk.broker, &talk.trust) {
-            Ok(stream) => {
-                let mut connection = Connection::new(stream, &talk, shared);
-                let end = connection.run(&mut bell, &mut watch, &mut buffers);
-                // What was not acknowledged goes first on the next connection.
-                if let Some((item @ (Item::State { .. } | Item::Faces(_)), ..)) = connection.asked
-                    && watch.queue.push_front(item).is_err()
-                {
-                    count(&shared.dropped);
-                }
-                if connection.settled {
-                    (pause, told) = (PAUSES[0], false);
-                }
-                end
-            }
-            Err(error) => End::Lost(error),
+impl Buffers {
+    /// Publishes the draft.
+    fn publish(&mut self, retain: bool, number: Option<u16>) {
+        let message = Message {
+            topic: &self.draft.topic,
+            payload: self.draft.payload.as_bytes(),
+            retain,
+            number,
         };
-        shared.connected.store(false, Ordering::Relaxed);
-        if matches!(end, End::Stopped) || shared.stop.load(Ordering::Relaxed) {
-            return;
-        }
-        if matches!(end, End::Nonsense | End::Refused(_)) {
-            count(&shared.refused);
-        }
-        if !std::mem::replace(&mut told, true) {
-            tracing::warn!(
-                "MQTT broker {}: {end}; retrying until it is back",
-                talk.broker
-            );
-        }
-        // Meanwhile what changes is kept.
-        let again = Instant::now() + pause;
-        pause = (2 * pause).min(PAUSES[1]);
-        while Instant::now() < again {
-            let left = again.saturating_duration_since(Instant::now()).as_millis() as i32;
-            let _ = poll(
-                &mut [PollFd::new(bell.fd(), PollFlags::POLLIN)],
-                left.max(1),
-            );
-            bell.answer();
-            watch.look(shared);
-            if shared.stop.load(Ordering::Relaxed) {
-                return;
-            }
-        }
+        packet::publish(&message, &mut self.out);
     }
 }
 
@@ -447,15 +196,14 @@ struct Connection<'a> {
     pinged: Instant,
     length: usize,
     written: usize,
-    /// The message waiting for its acknowledgement, its number, and since when.
-    asked: Option<(Item, u16, Instant)>,
+    /// The message waiting for its acknowledgement: the change in it, if it must come again; its number; since when.
+    asked: Option<(Option<Change>, u16, Instant)>,
     number: u16,
-    /// Messages after connecting: online, then discovery.
+    /// Messages after connecting: online, then the entities.
     introduced: usize,
     weights_due: Instant,
     health_due: Instant,
-    /// When the allowance for commands is full again.
-    whole: Instant,
+    commands: Allowance,
 }
 
 impl<'a> Connection<'a> {
@@ -477,24 +225,20 @@ impl<'a> Connection<'a> {
             introduced: 0,
             weights_due: now,
             health_due: now,
-            whole: now,
+            commands: Allowance::of_commands(now),
         }
     }
 
     fn run(&mut self, bell: &mut Bell, watch: &mut Watch, buffers: &mut Buffers) -> End {
         buffers.out.clear();
-        let talk = self.talk;
-        packet::connect(
-            &Hello {
-                version: talk.version,
-                client: &talk.client,
-                keep_alive: KEEP_ALIVE_S,
-                will: (&talk.presence, "offline"),
-                user: talk.user.as_deref(),
-                password: talk.password.as_deref(),
-            },
-            &mut buffers.out,
-        );
+        let hello = Hello {
+            client: &self.talk.client,
+            keep_alive: KEEP_ALIVE_S,
+            will: [&self.talk.presence, "offline"],
+            user: self.talk.user.as_deref(),
+            password: self.talk.password.as_deref(),
+        };
+        packet::connect(&hello, &mut buffers.out);
         loop {
             if let Err(end) = self.step(bell, watch, buffers) {
                 return end;
@@ -514,11 +258,8 @@ impl<'a> Connection<'a> {
         buffers: &mut Buffers,
     ) -> Result<(), End> {
         let pending = self.written < buffers.out.len();
-        let flags = if self.stream.waits_to_write(pending) {
-            PollFlags::POLLIN | PollFlags::POLLOUT
-        } else {
-            PollFlags::POLLIN
-        };
+        let mut flags = PollFlags::POLLIN;
+        flags.set(PollFlags::POLLOUT, self.stream.waits_to_write(pending));
         let mut asked = [
             PollFd::new(bell.fd(), PollFlags::POLLIN),
             PollFd::new(self.stream.as_raw_fd(), flags),
@@ -532,13 +273,10 @@ impl<'a> Connection<'a> {
             self.speak(watch, buffers, now);
         }
         self.write(&mut buffers.out)?;
-        let silence = now - self.heard;
-        let unacknowledged = self
-            .asked
-            .is_some_and(|(.., since)| now - since > UNACKNOWLEDGED);
+        let unacknowledged = self.asked.is_some_and(|(.., at)| now - at > UNACKNOWLEDGED);
         let stuck = self.written < buffers.out.len() && now - self.wrote > PATIENCE;
         let late = !self.settled && now - self.begun > PATIENCE;
-        if late || stuck || unacknowledged || silence > 2 * PATIENCE {
+        if late || stuck || unacknowledged || now - self.heard > 2 * PATIENCE {
             return Err(End::Slow);
         }
         Ok(())
@@ -572,8 +310,7 @@ impl<'a> Connection<'a> {
             }
             let mut used = 0;
             while let Some((told, more)) =
-                packet::read(self.talk.version, &buffers.heard[used..self.length])
-                    .map_err(|Nonsense| End::Nonsense)?
+                packet::read(&buffers.heard[used..self.length]).map_err(|Nonsense| End::Nonsense)?
             {
                 self.hear(&told, &mut buffers.out)?;
                 used += more;
@@ -588,18 +325,19 @@ impl<'a> Connection<'a> {
 
     fn hear(&mut self, told: &Told, out: &mut Vec<u8>) -> Result<(), End> {
         self.heard = Instant::now();
+        let talk = self.talk;
+        let broker = &talk.broker;
         match *told {
             Told::Connected(0) if !self.settled => {
                 self.settled = true;
                 self.shared.connected.store(true, Ordering::Relaxed);
-                tracing::info!("connected to MQTT broker {}", self.talk.broker);
-                if self.talk.commands {
-                    let number = self.next_number();
-                    packet::subscribe(self.talk.version, number, &self.talk.heard, out);
+                tracing::info!("connected to MQTT broker {broker}");
+                if let Some(topic) = &talk.commands {
+                    packet::subscribe(self.next_number(), topic, out);
                 }
             }
-            Told::Connected(0) => return Err(End::Nonsense),
-            Told::Connected(code) => return Err(End::Refused(code)),
+            Told::Connected(code @ 1..) => return Err(End::Refused(code)),
+            Told::Connected(_) => return Err(End::Nonsense),
             _ if !self.settled => return Err(End::Nonsense),
             Told::Acknowledged(number) => {
                 if self.asked.is_some_and(|(_, asked, _)| asked == number) {
@@ -608,14 +346,10 @@ impl<'a> Connection<'a> {
                 }
             }
             Told::Subscribed(code) if code >= 0x80 => {
-                tracing::warn!(
-                    "MQTT broker {} refuses the subscription to commands",
-                    self.talk.broker
-                );
+                tracing::warn!("MQTT broker {broker} refuses the subscription to commands");
                 count(&self.shared.refused);
             }
             Told::Subscribed(_) | Told::Alive => {}
-            Told::Goodbye => return Err(End::Lost(ErrorKind::ConnectionAborted.into())),
             Told::Message {
                 topic,
                 payload,
@@ -627,18 +361,12 @@ impl<'a> Connection<'a> {
                 {
                     packet::acknowledge(number, out);
                 }
-                let now = Instant::now();
-                let may = self.whole.saturating_duration_since(now) <= EACH * (AT_ONCE - 1);
-                match self
-                    .talk
-                    .command(topic, payload)
-                    .filter(|_| may && !retained && self.talk.commands)
-                {
-                    Some(command) => {
-                        self.whole = self.whole.max(now) + EACH;
+                let wanted = !retained && talk.commands.is_some();
+                match talk.command(topic, payload) {
+                    Some(command) if wanted && self.commands.take(self.heard) => {
                         self.shared.ask(command);
                     }
-                    None => count(&self.shared.refused),
+                    _ => count(&self.shared.refused),
                 }
             }
         }
@@ -653,68 +381,18 @@ impl<'a> Connection<'a> {
     /// Sends what is due.
     fn speak(&mut self, watch: &mut Watch, buffers: &mut Buffers, now: Instant) {
         if self.asked.is_none() {
-            let discovery = self.talk.discovery.len();
-            let item = match self.introduced {
-                0 => Some(Item::Online),
-                i if i <= discovery => Some(Item::Discovery(i - 1)),
-                i if i == discovery + 1 => {
-                    // What the broker keeps of us may be older than what it missed.
-                    for slot in 0..USERS {
-                        if watch.changes[slot] > 0 && !watch.queue.is_full() {
-                            watch.push(watch.state(slot), self.shared);
-                        }
-                    }
-                    Some(Item::Faces(watch.faces))
-                }
-                _ => watch.queue.pop_front(),
-            };
-            self.introduced = (self.introduced + 1).min(discovery + 2);
-            if let Some(item) = item {
-                let number = self.next_number();
-                self.talk
-                    .item(item, &mut buffers.topic, &mut buffers.payload);
-                self.asked = Some((item, number, now));
-                self.publish(buffers, true, Some((number, false)));
-            }
+            self.tell(watch, buffers, now);
         }
         if now >= self.health_due {
             self.health_due = now + self.talk.health_each;
-            buffers.payload.clear();
-            watch.health(self.shared, &mut buffers.payload);
-            buffers.topic.clear();
-            let _ = write!(buffers.topic, "{}/health", self.talk.base);
-            self.publish(buffers, true, None);
+            watch.health(self.shared, &self.talk.base, &mut buffers.draft);
+            buffers.publish(true, None);
         }
         if let Some(each) = self.talk.weights_each
             && now >= self.weights_due
+            && self.send_weights(watch, buffers)
         {
-            let mut any = false;
-            for slot in 0..USERS {
-                let shot = &mut watch.board.users[slot];
-                // A lost face is told while it fades.
-                if !std::mem::take(&mut shot.fresh) {
-                    continue;
-                }
-                any = true;
-                if buffers.out.len() > WAITING[0] {
-                    count(&self.shared.dropped);
-                    continue;
-                }
-                let shot = &watch.board.users[slot];
-                buffers.topic.clear();
-                buffers.payload.clear();
-                let _ = write!(buffers.topic, "{}/{slot}/weights", self.talk.base);
-                let _ = write!(buffers.payload, "{{\"time_us\":{}", shot.at_us);
-                for (name, weight) in self.talk.units.iter().zip(&shot.weights) {
-                    let _ = write!(buffers.payload, ",{name}{}", Weight(*weight));
-                }
-                buffers.payload.push('}');
-                self.publish(buffers, false, None);
-                count(&self.shared.sent);
-            }
-            if any {
-                self.weights_due = (self.weights_due + each).max(now);
-            }
+            self.weights_due = (self.weights_due + each).max(now);
         }
         let quiet = Duration::from_secs(u64::from(KEEP_ALIVE_S)) / 2;
         // Also while weights go out: only this is answered, so only this tells whether somebody is there.
@@ -724,15 +402,53 @@ impl<'a> Connection<'a> {
         }
     }
 
-    /// Topic and payload of the buffers.
-    fn publish(&self, buffers: &mut Buffers, retain: bool, number: Option<(u16, bool)>) {
-        let message = Message {
-            topic: &buffers.topic,
-            payload: buffers.payload.as_bytes(),
-            retain,
-            number,
+    /// The next message that is acknowledged: online, the entities, the number of faces, then what has changed.
+    fn tell(&mut self, watch: &mut Watch, buffers: &mut Buffers, now: Instant) {
+        let draft = &mut buffers.draft;
+        let entities = &self.talk.entities;
+        let change = match self.introduced.checked_sub(1) {
+            None => {
+                draft.about(&self.talk.base, format_args!("presence"));
+                draft.payload.push_str("online");
+                None
+            }
+            Some(at) if at < entities.len() => {
+                draft.topic.clone_from(&entities[at].0);
+                draft.payload.clone_from(&entities[at].1);
+                None
+            }
+            Some(at) if at == entities.len() => Some(watch.recall(self.shared)),
+            Some(_) => match watch.queue.pop_front() {
+                None => return,
+                change => change,
+            },
         };
-        packet::publish(self.talk.version, &message, &mut buffers.out);
+        if let Some(change) = change {
+            change.write(&self.talk.base, draft);
+        }
+        self.introduced = (self.introduced + 1).min(entities.len() + 2);
+        let number = self.next_number();
+        self.asked = Some((change, number, now));
+        buffers.publish(true, Some(number));
+    }
+
+    /// Sends unread weights; whether there were any.
+    fn send_weights(&self, watch: &mut Watch, buffers: &mut Buffers) -> bool {
+        let mut any = false;
+        for slot in 0..USERS {
+            if !watch.has_weights(slot) {
+                continue;
+            }
+            any = true;
+            if buffers.out.len() > WAITING[0] {
+                count(&self.shared.dropped);
+                continue;
+            }
+            watch.weights(slot, &self.talk.base, &mut buffers.draft);
+            buffers.publish(false, None);
+            count(&self.shared.sent);
+        }
+        any
     }
 
     /// Publishes that everybody and the box are gone, as far as the broker accepts it in a moment.
@@ -740,20 +456,19 @@ impl<'a> Connection<'a> {
         if !self.settled {
             return;
         }
-        while let Some(item) = watch.queue.pop_front() {
-            if buffers.out.len() > WAITING[0] {
-                break;
-            }
+        while let Some(change) = watch.queue.pop_front()
+            && buffers.out.len() <= WAITING[0]
+        {
+            change.write(&self.talk.base, &mut buffers.draft);
             let number = self.next_number();
-            self.talk
-                .item(item, &mut buffers.topic, &mut buffers.payload);
-            self.publish(buffers, true, Some((number, false)));
+            buffers.publish(true, Some(number));
         }
-        buffers.topic.clone_from(&self.talk.presence);
-        buffers.payload.clear();
-        buffers.payload.push_str("offline");
+        buffers
+            .draft
+            .about(&self.talk.base, format_args!("presence"));
+        buffers.draft.payload.push_str("offline");
         let number = self.next_number();
-        self.publish(buffers, true, Some((number, false)));
+        buffers.publish(true, Some(number));
         packet::disconnect(&mut buffers.out);
         self.stream.finish(&buffers.out[self.written..]);
     }

@@ -1,4 +1,4 @@
-//! MQTT, for buildings and fleets: presence, state, health, weights at a chosen rate, commands, and Home Assistant's discovery.
+//! MQTT 3.1.1, for buildings and fleets: presence, state, health, weights at a chosen rate, commands, and Home Assistant's discovery.
 //! Topics start with the prefix and the box's name:
 //!
 //! | topic | payload | when |
@@ -12,14 +12,16 @@
 //! | `cmd/freeze` | slot, and 0 or 1 | |
 //!
 //! Presence, faces and states are sent with QoS 1, one after the other, each until the broker acknowledges it, also across
-//! reconnects; when [`client::QUEUE`] of them wait, the oldest is dropped. Weights and health are sent once; weights that a slow
+//! reconnects; when 64 of them wait, the oldest is dropped. Weights and health are sent once; weights that a slow
 //! broker does not accept are dropped and counted. All of it runs in a separate thread: a broker that is unreachable, slow,
 //! refuses or sends garbage is retried after 1, 2, 4, … at most 30 s, without affecting anything else. Retained commands are
 //! ignored, since they would be repeated at every connection. With TLS ([`stream`]) that thread allocates while running.
 
 mod client;
+mod home_assistant;
 mod packet;
 mod stream;
+mod watch;
 
 use super::board::Front;
 use super::features::{MqttSettings, password};
@@ -30,25 +32,20 @@ use super::{OutputError, identity};
 /// # Errors
 /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
 pub fn open(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Front, OutputError> {
-    let trust = stream::Trust::new(settings)?;
+    let trust = stream::trust(settings)?;
     let password = password(&settings.password_file)?;
-    let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
-    let names: Vec<String> = names.collect();
-    let talk = client::Talk::new(settings, &identity::name(name), (trust, password), &names);
+    let talk = client::Talk::new(settings, &identity::name(name), trust, password, units);
     let work = move |shared, bell| client::run(talk, &shared, bell);
     Front::start("mqtt", units, &settings.view, settings.loss, work)
 }
 
-/// What a broker sends, for `tests/fuzz`: packets of both versions.
+/// What a broker sends, for `tests/fuzz`.
 #[cfg(fuzzing)]
-pub fn fuzz(bytes: &[u8]) {
-    for version in [4, 5] {
-        let mut rest = bytes;
-        while let Ok(Some((told, used))) = packet::read(version, rest) {
-            if let packet::Told::Message { topic, payload, .. } = told {
-                assert!(topic.len() + payload.len() < used);
-            }
-            rest = &rest[used..];
+pub fn fuzz(mut bytes: &[u8]) {
+    while let Ok(Some((told, used))) = packet::read(bytes) {
+        if let packet::Told::Message { topic, payload, .. } = told {
+            assert!(topic.len() + payload.len() < used);
         }
+        bytes = &bytes[used..];
     }
 }

@@ -1,29 +1,29 @@
-//! The packets of MQTT 3.1.1 (OASIS, 2014) and 5.0 (2019) needed by a client that publishes and accepts commands, written to
-//! and read from preallocated buffers. Version 5 adds properties; we send none and skip all we receive.
+//! The packets of MQTT 3.1.1 (OASIS, 2014) needed by a client that publishes and accepts commands, written to and read from
+//! preallocated buffers.
 
 /// Longest packet accepted, bytes; a broker has no longer ones for us.
 pub(super) const LONGEST: usize = 2048;
 
 /// The CONNECT packet's contents.
+#[derive(Clone, Copy)]
 pub(super) struct Hello<'a> {
-    /// 4 is 3.1.1, 5.
-    pub(super) version: u8,
     pub(super) client: &'a str,
     /// Seconds.
     pub(super) keep_alive: u16,
     /// Last will, published by the broker when the client disappears: topic and payload.
-    pub(super) will: (&'a str, &'a str),
+    pub(super) will: [&'a str; 2],
     pub(super) user: Option<&'a str>,
     pub(super) password: Option<&'a str>,
 }
 
 /// A PUBLISH packet from the client.
+#[derive(Clone, Copy)]
 pub(super) struct Message<'a> {
     pub(super) topic: &'a str,
     pub(super) payload: &'a [u8],
     pub(super) retain: bool,
-    /// Packet number for QoS 1, and whether it is sent again.
-    pub(super) number: Option<(u16, bool)>,
+    /// Packet number for QoS 1.
+    pub(super) number: Option<u16>,
 }
 
 /// A packet from the broker.
@@ -33,7 +33,9 @@ pub(super) enum Told<'a> {
     Connected(u8),
     /// A message has arrived.
     Acknowledged(u16),
+    /// 0x80 or more if refused.
     Subscribed(u8),
+    /// The answer to a ping.
     Alive,
     Message {
         topic: &'a [u8],
@@ -42,89 +44,83 @@ pub(super) enum Told<'a> {
         /// Packet number to acknowledge.
         number: Option<u16>,
     },
-    Goodbye,
 }
 
 /// Not MQTT, or longer than any packet we expect.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Nonsense;
 
-fn text(bytes: &[u8], into: &mut Vec<u8>) {
-    let bytes = &bytes[..bytes.len().min(usize::from(u16::MAX))];
-    into.extend_from_slice(&(bytes.len() as u16).to_be_bytes());
+/// A packet of this first byte and what `body` writes.
+fn packet(first: u8, into: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
+    into.push(first);
+    let start = into.len();
+    body(into);
+    // The length goes between: as few bytes as it takes, seven bits each.
+    let mut length = into.len() - start;
+    for at in start.. {
+        let more = u8::from(length > 0x7f) << 7;
+        into.insert(at, (length & 0x7f) as u8 | more);
+        length >>= 7;
+        if length == 0 {
+            return;
+        }
+    }
+}
+
+fn word(word: u16, into: &mut Vec<u8>) {
+    into.extend_from_slice(&word.to_be_bytes());
+}
+
+fn text(text: &str, into: &mut Vec<u8>) {
+    let bytes = &text.as_bytes()[..text.len().min(usize::from(u16::MAX))];
+    word(bytes.len() as u16, into);
     into.extend_from_slice(bytes);
 }
 
-/// Puts the first byte and the length before what `body` writes.
-fn packet(first: u8, into: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
-    let start = into.len();
-    into.extend_from_slice(&[first, 0, 0, 0, 0]);
-    body(into);
-    // As few bytes of length as it takes; room was left for four.
-    let mut length = into.len() - start - 5;
-    let mut digits = heapless::Vec::<u8, 4>::new();
-    while digits.is_empty() || length > 0 {
-        let more = if length > 0x7f { 0x80 } else { 0 };
-        // The buffers are far shorter than 2²⁸.
-        let _ = digits.push((length & 0x7f) as u8 | more);
-        length >>= 7;
-    }
-    into[start + 1..start + 1 + digits.len()].copy_from_slice(&digits);
-    into.drain(start + 1 + digits.len()..start + 5);
-}
-
-/// CONNECT.
+/// CONNECT, of version 4 (3.1.1).
 pub(super) fn connect(hello: &Hello, into: &mut Vec<u8>) {
     packet(0x10, into, |into| {
-        text(b"MQTT", into);
+        text("MQTT", into);
         // A clean session, and a will that is acknowledged and retained.
-        let mut flags = 0b0010_1110;
-        flags |= if hello.user.is_some() { 0x80 } else { 0 };
-        flags |= if hello.password.is_some() { 0x40 } else { 0 };
-        into.extend_from_slice(&[hello.version, flags]);
-        into.extend_from_slice(&hello.keep_alive.to_be_bytes());
-        let properties = hello.version == 5;
-        into.extend(properties.then_some(0));
-        text(hello.client.as_bytes(), into);
-        into.extend(properties.then_some(0));
-        text(hello.will.0.as_bytes(), into);
-        text(hello.will.1.as_bytes(), into);
-        for part in [hello.user, hello.password].into_iter().flatten() {
-            text(part.as_bytes(), into);
+        let user = u8::from(hello.user.is_some()) << 7;
+        let password = u8::from(hello.password.is_some()) << 6;
+        into.extend_from_slice(&[4, 0b0010_1110 | user | password]);
+        word(hello.keep_alive, into);
+        let login = [hello.user, hello.password];
+        for part in [hello.client].iter().chain(&hello.will) {
+            text(part, into);
+        }
+        for part in login.into_iter().flatten() {
+            text(part, into);
         }
     });
 }
 
 /// PUBLISH.
-pub(super) fn publish(version: u8, message: &Message, into: &mut Vec<u8>) {
-    let again = message.number.is_some_and(|(_, again)| again);
+pub(super) fn publish(message: &Message, into: &mut Vec<u8>) {
     let quality = u8::from(message.number.is_some());
-    let first = 0x30 | u8::from(again) << 3 | quality << 1 | u8::from(message.retain);
+    let first = 0x30 | quality << 1 | u8::from(message.retain);
     packet(first, into, |into| {
-        text(message.topic.as_bytes(), into);
-        if let Some((number, _)) = message.number {
-            into.extend_from_slice(&number.to_be_bytes());
+        text(message.topic, into);
+        if let Some(number) = message.number {
+            word(number, into);
         }
-        into.extend((version == 5).then_some(0));
         into.extend_from_slice(message.payload);
     });
 }
 
 /// SUBSCRIBE with QoS 1.
-pub(super) fn subscribe(version: u8, number: u16, topic: &str, into: &mut Vec<u8>) {
+pub(super) fn subscribe(number: u16, topic: &str, into: &mut Vec<u8>) {
     packet(0x82, into, |into| {
-        into.extend_from_slice(&number.to_be_bytes());
-        into.extend((version == 5).then_some(0));
-        text(topic.as_bytes(), into);
+        word(number, into);
+        text(topic, into);
         into.push(1);
     });
 }
 
 /// PUBACK.
 pub(super) fn acknowledge(number: u16, into: &mut Vec<u8>) {
-    packet(0x40, into, |into| {
-        into.extend_from_slice(&number.to_be_bytes())
-    });
+    packet(0x40, into, |into| word(number, into));
 }
 
 /// PINGREQ.
@@ -137,7 +133,7 @@ pub(super) fn disconnect(into: &mut Vec<u8>) {
     packet(0xe0, into, |_| {});
 }
 
-/// A variable-length number of one to four bytes, and the rest; `None` while incomplete.
+/// A length of one to four bytes, and the rest; `None` while incomplete.
 fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
     let mut value = 0;
     for at in 0..4 {
@@ -156,12 +152,12 @@ fn length(bytes: &[u8]) -> Result<Option<(usize, &[u8])>, Nonsense> {
 ///
 /// # Errors
 /// If it is not a packet that a broker sends.
-pub(super) fn read(version: u8, bytes: &[u8]) -> Result<Option<(Told<'_>, usize)>, Nonsense> {
+pub(super) fn read(bytes: &[u8]) -> Result<Option<(Told<'_>, usize)>, Nonsense> {
     let Some((&first, rest)) = bytes.split_first() else {
         return Ok(None);
     };
     // Told at once: who talks something else may never say as much as its second byte promises.
-    if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0 | 0xe0) {
+    if !matches!(first, 0x20 | 0x30..=0x3f | 0x40 | 0x90 | 0xd0) {
         return Err(Nonsense);
     }
     let Some((count, rest)) = length(rest)? else {
@@ -171,49 +167,37 @@ pub(super) fn read(version: u8, bytes: &[u8]) -> Result<Option<(Told<'_>, usize)
     if used > LONGEST {
         return Err(Nonsense);
     }
-    let Some(body) = rest.get(..count) else {
-        return Ok(None);
-    };
-    let number = |bytes: &[u8]| {
-        bytes
-            .first_chunk()
-            .map(|two| u16::from_be_bytes(*two))
-            .ok_or(Nonsense)
-    };
-    let told = match first {
-        0x20 => Told::Connected(*body.get(1).ok_or(Nonsense)?),
+    let body = rest.get(..count);
+    let told = body.map(|body| told(first, body).ok_or(Nonsense));
+    Ok(told.transpose()?.map(|told| (told, used)))
+}
+
+/// What a whole packet says; `None` if nothing that a broker says.
+fn told(first: u8, body: &[u8]) -> Option<Told<'_>> {
+    let number = |bytes: &[u8]| bytes.first_chunk().map(|two| u16::from_be_bytes(*two));
+    Some(match first {
+        0x20 => Told::Connected(*body.get(1)?),
         0x40 => Told::Acknowledged(number(body)?),
-        0x90 if count >= 3 => Told::Subscribed(body[count - 1]),
-        0xd0 if count == 0 => Told::Alive,
-        0xe0 if version == 5 => Told::Goodbye,
+        0x90 if body.len() >= 3 => Told::Subscribed(*body.last()?),
+        0xd0 if body.is_empty() => Told::Alive,
         0x30..=0x3f => {
-            let quality = first >> 1 & 3;
-            let end = 2 + usize::from(number(body)?);
-            let topic = body.get(2..end).ok_or(Nonsense)?;
-            let mut rest = &body[end..];
-            let mut asks = None;
-            if quality > 0 {
-                asks = Some(number(rest)?);
-                rest = &rest[2..];
-            }
-            if version == 5 {
-                let (properties, after) = length(rest)?.ok_or(Nonsense)?;
-                rest = after.get(properties..).ok_or(Nonsense)?;
-            }
-            // We ask for no more than 1.
-            if quality > 1 {
-                return Err(Nonsense);
-            }
+            let length = number(body)?;
+            let (topic, rest) = body[2..].split_at_checked(length.into())?;
+            // We ask for no more than QoS 1.
+            let (number, payload) = match first >> 1 & 3 {
+                0 => (None, rest),
+                1 => (Some(number(rest)?), &rest[2..]),
+                _ => return None,
+            };
             Told::Message {
                 topic,
-                payload: rest,
+                payload,
                 retained: first & 1 == 1,
-                number: asks,
+                number,
             }
         }
-        _ => return Err(Nonsense),
-    };
-    Ok(Some((told, used)))
+        _ => return None,
+    })
 }
 
 #[cfg(test)]
@@ -223,10 +207,9 @@ mod tests {
     #[test]
     fn packets_are_those_of_the_standards() {
         let hello = Hello {
-            version: 4,
             client: "c",
             keep_alive: 10,
-            will: ("t", "off"),
+            will: ["t", "off"],
             user: Some("u"),
             password: Some("p"),
         };
@@ -236,59 +219,39 @@ mod tests {
             bytes,
             b"\x10\x1b\0\x04MQTT\x04\xee\0\x0a\0\x01c\0\x01t\0\x03off\0\x01u\0\x01p"
         );
-        bytes.clear();
-        connect(
-            &Hello {
-                version: 5,
-                user: None,
-                password: None,
-                ..hello
-            },
-            &mut bytes,
-        );
-        assert_eq!(
-            bytes,
-            b"\x10\x17\0\x04MQTT\x05\x2e\0\x0a\0\0\x01c\0\0\x01t\0\x03off"
-        );
         let message = Message {
             topic: "a/b",
             payload: b"xyz",
             retain: true,
-            number: Some((258, true)),
+            number: Some(258),
         };
-        for (version, expected) in [
-            (4, &b"\x3b\x0a\0\x03a/b\x01\x02xyz"[..]),
-            (5, b"\x3b\x0b\0\x03a/b\x01\x02\0xyz"),
-        ] {
-            bytes.clear();
-            publish(version, &message, &mut bytes);
-            assert_eq!(bytes, expected);
-            // What a client writes a broker passes on in the same form.
-            let told = Told::Message {
-                topic: b"a/b",
-                payload: b"xyz",
-                retained: true,
-                number: Some(258),
-            };
-            assert_eq!(read(version, &bytes), Ok(Some((told, bytes.len()))));
-            for cut in 0..bytes.len() {
-                assert_eq!(read(version, &bytes[..cut]), Ok(None));
-            }
+        bytes.clear();
+        publish(&message, &mut bytes);
+        assert_eq!(bytes, b"\x33\x0a\0\x03a/b\x01\x02xyz");
+        // What a client writes a broker passes on in the same form.
+        let told = Told::Message {
+            topic: b"a/b",
+            payload: b"xyz",
+            retained: true,
+            number: Some(258),
+        };
+        assert_eq!(read(&bytes), Ok(Some((told, bytes.len()))));
+        for cut in 0..bytes.len() {
+            assert_eq!(read(&bytes[..cut]), Ok(None));
         }
         bytes.clear();
-        subscribe(4, 7, "a/+", &mut bytes);
+        subscribe(7, "a/+", &mut bytes);
         assert_eq!(bytes, b"\x82\x08\0\x07\0\x03a/+\x01");
         // Lengths of two bytes.
         bytes.clear();
         publish(
-            4,
             &Message {
                 payload: &[7; 300],
                 ..message
             },
             &mut bytes,
         );
-        assert_eq!(bytes[..3], [0x3b, 0xb3, 0x02]);
+        assert_eq!(bytes[..3], [0x33, 0xb3, 0x02]);
         assert_eq!(bytes.len(), 3 + 307);
     }
 
@@ -304,12 +267,12 @@ mod tests {
             b"\x30\x02\0\x09",
             b"HTTP/1.1 400 Bad Request",
         ] {
-            assert_eq!(read(4, bad), Err(Nonsense), "{bad:?}");
+            assert_eq!(read(bad), Err(Nonsense), "{bad:?}");
         }
         let mut random = fastrand::Rng::with_seed(6);
         for _ in 0..200_000 {
             let bytes: Vec<u8> = (0..random.usize(..24)).map(|_| random.u8(..)).collect();
-            if let Ok(Some((_, used))) = read(random.u8(4..6), &bytes) {
+            if let Ok(Some((_, used))) = read(&bytes) {
                 assert!(used <= bytes.len());
             }
         }

@@ -5,7 +5,12 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsRawFd, RawFd};
+use std::sync::Arc;
 use std::time::Duration;
+
+use rustls::crypto::ring;
+use rustls::pki_types::{CertificateDer, ServerName, pem::PemObject};
+use rustls::{ClientConfig, ClientConnection, RootCertStore};
 
 use crate::output::OutputError;
 use crate::output::features::MqttSettings;
@@ -13,55 +18,38 @@ use crate::output::features::MqttSettings;
 /// Connection timeout.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Largest certificate file, bytes; a system's bundle has 0.2 MB.
-#[cfg(feature = "mqtt-tls")]
 const CERTIFICATES_MOST: usize = 4 << 20;
 /// Time limit for the last messages.
 const FAREWELL: Duration = Duration::from_millis(300);
 
-/// The CAs that may sign the broker's certificate; nothing without TLS.
-#[derive(Clone)]
-pub(super) struct Trust(#[cfg(feature = "mqtt-tls")] Option<std::sync::Arc<rustls::ClientConfig>>);
+/// How the broker's certificate is checked; `None` without TLS.
+pub(super) type Trust = Option<Arc<ClientConfig>>;
 
-impl Trust {
-    /// # Errors
-    /// If the certificates cannot be read, or TLS is requested but not built in.
-    pub(super) fn new(settings: &MqttSettings) -> Result<Self, OutputError> {
-        if !settings.tls {
-            return Ok(Self(
-                #[cfg(feature = "mqtt-tls")]
-                None,
-            ));
-        }
-        #[cfg(not(feature = "mqtt-tls"))]
-        return Err(OutputError::NotBuilt {
-            section: "mqtt",
-            feature: "mqtt-tls",
-        });
-        #[cfg(feature = "mqtt-tls")]
-        authorities(&settings.ca_file)
-            .map(|roots| {
-                // The algorithms are named: no other part of the program chooses them.
-                let provider = std::sync::Arc::new(rustls::crypto::ring::default_provider());
-                let config = rustls::ClientConfig::builder_with_provider(provider)
-                    .with_safe_default_protocol_versions()
-                    .expect("ring knows TLS 1.2 and 1.3")
-                    .with_root_certificates(roots)
-                    .with_no_client_auth();
-                Self(Some(std::sync::Arc::new(config)))
-            })
-            .map_err(|source| OutputError::Certificates {
-                path: settings.ca_file.clone(),
-                source,
-            })
+/// Trusts the CAs of the configured file.
+///
+/// # Errors
+/// If the certificates cannot be read.
+pub(super) fn trust(settings: &MqttSettings) -> Result<Trust, OutputError> {
+    if !settings.tls {
+        return Ok(None);
     }
+    let roots = authorities(&settings.ca_file).map_err(|source| OutputError::Certificates {
+        path: settings.ca_file.clone(),
+        source,
+    })?;
+    // The algorithms are named: no other part of the program chooses them.
+    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .expect("ring knows TLS 1.2 and 1.3")
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    Ok(Some(Arc::new(config)))
 }
 
 /// The certificates of a PEM file.
-#[cfg(feature = "mqtt-tls")]
-fn authorities(path: &str) -> io::Result<rustls::RootCertStore> {
-    use rustls::pki_types::{CertificateDer, pem::PemObject};
+fn authorities(path: &str) -> io::Result<RootCertStore> {
     let text = crate::base::bounded_read::read(std::path::Path::new(path), CERTIFICATES_MOST)?;
-    let mut roots = rustls::RootCertStore::empty();
+    let mut roots = RootCertStore::empty();
     for certificate in CertificateDer::pem_slice_iter(&text) {
         let certificate =
             certificate.map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
@@ -75,10 +63,10 @@ fn authorities(path: &str) -> io::Result<rustls::RootCertStore> {
     Ok(roots)
 }
 
-pub(super) enum Stream {
-    Plain(TcpStream),
-    #[cfg(feature = "mqtt-tls")]
-    Sealed(Box<rustls::StreamOwned<rustls::ClientConnection, TcpStream>>),
+/// A connection, plain or sealed.
+pub(super) struct Stream {
+    socket: TcpStream,
+    tls: Option<Box<ClientConnection>>,
 }
 
 impl Stream {
@@ -86,77 +74,61 @@ impl Stream {
     /// data.
     pub(super) fn connect(broker: &str, trust: &Trust) -> io::Result<Self> {
         let socket = reach(broker)?;
-        #[cfg(feature = "mqtt-tls")]
-        if let Some(config) = &trust.0 {
-            let host = broker.rsplit_once(':').map_or(broker, |(host, _)| host);
-            let host = host.trim_matches(['[', ']']).to_owned();
-            let host = rustls::pki_types::ServerName::try_from(host)
-                .map_err(|error| io::Error::new(ErrorKind::InvalidInput, error))?;
-            let tls = rustls::ClientConnection::new(config.clone(), host)
-                .map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
-            let sealed = rustls::StreamOwned::new(tls, socket);
-            return Ok(Self::Sealed(Box::new(sealed)));
-        }
-        let _ = trust;
-        Ok(Self::Plain(socket))
-    }
-
-    fn socket(&self) -> &TcpStream {
-        match self {
-            Self::Plain(socket) => socket,
-            #[cfg(feature = "mqtt-tls")]
-            Self::Sealed(sealed) => &sealed.sock,
-        }
+        let Some(config) = trust else {
+            return Ok(Self { socket, tls: None });
+        };
+        let host = broker.rsplit_once(':').map_or(broker, |(host, _)| host);
+        let host = ServerName::try_from(host.trim_matches(['[', ']']).to_owned())
+            .map_err(|error| io::Error::new(ErrorKind::InvalidInput, error))?;
+        let tls = ClientConnection::new(config.clone(), host)
+            .map_err(|error| io::Error::new(ErrorKind::InvalidData, error))?;
+        Ok(Self {
+            socket,
+            tls: Some(Box::new(tls)),
+        })
     }
 
     /// Whether to wait until the socket accepts more; `pending` is whether the caller has unsent data.
     pub(super) fn waits_to_write(&self, pending: bool) -> bool {
-        match self {
-            Self::Plain(_) => pending,
-            // While hands are shaken, writing waits for what is read.
-            #[cfg(feature = "mqtt-tls")]
-            Self::Sealed(sealed) => {
-                sealed.conn.wants_write() || pending && !sealed.conn.is_handshaking()
-            }
-        }
+        // While hands are shaken, writing waits for what is read.
+        self.tls.as_ref().map_or(pending, |tls| {
+            tls.wants_write() || pending && !tls.is_handshaking()
+        })
     }
 
     /// Sends the last messages, for a moment, and closes.
     pub(super) fn finish(&mut self, words: &[u8]) {
-        let _ = self.socket().set_nonblocking(false);
-        let _ = self.socket().set_write_timeout(Some(FAREWELL));
+        let _ = self.socket.set_nonblocking(false);
+        let _ = self.socket.set_write_timeout(Some(FAREWELL));
         let _ = self.write_all(words);
-        #[cfg(feature = "mqtt-tls")]
-        if let Self::Sealed(sealed) = self {
-            sealed.conn.send_close_notify();
-            let _ = sealed.conn.write_tls(&mut sealed.sock);
+        if let Some(tls) = &mut self.tls {
+            tls.send_close_notify();
+            let _ = tls.write_tls(&mut self.socket);
         }
-        let _ = self.socket().shutdown(Shutdown::Write);
+        let _ = self.socket.shutdown(Shutdown::Write);
     }
 }
 
 impl AsRawFd for Stream {
     fn as_raw_fd(&self) -> RawFd {
-        self.socket().as_raw_fd()
+        self.socket.as_raw_fd()
     }
 }
 
 impl Read for Stream {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Plain(socket) => socket.read(into),
-            #[cfg(feature = "mqtt-tls")]
-            Self::Sealed(sealed) => sealed.read(into),
+        match &mut self.tls {
+            None => self.socket.read(into),
+            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).read(into),
         }
     }
 }
 
 impl Write for Stream {
     fn write(&mut self, words: &[u8]) -> io::Result<usize> {
-        let taken = match self {
-            Self::Plain(socket) => socket.write(words),
-            #[cfg(feature = "mqtt-tls")]
-            Self::Sealed(sealed) => sealed.write(words),
+        let taken = match &mut self.tls {
+            None => self.socket.write(words),
+            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).write(words),
         }?;
         if taken == 0 {
             return Err(ErrorKind::WouldBlock.into());
@@ -165,16 +137,15 @@ impl Write for Stream {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::Plain(socket) => socket.flush(),
-            #[cfg(feature = "mqtt-tls")]
-            Self::Sealed(sealed) => sealed.flush(),
+        match &mut self.tls {
+            None => Ok(()),
+            Some(tls) => rustls::Stream::new(&mut **tls, &mut self.socket).flush(),
         }
     }
 }
 
 fn reach(broker: &str) -> io::Result<TcpStream> {
-    let reach = |address| {
+    let open = |address| {
         let socket = TcpStream::connect_timeout(&address, PATIENCE)?;
         socket.set_nonblocking(true)?;
         let _ = socket.set_nodelay(true);
@@ -182,14 +153,14 @@ fn reach(broker: &str) -> io::Result<TcpStream> {
     };
     // Only a name is looked up, which asks for memory.
     if let Ok(address) = broker.parse() {
-        return reach(address);
+        return open(address);
     }
-    let mut last = io::Error::from(ErrorKind::NotFound);
+    let mut last = Err(ErrorKind::NotFound.into());
     for address in broker.to_socket_addrs()? {
-        match reach(address) {
-            Ok(socket) => return Ok(socket),
-            Err(error) => last = error,
+        last = open(address);
+        if last.is_ok() {
+            break;
         }
     }
-    Err(last)
+    last
 }

@@ -8,51 +8,15 @@
 //! | `/face/cmd/schema` | | sends the schema now: to the targets on the requester's host, or if there are none, back to the requester |
 //!
 //! Input is untrusted: a datagram is read into a fixed buffer, bundles may be nested twice, and only so many datagrams are
-//! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make [`AT_ONCE`] requests, and
-//! one more every [`EACH`]. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
+//! examined per frame; the rest waits in the socket, which the system bounds. Every sender may make 16 requests, and one
+//! more every quarter of a second. Requests beyond that, malformed or unknown ones, and those with other arguments or a slot that does
 //! not exist are counted and otherwise ignored, with the rest of their datagram if that cannot be separated. Replies go to the
-//! requester only. Nothing allocates. Limits: with more than [`SENDERS`] senders, the one silent for longest counts as new when
+//! requester only. Nothing allocates. Limits: with more than eight senders, the one silent for longest counts as new when
 //! it returns.
-//! One file: every command, what it may do, and who may send it how often.
 
-#[cfg(feature = "std")]
-use std::net::{IpAddr, SocketAddr, UdpSocket};
-#[cfg(feature = "std")]
-use std::time::{Duration, Instant};
-
-use super::packet::{element, string};
-use crate::base::capacity::USERS;
-#[cfg(not(feature = "std"))]
-use crate::base::prelude::*;
+use super::packet::{messages, string};
 use crate::output::Command;
-#[cfg(feature = "std")]
-use crate::output::OutputError;
 
-/// Longest datagram accepted; the system truncates longer ones, which are then malformed.
-#[cfg(feature = "std")]
-const LARGEST: usize = 1472;
-/// Work allowed between two frames, in datagrams received; parsing one costs as much as [`READING`].
-#[cfg(feature = "std")]
-const DATAGRAMS: usize = 64;
-#[cfg(feature = "std")]
-const READING: usize = 8;
-/// Senders tracked by the rate limit.
-#[cfg(feature = "std")]
-const SENDERS: usize = 8;
-/// Burst size: requests that a sender may make at once.
-#[cfg(feature = "std")]
-const AT_ONCE: u32 = 16;
-/// Time after which it may make another one.
-#[cfg(feature = "std")]
-const EACH: Duration = Duration::from_millis(250);
-/// Commands accepted from one datagram; further ones are refused.
-#[cfg(feature = "std")]
-const REQUESTS: usize = 16;
-/// First and longest pause before retrying an address that is in use.
-#[cfg(feature = "std")]
-const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
-/// Nesting depth at which bundles are refused.
-const DEPTH: usize = 3;
 /// Most arguments of a command.
 const ARGUMENTS: usize = 2;
 
@@ -65,205 +29,11 @@ pub enum Request {
     Command(Command),
 }
 
-/// A sender, and when its allowance is full again.
-#[cfg(feature = "std")]
-struct Sender {
-    host: IpAddr,
-    whole: Instant,
-}
-
-/// The rate limits.
-#[cfg(feature = "std")]
-#[derive(Default)]
-struct Senders(heapless::Vec<Sender, SENDERS>);
-
-#[cfg(feature = "std")]
-impl Senders {
-    /// The allowance of a host.
-    fn of(&mut self, host: IpAddr, now: Instant) -> &mut Sender {
-        let at = match self.0.iter().position(|sender| sender.host == host) {
-            Some(at) => at,
-            None => {
-                let new = Sender { host, whole: now };
-                if let Err(new) = self.0.push(new) {
-                    let mut longest = 0;
-                    for at in 1..SENDERS {
-                        if self.0[at].whole < self.0[longest].whole {
-                            longest = at;
-                        }
-                    }
-                    self.0[longest] = new;
-                    longest
-                } else {
-                    self.0.len() - 1
-                }
-            }
-        };
-        &mut self.0[at]
-    }
-}
-
-#[cfg(feature = "std")]
-impl Sender {
-    fn may(&self, now: Instant) -> bool {
-        self.whole.saturating_duration_since(now) <= EACH * (AT_ONCE - 1)
-    }
-
-    /// Counts one request; whether it is allowed.
-    fn takes_one(&mut self, now: Instant) -> bool {
-        let may = self.may(now);
-        if may {
-            self.whole = self.whole.max(now) + EACH;
-        }
-        may
-    }
-}
-
-/// The listening socket.
-#[cfg(feature = "std")]
-pub struct Commands {
-    /// `None` while the address is in use, or not this machine's.
-    socket: Option<UdpSocket>,
-    address: SocketAddr,
-    /// When to try again, and how long to wait after that.
-    again: Instant,
-    pause: Duration,
-    /// Start of the addresses, as `/face`.
-    prefix: String,
-    waiting: heapless::Deque<(Request, SocketAddr), REQUESTS>,
-    senders: Senders,
-    done: usize,
-    taken: u64,
-    refused: u64,
-}
-
-#[cfg(feature = "std")]
-impl Commands {
-    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. Retries while the address is in use, or not
-    /// this machine's.
-    ///
-    /// # Errors
-    /// If it is not an address with a port.
-    pub fn listen(address: &str, prefix: &str) -> Result<Self, OutputError> {
-        let parsed = address.parse();
-        let address = parsed.map_err(|_| OutputError::Listen {
-            address: address.to_owned(),
-        })?;
-        Ok(Self {
-            socket: bind(address).ok(),
-            address,
-            again: Instant::now(),
-            pause: PAUSES[0],
-            prefix: prefix.to_owned(),
-            waiting: heapless::Deque::new(),
-            senders: Senders::default(),
-            done: 0,
-            taken: 0,
-            refused: 0,
-        })
-    }
-
-    /// Where it listens.
-    #[must_use]
-    pub fn address(&self) -> Option<SocketAddr> {
-        self.socket.as_ref()?.local_addr().ok()
-    }
-
-    /// Tries again when it is time to: first when the first request is asked for, as whoever had the address before a
-    /// reload has left it then.
-    fn try_again(&mut self) -> Option<&UdpSocket> {
-        let now = Instant::now();
-        if self.socket.is_none() && now >= self.again {
-            match bind(self.address) {
-                Ok(socket) => self.socket = Some(socket),
-                Err(error) => {
-                    if self.pause == PAUSES[0] {
-                        tracing::warn!(
-                            "cannot listen for OSC commands at {} ({error}), retrying until it is free",
-                            self.address
-                        );
-                    }
-                    self.again = now + self.pause;
-                    self.pause = (2 * self.pause).min(PAUSES[1]);
-                }
-            }
-        }
-        self.socket.as_ref()
-    }
-
-    /// Commands accepted and refused.
-    #[must_use]
-    pub fn counts(&self) -> [u64; 2] {
-        [self.taken, self.refused]
-    }
-
-    /// Sends a reply to the requester.
-    pub(super) fn answer(&self, datagram: &[u8], to: SocketAddr) -> bool {
-        let socket = self.socket.as_ref();
-        socket.is_some_and(|socket| socket.send_to(datagram, to).is_ok())
-    }
-
-    /// The next request and its sender; `None` ends a round, after which the datagram limit is reset.
-    pub fn next_request(&mut self) -> Option<(Request, SocketAddr)> {
-        let mut bytes = [0; LARGEST];
-        loop {
-            if let Some(request) = self.waiting.pop_front() {
-                self.taken += 1;
-                return Some(request);
-            }
-            let datagram = (self.done < DATAGRAMS)
-                .then(|| self.try_again()?.recv_from(&mut bytes).ok())
-                .flatten();
-            let Some((length, from)) = datagram else {
-                self.done = 0;
-                return None;
-            };
-            self.done += 1;
-            let now = Instant::now();
-            let sender = self.senders.of(from.ip(), now);
-            if !sender.may(now) {
-                self.refused += 1;
-                continue;
-            }
-            self.done += READING - 1;
-            let waiting = &mut self.waiting;
-            self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
-                sender.takes_one(now) && waiting.push_back((request, from)).is_ok()
-            });
-        }
-    }
-}
-
-#[cfg(feature = "std")]
-fn bind(address: SocketAddr) -> std::io::Result<UdpSocket> {
-    let socket = UdpSocket::bind(address)?;
-    socket.set_nonblocking(true)?;
-    Ok(socket)
-}
-
 /// Passes the requests of a datagram to `take`, which returns whether it had room; returns how many messages were refused.
 pub fn requests(datagram: &[u8], prefix: &str, take: &mut dyn FnMut(Request) -> bool) -> u64 {
-    packet(datagram, prefix, DEPTH, take)
-}
-
-fn packet(bytes: &[u8], prefix: &str, depth: usize, take: &mut dyn FnMut(Request) -> bool) -> u64 {
-    let Some(mut rest) = bytes.strip_prefix(b"#bundle\0") else {
-        let done = message(bytes, prefix).is_some_and(take);
-        return u64::from(!done);
-    };
-    // The time tag says when; commands are for now.
-    if depth == 0 || rest.len() < 8 {
-        return 1;
-    }
-    rest = &rest[8..];
-    let mut refused = 0;
-    while !rest.is_empty() {
-        let Some((element, after)) = element(rest) else {
-            return refused + 1;
-        };
-        refused += packet(element, prefix, depth - 1, take);
-        rest = after;
-    }
+    let [_, refused] = messages(datagram, &mut |one| {
+        message(one, prefix).is_some_and(&mut *take)
+    });
     refused
 }
 
@@ -292,18 +62,18 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
     if !rest.is_empty() {
         return None;
     }
-    let slot = |number: i32| usize::try_from(number).ok().filter(|&slot| slot < USERS);
-    let command = match (
-        address.strip_prefix(prefix)?.strip_prefix("/cmd/")?,
-        &arguments[..],
-    ) {
-        ("forget", &[user]) => Command::Forget(slot(user)?),
-        ("neutral", &[user]) => Command::Neutral(slot(user)?),
-        ("freeze", &[user, on @ 0..=1]) => Command::Freeze(slot(user)?, on == 1),
-        ("schema", []) => return Some(Request::Schema),
+    let what = address.strip_prefix(prefix)?.strip_prefix("/cmd/")?;
+    let (slot, on) = match arguments[..] {
+        [] if what == "schema" => return Some(Request::Schema),
+        [gesture, level] if what == "level" => {
+            let level = Command::Level(gesture.try_into().ok()?, level.try_into().ok()?);
+            return Some(Request::Command(level));
+        }
+        [slot] => (slot, None),
+        [slot, on @ 0..=1] => (slot, Some(on == 1)),
         _ => return None,
     };
-    Some(Request::Command(command))
+    Command::named(what, slot.try_into().ok()?, on).map(Request::Command)
 }
 
 /// An integer sent as a float.
@@ -314,7 +84,8 @@ fn whole(number: f32) -> Option<i32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output::osc::packet::{Argument, Packet};
+    use crate::base::capacity::USERS;
+    use crate::output::osc::packet::{Argument, DEPTH, Packet};
 
     fn read(bytes: &[u8]) -> (Vec<Request>, u64) {
         let mut all = Vec::new();

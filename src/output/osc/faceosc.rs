@@ -102,10 +102,8 @@ impl FaceOsc {
 
     fn send_found(&mut self, found: bool) {
         self.found = found;
-        self.wire.message(
-            format_args!("/found"),
-            core::iter::once(Argument::Int(found.into())),
-        );
+        self.wire
+            .message(format_args!("/found"), [Argument::Int(found.into())]);
         self.wire.flush();
     }
 
@@ -149,10 +147,7 @@ impl FaceOsc {
         wire.message(format_args!("/pose/scale"), floats(2..3));
         wire.message(format_args!("/pose/orientation"), floats(3..6));
         for ((name, ..), distance) in GESTURES.iter().zip(gestures) {
-            wire.message(
-                format_args!("/gesture/{name}"),
-                core::iter::once(Argument::Float(distance)),
-            );
+            wire.message(format_args!("/gesture/{name}"), [Argument::Float(distance)]);
         }
         wire.flush();
     }
@@ -190,18 +185,14 @@ impl Output for FaceOsc {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.wire.sent(),
-            dropped: self.wire.dropped(),
-            ..Tally::of("faceosc")
-        }
+        self.wire.to.tally("faceosc", 0)
     }
 }
 
 impl Drop for FaceOsc {
     /// Nobody.
     fn drop(&mut self) {
-        if !self.wire.is_used() {
+        if !self.wire.to.is_used() {
             return;
         }
         self.send_found(false);

@@ -127,10 +127,45 @@ impl Write for Packet {
     }
 }
 
-/// The first element of a bundle, after its length, and the rest.
-pub(super) fn element(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    rest.split_at_checked(usize::try_from(u32::from_be_bytes(*length)).ok()?)
+/// Nesting depth at which bundles are refused.
+pub(super) const DEPTH: usize = 3;
+
+/// Passes every message of a datagram to `take`, which says whether it is accepted; counts of those accepted and refused. What
+/// cannot be separated, or is nested too deep, is one refused. Time tags are not waited for.
+pub(super) fn messages(datagram: &[u8], take: &mut dyn FnMut(&[u8]) -> bool) -> [u64; 2] {
+    let mut counts = [0; 2];
+    elements(
+        datagram,
+        DEPTH,
+        &mut |taken| counts[usize::from(!taken)] += 1,
+        take,
+    );
+    counts
+}
+
+fn elements(
+    bytes: &[u8],
+    depth: usize,
+    counted: &mut dyn FnMut(bool),
+    take: &mut dyn FnMut(&[u8]) -> bool,
+) {
+    let Some(bundle) = bytes.strip_prefix(b"#bundle\0") else {
+        return counted(take(bytes));
+    };
+    let Some(mut rest) = bundle.get(8..).filter(|_| depth > 0) else {
+        return counted(false);
+    };
+    while let Some((length, after)) = rest.split_first_chunk::<4>() {
+        let Some((inner, after)) = after.split_at_checked(u32::from_be_bytes(*length) as usize)
+        else {
+            break;
+        };
+        elements(inner, depth - 1, counted, take);
+        rest = after;
+    }
+    if !rest.is_empty() {
+        counted(false);
+    }
 }
 
 /// A string, and the rest after its padding.

@@ -4,13 +4,11 @@
 //! other arguments, names an impossible slot or unit, or contains a non-finite number is counted and otherwise ignored.
 //! Weights without names (style `vector`) wait for the schema, which is sent every five seconds.
 
-use super::packet::{element, string};
+use super::packet::{messages, string};
 use crate::base::capacity::USERS;
 use crate::output::is_name;
 use crate::output::received::{Listener, Sample, UnitRange};
 
-/// Nesting depth at which bundles are refused.
-const DEPTH: usize = 3;
 /// Units a schema may name.
 const MOST_UNITS: usize = 256;
 
@@ -43,7 +41,7 @@ impl Receiver {
     /// Takes one datagram and tells what it says.
     pub fn take(&mut self, datagram: &[u8], to: &dyn Listener) {
         let units = self.units.clone();
-        let (taken, refused) = self.packet(datagram, DEPTH);
+        let [taken, refused] = messages(datagram, &mut |one| self.message(one, to).is_some());
         to.count(taken, refused);
         if units != self.units {
             to.schema(&self.units);
@@ -61,30 +59,7 @@ impl Receiver {
         }
     }
 
-    /// Messages taken and refused.
-    fn packet(&mut self, bytes: &[u8], depth: usize) -> (u64, u64) {
-        let Some(mut rest) = bytes.strip_prefix(b"#bundle\0") else {
-            let taken = self.message(bytes).is_some();
-            return (taken.into(), (!taken).into());
-        };
-        // The time tag is not waited for: what comes is shown.
-        if depth == 0 || rest.len() < 8 {
-            return (0, 1);
-        }
-        rest = &rest[8..];
-        let mut counts = (0, 0);
-        while !rest.is_empty() {
-            let Some((inner, after)) = element(rest) else {
-                return (counts.0, counts.1 + 1);
-            };
-            let (taken, refused) = self.packet(inner, depth - 1);
-            counts = (counts.0 + taken, counts.1 + refused);
-            rest = after;
-        }
-        counts
-    }
-
-    fn message(&mut self, bytes: &[u8]) -> Option<()> {
+    fn message(&mut self, bytes: &[u8], to: &dyn Listener) -> Option<()> {
         let (address, rest) = string(bytes)?;
         let (tags, rest) = string(rest)?;
         let values = values(tags.strip_prefix(',')?, rest)?;
@@ -100,6 +75,15 @@ impl Receiver {
                     .collect();
                 self.rename(names.filter(|names| names.len() <= MOST_UNITS)?);
                 self.named = true;
+                return Some(());
+            }
+            (["mien", "gesture", name, user @ ..], [Value::Int(is_on)]) if is_name(name) => {
+                let user = match user {
+                    [] => None,
+                    [word] => Some(slot(word)?),
+                    _ => return None,
+                };
+                to.gesture(name, user, *is_on != 0);
                 return Some(());
             }
             ([.., "alive"], [Value::Int(_), Value::Text(_), Value::Float(_)]) => return Some(()),

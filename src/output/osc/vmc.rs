@@ -121,10 +121,7 @@ impl Vmc {
             let [state, mode] = CALIBRATED;
             let ok = [1, state, mode, tracked.into()].map(Argument::Int);
             wire.message(format_args!("/OK"), ok.into_iter());
-            wire.message(
-                format_args!("/T"),
-                core::iter::once(Argument::Float(self.seconds)),
-            );
+            wire.message(format_args!("/T"), [Argument::Float(self.seconds)]);
             wire.message(
                 format_args!("/Root/Pos"),
                 placed("root", [0.0; 3], [0.0, 0.0, 0.0, 1.0]),
@@ -160,9 +157,9 @@ impl Vmc {
         for shape in &self.shapes {
             let value = shape.value(self.face.weights.shown()).max(0.0);
             let arguments = [Argument::Text(&shape.name), Argument::Float(value)];
-            wire.message(format_args!("/Blend/Val"), arguments.into_iter());
+            wire.message(format_args!("/Blend/Val"), arguments);
         }
-        wire.message(format_args!("/Blend/Apply"), core::iter::empty());
+        wire.message(format_args!("/Blend/Apply"), []);
         wire.flush();
     }
 }
@@ -198,19 +195,15 @@ impl Output for Vmc {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.wire.sent(),
-            dropped: self.wire.dropped(),
-            not_numbers: self.face.weights.not_numbers(),
-            ..Tally::of("vmc")
-        }
+        let not_numbers = self.face.weights.not_numbers();
+        self.wire.to.tally("vmc", not_numbers)
     }
 }
 
 impl Drop for Vmc {
     /// Neutral.
     fn drop(&mut self) {
-        if !self.wire.is_used() {
+        if !self.wire.to.is_used() {
             return;
         }
         self.face.weights.reset();

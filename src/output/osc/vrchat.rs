@@ -126,10 +126,7 @@ impl VrChat {
         if all || active != self.active {
             self.active = active;
             for name in SWITCHES {
-                wire.message(
-                    format_args!("/{name}"),
-                    core::iter::once(Argument::Bool(active)),
-                );
+                wire.message(format_args!("/{name}"), [Argument::Bool(active)]);
             }
         }
         for sent in &mut self.parameters {
@@ -154,7 +151,7 @@ impl Sent {
             self.value = value;
             wire.message(
                 format_args!("/{}", self.parameter.name),
-                core::iter::once(Argument::Float(value)),
+                [Argument::Float(value)],
             );
         }
     }
@@ -175,7 +172,7 @@ impl Sent {
         let mut send = |bit: u32, address: core::fmt::Arguments| {
             if changed >> bit & 1 == 1 {
                 let on = switches >> bit & 1 == 1;
-                wire.message(address, core::iter::once(Argument::Bool(on)));
+                wire.message(address, [Argument::Bool(on)]);
             }
         };
         let name = &self.parameter.name;
@@ -197,19 +194,15 @@ impl Output for VrChat {
     }
 
     fn tally(&self) -> Tally {
-        Tally {
-            sent: self.wire.sent(),
-            dropped: self.wire.dropped(),
-            not_numbers: self.face.weights.not_numbers(),
-            ..Tally::of("vrchat")
-        }
+        let not_numbers = self.face.weights.not_numbers();
+        self.wire.to.tally("vrchat", not_numbers)
     }
 }
 
 impl Drop for VrChat {
     /// Neutral, and no face.
     fn drop(&mut self) {
-        if !self.wire.is_used() {
+        if !self.wire.to.is_used() {
             return;
         }
         self.face.weights.reset();

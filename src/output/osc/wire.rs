@@ -5,7 +5,7 @@ use core::net::IpAddr;
 use super::packet::{Argument, Packet};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::output::OutputError;
+use crate::output::{OutputError, Tally};
 
 /// A destination of datagrams.
 pub trait Datagrams: Send {
@@ -24,13 +24,62 @@ pub type Targets = Box<[Box<dyn Datagrams>]>;
 /// Longest prefix, so that an address always leaves room for its arguments.
 const LONGEST_PREFIX: usize = 64;
 
-/// The targets and the datagram being filled.
-pub(super) struct Wire {
+/// The receivers, and what was sent to them.
+pub(in crate::output) struct Sender {
     targets: Targets,
+    sent: u64,
+    /// Datagrams the system did not accept, or whose target is not resolved yet.
+    dropped: u64,
+}
+
+impl From<Targets> for Sender {
+    fn from(targets: Targets) -> Self {
+        Self {
+            targets,
+            sent: 0,
+            dropped: 0,
+        }
+    }
+}
+
+impl Sender {
+    /// Sends a datagram to every target.
+    pub(in crate::output) fn send(&mut self, datagram: &[u8]) {
+        for at in 0..self.targets.len() {
+            let taken = self.targets[at].send(datagram);
+            self.count(taken);
+        }
+    }
+
+    fn count(&mut self, taken: bool) {
+        *(if taken {
+            &mut self.sent
+        } else {
+            &mut self.dropped
+        }) += 1;
+    }
+
+    /// Whether anything was sent; otherwise there is nothing to close.
+    pub(in crate::output) fn is_used(&self) -> bool {
+        self.sent + self.dropped > 0
+    }
+
+    /// The counters so far, of the output called `name`.
+    pub(in crate::output) fn tally(&self, name: &'static str, not_numbers: u64) -> Tally {
+        Tally {
+            sent: self.sent,
+            dropped: self.dropped,
+            not_numbers,
+            ..Tally::of(name)
+        }
+    }
+}
+
+/// The receivers and the datagram being filled.
+pub(super) struct Wire {
+    pub(super) to: Sender,
     packet: Packet,
     prefix: String,
-    sent: u64,
-    dropped: u64,
 }
 
 /// The prefix, if it is valid in addresses.
@@ -43,36 +92,14 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     Ok(prefix)
 }
 
-/// Counts a datagram as sent or dropped.
-fn count(taken: bool, sent: &mut u64, dropped: &mut u64) {
-    *(if taken { sent } else { dropped }) += 1;
-}
-
 impl Wire {
     /// To `targets`; every address starts with `prefix`, which is [`usable`].
     pub(super) fn new(targets: Targets, prefix: String) -> Self {
         Self {
-            targets,
+            to: targets.into(),
             packet: Packet::new(),
             prefix,
-            sent: 0,
-            dropped: 0,
         }
-    }
-
-    /// Whether anything was sent; otherwise there is nothing to close.
-    pub(super) fn is_used(&self) -> bool {
-        self.sent + self.dropped > 0
-    }
-
-    /// Datagrams sent, over all targets.
-    pub(super) fn sent(&self) -> u64 {
-        self.sent
-    }
-
-    /// Datagrams the system did not accept, or whose target is not resolved yet.
-    pub(super) fn dropped(&self) -> u64 {
-        self.dropped
     }
 
     /// Appends a message to the datagram, sending it first if there is no room. A message that does not fit an empty datagram is
@@ -80,44 +107,51 @@ impl Wire {
     pub(super) fn message<'a>(
         &mut self,
         address: core::fmt::Arguments,
-        arguments: impl Iterator<Item = Argument<'a>> + Clone,
+        arguments: impl IntoIterator<Item = Argument<'a>, IntoIter: Clone>,
     ) {
+        let arguments = arguments.into_iter();
         if self.packet.push(&self.prefix, address, arguments.clone()) {
             return;
         }
         self.flush();
         if !self.packet.push(&self.prefix, address, arguments) {
-            self.dropped += 1;
+            self.to.count(false);
         }
+    }
+
+    /// Sends a message of one number with an address of its own, in a datagram of its own.
+    #[cfg(feature = "wires")]
+    pub(super) fn alone(&mut self, address: core::fmt::Arguments, number: i32) {
+        self.flush();
+        // It always fits.
+        let _ = self
+            .packet
+            .push("", address, core::iter::once(Argument::Int(number)));
+        self.flush();
     }
 
     /// Sends the datagram to every target, unless it is empty.
     pub(super) fn flush(&mut self) {
-        if self.packet.is_empty() {
-            return;
+        if !self.packet.is_empty() {
+            self.to.send(self.packet.bytes());
+            self.packet.clear();
         }
-        for target in &mut self.targets {
-            let taken = target.send(self.packet.bytes());
-            count(taken, &mut self.sent, &mut self.dropped);
-        }
-        self.packet.clear();
     }
 
     /// Sends the datagram to the targets on one host, or `otherwise`.
     #[cfg(feature = "std")]
     pub(super) fn flush_to(&mut self, host: IpAddr, otherwise: impl FnOnce(&[u8]) -> bool) {
-        let host = host.to_canonical();
+        let host = Some(host.to_canonical());
         let mut answered = false;
-        for target in &mut self.targets {
-            if target.host() == Some(host) {
+        for at in 0..self.to.targets.len() {
+            if self.to.targets[at].host() == host {
                 answered = true;
-                let taken = target.send(self.packet.bytes());
-                count(taken, &mut self.sent, &mut self.dropped);
+                let taken = self.to.targets[at].send(self.packet.bytes());
+                self.to.count(taken);
             }
         }
         if !answered {
-            let taken = otherwise(self.packet.bytes());
-            count(taken, &mut self.sent, &mut self.dropped);
+            self.to.count(otherwise(self.packet.bytes()));
         }
         self.packet.clear();
     }

@@ -5,6 +5,7 @@
 //! | --- | --- |
 //! | 1 weights | type, number, time ms (u16, wraps), flags, confidence 0…255, count, weights 0…255, CRC |
 //! | 2 pose | type, number, time ms, x y z in mm, quaternion x y z w × 32767, all i16, CRC |
+//! | 3 gesture | type, its index, 0 or 1, the user's slot or 255, its name, CRC; on change and every 2 s |
 //! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
 //! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
@@ -17,6 +18,8 @@ use crate::base::checksum::crc16;
 use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
+#[cfg(feature = "wires")]
+use crate::output::gesture::Switch;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
 /// A frame before stuffing; leaves room for the stuffing in a line.
@@ -139,6 +142,16 @@ pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Li
                 .is_ok()
         });
     filled && append(payload, line)
+}
+
+/// A gesture that is on or off.
+#[cfg(feature = "wires")]
+pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
+    let user = switch.user.map_or(u8::MAX, |user| user as u8);
+    let head = [3, switch.index as u8, switch.is_on.into(), user];
+    let bytes = head.iter().chain(switch.gesture.name.as_bytes());
+    let fits = append(bytes.copied().collect(), line);
+    fits.then_some(()).ok_or(core::fmt::Error)
 }
 
 #[cfg(test)]

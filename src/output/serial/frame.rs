@@ -123,6 +123,20 @@ impl Frame {
     }
 }
 
+/// Appends that a gesture is on or off, if the style has that.
+#[cfg(feature = "wires")]
+pub(super) fn switch(
+    style: Style,
+    switch: &crate::output::gesture::Switch<'_>,
+    line: &mut Line,
+) -> core::fmt::Result {
+    match style {
+        Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
+        Style::Plot => Ok(()),
+        Style::Cobs => cobs::switch(switch, line),
+    }
+}
+
 /// Place in millimetres, angles in tenths of a degree.
 fn write_pose(count: u16, sensor_from_head: &Rigid, line: &mut Line) -> core::fmt::Result {
     let place = sensor_from_head.translation.vector * 1000.0;

@@ -181,6 +181,8 @@ impl Receiver {
                 }));
                 Some(())
             }
+            // A gesture: the page has them by OSC.
+            [3, ..] => Some(()),
             [16, _, _, names @ ..] => self.name(spelt(names)?, to),
             [18, _, first, names @ ..] => {
                 let mut all = self.units.clone();

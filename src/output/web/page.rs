@@ -19,15 +19,19 @@ use std::time::{Duration, Instant};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 
-use super::server::{Order, Service, address, serve};
+use super::http::Request;
+use super::server::{Answer, PLAIN, Service, address, serve};
 use crate::base::capacity::USERS;
 use crate::base::json::Quoted;
 use crate::expression::unit_words;
-use crate::output::board::{Board, Front, Weight};
+use crate::output::board::{Front, Weight};
 use crate::output::features::{PageSettings, password};
+use crate::output::worker::Board;
 use crate::output::{Command, LossPolicy, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
+/// Headers of the page.
+const HTML: &str = "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n";
 /// Room for a reply's header and for a message with four users.
 const ROOM: usize = 4096;
 /// Shortest time between two messages.
@@ -49,39 +53,6 @@ struct Page {
     /// Number, capture time (µs) and arrival of the newest frame.
     newest: (u64, u64, Option<Instant>),
     rate: f32,
-}
-
-/// What the headers of a request say.
-#[derive(Default)]
-struct Visit<'a> {
-    host: Option<&'a str>,
-    origin: Option<&'a str>,
-    site: Option<&'a str>,
-    password: Option<&'a str>,
-    is_ours: bool,
-}
-
-impl<'a> Visit<'a> {
-    /// `None` if a header that must be one is several.
-    fn read(head: &'a str) -> Option<Self> {
-        let mut visit = Self::default();
-        for (name, value) in head.split("\r\n").filter_map(|line| line.split_once(':')) {
-            let slot = match name {
-                _ if name.eq_ignore_ascii_case("host") => &mut visit.host,
-                _ if name.eq_ignore_ascii_case("origin") => &mut visit.origin,
-                _ if name.eq_ignore_ascii_case("sec-fetch-site") => &mut visit.site,
-                _ if name.eq_ignore_ascii_case("authorization") => &mut visit.password,
-                _ => {
-                    visit.is_ours |= name.eq_ignore_ascii_case("x-mien");
-                    continue;
-                }
-            };
-            if slot.replace(value.trim()).is_some() {
-                return None;
-            }
-        }
-        Some(visit)
-    }
 }
 
 /// Whether an address is one of this machine or of its networks.
@@ -144,70 +115,63 @@ impl Page {
     }
 }
 
-impl Service for Page {
-    const WAITING: usize = PAGE.len() + ROOM;
-    const STAYS: bool = false;
-    const STREAM: Option<&'static str> = Some("/events");
-
-    fn admits(&self, head: &str, order: bool, peer: IpAddr) -> Result<(), u16> {
+impl Page {
+    /// Whether whoever asks may have it.
+    ///
+    /// # Errors
+    /// The status that refuses it.
+    fn admits(&self, request: &Request, peer: IpAddr) -> Result<(), u16> {
         if self.password.is_none() && !is_near(peer) {
             return Err(403);
         }
-        let visit = Visit::read(head).ok_or(400_u16)?;
-        let host = visit.host.filter(|host| self.is_own(host)).ok_or(421_u16)?;
+        let host = request.header("host")?;
+        let host = host.filter(|host| self.is_own(host)).ok_or(421_u16)?;
         let elsewhere = |origin: &str| origin.strip_prefix("http://") != Some(host);
-        if visit.origin.is_some_and(elsewhere)
-            || visit
-                .site
-                .is_some_and(|site| !["same-origin", "none"].contains(&site))
-            || order && !visit.is_ours
+        let other = |site: &str| !["same-origin", "none"].contains(&site);
+        if request.header("origin")?.is_some_and(elsewhere)
+            || request.header("sec-fetch-site")?.is_some_and(other)
+            || request.is_post && request.header("x-mien")?.is_none()
         {
             return Err(403);
         }
+        let login = request.header("authorization");
         match &self.password {
-            Some(password) if !visit.password.is_some_and(|header| knows(header, password)) => {
+            // A login that is no text is wrong like any other.
+            Some(password)
+                if !login
+                    .ok()
+                    .flatten()
+                    .is_some_and(|told| knows(told, password)) =>
+            {
                 Err(401)
             }
             _ => Ok(()),
         }
     }
+}
 
-    fn order(&self, path: &str) -> Order {
-        let mut steps = path.split('/').skip(1);
-        let what = steps.next();
-        let slot = steps.next().and_then(|slot| slot.parse().ok());
-        let Some(slot) = slot.filter(|&slot| slot < USERS) else {
-            return Order::Unknown;
-        };
-        match (what, steps.next(), steps.next()) {
-            (Some("neutral"), None, None) => Order::Ask(Command::Neutral(slot)),
-            (Some("forget"), None, None) => Order::Ask(Command::Forget(slot)),
-            (Some("freeze"), Some(on @ ("0" | "1")), None) => {
-                Order::Ask(Command::Freeze(slot, on == "1"))
-            }
-            _ => Order::Unknown,
-        }
-    }
+/// The command that a POST to `path` gives.
+fn order(path: &str) -> Option<Command> {
+    let mut steps = path.split('/').skip(1);
+    Command::of_words(steps.next()?, steps)
+}
 
-    fn headers(&self, path: &str, status: u16) -> &'static str {
-        match (path, status) {
-            ("/", 200) => {
-                "Content-Type: text/html; charset=utf-8\r\nContent-Security-Policy: default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\nX-Content-Type-Options: nosniff\r\n"
-            }
-            (_, 401) => "WWW-Authenticate: Basic realm=\"mien\", charset=\"UTF-8\"\r\n",
-            _ => {
-                "Content-Type: application/json\r\nX-Content-Type-Options: nosniff\r\nCross-Origin-Resource-Policy: same-origin\r\n"
-            }
-        }
-    }
+impl Service for Page {
+    const WAITING: usize = PAGE.len() + ROOM;
 
-    fn answer(&mut self, path: &str, _: Option<&str>, _: &Board, body: &mut String) -> u16 {
-        match path {
-            "/" => body.push_str(PAGE),
-            "/box.json" => body.push_str(&self.about),
-            _ => return 404,
+    fn answer(&self, request: &Request, peer: IpAddr, body: &mut String) -> Result<Answer, u16> {
+        self.admits(request, peer)?;
+        match (request.is_post, request.path) {
+            (true, path) => return order(path).map(Answer::Order).ok_or(404),
+            (false, "/events") => return Ok(Answer::Stream),
+            (false, "/box.json") => body.push_str(&self.about),
+            (false, "/") => {
+                body.push_str(PAGE);
+                return Ok(Answer::Document(HTML));
+            }
+            _ => return Err(404),
         }
-        200
+        Ok(Answer::Document(PLAIN))
     }
 
     fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
@@ -357,8 +321,10 @@ mod tests {
     }
 
     fn admits(page: &Page, headers: &str, order: bool, peer: &str) -> Result<(), u16> {
-        let head = format!("GET / HTTP/1.1\r\n{headers}");
-        page.admits(&head, order, peer.parse().unwrap())
+        let method = if order { "POST" } else { "GET" };
+        let text = format!("{method} / HTTP/1.1\r\n{headers}\r\n\r\n");
+        let request = Request::read(text.as_bytes()).unwrap().unwrap();
+        page.admits(&request, peer.parse().unwrap())
     }
 
     #[test]
@@ -474,20 +440,23 @@ mod tests {
 
     #[test]
     fn orders_are_read_and_nonsense_is_none() {
-        let page = page(None);
         for (path, expected) in [
-            ("/neutral/0", Order::Ask(Command::Neutral(0))),
-            ("/forget/3", Order::Ask(Command::Forget(3))),
-            ("/freeze/1/1", Order::Ask(Command::Freeze(1, true))),
-            ("/freeze/1/0", Order::Ask(Command::Freeze(1, false))),
-            ("/freeze/1", Order::Unknown),
-            ("/freeze/1/2", Order::Unknown),
-            ("/neutral/4", Order::Unknown),
-            ("/neutral/-1", Order::Unknown),
-            ("/neutral/0/0", Order::Unknown),
-            ("/", Order::Unknown),
+            ("/neutral/0", Command::Neutral(0)),
+            ("/forget/3", Command::Forget(3)),
+            ("/freeze/1/1", Command::Freeze(1, true)),
+            ("/freeze/1/0", Command::Freeze(1, false)),
         ] {
-            assert_eq!(page.order(path), expected, "{path}");
+            assert_eq!(order(path), Some(expected), "{path}");
+        }
+        for path in [
+            "/freeze/1",
+            "/freeze/1/2",
+            "/neutral/4",
+            "/neutral/-1",
+            "/neutral/0/0",
+            "/",
+        ] {
+            assert_eq!(order(path), None, "{path}");
         }
     }
 

@@ -8,12 +8,15 @@
 //! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. Whatever pages send is ignored.
 
 use std::fmt::Write as _;
+use std::net::IpAddr;
 
-use super::server::{Service, address, serve};
+use super::http::Request;
+use super::server::{Answer, Service, address, serve};
 use crate::base::json::Quoted;
 use crate::output::OutputError;
-use crate::output::board::{Board, Front, Shot, Weight};
-use crate::output::features::ServerSettings;
+use crate::output::board::{Front, Weight};
+use crate::output::features::WebSocketSettings;
+use crate::output::worker::{Board, Shot};
 
 /// Bytes of a message, with room for the longest names.
 const MESSAGE: usize = 4096;
@@ -25,10 +28,13 @@ struct Pages {
 
 impl Service for Pages {
     const WAITING: usize = MESSAGE;
-    const STAYS: bool = true;
 
-    fn answer(&mut self, _: &str, _: Option<&str>, _: &Board, _: &mut String) -> u16 {
-        426
+    fn answer(&self, request: &Request, _: IpAddr, _: &mut String) -> Result<Answer, u16> {
+        match request.upgrade()? {
+            Some(accepted) if !request.is_post => Ok(Answer::WebSocket(accepted)),
+            Some(_) => Err(405),
+            None => Err(426),
+        }
     }
 
     fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
@@ -86,7 +92,7 @@ impl Pages {
 ///
 /// # Errors
 /// If the address is unusable or no thread can be started; not if it is in use.
-pub fn open(settings: &ServerSettings, units: &[&str]) -> Result<Front, OutputError> {
+pub fn open(settings: &WebSocketSettings, units: &[&str]) -> Result<Front, OutputError> {
     let address = address(&settings.listen)?;
     let names = units.iter().map(|unit| settings.view.name(unit));
     let pages = Pages {

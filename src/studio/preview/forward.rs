@@ -68,7 +68,7 @@ pub const RECEIVERS: [Known; 7] = [
         section: "live_link",
         more: "",
         port: 11111,
-        hint: if cfg!(feature = "live-link") {
+        hint: if cfg!(feature = "wires") {
             "In Unreal: enable the plugin Apple ARKit Face Support; the face then appears under Live Link."
         } else {
             "Needs the build with wires: cargo build --release --features studio,wires, or the Debian package."

@@ -1,0 +1,64 @@
+//! The tables `[[gesture]]`: what goes beyond their keys.
+
+use toml::de::DeTable;
+
+use super::Settings;
+use super::units::is_unit;
+use crate::base::capacity::GESTURES;
+use crate::output::gesture::{Gesture, PRESETS};
+use crate::output::is_name;
+
+/// An error: what was expected, what was found.
+type Refusal = (String, String);
+
+/// Begins with what is known of a gesture of that name.
+pub(super) fn begin(table: &DeTable<'_>, settings: &mut Settings) -> Result<(), Refusal> {
+    let all = &mut settings.gestures;
+    if all.len() == GESTURES {
+        return Err((format!("at most {GESTURES} gestures"), "more".to_owned()));
+    }
+    let name = table.get("name").and_then(|name| name.get_ref().as_str());
+    let name = name.filter(|name| all.iter().all(|other| other.name != **name));
+    let expected = || "a gesture with a name of its own".to_owned();
+    let name = name.ok_or_else(|| (expected(), "none".to_owned()))?;
+    all.push(Gesture::named(name));
+    Ok(())
+}
+
+/// Checks the last gesture as a whole.
+pub(super) fn end(settings: &Settings) -> Result<(), Refusal> {
+    let Some(Gesture {
+        name, of, on, off, ..
+    }) = settings.gestures.last()
+    else {
+        return Ok(());
+    };
+    if of.is_empty() {
+        let presets: Vec<&str> = PRESETS.iter().map(|preset| preset.0).collect();
+        let expected = format!("gesture.of, or one of the names {}", presets.join(", "));
+        return Err((expected, name.clone()));
+    }
+    if off >= on {
+        let expected = format!("off of the gesture {name} below its on, which is {on}");
+        return Err((expected, off.to_string()));
+    }
+    Ok(())
+}
+
+pub(super) fn is_sum(of: &str) -> bool {
+    Gesture::terms(of).all(|(_, unit)| is_unit(unit))
+}
+
+/// Whether there is such a key; a build that presses none believes any.
+pub(super) fn is_key(name: &str) -> bool {
+    #[cfg(feature = "wires")]
+    let is_known = crate::output::keys::is_key;
+    #[cfg(not(feature = "wires"))]
+    let is_known = is_name;
+    name.is_empty() || is_known(name)
+}
+
+/// What a gesture may be called: a part of topics and addresses, and a column.
+pub(super) fn is_word(name: &str) -> bool {
+    is_name(name) && !name.contains(['!', '+', '"', '\\'])
+}

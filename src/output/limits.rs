@@ -1,0 +1,99 @@
+//! How often something may be tried or asked for: pauses that double, and an allowance that fills again.
+
+use std::time::{Duration, Instant};
+
+/// Pauses before trying again, doubling from the first to the longest.
+pub(super) struct BackOff {
+    first: Duration,
+    longest: Duration,
+    next: Duration,
+}
+
+impl BackOff {
+    pub(super) const fn new(first: Duration, longest: Duration) -> Self {
+        Self {
+            first,
+            longest,
+            next: first,
+        }
+    }
+
+    /// How long to wait now.
+    pub(super) fn pause(&mut self) -> Duration {
+        let pause = self.next;
+        self.next = (2 * pause).min(self.longest);
+        pause
+    }
+
+    /// Whether the next pause is the first one.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.next == self.first
+    }
+
+    /// It has worked: the next pause is the first one again.
+    pub(super) fn reset(&mut self) {
+        self.next = self.first;
+    }
+}
+
+/// A token bucket: so many at once, then one more every `each`.
+#[derive(Clone, Copy)]
+pub(super) struct Allowance {
+    at_once: u32,
+    each: Duration,
+    /// When it is full again.
+    pub(super) full: Instant,
+}
+
+impl Allowance {
+    pub(super) const fn new(at_once: u32, each: Duration, now: Instant) -> Self {
+        Self {
+            at_once,
+            each,
+            full: now,
+        }
+    }
+
+    /// Of commands from one sender.
+    pub(super) const fn of_commands(now: Instant) -> Self {
+        Self::new(16, Duration::from_millis(250), now)
+    }
+
+    /// Whether there is one left.
+    pub(super) fn is_left(&self, now: Instant) -> bool {
+        self.full.saturating_duration_since(now) <= self.each * (self.at_once - 1)
+    }
+
+    /// Takes one; whether there was one.
+    pub(super) fn take(&mut self, now: Instant) -> bool {
+        let left = self.is_left(now);
+        if left {
+            self.full = self.full.max(now) + self.each;
+        }
+        left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_double_up_to_the_longest_and_start_again() {
+        let mut back_off = BackOff::new(Duration::from_secs(1), Duration::from_secs(30));
+        let pauses: Vec<u64> = (0..7).map(|_| back_off.pause().as_secs()).collect();
+        assert_eq!(pauses, [1, 2, 4, 8, 16, 30, 30]);
+        assert!(!back_off.is_fresh());
+        back_off.reset();
+        assert!(back_off.is_fresh() && back_off.pause().as_secs() == 1);
+    }
+
+    #[test]
+    fn an_allowance_is_spent_at_once_and_fills_one_by_one() {
+        let now = Instant::now();
+        let mut commands = Allowance::of_commands(now);
+        assert_eq!((0..40).filter(|_| commands.take(now)).count(), 16);
+        let later = now + Duration::from_secs(1);
+        assert_eq!((0..40).filter(|_| commands.take(later)).count(), 4);
+    }
+}

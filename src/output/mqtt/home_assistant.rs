@@ -1,0 +1,54 @@
+//! What Home Assistant is told of the box (MQTT discovery): its entities, and where their values are.
+
+/// Topics and payloads. `base` is prefix and name.
+pub(super) fn entities(base: &str, name: &str, commands: bool) -> Box<[(String, String)]> {
+    let entity = |kind: &str, id: &str, what: String| {
+        let version = env!("CARGO_PKG_VERSION");
+        (
+            format!("homeassistant/{kind}/mien_{name}/{id}/config"),
+            format!(
+                "{{\"unique_id\":\"mien_{name}_{id}\",{what},\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{version}\"}}}}"
+            ),
+        )
+    };
+    let switch = |condition: &str| format!("'ON' if {condition} else 'OFF'");
+    let value = |topic: &str, template: &str, rest: &str| {
+        format!(
+            "\"state_topic\":\"{base}/{topic}\",\"value_template\":\"{{{{ {template} }}}}\",{rest}"
+        )
+    };
+    let face = value(
+        "faces",
+        &switch("value|int > 0"),
+        r#""name":"Face","device_class":"occupancy""#,
+    );
+    let faces = value(
+        "faces",
+        "value",
+        r#""name":"Faces","state_class":"measurement""#,
+    );
+    let sensor = value(
+        "health",
+        &switch("value_json.sensor"),
+        r#""name":"Depth camera","device_class":"connectivity","entity_category":"diagnostic""#,
+    );
+    let rate = value(
+        "health",
+        "value_json.rate_hz",
+        r#""name":"Rate","unit_of_measurement":"Hz","device_class":"frequency","entity_category":"diagnostic""#,
+    );
+    let button = |id: &str, shown: &str| {
+        let topic = format!("\"name\":\"{shown}\",\"command_topic\":\"{base}/cmd/{id}\"");
+        entity("button", id, topic + ",\"payload_press\":\"0\"")
+    };
+    let buttons = [("forget", "Forget"), ("neutral", "Set neutral")];
+    let shown = [
+        entity("binary_sensor", "face", face),
+        entity("sensor", "faces", faces),
+        entity("binary_sensor", "sensor", sensor),
+        entity("sensor", "rate", rate),
+    ];
+    let buttons = buttons.iter().filter(|_| commands);
+    let buttons = buttons.map(|(id, shown)| button(id, shown));
+    shown.into_iter().chain(buttons).collect()
+}

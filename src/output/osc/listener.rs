@@ -1,0 +1,156 @@
+//! The command port: reads datagrams, and who may send how often.
+
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use super::commands::{Request, requests};
+use super::packet::LARGEST;
+use crate::output::OutputError;
+use crate::output::limits::{Allowance, BackOff};
+
+/// Work allowed between two frames, in datagrams received; parsing one costs as much as [`READING`].
+const DATAGRAMS: usize = 64;
+const READING: usize = 8;
+/// Senders tracked by the rate limit.
+const SENDERS: usize = 8;
+/// Commands accepted from one datagram; further ones are refused.
+const REQUESTS: usize = 16;
+/// First and longest pause before retrying an address that is in use.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(5)];
+
+/// The allowances of the senders; that of the one silent for longest is given to a newcomer.
+#[derive(Default)]
+struct Senders(heapless::Vec<(IpAddr, Allowance), SENDERS>);
+
+impl Senders {
+    fn of(&mut self, host: IpAddr, now: Instant) -> &mut Allowance {
+        let known = self.0.iter().position(|sender| sender.0 == host);
+        let at = known.unwrap_or_else(|| {
+            if self.0.is_full() {
+                let silent = (0..SENDERS).min_by_key(|&at| self.0[at].1.full);
+                self.0.swap_remove(silent.unwrap_or(0));
+            }
+            // There is room now.
+            let _ = self.0.push((host, Allowance::of_commands(now)));
+            self.0.len() - 1
+        });
+        &mut self.0[at].1
+    }
+}
+
+/// The listening socket.
+pub(super) struct Listener {
+    /// `None` while the address is in use, or not this machine's.
+    socket: Option<UdpSocket>,
+    address: SocketAddr,
+    /// When to try again.
+    again: Instant,
+    back_off: BackOff,
+    /// Start of the addresses, as `/face`.
+    prefix: String,
+    waiting: heapless::Deque<(Request, SocketAddr), REQUESTS>,
+    senders: Senders,
+    done: usize,
+    taken: u64,
+    refused: u64,
+}
+
+impl Listener {
+    /// Listens at `address:port`, for addresses that start with `prefix` and `/cmd/`. Retries while the address is in use, or not
+    /// this machine's.
+    ///
+    /// # Errors
+    /// If it is not an address with a port.
+    pub(super) fn open(address: &str, prefix: &str) -> Result<Self, OutputError> {
+        let parsed = address.parse();
+        let address = parsed.map_err(|_| OutputError::Listen {
+            address: address.to_owned(),
+        })?;
+        Ok(Self {
+            socket: bind(address).ok(),
+            address,
+            again: Instant::now(),
+            back_off: BackOff::new(PAUSES[0], PAUSES[1]),
+            prefix: prefix.to_owned(),
+            waiting: heapless::Deque::new(),
+            senders: Senders::default(),
+            done: 0,
+            taken: 0,
+            refused: 0,
+        })
+    }
+
+    /// Where it listens.
+    pub(super) fn address(&self) -> Option<SocketAddr> {
+        self.socket.as_ref()?.local_addr().ok()
+    }
+
+    /// Tries again when it is time to: first when the first request is asked for, as whoever had the address before a
+    /// reload has left it then.
+    fn socket(&mut self) -> Option<&UdpSocket> {
+        let now = Instant::now();
+        if self.socket.is_none() && now >= self.again {
+            match bind(self.address) {
+                Ok(socket) => self.socket = Some(socket),
+                Err(error) => {
+                    if self.back_off.is_fresh() {
+                        let address = self.address;
+                        tracing::warn!(
+                            "cannot listen for OSC commands at {address} ({error}), retrying until it is free"
+                        );
+                    }
+                    self.again = now + self.back_off.pause();
+                }
+            }
+        }
+        self.socket.as_ref()
+    }
+
+    /// Commands accepted and refused.
+    pub(super) fn counts(&self) -> [u64; 2] {
+        [self.taken, self.refused]
+    }
+
+    /// Sends a reply to the requester.
+    pub(super) fn answer(&self, datagram: &[u8], to: SocketAddr) -> bool {
+        let socket = self.socket.as_ref();
+        socket.is_some_and(|socket| socket.send_to(datagram, to).is_ok())
+    }
+
+    /// The next request and its sender; `None` ends a round, after which the datagram limit is reset.
+    pub(super) fn next_request(&mut self) -> Option<(Request, SocketAddr)> {
+        // The system cuts longer datagrams, which are then malformed.
+        let mut bytes = [0; LARGEST];
+        loop {
+            if let Some(request) = self.waiting.pop_front() {
+                self.taken += 1;
+                return Some(request);
+            }
+            let datagram = (self.done < DATAGRAMS)
+                .then(|| self.socket()?.recv_from(&mut bytes).ok())
+                .flatten();
+            let Some((length, from)) = datagram else {
+                self.done = 0;
+                return None;
+            };
+            self.done += 1;
+            let now = Instant::now();
+            let allowance = self.senders.of(from.ip(), now);
+            if !allowance.is_left(now) {
+                self.refused += 1;
+                continue;
+            }
+            self.done += READING - 1;
+            let waiting = &mut self.waiting;
+            self.refused += requests(&bytes[..length], &self.prefix, &mut |request| {
+                allowance.take(now) && waiting.push_back((request, from)).is_ok()
+            });
+        }
+    }
+}
+
+fn bind(address: SocketAddr) -> std::io::Result<UdpSocket> {
+    let socket = UdpSocket::bind(address)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}

@@ -1,0 +1,243 @@
+//! What browsers send: HTTP/1.1 requests without bodies (by `httparse`), and the frames of a WebSocket (RFC 6455).
+
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use sha1_smol::Sha1;
+
+/// Longest request, or frame of a page, bytes.
+pub(super) const REQUEST: usize = 2048;
+/// Most headers of a request.
+const HEADERS: usize = 48;
+/// Bytes of a WebSocket key: 16 in base 64.
+const KEY: usize = 24;
+
+/// A parsed request.
+#[derive(Debug)]
+pub(super) struct Request<'a> {
+    pub(super) is_post: bool,
+    /// Without its query.
+    pub(super) path: &'a str,
+    headers: heapless::Vec<httparse::Header<'a>, HEADERS>,
+}
+
+impl<'a> Request<'a> {
+    /// Parses a request; `None` while incomplete.
+    ///
+    /// # Errors
+    /// The status that refuses it.
+    pub(super) fn read(bytes: &'a [u8]) -> Result<Option<Self>, u16> {
+        let mut headers = [httparse::EMPTY_HEADER; HEADERS];
+        let mut request = httparse::Request::new(&mut headers);
+        match request.parse(bytes) {
+            Ok(httparse::Status::Complete(_)) => {}
+            Ok(httparse::Status::Partial) if bytes.len() < REQUEST => return Ok(None),
+            Ok(_) | Err(httparse::Error::TooManyHeaders) => return Err(431),
+            Err(_) => return Err(400),
+        }
+        let target = request.path.filter(|path| path.starts_with('/'));
+        let target = target.ok_or(400_u16)?;
+        let is_post = match request.method {
+            Some("GET") => false,
+            Some("POST") => true,
+            _ => return Err(405),
+        };
+        Ok(Some(Self {
+            is_post,
+            path: target.split_once('?').map_or(target, |(path, _)| path),
+            headers: request.headers.iter().copied().collect(),
+        }))
+    }
+
+    /// The value of a header, if it is there.
+    ///
+    /// # Errors
+    /// 400 if there are several.
+    pub(super) fn header(&self, name: &str) -> Result<Option<&'a str>, u16> {
+        let mut all = self
+            .headers
+            .iter()
+            .filter(|header| header.name.eq_ignore_ascii_case(name));
+        let value = all.next().map(|header| std::str::from_utf8(header.value));
+        if all.next().is_some() {
+            return Err(400);
+        }
+        value.transpose().map_err(|_| 400)
+    }
+
+    /// The answer to the WebSocket key, if that is asked for (4.2.2): SHA-1 of the key and a fixed text, in base 64. Not used
+    /// for security: the protocol uses it to tell WebSocket servers from others.
+    ///
+    /// # Errors
+    /// 400 if there is no such key.
+    pub(super) fn upgrade(&self) -> Result<Option<[u8; 28]>, u16> {
+        let wanted = self.header("upgrade")?;
+        if !wanted.is_some_and(|protocol| protocol.eq_ignore_ascii_case("websocket")) {
+            return Ok(None);
+        }
+        let key = self.header("sec-websocket-key")?;
+        let key = key.filter(|key| key.len() == KEY).ok_or(400_u16)?;
+        let mut hash = Sha1::from(key);
+        hash.update(b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11");
+        let mut text = [0; 28];
+        let length = STANDARD.encode_slice(hash.digest().bytes(), &mut text);
+        debug_assert_eq!(length, Ok(text.len()));
+        Ok(Some(text))
+    }
+}
+
+/// What a page sends.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Sent {
+    /// A ping, answered with the same bytes.
+    Ping(heapless::Vec<u8, 125>),
+    /// Ignored.
+    Other,
+    Close,
+}
+
+/// The first frame in `bytes`, unmasked, and its length; `None` while incomplete. An invalid or overlong frame closes the
+/// connection.
+pub(super) fn frame(bytes: &[u8]) -> Option<(Sent, usize)> {
+    let (&first, &second) = (bytes.first()?, bytes.get(1)?);
+    let (length, at) = match second & 0x7f {
+        126 => (
+            usize::from(u16::from_be_bytes([*bytes.get(2)?, *bytes.get(3)?])),
+            4,
+        ),
+        127 => return Some((Sent::Close, bytes.len())),
+        length => (usize::from(length), 2),
+    };
+    let control = first & 0x08 != 0;
+    // Pages mask what they send; control frames are short and whole.
+    let wrong =
+        second & 0x80 == 0 || first & 0x70 != 0 || control && (length > 125 || first & 0x80 == 0);
+    if wrong || at + 4 + length > REQUEST {
+        return Some((Sent::Close, bytes.len()));
+    }
+    let masked = bytes.get(at + 4..at + 4 + length)?;
+    let sent = match first & 0x0f {
+        0 | 1 | 2 | 10 => Sent::Other,
+        9 => {
+            let mask = &bytes[at..at + 4];
+            Sent::Ping(
+                masked
+                    .iter()
+                    .zip(mask.iter().cycle())
+                    .map(|(byte, mask)| byte ^ mask)
+                    .collect(),
+            )
+        }
+        _ => Sent::Close,
+    };
+    Some((sent, at + 4 + length))
+}
+
+/// Header of a frame that we send, unfragmented and unmasked.
+pub(super) fn header(kind: u8, length: usize, into: &mut Vec<u8>) {
+    into.push(0x80 | kind);
+    if length < 126 {
+        into.push(length as u8);
+    } else {
+        into.push(126);
+        into.extend_from_slice(&(length as u16).to_be_bytes());
+    }
+}
+
+/// What a browser or a program sends, for `tests/fuzz`: a request, and the frames of a WebSocket.
+#[cfg(fuzzing)]
+pub fn fuzz(bytes: &[u8]) {
+    if let Ok(Some(request)) = Request::read(bytes) {
+        let _ = (request.upgrade(), request.header("host"));
+    }
+    let mut rest = &bytes[..bytes.len().min(REQUEST)];
+    while let Some((_, used)) = frame(rest).filter(|_| !rest.is_empty()) {
+        rest = &rest[used..];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_are_read_and_nonsense_is_refused() {
+        let ask = |text: &str| {
+            let text = format!("{text}\r\n\r\n");
+            let read = Request::read(text.as_bytes());
+            read.map(|request| request.map(|one| (one.is_post, one.path.to_owned())))
+        };
+        for (text, is_post, path) in [
+            ("GET /a/b?VALUE HTTP/1.1\r\nHost: x", false, "/a/b"),
+            ("GET / HTTP/1.0", false, "/"),
+            ("POST /a HTTP/1.1", true, "/a"),
+        ] {
+            assert_eq!(ask(text), Ok(Some((is_post, path.to_owned()))), "{text}");
+        }
+        for (text, status) in [
+            ("PUT / HTTP/1.1", 405),
+            ("GET a HTTP/1.1", 400),
+            ("GET /", 400),
+            ("GET / HTTP/2", 400),
+            ("\u{ff}", 400),
+        ] {
+            assert_eq!(ask(text), Err(status), "{text}");
+        }
+        assert!(Request::read(b"GET / HTTP/1.1\r\n").unwrap().is_none());
+        let long = format!("GET /{} HTTP/1.1\r\n", "x".repeat(REQUEST));
+        assert_eq!(Request::read(&long.as_bytes()[..REQUEST]).err(), Some(431));
+    }
+
+    #[test]
+    fn an_upgrade_is_answered_as_in_the_standard() {
+        let ask = |headers: &str| {
+            let text = format!("GET / HTTP/1.1\r\n{headers}\r\n\r\n");
+            Request::read(text.as_bytes()).unwrap().unwrap().upgrade()
+        };
+        assert_eq!(
+            ask("upgrade: WebSocket\r\nSEC-WEBSOCKET-KEY: dGhlIHNhbXBsZSBub25jZQ=="),
+            Ok(Some(*b"s3pPLMBiTxaQ9kYGzzhZRbK+xOo="))
+        );
+        assert_eq!(ask("Host: x"), Ok(None));
+        for bad in [
+            "Upgrade: websocket",
+            "Upgrade: websocket\r\nSec-WebSocket-Key: short",
+        ] {
+            assert_eq!(ask(bad), Err(400));
+        }
+    }
+
+    #[test]
+    fn frames_of_pages_are_read_and_others_close() {
+        let ping = [0x89, 0x83, 1, 2, 3, 4, b'a' ^ 1, b'b' ^ 2, b'c' ^ 3];
+        let (sent, used) = frame(&ping).unwrap();
+        assert_eq!(
+            (sent, used),
+            (Sent::Ping(heapless::Vec::from_slice(b"abc").unwrap()), 9)
+        );
+        for cut in 0..ping.len() {
+            assert_eq!(frame(&ping[..cut]), None);
+        }
+        assert_eq!(frame(&[0x81, 0x80, 0, 0, 0, 0]), Some((Sent::Other, 6)));
+        for bad in [
+            &[0x81, 0x00][..],
+            &[0x88, 0x80, 0, 0, 0, 0],
+            &[0x81, 0xff],
+            &[0x81, 0xfe, 0xff, 0xff],
+            &[0xc1, 0x80],
+            &[0x09, 0x80],
+        ] {
+            assert_eq!(
+                frame(bad).map(|(sent, _)| sent),
+                Some(Sent::Close),
+                "{bad:?}"
+            );
+        }
+        let mut random = fastrand::Rng::with_seed(5);
+        for _ in 0..100_000 {
+            let bytes: Vec<u8> = (0..random.usize(..40)).map(|_| random.u8(..)).collect();
+            if let Some((_, used)) = frame(&bytes) {
+                assert!(used > 0 && used <= bytes.len());
+            }
+            let _ = Request::read(&bytes);
+        }
+    }
+}

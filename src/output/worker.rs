@@ -1,0 +1,171 @@
+//! An output's own thread: what it shares with the pipeline, its wake-up socket and its end. The pipeline stores the newest
+//! report of each user and wakes the thread; neither waits for longer than a copy takes.
+
+use std::io::{Read, Write};
+use std::os::fd::{AsRawFd, RawFd};
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use super::{Command, OutputError, Tally, TrackingState, closing};
+use crate::base::capacity::{UNITS, USERS};
+
+/// Commands waiting for the pipeline.
+const COMMANDS: usize = 16;
+
+/// A report as the output shows it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shot {
+    pub(super) frame: u64,
+    pub(super) at_us: u64,
+    /// Reports of this user so far.
+    pub(super) count: u32,
+    pub(super) state: TrackingState,
+    pub(super) confidence: f32,
+    pub(super) frozen: bool,
+    pub(super) latency_us: u32,
+    /// Position in metres, rotation as x, y, z, w.
+    pub(super) pose: Option<[f32; 7]>,
+    pub(super) weights: heapless::Vec<f32, UNITS>,
+    /// Whether it has not been read yet.
+    pub(super) fresh: bool,
+}
+
+/// The newest report of each user, and of nobody.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Board {
+    pub(super) users: [Shot; USERS],
+    pub(super) nobody: Shot,
+    pub(super) commands: heapless::Deque<Command, COMMANDS>,
+}
+
+/// Shared by the pipeline and the thread.
+pub(super) struct Shared {
+    board: Mutex<Board>,
+    bell: UnixStream,
+    pub(super) stop: AtomicBool,
+    pub(super) sent: AtomicU64,
+    pub(super) dropped: AtomicU64,
+    /// Input that was malformed or found no room.
+    pub(super) refused: AtomicU64,
+    taken: AtomicU64,
+    pub(super) connected: AtomicBool,
+}
+
+impl Shared {
+    pub(super) fn board(&self) -> MutexGuard<'_, Board> {
+        self.board.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn ring(&self) {
+        // A full one has been rung enough.
+        let _ = (&self.bell).write(&[1]);
+    }
+
+    /// Copies the reports and marks them as read.
+    pub(super) fn take(&self, into: &mut Board) {
+        let mut board = self.board();
+        let board = &mut *board;
+        let theirs = board.users.iter_mut().chain([&mut board.nobody]);
+        for (shot, own) in theirs.zip(into.users.iter_mut().chain([&mut into.nobody])) {
+            // What the thread has not looked at stays fresh.
+            let fresh = own.fresh || std::mem::take(&mut shot.fresh);
+            own.clone_from(shot);
+            own.fresh = fresh;
+        }
+    }
+
+    /// Passes a command to the pipeline; false if there is no room, and it is refused.
+    pub(super) fn ask(&self, command: Command) -> bool {
+        let took = self.board().commands.push_back(command).is_ok();
+        count(if took { &self.taken } else { &self.refused });
+        took
+    }
+}
+
+/// Adds one.
+pub(super) fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// The thread's end of the wake-up socket.
+pub(super) struct Bell(UnixStream);
+
+impl Bell {
+    /// The descriptor to poll.
+    pub(super) fn fd(&self) -> RawFd {
+        self.0.as_raw_fd()
+    }
+
+    /// Clears all wake-ups so far.
+    pub(super) fn answer(&mut self) {
+        let mut rings = [0; 64];
+        while matches!(self.0.read(&mut rings), Ok(64)) {}
+    }
+}
+
+/// A thread and what is shared with it; told to stop and waited for when dropped.
+pub(super) struct Worker {
+    name: &'static str,
+    pub(super) shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts `work` on a thread called `name`, the section of the configuration.
+    pub(super) fn start(
+        name: &'static str,
+        work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
+    ) -> Result<Self, OutputError> {
+        let pair = UnixStream::pair().and_then(|(bell, heard)| {
+            bell.set_nonblocking(true)?;
+            heard.set_nonblocking(true)?;
+            Ok((bell, heard))
+        });
+        let (bell, heard) = pair.map_err(|source| OutputError::Socket { source })?;
+        let shared = Arc::new(Shared {
+            board: Mutex::default(),
+            bell,
+            stop: AtomicBool::new(false),
+            sent: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
+            connected: AtomicBool::new(false),
+        });
+        let its = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || work(its, Bell(heard)))
+            .map_err(|source| OutputError::Thread { source })?;
+        Ok(Self {
+            name,
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// The counters so far.
+    pub(super) fn tally(&self) -> Tally {
+        let shared = &self.shared;
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        Tally {
+            sent: of(&shared.sent),
+            dropped: of(&shared.dropped),
+            connected: shared.connected.load(Ordering::Relaxed),
+            commands: [of(&shared.taken), of(&shared.refused)],
+            ..Tally::of(self.name)
+        }
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.ring();
+        if let Some(thread) = self.thread.take() {
+            closing::wait_for(thread);
+        }
+    }
+}
