@@ -17,8 +17,8 @@
 //! progress, stopped   how far long work is, and what Ctrl-C leaves of it
 //! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
-//! chart          curves and words in pictures
-//! correlation, frame_time, srgb   what several of them reckon with
+//! chart, jpeg    curves and words in pictures, and their files
+//! correlation, frame_time, srgb, thin_plate   what several of them reckon with
 //! ```
 
 pub mod animate;
@@ -33,6 +33,7 @@ pub mod fit;
 pub mod frame_time;
 pub mod heads;
 pub mod inspect;
+pub mod jpeg;
 pub mod nrsfm;
 pub mod people_split;
 pub mod place;
@@ -42,6 +43,7 @@ pub mod record;
 pub mod srgb;
 pub mod stopped;
 pub mod text_files;
+pub mod thin_plate;
 pub mod train;
 pub mod units;
 
