@@ -19,6 +19,7 @@ use crate::appliance::{memory, wires};
 use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::output::csv::Csv;
+use crate::output::gesture::Gestures;
 use crate::output::{Output, OutputError, Report, Tally};
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
@@ -32,15 +33,9 @@ pub fn run(run: &Run) -> Result<(), Failure> {
     let Some(mut session) = Session::start(run)? else {
         return Ok(());
     };
-    while session.goes_on() {
-        session.renew();
-        if session.next_frame()? {
-            session.follow();
-            session.tell()?;
-        }
-    }
-    session.finish();
-    Ok(())
+    let ended = session.play();
+    session.release();
+    ended.map(|()| session.finish())
 }
 
 /// A run, from the first frame to the last.
@@ -55,6 +50,7 @@ struct Session<'r> {
     signals: Signals,
     csv: Option<Csv<Rows>>,
     wires: Vec<Box<dyn Output>>,
+    gestures: Gestures,
     status: Status,
     people: Option<People>,
     live: Option<Live>,
@@ -92,14 +88,20 @@ impl<'r> Session<'r> {
         let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_ref();
-        let csv = csv.map(|to| table(to, &signals, &source, &pipeline));
+        let csv = csv.map(|to| table(to, &signals, &source, &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
             csv => csv?,
         };
         let wires = wires::open(&settings, &pipeline.unit_names())?;
-        let status = Status::new(&settings.status.path, &name, &pipeline.unit_names());
+        let gestures = Gestures::new(&settings.gestures, &pipeline.unit_names());
+        let status = Status::new(
+            &settings.status.path,
+            &name,
+            &pipeline.unit_names(),
+            &settings.gesture_names(),
+        );
         let people = people(&settings, &source);
         if let Some(people) = &people {
             pipeline.recall(people.load());
@@ -123,6 +125,7 @@ impl<'r> Session<'r> {
             signals,
             csv,
             wires,
+            gestures,
             status,
             people,
             live,
@@ -135,6 +138,17 @@ impl<'r> Session<'r> {
             taken: Instant::now(),
             arrived: Instant::now(),
         }))
+    }
+
+    fn play(&mut self) -> Result<(), Failure> {
+        while self.goes_on() {
+            self.renew();
+            if self.next_frame()? {
+                self.follow();
+                self.tell()?;
+            }
+        }
+        Ok(())
     }
 
     fn goes_on(&self) -> bool {
@@ -155,10 +169,13 @@ impl<'r> Session<'r> {
                     renewed.adopt(&self.pipeline);
                     self.pipeline = renewed;
                 }
+                self.release();
+                self.gestures = Gestures::new(&self.settings.gestures, &self.pipeline.unit_names());
                 // Those before say goodbye, and leave their ports.
                 self.wires = opened;
                 let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
-                self.status = Status::new(path, &self.name, &units);
+                let gestures = self.settings.gesture_names();
+                self.status = Status::new(path, &self.name, &units, &gestures);
                 self.people = people(&self.settings, &self.source);
             }
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
@@ -224,7 +241,9 @@ impl<'r> Session<'r> {
 
     /// Half a second without a frame: outputs continue their heartbeat.
     fn wait(&mut self) -> Result<(), Failure> {
-        let nobody = nobody(&self.frame, self.taken.elapsed());
+        let mut nobody = nobody(&self.frame, self.taken.elapsed());
+        self.gestures.observe(std::slice::from_mut(&mut nobody));
+        tell_gestures(&mut self.gestures, &mut self.wires);
         // The CSV has rows of frames only.
         for wire in &mut self.wires {
             wire.send(&nobody)?;
@@ -246,6 +265,7 @@ impl<'r> Session<'r> {
     fn tell(&mut self) -> Result<(), Failure> {
         let latency_us = self.arrived.elapsed().as_micros();
         let mut reports = self.pipeline.reports();
+        self.gestures.observe(&mut reports);
         for report in &mut reports {
             report.latency_us = latency_us.try_into().unwrap_or(u32::MAX);
             if let Some(Err(problem)) = self.csv.as_mut().map(|csv| csv.send(report)) {
@@ -260,6 +280,8 @@ impl<'r> Session<'r> {
                 wire.send(report)?;
             }
         }
+        // After the reports, as a tapped key goes up with the next ones.
+        tell_gestures(&mut self.gestures, &mut self.wires);
         let mut latency = Some(self.arrived.elapsed());
         for report in &reports {
             self.status.observe(report, latency.take());
@@ -276,6 +298,12 @@ impl<'r> Session<'r> {
         self.keep_up(format_args!("{}", state.name()));
         self.left -= 1;
         Ok(())
+    }
+
+    /// Switches off what gestures have switched on.
+    fn release(&mut self) {
+        self.gestures.release();
+        tell_gestures(&mut self.gestures, &mut self.wires);
     }
 
     /// What is due with or without a frame: commands, status, the service manager.
@@ -302,6 +330,15 @@ impl<'r> Session<'r> {
             );
         }
     }
+}
+
+#[cfg_attr(
+    not(feature = "gestures"),
+    expect(unused_variables, reason = "there are none")
+)]
+fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
+    #[cfg(feature = "gestures")]
+    gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
 fn lock_memory(manager: &ServiceManager) {
@@ -358,6 +395,7 @@ fn table(
     signals: &Signals,
     source: &Source,
     pipeline: &Pipeline,
+    settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
     let rows = match to {
         CsvTarget::StandardOutput => Pipe::of(io::stdout()),
@@ -365,5 +403,6 @@ fn table(
     };
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
     let rows = rows.map_err(|source| OutputError::Csv { source })?;
-    Csv::new(rows, &Pipeline::measure_names(), &pipeline.unit_names())
+    let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
+    Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
 }

@@ -18,6 +18,7 @@ use crate::base::capacity::{UNITS, USERS};
 use crate::base::defaults;
 use crate::base::json::Quoted;
 use crate::expression::UnitRange;
+use crate::output::gesture::ENABLED;
 use crate::output::{Report, Tally, TrackingState};
 
 /// Interval between writes.
@@ -32,6 +33,7 @@ pub struct Status {
     files: Option<Files>,
     source: String,
     units: Vec<String>,
+    gestures: Vec<String>,
     start: Instant,
     written: Option<Instant>,
     frames: u64,
@@ -50,18 +52,21 @@ struct User {
     state: TrackingState,
     confidence: f32,
     frozen: bool,
+    gestures: u32,
     weights: heapless::Vec<f32, UNITS>,
     ranges: heapless::Vec<UnitRange, UNITS>,
 }
 
 impl Status {
-    /// Figures for the file at `path`; an empty path writes none. `source` and `units` are names.
+    /// Figures for the file at `path`; an empty path writes none. `source`, `units` and `gestures` are names.
     #[must_use]
-    pub fn new(path: &str, source: &str, units: &[&str]) -> Self {
+    pub fn new(path: &str, source: &str, units: &[&str], gestures: &[&str]) -> Self {
+        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
         Self {
             files: (!path.is_empty()).then(|| Files::beside(Path::new(path))),
             source: source.to_owned(),
-            units: units.iter().map(|&unit| unit.to_owned()).collect(),
+            units: owned(units),
+            gestures: owned(gestures),
             start: Instant::now(),
             written: None,
             frames: 0,
@@ -102,6 +107,7 @@ impl Status {
             state: report.state,
             confidence: report.confidence,
             frozen: report.frozen,
+            gestures: report.gestures,
             weights: report.weights.iter().copied().take(UNITS).collect(),
             ranges: report.ranges.iter().copied().take(UNITS).collect(),
         });
@@ -161,11 +167,24 @@ impl Status {
             let comma = if i > 0 { "," } else { "" };
             write!(
                 text,
-                "{comma}\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, \"units\": {{",
+                "{comma}\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
                 user.state.name(),
                 Finite(user.confidence),
                 user.frozen
             )?;
+            if ENABLED && !self.gestures.is_empty() {
+                let names = self.gestures.iter().map(|name| Quoted(name));
+                let on = names
+                    .enumerate()
+                    .filter(|(i, _)| user.gestures >> i & 1 == 1);
+                text.push_str("\"gestures\": [");
+                for (i, (_, name)) in on.enumerate() {
+                    let comma = if i > 0 { ", " } else { "" };
+                    write!(text, "{comma}{name}")?;
+                }
+                text.push_str("], ");
+            }
+            text.push_str("\"units\": {");
             let units = self.units.iter().zip(&user.weights).zip(&user.ranges);
             for (i, ((name, weight), range)) in units.enumerate() {
                 let comma = if i > 0 { "," } else { "" };
@@ -387,7 +406,7 @@ mod tests {
     fn files_are_whole_and_nothing_else_is_left() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("status.json");
-        let mut status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"]);
+        let mut status = Status::new(path.to_str().unwrap(), "a \"b\"\\", &["AU26"], &[]);
         let report = Report {
             user: Some(1),
             state: TrackingState::Tracking,
@@ -457,6 +476,25 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         status.write([tally; 2].into_iter());
         assert!(!path.exists());
+    }
+
+    #[cfg(feature = "gestures")]
+    #[test]
+    fn gestures_that_are_on_are_named() {
+        let mut status = Status::new("", "", &[], &["smile", "kiss", "brows"]);
+        let report = Report {
+            user: Some(0),
+            state: TrackingState::Tracking,
+            gestures: 0b101,
+            ..Report::default()
+        };
+        status.observe(&report, None);
+        let mut json = String::new();
+        status.json(std::iter::empty(), &mut json).unwrap();
+        assert!(
+            json.contains("\"gestures\": [\"smile\", \"brows\"], \"units\": {}"),
+            "{json}"
+        );
     }
 
     #[test]

@@ -67,6 +67,8 @@ outputs! { s units
     };
     "MQTT" mqtt "wires": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
         output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
+    "keys" keys "gestures": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
+        output::keys::Keys::new(&s.keys.device)?;
     // Sends no weights: it announces the others.
     "mDNS" discovery "wires": s.network.discovery.enabled, &[] =>
         output::discovery::Discovery::new(&s.network.name, services(s))?;

@@ -48,6 +48,8 @@ pub const UNITS: usize = 2 * LEARNT_MEASURES + 8;
 pub const PAPER_SAMPLES: usize = 128;
 /// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
 pub const RANGE_NODES: usize = 64;
+/// Gestures configured at most; a configuration with more is refused.
+pub const GESTURES: usize = 16;
 /// Pictures of one stream that may wait for their other half: they come in turn, so of two the newer one will get it.
 pub const UNPAIRED_PICTURES: usize = 1;
 /// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.

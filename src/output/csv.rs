@@ -32,12 +32,14 @@ pub struct Rows {
     row: String,
     measures: usize,
     units: usize,
+    gestures: usize,
 }
 
 impl Rows {
-    /// With the header in place. `measures` and `units` are names without `w_`; an `m_` the measures' names may have.
+    /// With the header in place. `measures`, `units` and `gestures` are names without `w_` and `g_`; an `m_` the measures' names
+    /// may have.
     #[must_use]
-    pub fn new(measures: &[&str], units: &[&str]) -> Self {
+    pub fn new(measures: &[&str], units: &[&str], gestures: &[&str]) -> Self {
         let mut row =
             String::from("frame,time_us,user,state,confidence,tx_m,ty_m,tz_m,qx,qy,qz,qw");
         let mut name =
@@ -56,13 +58,17 @@ impl Rows {
         for side in BOX {
             name(format_args!(",head_{side}"));
         }
+        for gesture in gestures {
+            name(format_args!(",g_{gesture}"));
+        }
         row.push('\n');
-        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len();
+        let fields = 12 + 3 * LANDMARKS + measures.len() + units.len() + BOX.len() + gestures.len();
         row.reserve(fields * FIELD_BYTES);
         Self {
             row,
             measures: measures.len(),
             units: units.len(),
+            gestures: gestures.len(),
         }
     }
 
@@ -134,6 +140,13 @@ impl Rows {
         let sides = report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]);
         let sides = sides.filter(|_| present);
         (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i].into()), 0));
+        for i in 0..self.gestures {
+            self.row.push_str(if report.gestures >> i & 1 == 1 {
+                ",1"
+            } else {
+                ",0"
+            });
+        }
         self.row.push('\n');
         true
     }
@@ -154,10 +167,15 @@ impl<W: Write> Csv<W> {
     ///
     /// # Errors
     /// If nothing can be written.
-    pub fn new(to: W, measures: &[&str], units: &[&str]) -> Result<Self, OutputError> {
+    pub fn new(
+        to: W,
+        measures: &[&str],
+        units: &[&str],
+        gestures: &[&str],
+    ) -> Result<Self, OutputError> {
         let mut csv = Self {
             to,
-            rows: Rows::new(measures, units),
+            rows: Rows::new(measures, units, gestures),
             count: 0,
             dropped: 0,
         };

@@ -14,8 +14,11 @@ pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
+pub mod gesture;
 #[cfg(feature = "wires")]
 mod identity;
+#[cfg(feature = "gestures")]
+pub mod keys;
 #[cfg(feature = "wires")]
 pub mod lights;
 #[cfg(feature = "std")]
@@ -125,6 +128,10 @@ pub trait Output {
     /// error.
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
+    /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
+    #[cfg(feature = "gestures")]
+    fn switch(&mut self, _: &gesture::Switch<'_>) {}
+
     /// The counters so far.
     fn tally(&self) -> Tally;
 
@@ -229,6 +236,17 @@ pub enum OutputError {
     NotBuilt {
         /// Section of the configuration.
         section: &'static str,
+    },
+    /// The device that presses keys cannot be used.
+    #[cfg(feature = "gestures")]
+    #[error(
+        "cannot press keys through {path:?}: {source}; is the module uinput loaded, and may mien's user write to it?"
+    )]
+    Keys {
+        /// The device.
+        path: String,
+        /// The system's error.
+        source: std::io::Error,
     },
     /// A thread cannot be started.
     #[cfg(feature = "std")]

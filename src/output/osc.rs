@@ -9,6 +9,7 @@
 //! | `/face/<u>/present` | 0 or 1 | on change and once a second |
 //! | `/face/schema` | version, names of the units | at the start and every 5 s |
 //! | `/face/alive` | number, program version, seconds since the start | every second, even with nobody |
+//! | `/mien/gesture/<name>`, `/mien/gesture/<name>/<u>` of each | 1 or 0 | on change and every 2 s, a datagram each |
 //! | `/face/<u>/range/<unit>` | learned low, rest, high of the measure behind it; readiness 0…1 | every 5 s with a face, if enabled |
 //!
 //! The latency is the time from the frame's arrival in this machine to its being sent. Units have the names set in the
@@ -33,6 +34,8 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
+#[cfg(feature = "gestures")]
+use super::gesture::Switch;
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
     WireWeights, unit_range,
@@ -317,6 +320,18 @@ impl Output for Osc {
             #[cfg(feature = "std")]
             commands: self.commands.as_ref().map_or([0; 2], Listener::counts),
             ..self.wire.to.tally("osc", not_numbers)
+        }
+    }
+
+    #[cfg(feature = "gestures")]
+    fn switch(&mut self, switch: &Switch<'_>) {
+        let name = &switch.gesture.name;
+        let is_on = switch.is_on.into();
+        match switch.user {
+            Some(user) => self
+                .wire
+                .alone(format_args!("/mien/gesture/{name}/{user}"), is_on),
+            None => self.wire.alone(format_args!("/mien/gesture/{name}"), is_on),
         }
     }
 

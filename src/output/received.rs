@@ -41,6 +41,8 @@ pub trait Listener {
     fn sample(&self, sample: &Sample);
     /// A user's ranges, in schema order; `None` where nothing was received.
     fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]);
+    /// A gesture is on or off, of a person or of whoever counts; told again and again.
+    fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool);
     /// Counts of messages, lines or frames accepted and refused.
     fn count(&self, taken: u64, refused: u64);
 }

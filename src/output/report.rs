@@ -42,6 +42,8 @@ pub struct Report<'a> {
     /// Learned low, rest and high of the measure behind each unit, in the order of the units' names; empty when posed, lost
     /// or absent.
     pub ranges: &'a [UnitRange],
+    /// Gestures of the user that are on, a bit each in the order of the configuration.
+    pub gestures: u32,
     /// From the frame's arrival to its being sent, µs; 0 if not known.
     pub latency_us: u32,
 }

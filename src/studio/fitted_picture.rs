@@ -3,6 +3,7 @@
 use image::RgbImage;
 
 use crate::base::capacity::LANDMARKS;
+use crate::studio::chart;
 use crate::studio::inspect::canvas;
 
 /// Width of the face, pixels: its 68 numbers stand beside each other.
@@ -58,17 +59,11 @@ pub fn fitted_picture(
     }
     for (k, [x, y]) in points.into_iter().enumerate() {
         canvas::square(&mut out, x, y, 2, [30, 220, 70]);
-        let beside = [x + 4.0, y - 4.0].map(|at| at.max(0.0) as u32);
-        canvas::text(
-            &mut out,
-            beside[0],
-            beside[1],
-            1,
-            &k.to_string(),
-            [255, 230, 60],
-        );
+        let beside = [x + 4.0, y - 6.0].map(|at| at.max(0.0) as u32);
+        chart::text(&mut out, beside, 9, &k.to_string(), [255, 230, 60]);
     }
-    canvas::text(&mut out, 6, 6, 2, &format!("{confidence:.2}"), [255; 3]);
+    let confidence = format!("{confidence:.2}");
+    chart::text(&mut out, [6, 4], 15, &confidence, [255; 3]);
     out
 }
 

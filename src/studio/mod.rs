@@ -17,12 +17,14 @@
 //! progress, stopped   how far long work is, and what Ctrl-C leaves of it
 //! people_split   who is trained on and who is not
 //! text_files, csv, atomic_write   texts and tables in, files out
+//! chart          curves and words in pictures
 //! correlation, frame_time, srgb   what several of them reckon with
 //! ```
 
 pub mod animate;
 pub mod atomic_write;
 pub mod bake;
+pub mod chart;
 pub mod cli;
 pub mod correlation;
 pub mod csv;

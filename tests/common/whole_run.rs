@@ -71,6 +71,20 @@ const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\"
 #[cfg(not(feature = "wires"))]
 const WIRES: &str = "";
 
+/// Gestures of everybody that go on and off all the time, and press keys of a file.
+#[cfg(feature = "gestures")]
+fn gestures(folder: &Path) -> String {
+    let keys = folder.join("keys");
+    std::fs::write(&keys, []).unwrap();
+    let of = |name, person, press| {
+        format!(
+            "[[gesture]]\nname = \"{name}\"\nof = \"AU26 + AU12L - AU43L\"\non = 0.1\noff = 0.09\nhold_s = 0\n\
+             pause_s = 0\nperson = \"{person}\"\nspeaking = true\nkey = \"space\"\npress = \"{press}\"\n"
+        )
+    };
+    format!("[keys]\ndevice = {keys:?}\n") + &of("one", "each", "hold") + &of("two", "any", "tap")
+}
+
 /// Every output there is, into this folder and to nobody.
 pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
     let config = folder.join("mien.toml");
@@ -84,6 +98,8 @@ pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
         folder.join("status.json")
     );
     let text = text + WIRES;
+    #[cfg(feature = "gestures")]
+    let text = text + &gestures(folder);
     std::fs::write(&config, text).unwrap();
     config
 }

@@ -127,7 +127,7 @@ pub fn write(folder: &Path) {
     usb(&corpus);
     wires(&corpus);
 
-    let mut rows = Rows::new(&["lip_gap", "eye_distance"], &UNITS);
+    let mut rows = Rows::new(&["lip_gap", "eye_distance"], &UNITS, &[]);
     let mut table = rows.text().to_owned();
     for ms in [0, 33, 66] {
         rows.fill(&report(ms));

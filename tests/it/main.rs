@@ -21,6 +21,8 @@ mod lives_as_a_service;
 mod output_bytes;
 mod places_points;
 mod plays_any_depth_camera;
+#[cfg(all(feature = "studio", feature = "gestures"))]
+mod plays_gestures;
 mod plays_what_others_recorded;
 mod plays_without_a_sensor;
 mod reads_an_acted_face;
@@ -35,5 +37,6 @@ mod shipped_config;
 mod shipped_words;
 mod shows_a_head;
 mod survives_real_life;
+mod switches_by_gesture;
 mod talks_to_rigs;
 mod tracks_a_head;

@@ -68,7 +68,7 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
     let (landmarks, pose) = (landmarks(), pose());
     let mut bytes = Vec::new();
     {
-        let mut csv = Csv::new(&mut bytes, &MEASURES, &UNITS).unwrap();
+        let mut csv = Csv::new(&mut bytes, &MEASURES, &UNITS, &[]).unwrap();
         let weights = [1.25, f32::NAN, -0.1];
         let full = Report {
             sensor_from_head: Some(&pose),
@@ -151,7 +151,7 @@ fn csv_on_a_full_disk_is_an_error_in_one_sentence() {
             Ok(())
         }
     }
-    let error = Csv::new(Full, &MEASURES, &UNITS).err().unwrap();
+    let error = Csv::new(Full, &MEASURES, &UNITS, &[]).err().unwrap();
     assert_eq!(
         error.to_string(),
         "cannot write the CSV: no storage space; check the path and the space left"

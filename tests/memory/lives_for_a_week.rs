@@ -114,7 +114,7 @@ impl Wires {
             ]
             .map(line)
             .into(),
-            table: Rows::new(measures, units),
+            table: Rows::new(measures, units, &[]),
             written,
         }
     }

@@ -41,6 +41,7 @@ fn all_wires_at_once_cost_no_memory() {
         folder.path().join("status.json").to_str().unwrap(),
         "",
         &UNITS,
+        &[],
     );
     let serial = serial::Settings {
         port: port.name().unwrap(),

@@ -110,7 +110,7 @@ fn direct(
     let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
     let mut csv = Vec::new();
     let names = (Pipeline::measure_names(), pipeline.unit_names());
-    let mut writer = Csv::new(&mut csv, &names.0, &names.1)?;
+    let mut writer = Csv::new(&mut csv, &names.0, &names.1, &[])?;
     for row in rows {
         let mut frame = frame_of(since_first(row))?;
         (frame.index, frame.at) = (row.frame, Timestamp::from_us(row.at_us));

@@ -344,6 +344,10 @@ sections! { s
         hold_s: HOLD => seconds(&mut s.network.mqtt.loss.hold_s);
         decay_s: DECAY => seconds(&mut s.network.mqtt.loss.decay_s);
     }
+    keys: "Keys that gestures press." {
+        device: "The device that presses them: uinput, or the node of a USB HID gadget." =>
+            text(&mut s.keys.device, "the path of a device", |text| !text.is_empty());
+    }
     state: "What is kept across restarts about people tracked with a Kinect." {
         persist: "Whether the ranges and head shape of people who left are saved for users.remember_s, so that a restart forgets nobody." =>
             flag(&mut s.state.persist);

@@ -4,6 +4,7 @@
 //! printing and the shipped `config/mien.toml` all come from it, so they cannot disagree. Errors carry file, line and column.
 //! One file: reading and writing one format; the keys have their own.
 
+mod gestures;
 mod keys;
 mod sections;
 mod toml_words;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 use keys::{Kind, SECTIONS, UNITS};
-use toml_words::{describe, integer, toml_string};
+use toml_words::{describe, float, integer, toml_string};
 
 use crate::base::bounded_read;
 use crate::base::nearest_word::hint;
@@ -108,8 +109,15 @@ impl Settings {
         for (section, value) in document.get_ref() {
             let name: &str = section.get_ref();
             let start = section.span().start;
+            if name == gestures::SECTION {
+                settings.gestures = gestures::read(value).map_err(|(span, expected, found)| {
+                    wrong(span.unwrap_or(section.span()).start, expected, found)
+                })?;
+                continue;
+            }
             let Some(known) = SECTIONS.iter().find(|known| known.name == name) else {
-                let names: Vec<&str> = SECTIONS.iter().map(|known| known.name).collect();
+                let names = SECTIONS.iter().map(|known| known.name);
+                let names: Vec<&str> = names.chain([gestures::SECTION]).collect();
                 let expected = format!("one of the sections {}", names.join(", "));
                 let found = format!("{name}{}", hint(name, names));
                 return Err(wrong(start, expected, found));
@@ -163,6 +171,7 @@ impl Settings {
                 );
             }
         }
+        gestures::print(&self.gestures, &mut text);
         text
     }
 }
@@ -212,15 +221,6 @@ fn toml_strings(texts: &[String]) -> String {
             let all: Vec<String> = texts.iter().map(|text| toml_string(text)).collect();
             format!("[{}]", all.join(", "))
         }
-    }
-}
-
-/// Any number.
-fn float(value: &DeValue<'_>) -> Option<f64> {
-    match value {
-        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
-        DeValue::Integer(number) => integer(number).map(|number| number as f64),
-        _ => None,
     }
 }
 

@@ -35,6 +35,10 @@ pub struct Settings {
     pub faceosc: output::osc::faceosc::Settings,
     /// The serial line.
     pub serial: output::serial::Settings,
+    /// Gestures, and the device that presses their keys.
+    pub gestures: Vec<output::gesture::Gesture>,
+    /// The device.
+    pub keys: KeySettings,
     /// Settings of the optional outputs.
     pub network: NetworkSettings,
     /// State kept across restarts.
@@ -80,6 +84,13 @@ defaults! {
         pub mqtt: MqttSettings = MqttSettings::default(),
     }
 
+    /// The device that presses keys.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct KeySettings {
+        /// Path of `uinput` or of a USB HID gadget.
+        pub device: String = "/dev/uinput".into(),
+    }
+
     /// State kept across restarts.
     #[derive(Clone, Debug, PartialEq)]
     pub struct StateSettings {
@@ -105,6 +116,13 @@ defaults! {
 }
 
 impl Settings {
+    /// Names of the gestures, in their order.
+    #[must_use]
+    pub fn gesture_names(&self) -> Vec<&str> {
+        let names = self.gestures.iter().map(|gesture| gesture.name.as_str());
+        names.collect()
+    }
+
     /// The part used by the stages.
     #[must_use]
     pub fn stages(&self) -> pipeline::Settings {

@@ -41,7 +41,7 @@ impl Receiver {
     /// Takes one datagram and tells what it says.
     pub fn take(&mut self, datagram: &[u8], to: &dyn Listener) {
         let units = self.units.clone();
-        let [taken, refused] = messages(datagram, &mut |one| self.message(one).is_some());
+        let [taken, refused] = messages(datagram, &mut |one| self.message(one, to).is_some());
         to.count(taken, refused);
         if units != self.units {
             to.schema(&self.units);
@@ -59,7 +59,7 @@ impl Receiver {
         }
     }
 
-    fn message(&mut self, bytes: &[u8]) -> Option<()> {
+    fn message(&mut self, bytes: &[u8], to: &dyn Listener) -> Option<()> {
         let (address, rest) = string(bytes)?;
         let (tags, rest) = string(rest)?;
         let values = values(tags.strip_prefix(',')?, rest)?;
@@ -75,6 +75,15 @@ impl Receiver {
                     .collect();
                 self.rename(names.filter(|names| names.len() <= MOST_UNITS)?);
                 self.named = true;
+                return Some(());
+            }
+            (["mien", "gesture", name, user @ ..], [Value::Int(is_on)]) if is_name(name) => {
+                let user = match user {
+                    [] => None,
+                    [word] => Some(slot(word)?),
+                    _ => return None,
+                };
+                to.gesture(name, user, *is_on != 0);
                 return Some(());
             }
             ([.., "alive"], [Value::Int(_), Value::Text(_), Value::Float(_)]) => return Some(()),

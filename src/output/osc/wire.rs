@@ -119,6 +119,17 @@ impl Wire {
         }
     }
 
+    /// Sends a message of one number with an address of its own, in a datagram of its own.
+    #[cfg(feature = "gestures")]
+    pub(super) fn alone(&mut self, address: core::fmt::Arguments, number: i32) {
+        self.flush();
+        // It always fits.
+        let _ = self
+            .packet
+            .push("", address, core::iter::once(Argument::Int(number)));
+        self.flush();
+    }
+
     /// Sends the datagram to every target, unless it is empty.
     pub(super) fn flush(&mut self) {
         if !self.packet.is_empty() {

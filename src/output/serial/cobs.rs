@@ -5,6 +5,7 @@
 //! | --- | --- |
 //! | 1 weights | type, number, time ms (u16, wraps), flags, confidence 0…255, count, weights 0…255, CRC |
 //! | 2 pose | type, number, time ms, x y z in mm, quaternion x y z w × 32767, all i16, CRC |
+//! | 3 gesture | type, its index, 0 or 1, the user's slot or 255, its name, CRC; on change and every 2 s |
 //! | 16 hello | type, schema version, count, the first names, each behind its length, CRC |
 //! | 18 more names | type, schema version, index of the first name in this frame, names, each behind its length, CRC |
 //!
@@ -138,6 +139,15 @@ pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Li
                 .extend_from_slice(&(value.round() as i16).to_le_bytes())
                 .is_ok()
         });
+    filled && append(payload, line)
+}
+
+/// A gesture that is on or off.
+#[cfg(feature = "gestures")]
+pub(super) fn switch(head: [u8; 4], name: &str, line: &mut Line) -> bool {
+    let mut payload = Payload::new();
+    let filled = payload.extend_from_slice(&head).is_ok()
+        && payload.extend_from_slice(name.as_bytes()).is_ok();
     filled && append(payload, line)
 }
 

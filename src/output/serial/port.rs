@@ -53,6 +53,8 @@ pub(super) struct Shared {
 struct Waiting {
     /// The newest unsent frame; empty if there is none.
     line: Line,
+    /// Gestures that went on or off since.
+    switches: Line,
     state: PortState,
     stop: bool,
 }
@@ -62,6 +64,7 @@ impl Shared {
         Self {
             waiting: Mutex::new(Waiting {
                 line: Line::new(),
+                switches: Line::new(),
                 state: PortState::Absent,
                 stop: false,
             }),
@@ -83,6 +86,15 @@ impl Shared {
         }
         waiting.line.clone_from(line);
         drop(waiting);
+        self.changed.notify_one();
+    }
+
+    /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
+    #[cfg(feature = "gestures")]
+    pub(super) fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
+        if !self.lock().switches.all_or_nothing(write) {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
         self.changed.notify_one();
     }
 
@@ -118,11 +130,17 @@ impl Shared {
 
     /// Waits at most `time` for a frame and moves it to `line`; returns whether to stop after it.
     fn take(&self, time: Duration, line: &mut Line) -> bool {
-        let idle = |waiting: &mut Waiting| waiting.line.bytes().is_empty() && !waiting.stop;
+        let idle = |waiting: &mut Waiting| {
+            waiting.line.bytes().is_empty() && waiting.switches.bytes().is_empty() && !waiting.stop
+        };
         let waited = self.changed.wait_timeout_while(self.lock(), time, idle);
         let mut waiting = waited.unwrap_or_else(PoisonError::into_inner).0;
-        line.clone_from(&waiting.line);
-        waiting.line.clear();
+        line.clone_from(&waiting.switches);
+        waiting.switches.clear();
+        // Or with the next ones.
+        if line.put(waiting.line.bytes()).is_ok() {
+            waiting.line.clear();
+        }
         waiting.stop
     }
 }

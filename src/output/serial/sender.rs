@@ -14,6 +14,8 @@ use crate::output::{Output, OutputError, Report, Tally};
 pub struct Serial {
     encoder: Encoder,
     shared: Arc<Shared>,
+    #[cfg(feature = "gestures")]
+    style: super::settings::Style,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -30,6 +32,8 @@ impl Serial {
         Ok(Self {
             encoder,
             shared,
+            #[cfg(feature = "gestures")]
+            style: settings.style,
             thread: Some(thread),
         })
     }
@@ -87,6 +91,12 @@ impl Output for Serial {
             self.shared.put(line);
         }
         Ok(())
+    }
+
+    #[cfg(feature = "gestures")]
+    fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
+        self.shared
+            .put_switch(|line| super::frame::switch(self.style, switch, line));
     }
 
     fn tally(&self) -> Tally {

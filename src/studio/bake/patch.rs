@@ -33,12 +33,12 @@ const TARGETS: usize = 1024;
 
 /// A head read from a file, and where its vertices came from.
 pub struct Foreign {
-    glb: Glb,
+    pub(in crate::studio) glb: Glb,
     sources: Vec<Rows>,
 }
 
 /// The rows of a position accessor.
-struct Rows {
+pub(in crate::studio) struct Rows {
     accessor: usize,
     /// The first of them among all.
     first: usize,
@@ -225,7 +225,25 @@ impl Gathered {
     }
 }
 
+impl Rows {
+    /// Vertices of the mesh, and how far `moves` of the accessor's rows move them.
+    pub(in crate::studio) fn placed(&self, moves: &[f32]) -> impl Iterator<Item = (usize, Vec3)> {
+        let turn = self.back.and_then(|back| back.try_inverse());
+        let rows = self.vertices.iter().zip(moves.chunks_exact(3));
+        rows.map(move |(&vertex, row)| {
+            let way = Vec3::new(row[0].into(), row[1].into(), row[2].into());
+            (vertex as usize, turn.map_or(way, |turn| turn * way))
+        })
+    }
+}
+
 impl Foreign {
+    /// The rows of a position accessor, if it was read.
+    pub(in crate::studio) fn rows_of(&self, accessor: &Value) -> Option<&Rows> {
+        let accessor = accessor.as_u64()?;
+        self.sources.iter().find(|s| s.accessor as u64 == accessor)
+    }
+
     /// Reads the meshes of a file as one.
     ///
     /// # Errors

@@ -9,7 +9,6 @@ use super::{HeadsError, PersonHead, plain_head, textured_heads};
 use crate::base::geometry::{Point, Rigid};
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter};
 use crate::simulator::virtual_head::{HeadAsset, Light, Texture};
-use crate::studio::atomic_write;
 use crate::studio::heads::ict::IctHead;
 
 /// Size of the mean photograph, pixels.
@@ -104,17 +103,9 @@ pub fn make_simulated_head(
     keep: impl Fn(usize) -> bool,
 ) -> Result<usize, HeadsError> {
     let heads = textured_heads(data, keep)?;
-    let mut ict = IctHead::read(&data.join("ict_facekit"))?;
-    super::expressions::complete(&mut ict);
+    let ict = IctHead::read(&data.join("ict_facekit"))?;
     let plain = plain_head(&ict);
-    let small = match average(&heads) {
-        Some(head) => Reduction::of(&plain).apply(&head),
-        None => Reduction::of(&plain).apply(&plain),
-    };
-    let bytes = small.emit();
-    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
-        path: out.into(),
-        source,
-    })?;
-    Ok(bytes.len())
+    let head = average(&heads);
+    let small = Reduction::of(&plain).apply(head.as_ref().unwrap_or(&plain));
+    super::write(&small, out)
 }

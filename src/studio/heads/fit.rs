@@ -57,8 +57,11 @@ fn weight(landmark: usize) -> f64 {
     }
 }
 
-/// How identities and expressions move the landmarks, and how far they usually go.
-fn modes(ict: &IctHead, sites: &[Site], usable: &[bool]) -> Vec<(Vec<Vector3<f64>>, f64)> {
+/// How a mode moves each landmark, and how far it usually goes.
+type Mode = (Vec<Vector3<f64>>, f64);
+
+/// Those of the identities, then of the expressions.
+fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
     let at = |values: &[Vector3<f32>], site: &Site| {
         let mut sum = Vector3::zeros();
         for (&v, &share) in site.vertices.iter().zip(&site.shares) {
@@ -66,59 +69,58 @@ fn modes(ict: &IctHead, sites: &[Site], usable: &[bool]) -> Vec<(Vec<Vector3<f64
         }
         sum
     };
-    ict.identities
-        .iter()
-        .map(|d| (d, IDENTITY_SIGMA))
-        .chain(
-            ict.expressions
-                .iter()
-                .zip(usable)
-                .map(|(d, &u)| (d, if u { EXPRESSION_SIGMA } else { 1e-6 })),
-        )
+    let identities = ict.identities.iter().map(|d| (d, IDENTITY_SIGMA));
+    let expressions = ict.expressions.iter().map(|d| (d, EXPRESSION_SIGMA));
+    identities
+        .chain(expressions)
         .map(|(d, sigma)| (sites.iter().map(|s| at(&d.offsets, s)).collect(), sigma))
         .collect()
 }
 
-/// Fits the mesh with its landmarks at `sites` to 68 points. Derived expressions (those of no use in a portrait) are
-/// left at 0 where `usable` says so.
-#[must_use]
-pub fn fit(
-    ict: &IctHead,
-    sites: &[Site],
-    points: &[[f32; 2]; LANDMARKS],
-    usable: &[bool],
-) -> PortraitFit {
-    let base: Vec<Vector3<f64>> = sites
-        .iter()
-        .map(|s| s.on(&ict.neutral).coords.cast())
-        .collect();
-    let modes = modes(ict, sites, usable);
-    let m = 6 + modes.len();
-    let target = |k: usize| [f64::from(points[k][0]), f64::from(points[k][1])];
-    let eyes = |k: usize| target(k);
-    let mut scale =
-        (eyes(45)[0] - eyes(36)[0]).hypot(eyes(45)[1] - eyes(36)[1]) / (base[45] - base[36]).norm();
-    let mut rotation = Rotation3::<f64>::identity();
-    let mut shift = [0, 1].map(|c| (eyes(39)[c] + eyes(42)[c]) * 0.5);
-    let mut weights = DVector::<f64>::zeros(modes.len());
-    for _ in 0..STEPS {
-        let mut jacobian = DMatrix::zeros(2 * LANDMARKS, m);
+/// What is looked for.
+struct State {
+    scale: f64,
+    rotation: Rotation3<f64>,
+    shift: [f64; 2],
+    weights: DVector<f64>,
+}
+
+impl State {
+    /// Upright, with the corners of the eyes where they should be.
+    fn new(base: &[Vector3<f64>], points: &[[f64; 2]; LANDMARKS], modes: usize) -> Self {
+        let [a, b] = [points[36], points[45]];
+        Self {
+            scale: (b[0] - a[0]).hypot(b[1] - a[1]) / (base[45] - base[36]).norm(),
+            rotation: Rotation3::identity(),
+            shift: [0, 1].map(|c| (points[39][c] + points[42][c]) * 0.5),
+            weights: DVector::zeros(modes),
+        }
+    }
+
+    /// How the places of the points change with the logarithm of the scale, the rotation, the shift and the weights, and by how
+    /// much they are off, in standard deviations.
+    fn linearised(
+        &self,
+        base: &[Vector3<f64>],
+        points: &[[f64; 2]; LANDMARKS],
+        modes: &[Mode],
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let (scale, rotation) = (self.scale, self.rotation);
+        let mut jacobian = DMatrix::zeros(2 * LANDMARKS, 6 + modes.len());
         let mut error = DVector::zeros(2 * LANDMARKS);
         for k in 0..LANDMARKS {
             let mut p = base[k];
             for (j, (mode, _)) in modes.iter().enumerate() {
-                p += mode[k] * weights[j];
+                p += mode[k] * self.weights[j];
             }
             let q = rotation * p;
             let w = weight(k) / (POINT_SIGMA_M * scale);
             for c in 0..2 {
-                let r = target(k)[c] - (scale * q[c] + shift[c]);
                 let row = 2 * k + c;
-                error[row] = r * w;
+                error[row] = (points[k][c] - (scale * q[c] + self.shift[c])) * w;
                 jacobian[(row, 0)] = scale * q[c] * w;
                 for axis in 0..3 {
-                    let mut e = Vector3::zeros();
-                    e[axis] = 1.0;
+                    let e = Vector3::ith(axis, 1.0);
                     jacobian[(row, 1 + axis)] = scale * e.cross(&q)[c] * w;
                 }
                 jacobian[(row, 4 + c)] = w;
@@ -127,6 +129,22 @@ pub fn fit(
                 }
             }
         }
+        (jacobian, error)
+    }
+}
+
+/// Fits the mesh with its landmarks at `sites` to 68 points.
+#[must_use]
+pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> PortraitFit {
+    let base: Vec<Vector3<f64>> = sites
+        .iter()
+        .map(|s| s.on(&ict.neutral).coords.cast())
+        .collect();
+    let modes = modes(ict, sites);
+    let points = points.map(|p| p.map(f64::from));
+    let mut state = State::new(&base, &points, modes.len());
+    for _ in 0..STEPS {
+        let (jacobian, error) = state.linearised(&base, &points, &modes);
         let mut normal = jacobian.tr_mul(&jacobian);
         let mut gradient = jacobian.tr_mul(&error);
         for j in 0..6 {
@@ -134,24 +152,26 @@ pub fn fit(
         }
         for (j, (_, sigma)) in modes.iter().enumerate() {
             normal[(6 + j, 6 + j)] += 1.0 / (sigma * sigma);
-            gradient[6 + j] -= weights[j] / (sigma * sigma);
+            gradient[6 + j] -= state.weights[j] / (sigma * sigma);
         }
         let Some(solver) = normal.cholesky() else {
             break;
         };
         let delta = solver.solve(&gradient);
-        scale *= delta[0].clamp(-0.3, 0.3).exp();
-        rotation = Rotation3::new(Vector3::new(delta[1], delta[2], delta[3])) * rotation;
-        shift[0] += delta[4];
-        shift[1] += delta[5];
-        weights += delta.rows(6, modes.len());
+        state.scale *= delta[0].clamp(-0.3, 0.3).exp();
+        let turn = Rotation3::new(Vector3::new(delta[1], delta[2], delta[3]));
+        state.rotation = turn * state.rotation;
+        state.shift[0] += delta[4];
+        state.shift[1] += delta[5];
+        state.weights += delta.rows(6, modes.len());
     }
-    let identities = ict.identities.len();
+    let weights: Vec<f32> = state.weights.iter().map(|&w| w as f32).collect();
+    let (identity, expression) = weights.split_at(ict.identities.len());
     PortraitFit {
-        scale: scale as f32,
-        rotation: rotation.cast(),
-        shift: shift.map(|v| v as f32),
-        identity: weights.iter().take(identities).map(|&w| w as f32).collect(),
-        expression: weights.iter().skip(identities).map(|&w| w as f32).collect(),
+        scale: state.scale as f32,
+        rotation: state.rotation.cast(),
+        shift: state.shift.map(|v| v as f32),
+        identity: identity.to_vec(),
+        expression: expression.to_vec(),
     }
 }

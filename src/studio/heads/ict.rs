@@ -82,55 +82,52 @@ pub struct IctHead {
     pub identities: Vec<Delta>,
 }
 
-fn read_text(path: &Path) -> Result<String, IctError> {
-    crate::studio::text_files::read(path).map_err(|source| IctError::Unreadable {
+fn unreadable(path: &Path) -> impl FnOnce(std::io::Error) -> IctError {
+    |source| IctError::Unreadable {
         path: path.into(),
         source,
-    })
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, IctError> {
+    crate::studio::text_files::read(path).map_err(unreadable(path))
 }
 
 fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
     Vector3::new(v.x, -v.y, -v.z) * 0.01
 }
 
+/// All differences of a folder but those of pupils, which nothing measures.
 fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, IctError> {
-    let unreadable = |source| IctError::Unreadable {
-        path: folder.into(),
-        source,
-    };
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-        .map_err(unreadable)?
+    let entries = fs::read_dir(folder).map_err(unreadable(folder))?;
+    let mut paths: Vec<PathBuf> = entries
         .filter_map(|entry| entry.ok().map(|entry| entry.path()))
         .filter(|path| path.extension().is_some_and(|extension| extension == "f32"))
         .collect();
     paths.sort();
-    paths
-        .into_iter()
-        .map(|path| {
-            let bytes = fs::read(&path).map_err(|source| IctError::Unreadable {
-                path: path.clone(),
-                source,
-            })?;
-            if bytes.len() != vertices * 12 {
-                return Err(IctError::Malformed {
-                    path,
-                    expected: "three 32-bit floats per vertex of the neutral mesh",
-                    found: format!("{} bytes for {vertices} vertices", bytes.len()),
-                });
-            }
-            let f = |b: &[u8]| f32::from_le_bytes(b.try_into().expect("four bytes"));
-            let offsets = bytes
-                .chunks_exact(12)
-                .map(|c| head_axes(Vector3::new(f(&c[0..4]), f(&c[4..8]), f(&c[8..12]))))
-                .collect();
-            let name = path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            Ok(Delta { name, offsets })
-        })
-        .collect()
+    let mut deltas = Vec::new();
+    for path in paths {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        if name.starts_with("PupilDilate") {
+            continue;
+        }
+        let bytes = fs::read(&path).map_err(unreadable(&path))?;
+        if bytes.len() != vertices * 12 {
+            return Err(IctError::Malformed {
+                expected: "three 32-bit floats per vertex of the neutral mesh",
+                found: format!("{} bytes for {vertices} vertices", bytes.len()),
+                path,
+            });
+        }
+        let f = |b: &[u8]| f32::from_le_bytes(b.try_into().expect("four bytes"));
+        let rows = bytes.chunks_exact(12);
+        let offsets = rows.map(|c| head_axes(Vector3::new(f(&c[0..4]), f(&c[4..8]), f(&c[8..12]))));
+        deltas.push(Delta {
+            name: name.into_owned(),
+            offsets: offsets.collect(),
+        });
+    }
+    Ok(deltas)
 }
 
 impl IctHead {
@@ -161,21 +158,14 @@ impl IctHead {
             .split_ascii_whitespace()
             .filter_map(|w| w.parse().ok())
             .collect();
-        let landmarks: [usize; LANDMARKS] =
-            landmarks
-                .try_into()
-                .map_err(|found: Vec<usize>| IctError::Malformed {
-                    path: path.clone(),
-                    expected: "68 vertex indices",
-                    found: format!("{} numbers", found.len()),
-                })?;
-        if let Some(bad) = landmarks.iter().find(|&&v| v >= raw.len()) {
-            return Err(IctError::Malformed {
-                path,
-                expected: "indices of the mesh's vertices",
-                found: bad.to_string(),
-            });
-        }
+        let count = landmarks.len();
+        let on_mesh = landmarks.iter().all(|&v| v < raw.len());
+        let landmarks = landmarks.try_into().ok().filter(|_| on_mesh);
+        let landmarks: [usize; LANDMARKS] = landmarks.ok_or_else(|| IctError::Malformed {
+            path,
+            expected: "68 indices of the mesh's vertices",
+            found: format!("{count} numbers, or one beyond {}", raw.len()),
+        })?;
         let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
         let neutral: Vec<_> = raw
             .iter()

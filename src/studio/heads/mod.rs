@@ -1,7 +1,7 @@
 //! Heads to draw, made from the ICT FaceKit mesh: plain ones, and ones that wear a photograph.
 //!
 //! ```text
-//! ict                  the mesh as it comes; expressions: those that it lacks
+//! ict                  the mesh as it comes
 //! portraits            photographs with 68 points
 //! fit                  the mesh fitted to the points of one
 //! wardrobe             the photograph put on the mesh, bent by a thin_plate_spline; eyes: drawn ones instead
@@ -14,7 +14,6 @@
 
 pub mod average;
 pub mod default_head;
-pub mod expressions;
 pub(crate) mod eyes;
 pub mod fit;
 pub mod hero;
@@ -28,8 +27,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::base::geometry::{Rotation, Vector};
+use crate::base::geometry::Rotation;
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
+use crate::studio::atomic_write;
 use crate::studio::heads::ict::{IctError, IctHead, part, part_of};
 use crate::studio::train::shape::Similarity;
 
@@ -55,6 +55,16 @@ pub enum HeadsError {
     },
 }
 
+/// Writes a head; returns the size of the file, bytes.
+fn write(asset: &HeadAsset, out: &Path) -> Result<usize, HeadsError> {
+    let bytes = asset.emit();
+    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
+        path: out.into(),
+        source,
+    })?;
+    Ok(bytes.len())
+}
+
 /// A head with a photograph, and whose it is.
 #[derive(Clone)]
 pub struct PersonHead {
@@ -75,8 +85,7 @@ pub fn textured_heads(
     data: &Path,
     keep: impl Fn(usize) -> bool,
 ) -> Result<Vec<PersonHead>, HeadsError> {
-    let mut ict = IctHead::read(&data.join("ict_facekit"))?;
-    let usable = usable_in_portraits(&mut ict);
+    let ict = IctHead::read(&data.join("ict_facekit"))?;
     let mut portraits = portraits::read(&data.join("faces_frl189"))?;
     portraits.retain(|portrait| keep(portrait.person));
     let plain = plain_head(&ict);
@@ -85,7 +94,7 @@ pub fn textured_heads(
         .par_iter()
         .map(|portrait| {
             let photograph = portrait.photograph()?;
-            let fit = fit::fit(&ict, &plain.landmarks, &portrait.points, &usable);
+            let fit = fit::fit(&ict, &plain.landmarks, &portrait.points);
             let mut asset = wardrobe.dress(&ict, &fit, &portrait.points, &photograph);
             set_upright(&mut asset, &plain);
             Ok(PersonHead {
@@ -107,16 +116,6 @@ fn set_upright(asset: &mut HeadAsset, mean: &HeadAsset) {
     asset.centre();
 }
 
-/// Completes the expressions; tells which of them may be used to explain a portrait (those of the source).
-pub fn usable_in_portraits(ict: &mut IctHead) -> Vec<bool> {
-    let own: Vec<String> = ict.expressions.iter().map(|e| e.name.clone()).collect();
-    expressions::complete(ict);
-    ict.expressions
-        .iter()
-        .map(|e| own.contains(&e.name))
-        .collect()
-}
-
 /// The generic head in plain skin colour: for depth pictures.
 #[must_use]
 pub fn plain_head(ict: &IctHead) -> HeadAsset {
@@ -133,48 +132,35 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
     }
     // Little light reaches the back of a mouth: colours fall off behind the lips.
     let lips = ict.neutral[ict.landmarks[62]].z;
-    let colour: Vec<_> = (0..drawn)
-        .map(|v| {
-            (
-                v,
-                (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0),
-            )
-        })
-        .map(|(v, lit)| match part_of(v) {
+    let colour = (0..drawn).map(|v| {
+        let lit = (1.15 - (ict.neutral[v].z - lips) / 0.030).clamp(0.12, 1.0);
+        match part_of(v) {
             Some(Part::MouthSocket) => [110.0, 50.0, 50.0].map(|c| c * lit),
             Some(Part::EyeSocket) => [90.0, 50.0, 45.0],
             Some(Part::Gums) => [160.0, 85.0, 85.0].map(|c| c * lit),
             Some(Part::Teeth) => [215.0, 210.0, 195.0].map(|c| c * lit),
             Some(Part::Eye) => [225.0, 220.0, 220.0],
             _ => [205.0, 160.0, 135.0],
-        })
-        .collect();
-    let expressions: Vec<_> = ict
-        .expressions
-        .iter()
-        .map(|delta| {
-            let moved: Vec<(u32, Vector)> = (0u32..)
-                .zip(&delta.offsets[..drawn])
-                .filter(|(_, offset)| offset.norm() > STILL_M)
-                .map(|(v, offset)| (v, *offset))
-                .collect();
-            let (vertices, offsets) = moved.into_iter().unzip();
-            Expression {
-                name: delta.name.clone(),
-                vertices,
-                offsets,
-            }
-        })
-        .collect();
+        }
+    });
+    let expressions = ict.expressions.iter().map(|delta| {
+        let moved = (0u32..).zip(delta.offsets[..drawn].iter().copied());
+        let (vertices, offsets) = moved.filter(|(_, offset)| offset.norm() > STILL_M).unzip();
+        Expression {
+            name: delta.name.clone(),
+            vertices,
+            offsets,
+        }
+    });
     HeadAsset {
         neutral: ict.neutral[..drawn].to_vec(),
         triangles: triangles.into(),
         parts: parts.into(),
         photo: vec![[0.0; 2]; drawn].into(),
         photo_share: vec![0.0; drawn].into(),
-        colour: colour.into(),
+        colour: colour.collect(),
         texture: Vec::new().into(),
-        expressions: expressions.into(),
+        expressions: expressions.collect(),
         landmarks: ict
             .landmarks
             .map(|v| Site::vertex(v as u32))

@@ -11,6 +11,7 @@ use std::collections::{BTreeSet, BinaryHeap, HashMap};
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
+use crate::base::geometry::Point;
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
 
 /// Share of the vertices that stays, by part.
@@ -32,8 +33,8 @@ struct Mesh<'a> {
     triangles: Vec<Option<[u32; 3]>>,
     at: Vec<BTreeSet<u32>>,
     quadrics: Vec<Matrix4<f64>>,
-    /// Displacements by a few telling expressions, per vertex.
-    motion: Vec<Vec<Vector3<f32>>>,
+    /// Displacements by the expressions that tell most, per vertex.
+    motion: Vec<[Vector3<f32>; TELLING.len()]>,
     weight: Vec<f64>,
     locked: Vec<bool>,
 }
@@ -65,28 +66,28 @@ fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
         .collect()
 }
 
-/// How each vertex moves in the expressions that tell most.
-fn motion(asset: &HeadAsset) -> Vec<Vec<Vector3<f32>>> {
-    let telling = [
-        "jawOpen",
-        "eyeBlink_L",
-        "eyeBlink_R",
-        "mouthSmile_L",
-        "mouthSmile_R",
-        "mouthFunnel",
-        "browInnerUp_L",
-        "browInnerUp_R",
-    ];
-    let mut motion = vec![vec![Vector3::zeros(); telling.len()]; asset.neutral.len()];
-    for (k, name) in telling.iter().enumerate() {
-        if let Some(e) = asset.expression(name) {
-            for (&v, o) in asset.expressions[e]
-                .vertices
-                .iter()
-                .zip(&asset.expressions[e].offsets)
-            {
-                motion[v as usize][k] = *o;
-            }
+/// Expressions that tell most about how vertices move.
+const TELLING: [&str; 8] = [
+    "jawOpen",
+    "eyeBlink_L",
+    "eyeBlink_R",
+    "mouthSmile_L",
+    "mouthSmile_R",
+    "mouthFunnel",
+    "browInnerUp_L",
+    "browInnerUp_R",
+];
+
+/// How each vertex moves in them.
+fn motion(asset: &HeadAsset) -> Vec<[Vector3<f32>; TELLING.len()]> {
+    let mut motion = vec![[Vector3::zeros(); TELLING.len()]; asset.neutral.len()];
+    for (k, name) in TELLING.iter().enumerate() {
+        let Some(e) = asset.expression(name) else {
+            continue;
+        };
+        let expression = &asset.expressions[e];
+        for (&v, offset) in expression.vertices.iter().zip(&expression.offsets) {
+            motion[v as usize][k] = *offset;
         }
     }
     motion
@@ -94,20 +95,11 @@ fn motion(asset: &HeadAsset) -> Vec<Vec<Vector3<f32>>> {
 
 /// What a vertex counts: more about eyes, nose and mouth.
 fn weights(asset: &HeadAsset) -> Vec<f64> {
-    let fine: Vec<_> = (36..68)
-        .map(|k| asset.landmarks[k].on(&asset.neutral))
-        .collect();
-    asset
-        .neutral
-        .iter()
-        .map(|p| {
-            if fine.iter().any(|q| (p - q).norm() < DETAIL_M) {
-                DETAIL
-            } else {
-                1.0
-            }
-        })
-        .collect()
+    let fine = asset.landmarks[36..68].iter();
+    let fine: Vec<_> = fine.map(|site| site.on(&asset.neutral)).collect();
+    let is_fine = |p: &Point| fine.iter().any(|q| (p - q).norm() < DETAIL_M);
+    let weight = |p| if is_fine(p) { DETAIL } else { 1.0 };
+    asset.neutral.iter().map(weight).collect()
 }
 
 impl<'a> Mesh<'a> {
@@ -115,13 +107,9 @@ impl<'a> Mesh<'a> {
     fn new(asset: &'a HeadAsset, part_at: &[Part]) -> Self {
         let n = asset.neutral.len();
         let same = merged(asset, part_at);
-        let triangles: Vec<Option<[u32; 3]>> = asset
-            .triangles
-            .iter()
-            .map(|t| {
-                Some(t.map(|v| same[v as usize])).filter(|[a, b, c]| a != b && b != c && c != a)
-            })
-            .collect();
+        let sewn = |t: &[u32; 3]| t.map(|v| same[v as usize]);
+        let whole = |t: [u32; 3]| Some(t).filter(|[a, b, c]| a != b && b != c && c != a);
+        let triangles: Vec<_> = asset.triangles.iter().map(|t| whole(sewn(t))).collect();
         let mut at = vec![BTreeSet::new(); n];
         let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
         for (k, t) in triangles.iter().enumerate() {
@@ -177,11 +165,8 @@ impl<'a> Mesh<'a> {
         for &v in &alive {
             left[part_at[v as usize] as usize] += 1;
         }
-        let target: Vec<usize> = left
-            .iter()
-            .zip(KEPT)
-            .map(|(&l, k)| (l as f64 * k) as usize)
-            .collect();
+        let share = |(&l, k): (&usize, f64)| (l as f64 * k) as usize;
+        let target: Vec<usize> = left.iter().zip(KEPT).map(share).collect();
         let mut heap = BinaryHeap::new();
         let push = |mesh: &Mesh, heap: &mut BinaryHeap<Reverse<(u64, u32, u32)>>, v: u32| {
             for to in mesh.neighbours(v) {
@@ -247,11 +232,8 @@ impl<'a> Mesh<'a> {
         if self.locked[from as usize] {
             return f64::INFINITY;
         }
-        let common = self
-            .neighbours(from)
-            .intersection(&self.neighbours(to))
-            .count();
-        if common != 2 {
+        let (around, beyond) = (self.neighbours(from), self.neighbours(to));
+        if around.intersection(&beyond).count() != 2 {
             return f64::INFINITY;
         }
         for &t in &self.at[from as usize] {
@@ -330,50 +312,36 @@ impl Reduction {
     #[must_use]
     pub fn apply(&self, asset: &HeadAsset) -> HeadAsset {
         let place: HashMap<u32, u32> = self.kept.iter().zip(0u32..).map(|(&v, k)| (v, k)).collect();
-        let expressions: Vec<Expression> = asset
-            .expressions
-            .iter()
-            .map(|e| {
-                let (vertices, offsets) = e
-                    .vertices
-                    .iter()
-                    .zip(&e.offsets)
-                    .filter_map(|(v, o)| Some((*place.get(v)?, *o)))
-                    .unzip();
-                Expression {
-                    name: e.name.clone(),
-                    vertices,
-                    offsets,
-                }
+        let expressions = asset.expressions.iter().map(|e| {
+            let moved = e.vertices.iter().zip(&e.offsets);
+            let moved = moved.filter_map(|(v, o)| Some((*place.get(v)?, *o)));
+            let (vertices, offsets) = moved.unzip();
+            Expression {
+                name: e.name.clone(),
+                vertices,
+                offsets,
+            }
+        });
+        let at = |v: u32| {
+            place.get(&v).copied().unwrap_or_else(|| {
+                // A coincident vertex stood for it.
+                let p = asset.neutral[v as usize];
+                let mut kept = self.kept.iter();
+                kept.position(|&k| asset.neutral[k as usize] == p)
+                    .unwrap_or(0) as u32
             })
-            .collect();
-        let landmarks: Vec<Site> = asset
-            .landmarks
-            .iter()
-            .map(|site| Site {
-                vertices: site.vertices.map(|v| {
-                    place.get(&v).copied().unwrap_or_else(|| {
-                        // A coincident vertex stood for it.
-                        let p = asset.neutral[v as usize];
-                        self.kept
-                            .iter()
-                            .position(|&k| asset.neutral[k as usize] == p)
-                            .unwrap_or(0) as u32
-                    })
-                }),
-                shares: site.shares,
-            })
-            .collect();
-        HeadAsset {
-            neutral: self.pick(&asset.neutral),
+        };
+        let landmarks = asset.landmarks.iter().map(|site| Site {
+            vertices: site.vertices.map(at),
+            shares: site.shares,
+        });
+        let shared = HeadAsset {
             triangles: self.triangles.clone().into(),
             parts: self.parts.clone().into(),
-            photo: self.pick(&asset.photo).into(),
-            photo_share: self.pick(&asset.photo_share).into(),
-            colour: self.pick(&asset.colour).into(),
-            texture: asset.texture.clone(),
-            expressions: expressions.into(),
-            landmarks: landmarks.into(),
-        }
+            expressions: expressions.collect(),
+            landmarks: landmarks.collect(),
+            ..HeadAsset::default()
+        };
+        self.apply_like(asset, &shared)
     }
 }

@@ -5,8 +5,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::album::{Album, name_of};
-use super::error::InspectError;
+use super::album::Album;
+use super::error::{InspectError, Problem};
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
@@ -22,28 +22,38 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
         path: path.into(),
         source,
     };
+    let name = name_of(path);
     if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
-        return recording::inspect(&name_of(path), Source::recording(path)?, model, settings);
+        return recording::inspect(&name, Source::recording(path)?, model, settings);
     }
     let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
         .map_err(unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-    if bytes.starts_with(&MAGIC) || ending == "model" {
-        let model = FaceModel::read(&bytes).map_err(|source| InspectError::Model {
-            path: path.into(),
-            source,
-        })?;
-        return Ok(model::inspect(&name_of(path), &model, bytes.len()));
+    of_file(&name, ending.to_str(), &bytes).map_err(|problem| InspectError::File {
+        path: path.into(),
+        problem,
+    })
+}
+
+/// Last part of a path: the title of its album.
+fn name_of(path: &Path) -> String {
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
+fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Problem> {
+    if bytes.starts_with(&MAGIC) || ending == Some("model") {
+        return Ok(model::inspect(name, &FaceModel::read(bytes)?, bytes.len()));
     }
     if bytes.starts_with(b"glTF") {
-        return mesh::inspect_glb(path, &bytes);
+        return mesh::inspect_glb(name, bytes);
     }
-    match (ending.to_str(), std::str::from_utf8(&bytes)) {
-        (Some("csv"), Ok(text)) => run::inspect(path, text),
-        (Some("obj"), Ok(text)) => mesh::inspect(path, text),
-        (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(path, text),
-        (Some("json"), Ok(text)) => ranges::status(path, text),
-        _ => Err(InspectError::Unknown { path: path.into() }),
+    match (ending, std::str::from_utf8(bytes)) {
+        (Some("csv"), Ok(text)) => run::inspect(name, text),
+        (Some("obj"), Ok(text)) => mesh::inspect(name, text),
+        (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(name, text),
+        (Some("json"), Ok(text)) => ranges::status(name, text),
+        _ => Err(Problem::Unknown),
     }
 }
 

@@ -22,13 +22,13 @@ pub enum InspectError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// None of the things that can be shown.
-    #[error(
-        "cannot show {path}; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
-    )]
-    Unknown {
+    /// What is in a file.
+    #[error("{path}: {problem}")]
+    File {
         /// The path.
         path: PathBuf,
+        /// What is wrong.
+        problem: Problem,
     },
     /// The output has no known ending.
     #[error("cannot write {path}: expected a name that ends in .html or .png")]
@@ -47,29 +47,35 @@ pub enum InspectError {
     /// A picture cannot be encoded.
     #[error("cannot encode a picture: {0}")]
     Picture(#[from] image::ImageError),
-    /// A CSV of something else.
+    /// A directory that is no recording.
+    #[error(transparent)]
+    Recording(#[from] SourceError),
+    /// The stages cannot be made of the model and the settings.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
+}
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// None of the things that can be shown.
     #[error(
-        "{path} is not a CSV from mien: expected a header with a column {missing}, which `mien run --csv` writes"
+        "cannot show this; expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json"
     )]
-    NotARun {
-        /// The path.
-        path: PathBuf,
-        /// The column.
-        missing: &'static str,
-    },
+    Unknown,
+    /// A CSV of something else lacks this column.
+    #[error(
+        "not a CSV from mien: expected a header with a column {0}, which `mien run --csv` writes"
+    )]
+    NotARun(&'static str),
     /// A CSV with a header only.
-    #[error("{path} has a header but no rows; run longer with `mien run --csv`")]
-    EmptyRun {
-        /// The path.
-        path: PathBuf,
-    },
+    #[error("a header but no rows; run longer with `mien run --csv`")]
+    EmptyRun,
     /// A row of another length.
     #[error(
-        "{path}, line {line}: expected {expected} cells as in the header, found {found}; is the file cut off?"
+        "line {line}: expected {expected} cells as in the header, found {found}; is the file cut off?"
     )]
     Row {
-        /// The path.
-        path: PathBuf,
         /// Counted from 1.
         line: usize,
         /// Cells of the header.
@@ -78,10 +84,8 @@ pub enum InspectError {
         found: usize,
     },
     /// A cell that is no number.
-    #[error("{path}, line {line}, column {column}: expected a number or nothing, found {found:?}")]
+    #[error("line {line}, column {column}: expected a number or nothing, found {found:?}")]
     Cell {
-        /// The path.
-        path: PathBuf,
         /// Counted from 1.
         line: usize,
         /// Its name.
@@ -90,49 +94,18 @@ pub enum InspectError {
         found: String,
     },
     /// A mesh that is none.
-    #[error("{path}: {source}")]
-    Mesh {
-        /// The path.
-        path: PathBuf,
-        /// Where and what.
-        source: ObjError,
-    },
+    #[error(transparent)]
+    Obj(#[from] ObjError),
     /// A mesh that is none.
-    #[error("{path}: {source}")]
-    Glb {
-        /// The path.
-        path: PathBuf,
-        /// What is wrong.
-        source: GlbError,
-    },
+    #[error(transparent)]
+    Glb(#[from] GlbError),
+    /// A face model that is damaged.
+    #[error(transparent)]
+    Model(#[from] ModelError),
     /// Saved people that are damaged.
-    #[error("{path}: {source}; mien moves such a file aside and starts over")]
-    People {
-        /// The path.
-        path: PathBuf,
-        /// What is wrong.
-        source: PeopleError,
-    },
+    #[error("{0}; mien moves such a file aside and starts over")]
+    People(#[from] PeopleError),
     /// JSON of something else.
-    #[error(
-        "{path} is not a status file of mien: expected the file that `mien run` writes to status.path"
-    )]
-    NotAStatus {
-        /// The path.
-        path: PathBuf,
-    },
-    /// A directory that is no recording.
-    #[error(transparent)]
-    Recording(#[from] SourceError),
-    /// A model that cannot be read.
-    #[error("{path}: {source}")]
-    Model {
-        /// The path.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: ModelError,
-    },
-    /// The stages cannot be made of the model and the settings.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
+    #[error("not a status file: expected the file that `mien run` writes to status.path")]
+    NotAStatus,
 }

@@ -2,7 +2,7 @@
 //! page or one PNG sheet.
 //!
 //! ```text
-//! command ─► what the path is:  recording (and learning: what its people's ranges became)
+//! command ─► what the path is:  recording
 //!                               run, model, mesh, ranges
 //!            each draws on a canvas and fills an album ─► HTML page (film: what plays in it) or PNG sheet
 //! error      why nothing could be shown
@@ -13,7 +13,6 @@ pub mod canvas;
 mod command;
 mod error;
 pub mod film;
-mod learning;
 mod mesh;
 mod model;
 mod ranges;

@@ -4,28 +4,37 @@
 //! Units: inner-eye-corner distances. A picture has one row per measure: the population's range in grey, the person's in blue, a
 //! mark at each rest; each row has its own scale. A unit of the status has the row of its measure.
 
-use std::path::Path;
 use std::time::SystemTime;
 
 use image::{Rgb, RgbImage};
 use serde_json::Value;
 
-use super::album::{Album, name_of};
+use super::album::Album;
 use super::canvas;
-use super::error::InspectError;
+use super::error::Problem;
 use crate::expression::units::{Prior, Units};
 use crate::expression::{Measure, Range};
+use crate::studio::chart;
 use crate::users::saved;
 
 /// Picture of ranges: a row's height, left margin for names, width of the scale, pixels.
 const ROW: u32 = 22;
-const LEFT: u32 = 230;
+const LEFT: u32 = 160;
 const WIDE: u32 = 620;
 const POPULATION: [u8; 3] = [200, 200, 200];
 const PERSON: [u8; 3] = [40, 110, 200];
 
 /// Low, rest, high.
 type Bounds = [f64; 3];
+
+/// What is shown of a measure or unit.
+struct Row {
+    name: String,
+    population: Option<Bounds>,
+    person: Bounds,
+    /// Cells that end its row of the table.
+    more: Vec<String>,
+}
 
 fn prior(prior: &Prior) -> Bounds {
     [prior.rest - prior.down, prior.rest, prior.rest + prior.up]
@@ -41,41 +50,54 @@ fn population(unit: &str) -> Option<Bounds> {
     Some(prior(&row.prior))
 }
 
-/// Rows of a name, the population's bounds if known, and the person's.
-fn picture(rows: &[(String, Option<Bounds>, Bounds)]) -> RgbImage {
+fn picture(rows: &[Row]) -> RgbImage {
     let height = ROW * rows.len() as u32 + 8;
     let mut picture = RgbImage::from_pixel(LEFT + WIDE + 16, height, Rgb([255; 3]));
-    for (k, (name, population, person)) in rows.iter().enumerate() {
-        let top = 6 + ROW * k as u32;
-        canvas::text(&mut picture, 6, top + 3, 2, name, [60; 3]);
-        let all = || person.iter().chain(population.iter().flatten()).copied();
-        let low = all().fold(f64::INFINITY, f64::min);
-        let high = all().fold(f64::NEG_INFINITY, f64::max);
-        let span = (high - low).max(1e-6);
-        let x = |value: f64| (f64::from(LEFT) + (value - low) / span * f64::from(WIDE)) as f32;
-        let mut bar = |bounds: &Bounds, from: u32, to: u32, colour: [u8; 3]| {
-            for y in from..to {
-                let y = (top + y) as f32;
-                canvas::line(&mut picture, [x(bounds[0]), y], [x(bounds[2]), y], colour);
-            }
-            let mark = x(bounds[1]);
-            for dx in [0.0, 1.0] {
-                let ends = [
-                    [mark + dx, (top + from) as f32 - 2.0],
-                    [mark + dx, (top + to) as f32 + 1.0],
-                ];
-                canvas::line(&mut picture, ends[0], ends[1], [20; 3]);
-            }
+    for (k, row) in (0..).zip(rows) {
+        let top = 6 + ROW * k;
+        chart::text(&mut picture, [6, top], 13, &row.name, [60; 3]);
+        let all = row.person.iter().chain(row.population.iter().flatten());
+        let (low, high) = chart::span(all.copied());
+        let x = |v: f64| (f64::from(LEFT) + (v - low) / (high - low) * f64::from(WIDE)) as f32;
+        let mut bar = |[low, rest, high]: Bounds, from: u32, to: u32, colour| {
+            let [from, to] = [top + from, top + to].map(|y| y as f32);
+            canvas::fill(&mut picture, [x(low), from], [x(high), to], colour);
+            let mark = [[x(rest), from - 2.0], [x(rest) + 1.0, to + 2.0]];
+            canvas::fill(&mut picture, mark[0], mark[1], [20; 3]);
         };
-        if let Some(population) = population {
-            bar(population, 2, 7, POPULATION);
+        if let Some(population) = row.population {
+            bar(population, 2, 6, POPULATION);
         }
-        bar(person, 9, 15, PERSON);
+        bar(row.person, 9, 14, PERSON);
     }
     picture
 }
 
-fn table(rows: &[(String, Option<Bounds>, Bounds)]) -> Vec<Vec<String>> {
+fn cells<const N: usize>(cells: [&str; N]) -> Vec<String> {
+    cells.map(str::to_owned).to_vec()
+}
+
+/// Adds the picture and the rows of somebody.
+fn show(album: &mut Album, who: &str, rows: &[Row]) {
+    let caption = format!("{who}: population's range grey, this person's blue; marks show rest");
+    album.pictures.push((caption, picture(rows)));
+    album.table.extend(rows.iter().map(|row| {
+        let mut cells = vec![format!("{who} {}", row.name)];
+        cells.extend(row.person.map(digits));
+        cells.extend(row.more.iter().cloned());
+        cells
+    }));
+}
+
+fn digits(value: f64) -> String {
+    format!("{value:.4}")
+}
+
+/// Remembered people as they were saved.
+pub(super) fn people(name: &str, text: &str) -> Result<Album, Problem> {
+    let people = saved::read(text, SystemTime::now())?;
+    let mut album = Album::new(format!("People {name}"));
+    album.fact("people", people.len().to_string());
     let header = [
         "",
         "low",
@@ -85,135 +107,94 @@ fn table(rows: &[(String, Option<Bounds>, Bounds)]) -> Vec<Vec<String>> {
         "rest",
         "high",
     ];
-    let mut table = vec![header.map(str::to_owned).to_vec()];
-    for (name, population, person) in rows {
-        let number = |value: f64| format!("{value:.4}");
-        let mut cells = vec![name.clone()];
-        cells.extend(person.map(number));
-        cells.extend(population.map_or_else(|| vec![String::new(); 3], |p| p.map(number).to_vec()));
-        table.push(cells);
-    }
-    table
-}
-
-/// Remembered people as they were saved.
-pub(super) fn people(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let people = saved::read(text, SystemTime::now()).map_err(|source| InspectError::People {
-        path: path.into(),
-        source,
-    })?;
-    let mut album = Album {
-        title: format!("People {}", name_of(path)),
-        ..Album::default()
-    };
-    album.fact("people", people.len().to_string());
+    album.table.push(cells(header));
     let units = Units::shipped();
     for (number, person) in people.iter().enumerate() {
         let learned = &person.learned;
-        let rows: Vec<_> = Measure::ALL
-            .iter()
-            .zip(&learned.ranges)
-            .zip(&units.rows)
-            .map(|((measure, range), unit)| {
-                let Range { low, rest, high } = *range;
-                let name = measure.name().trim_start_matches("m_").to_owned();
-                (name, Some(prior(&unit.prior)), [low, rest, high])
-            })
-            .collect();
-        let who = format!("person {number}");
-        let eyes_mm = learned.eye_distance_m * 1e3;
-        let gone = format!(
-            "slot {}, gone for {:.0} s, interocular distance {eyes_mm:.1} mm",
-            person.slot, person.before_s
-        );
-        album.fact(&who, gone);
-        let caption = format!("{who}: population range grey, this person's blue; marks show rest");
-        album.pictures.push((caption, picture(&rows)));
-        let skip = usize::from(!album.table.is_empty());
-        let cells = table(&rows).into_iter().enumerate().skip(skip);
-        album.table.extend(cells.map(|(row, mut cells)| {
-            if row > 0 {
-                cells[0] = format!("{who} {}", cells[0]);
+        let measures = Measure::ALL.iter().zip(&learned.ranges).zip(&units.rows);
+        let rows = measures.map(|((measure, &Range { low, rest, high }), unit)| {
+            let population = prior(&unit.prior);
+            Row {
+                name: measure.name().trim_start_matches("m_").to_owned(),
+                population: Some(population),
+                person: [low, rest, high],
+                more: population.map(digits).to_vec(),
             }
-            cells
-        }));
+        });
+        let who = format!("person {number}");
+        let known = format!(
+            "slot {}, gone for {:.0} s, interocular distance {:.1} mm",
+            person.slot,
+            person.before_s,
+            learned.eye_distance_m * 1e3
+        );
+        album.fact(&who, known);
+        show(&mut album, &who, &rows.collect::<Vec<_>>());
     }
     Ok(album)
 }
 
+fn plain(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
 /// The status file of a running `mien`.
-pub(super) fn status(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let not = || InspectError::NotAStatus { path: path.into() };
-    let json: Value = serde_json::from_str(text).map_err(|_| not())?;
-    let users = json["users"].as_array().ok_or_else(not)?;
-    let mut album = Album {
-        title: format!("Status {}", name_of(path)),
-        ..Album::default()
-    };
-    let plain = |value: &Value| match value {
-        Value::String(text) => text.clone(),
-        other => other.to_string(),
-    };
+pub(super) fn status(name: &str, text: &str) -> Result<Album, Problem> {
+    let json: Value = serde_json::from_str(text).map_err(|_| Problem::NotAStatus)?;
+    let users = json["users"].as_array().ok_or(Problem::NotAStatus)?;
+    let mut album = Album::new(format!("Status {name}"));
     for key in ["version", "source", "uptime_s", "frames", "tracking_lost"] {
         if !json[key].is_null() {
             album.fact(key, plain(&json[key]));
         }
     }
-    let latency = &json["latency_ms"];
-    if let (Some(median), Some(p99)) = (latency["median"].as_f64(), latency["p99"].as_f64()) {
+    let latency = ["median", "p99"].map(|key| json["latency_ms"][key].as_f64());
+    if let [Some(median), Some(p99)] = latency {
         album.fact("latency", format!("median {median:.1} ms, p99 {p99:.1} ms"));
     }
     for output in json["outputs"].as_array().into_iter().flatten() {
-        let [sent, dropped] = ["sent", "dropped"].map(|key| plain(&output[key]));
-        let away = if output["connected"] == false {
-            ", not connected"
-        } else {
-            ""
-        };
+        let [name, sent, dropped] = ["name", "sent", "dropped"].map(|key| plain(&output[key]));
+        let connected = output["connected"] != false;
+        let away = if connected { "" } else { ", not connected" };
         let text = format!("{sent} sent, {dropped} dropped{away}");
-        album.fact(&format!("output {}", plain(&output["name"])), text);
+        album.fact(&format!("output {name}"), text);
     }
+    album
+        .table
+        .push(cells(["", "low", "rest", "high", "ready", "weight"]));
     for user in users {
-        let slot = plain(&user["slot"]);
+        let who = format!("user {}", plain(&user["slot"]));
         let confidence = user["confidence"].as_f64().unwrap_or(0.0);
-        let frozen = if user["frozen"] == true {
-            ", ranges frozen"
-        } else {
-            ""
-        };
-        let text = format!(
-            "{}, confidence {confidence:.2}{frozen}",
-            plain(&user["state"])
-        );
-        album.fact(&format!("user {slot}"), text);
-        let units = user["units"].as_object().ok_or_else(not)?;
-        let bounds = |unit: &Value| {
-            let [low, rest, high] = ["low", "rest", "high"].map(|key| unit[key].as_f64());
-            Some([low?, rest?, high?])
-        };
-        let rows: Option<Vec<_>> = units
+        let learning = user["frozen"] != true;
+        let frozen = if learning { "" } else { ", ranges frozen" };
+        let state = plain(&user["state"]);
+        album.fact(&who, format!("{state}, confidence {confidence:.2}{frozen}"));
+        let units = user["units"].as_object().ok_or(Problem::NotAStatus)?;
+        let rows: Option<Vec<Row>> = units
             .iter()
-            .map(|(name, unit)| Some((name.clone(), population(name), bounds(unit)?)))
+            .map(|(name, unit)| of_unit(name, unit))
             .collect();
-        let rows = rows.ok_or_else(not)?;
-        let caption = format!(
-            "User {slot}, the measure behind each unit: population grey, this person blue; marks show rest"
-        );
-        album.pictures.push((caption, picture(&rows)));
-        let mut cells = table(&rows);
-        for (row, unit) in cells.iter_mut().skip(1).zip(units.values()) {
-            row.truncate(4);
-            let ready = unit["readiness"].as_f64();
-            row.push(ready.map_or(String::new(), |ready| format!("{ready:.2}")));
-            row[0] = format!("user {slot} {}", row[0]);
-            row.push(format!("{:.3}", unit["weight"].as_f64().unwrap_or(0.0)));
-        }
-        let skip = usize::from(!album.table.is_empty());
-        cells[0].truncate(4);
-        cells[0].extend(["ready".to_owned(), "weight".to_owned()]);
-        album.table.extend(cells.into_iter().skip(skip));
+        show(&mut album, &who, &rows.ok_or(Problem::NotAStatus)?);
     }
     Ok(album)
+}
+
+/// A unit of a user's status: its bounds are those of its measure.
+fn of_unit(name: &str, unit: &Value) -> Option<Row> {
+    let [low, rest, high] = ["low", "rest", "high"].map(|key| unit[key].as_f64());
+    let ready = unit["readiness"].as_f64();
+    let weight = unit["weight"].as_f64().unwrap_or(0.0);
+    Some(Row {
+        name: name.to_owned(),
+        population: population(name),
+        person: [low?, rest?, high?],
+        more: vec![
+            ready.map_or(String::new(), |ready| format!("{ready:.2}")),
+            format!("{weight:.3}"),
+        ],
+    })
 }
 
 #[cfg(test)]
@@ -246,13 +227,13 @@ mod tests {
         let mut text = String::new();
         let now = (Timestamp::default(), SystemTime::now());
         saved::write([&gone, &gone].into_iter(), now, &mut text).unwrap();
-        let album = people(Path::new("people"), &text).unwrap();
+        let album = people("people", &text).unwrap();
         assert_eq!(album.table.len(), 1 + 2 * units.rows.len());
         // The same as the population, to the digits of the file.
         assert!(album.table[1..].iter().all(|row| row[1..4] == row[4..7]));
         let person = |p: &&Rgb<u8>| p.0 == PERSON;
         assert!(album.pictures[1].1.pixels().filter(person).count() > 5000);
-        assert!(people(Path::new("x"), &text.replace("person 2", "person 1")).is_err());
+        assert!(people("x", &text.replace("person 2", "person 1")).is_err());
     }
 
     #[test]
@@ -260,7 +241,7 @@ mod tests {
         let text = r#"{"version": "0.1.0", "source": "kinect", "outputs": [{"name": "osc", "connected": true, "sent": 5, "dropped": 1}],
             "users": [{"slot": 1, "state": "tracking", "confidence": 0.9, "frozen": true,
                        "units": {"AU26": {"weight": 0.25, "low": 0.1, "rest": 0.2, "high": 0.3}}}]}"#;
-        let album = status(Path::new("status.json"), text).unwrap();
+        let album = status("status.json", text).unwrap();
         assert_eq!(
             album.table[1],
             ["user 1 AU26", "0.1000", "0.2000", "0.3000", "", "0.250"]
@@ -272,7 +253,7 @@ mod tests {
                 .any(|(name, value)| name == "user 1" && value.contains("frozen"))
         );
         for bad in ["{", "[]", "{\"users\": [{\"slot\": 0}]}"] {
-            assert!(status(Path::new("x.json"), bad).is_err(), "{bad}");
+            assert!(status("x.json", bad).is_err(), "{bad}");
         }
     }
 }

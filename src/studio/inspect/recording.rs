@@ -1,28 +1,26 @@
 //! A recording as pictures: depth in false colour with every head found and its user's state; the colour picture, if there is
 //! one, with landmarks and head axes; and pose, confidence and states over time. All frames run through the stages, as in a
 //! run; some are drawn, and up to [`FILM`] play in the page. Pose curves are those of the user that single-person outputs show.
-//! One file: one pass over the frames, and what it keeps of each.
 
 use std::ops::Range;
 
 use image::RgbImage;
 
-use super::album::{Album, Curve, Plot};
-use super::canvas::{self, face_lines};
+use super::album::Album;
+use super::canvas;
 use super::error::InspectError;
-use super::learning::Learning;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
 use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
 use crate::face_model::FaceModel;
-use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::segment::{HeadCloud, PixelRect};
 use crate::sensor::NO_DEPTH;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
+use crate::studio::chart::{self, Curve, Plot};
 use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
@@ -57,8 +55,8 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
     let r = &cloud.rect;
     let [x0, y0, x1, y1] = [r.x0, r.y0, r.x1, r.y1].map(f32::from);
     for wider in [0.0, 1.0] {
-        let ([x0, y0], [x1, y1]) = ([x0 - wider, y0 - wider], [x1 + wider, y1 + wider]);
-        canvas::frame(picture, x0, y0, x1 - 1.0, y1 - 1.0, colour);
+        let low = [x0 - wider, y0 - wider];
+        canvas::frame(picture, low, [x1 + wider - 1.0, y1 + wider - 1.0], colour);
     }
 }
 
@@ -67,21 +65,6 @@ pub(in crate::studio) fn colour_picture(frame: &KinectFrame) -> RgbImage {
     let mut rgb = vec![0; 3 * PIXELS];
     colour::rgb_from_bayer(&frame.original.bayer, &mut rgb);
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
-}
-
-fn draw_landmarks(picture: &mut RgbImage, landmarks: &Landmarks) {
-    for [a, b] in face_lines() {
-        canvas::line(
-            picture,
-            landmarks.pixels[a],
-            landmarks.pixels[b],
-            [0, 190, 255],
-        );
-    }
-    for ([x, y], &confidence) in landmarks.pixels.iter().zip(&landmarks.point_confidence) {
-        let strong = (confidence.clamp(0.0, 1.0) * 255.0) as u8;
-        canvas::square(picture, *x, *y, 1, [255 - strong, strong, 0]);
-    }
 }
 
 /// Red x, green y, blue outwards (−z), 5 cm each.
@@ -108,13 +91,6 @@ pub(in crate::studio) fn draw_axes(
     }
 }
 
-/// Curves that grow with the recording.
-#[derive(Default)]
-struct Curves {
-    t: Vec<f64>,
-    values: [Vec<Option<f64>>; CURVE_NAMES.len()],
-}
-
 const CURVE_NAMES: [&str; 12] = [
     "x",
     "y",
@@ -132,35 +108,22 @@ const CURVE_NAMES: [&str; 12] = [
 /// Where in them the states of the users begin.
 const STATES: usize = CURVE_NAMES.len() - USERS;
 
-impl Curves {
-    fn add(&mut self, t: f64, values: [Option<f64>; CURVE_NAMES.len()]) {
-        self.t.push(t);
-        for (curve, value) in self.values.iter_mut().zip(values) {
-            curve.push(value);
-        }
-    }
+/// Values of the curves at a time, seconds.
+type Values = (f64, [Option<f64>; CURVE_NAMES.len()]);
 
-    /// A plot of those curves of a range that have any value.
-    fn plot(
-        &self,
-        title: &str,
-        range: std::ops::Range<usize>,
-        at_least: Option<(f64, f64)>,
-    ) -> Plot {
-        let known = range.filter(|&k| self.values[k].iter().any(Option::is_some));
-        let curves = known
-            .map(|k| Curve {
-                name: CURVE_NAMES[k].into(),
-                values: self.values[k].clone(),
-            })
-            .collect();
-        Plot {
-            title: title.into(),
-            x: self.t.clone(),
-            x_name: "s".into(),
-            curves,
-            at_least,
-        }
+/// A plot of those of its curves that have any value.
+fn plot(all: &[Values], (title, range, at_least): PlotOf) -> Plot {
+    let known = range.filter(|&k| all.iter().any(|(_, values)| values[k].is_some()));
+    let curve = |k: usize| Curve {
+        name: CURVE_NAMES[k].into(),
+        values: all.iter().map(|(_, values)| values[k]).collect(),
+    };
+    Plot {
+        title: title.into(),
+        x: all.iter().map(|(seconds, _)| *seconds).collect(),
+        x_name: "s".into(),
+        curves: known.map(curve).collect(),
+        at_least,
     }
 }
 
@@ -178,16 +141,14 @@ fn colour_of(state: TrackingState) -> [u8; 3] {
 
 /// Words on black, above a head's box or, at the picture's edge, in it.
 fn label(picture: &mut RgbImage, rect: &PixelRect, words: &str, colour: [u8; 3]) {
-    const SCALE: u32 = 2;
-    let high = 6 * SCALE;
+    const SIZE: u32 = 13;
+    let high = SIZE + 3;
     let x = u32::from(rect.x0) + 1;
     let y = (u32::from(rect.y0) + 2).saturating_sub(high + 2).max(1);
-    let wide = canvas::LETTER_WIDTH * SCALE * words.len() as u32;
-    for dy in 0..high {
-        let at = |x: u32| [x as f32, (y + dy - 1) as f32];
-        canvas::line(picture, at(x - 1), at(x + wide), [0; 3]);
-    }
-    canvas::text(picture, x, y, SCALE, words, colour);
+    let wide = chart::text_width(SIZE, words) + 2;
+    let corners = [[x - 1, y - 1], [x + wide, y + high - 2]].map(|corner| corner.map(|c| c as f32));
+    canvas::fill(picture, corners[0], corners[1], [0; 3]);
+    chart::text(picture, [x, y], SIZE, words, colour);
 }
 
 /// Depth with every head that was cut out, and what became of it.
@@ -195,10 +156,19 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let camera = pipeline.camera();
     let mut picture = depth_picture(&frame.depth, camera);
     let reports = pipeline.reports();
-    for cloud in pipeline.segmenter().heads() {
+    let heads = pipeline.segmenter().heads().iter().map(|cloud| {
         let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
-        let colour = colour_of(whose.map_or(TrackingState::Absent, |one| one.state));
-        draw_head(&mut picture, cloud, camera, colour);
+        let state = whose.map_or(TrackingState::Absent, |one| one.state);
+        let user = whose.and_then(|one| one.user);
+        let words = user.map_or_else(
+            || "no user".to_owned(),
+            |user| format!("user {user} {}", state.name()),
+        );
+        (cloud, words, colour_of(state))
+    });
+    let heads: Vec<_> = heads.collect();
+    for (cloud, _, colour) in &heads {
+        draw_head(&mut picture, cloud, camera, *colour);
     }
     for report in reports.iter().filter(|report| report.state.is_present()) {
         if let Some(pose) = report.sensor_from_head {
@@ -206,14 +176,8 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
         }
     }
     // Words last, so that no other head covers them.
-    for cloud in pipeline.segmenter().heads() {
-        let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
-        let state = whose.map_or(TrackingState::Absent, |one| one.state);
-        let words = match whose.and_then(|one| one.user) {
-            Some(user) => format!("user {user} {}", state.name()),
-            None => "no user".to_owned(),
-        };
-        label(&mut picture, &cloud.rect, &words, colour_of(state));
+    for (cloud, words, colour) in &heads {
+        label(&mut picture, &cloud.rect, words, *colour);
     }
     picture
 }
@@ -244,32 +208,28 @@ impl Counts {
         }
     }
 
-    /// States as they were counted, those that were.
-    fn states(&self) -> String {
-        let states = TrackingState::ALL.iter().zip(self.in_state);
-        let states = states.filter(|(_, count)| *count > 0);
-        let states: Vec<String> = states
-            .map(|(state, count)| format!("{} {count}", state.name()))
-            .collect();
-        states.join(", ")
-    }
-
-    fn tell(&self, album: &mut Album, skipped: &str, duration: f64) {
+    fn tell(&self, album: &mut Album, skipped: u64, duration: f64) {
         let share = |n: usize| {
             let percent = 100.0 * n as f64 / self.frames.max(1) as f64;
             format!("{n} ({percent:.1} %)")
         };
-        album.fact("frames", format!("{} whole, {skipped}", self.frames));
-        album.fact("frames with colour", share(self.coloured));
+        let states = TrackingState::ALL.iter().zip(self.in_state);
+        let states = states.filter(|(_, count)| *count > 0);
+        let states = states.map(|(state, count)| format!("{} {count}", state.name()));
+        let frames = self.frames;
         album.fact(
-            "in depth pictures",
-            "every head with its box and the state of its user".to_owned(),
+            "frames",
+            format!("{frames} whole, {skipped} skipped as damaged or missing"),
         );
+        album.fact("frames with colour", share(self.coloured));
         album.fact("duration", format!("{duration:.2} s"));
         album.fact("frames with a head", share(self.heads));
         album.fact("frames with a pose", share(self.posed));
         album.fact("frames with a face", share(self.faces));
-        album.fact("states of users, frames", self.states());
+        album.fact(
+            "states of users, frames",
+            states.collect::<Vec<_>>().join(", "),
+        );
     }
 }
 
@@ -297,20 +257,13 @@ fn values(pipeline: &Pipeline) -> [Option<f64>; CURVE_NAMES.len()] {
 
 /// Pictures of one frame: depth, and colour if there is one.
 fn pictures(frame: &KinectFrame, seconds: f64, pipeline: &Pipeline, album: &mut Album) {
-    let caption = format!("frame {}, {seconds:.2} s", frame.index);
-    album.pictures.push((
-        format!(
-            "{caption}: depth, {NEAR_M} m red to {FAR_M} m blue{}",
-            if frame.has_colour { "" } else { ", no colour" }
-        ),
-        draw_depth(frame, pipeline),
-    ));
+    let at = format!("frame {}, {seconds:.2} s", frame.index);
+    let none = if frame.has_colour { "" } else { ", no colour" };
+    let caption = format!("{at}: depth, {NEAR_M} m red to {FAR_M} m blue{none}");
+    album.pictures.push((caption, draw_depth(frame, pipeline)));
     if frame.has_colour {
-        let picture = draw_colour(frame, pipeline);
-        album.pictures.push((
-            format!("{caption}: colour, landmarks, axes of the head"),
-            picture,
-        ));
+        let caption = format!("{at}: colour, landmarks, axes of the head");
+        album.pictures.push((caption, draw_colour(frame, pipeline)));
     }
 }
 
@@ -319,7 +272,7 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let mut picture = colour_picture(frame);
     for report in pipeline.reports() {
         if let Some(landmarks) = report.landmarks {
-            draw_landmarks(&mut picture, landmarks);
+            canvas::landmarks(&mut picture, &landmarks.pixels, &landmarks.point_confidence);
         }
         if let Some(pose) = report.sensor_from_head {
             let camera = pipeline.camera();
@@ -353,12 +306,8 @@ pub(super) fn inspect(
     settings: &Settings,
 ) -> Result<Album, InspectError> {
     let mut pipeline = Pipeline::new(&settings.stages(), recording.camera(), model)?;
-    let mut album = Album {
-        title: format!("Recording {name}"),
-        ..Album::default()
-    };
-    let mut curves = Curves::default();
-    let mut learning = Learning::new(settings.learning.clone());
+    let mut album = Album::new(format!("Recording {name}"));
+    let mut all: Vec<Values> = Vec::new();
     let mut frame = KinectFrame::default();
     let every = recording.frames().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
@@ -366,10 +315,8 @@ pub(super) fn inspect(
     while recording.next_frame(&mut frame)? {
         pipeline.follow(&frame);
         counts.add(&frame, &pipeline);
-        let report = pipeline.report();
-        learning.observe(frame.at, report.landmarks.zip(report.sensor_from_head));
         let seconds = frame.at.as_us() as f64 * 1e-6;
-        curves.add(seconds, values(&pipeline));
+        all.push((seconds, values(&pipeline)));
         if counts.frames > next {
             next += every;
             pictures(&frame, seconds, &pipeline, &mut album);
@@ -378,18 +325,10 @@ pub(super) fn inspect(
             album.film.add(seconds, &film_picture(&frame, &pipeline))?;
         }
     }
-    let duration = match (curves.t.first(), curves.t.last()) {
-        (Some(first), Some(last)) => last - first,
-        _ => 0.0,
-    };
-    let skipped = format!("{} skipped as damaged or missing", recording.skipped());
-    counts.tell(&mut album, &skipped, duration);
-    for (title, range, at_least) in PLOTS {
-        album.plots.push(curves.plot(title, range, at_least));
-    }
-    if counts.faces > 0 {
-        learning.show(&mut album);
-    }
+    let ends = all.first().zip(all.last());
+    let duration = ends.map_or(0.0, |(first, last)| last.0 - first.0);
+    counts.tell(&mut album, recording.skipped(), duration);
+    album.plots = PLOTS.map(|of| plot(&all, of)).into();
     Ok(album)
 }
 

@@ -3,285 +3,229 @@
 //! Columns are found by name; unknown ones are ignored. Rows of each user make their own curves. Frames without a value are
 //! gaps. A malformed number is an error with its line and column.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::album::{Album, Curve, Plot, name_of};
-use super::error::InspectError;
+use super::album::Album;
+use super::error::Problem;
+use crate::studio::chart::{Curve, Plot};
 use crate::studio::csv;
+
+struct Row {
+    seconds: f64,
+    user: Option<usize>,
+    state: String,
+    cells: Vec<Option<f64>>,
+}
 
 struct Table {
     header: Vec<String>,
-    rows: Vec<Vec<Option<f64>>>,
-    states: Vec<String>,
-    users: Vec<Option<usize>>,
+    rows: Vec<Row>,
 }
 
 impl Table {
-    fn read(path: &Path, text: &str) -> Result<Self, InspectError> {
+    fn read(text: &str) -> Result<Self, Problem> {
         let run = csv::Table::new(text);
-        for needed in ["frame", "time_us"] {
-            if run.find(needed).is_none() {
-                return Err(InspectError::NotARun {
-                    path: path.into(),
-                    missing: needed,
-                });
-            }
-        }
-        let is_text = |name: &str| name == "state";
-        let mut table = Self {
-            rows: Vec::new(),
-            states: Vec::new(),
-            users: Vec::new(),
-            header: run.columns().iter().map(|&name| name.to_owned()).collect(),
-        };
+        let needed = |name| run.find(name).ok_or(Problem::NotARun(name));
+        needed("frame")?;
+        let time = needed("time_us")?;
+        let (user, state) = (run.find("user"), run.find("state"));
+        let header: Vec<String> = run.columns().iter().map(ToString::to_string).collect();
+        let mut rows = Vec::new();
         for csv::Row { line, cells, .. } in run.rows() {
-            if cells.len() != table.header.len() {
-                return Err(InspectError::Row {
-                    path: path.into(),
+            if cells.len() != header.len() {
+                return Err(Problem::Row {
                     line,
-                    expected: table.header.len(),
+                    expected: header.len(),
                     found: cells.len(),
                 });
             }
-            let row = cells.iter().zip(&table.header).map(|(cell, name)| {
-                if cell.is_empty() || is_text(name) {
+            let number = |(k, cell): (usize, &&str)| {
+                if cell.is_empty() || Some(k) == state {
                     return Ok(None);
                 }
-                cell.parse().map(Some).map_err(|_| InspectError::Cell {
-                    path: path.into(),
+                cell.parse().map(Some).map_err(|_| Problem::Cell {
                     line,
-                    column: name.clone(),
+                    column: header[k].clone(),
                     found: cell.chars().take(40).collect(),
                 })
+            };
+            let numbers = cells.iter().enumerate().map(number);
+            let numbers: Vec<Option<f64>> = numbers.collect::<Result<_, _>>()?;
+            rows.push(Row {
+                seconds: numbers[time].unwrap_or(0.0) * 1e-6,
+                user: user.and_then(|k| numbers[k]).map(|user| user as usize),
+                state: state.map_or("", |k| cells[k]).to_owned(),
+                cells: numbers,
             });
-            let row: Vec<Option<f64>> = row.collect::<Result<_, _>>()?;
-            let cell = |name: &str| table.header.iter().position(|n| n == name);
-            table
-                .states
-                .push(cell("state").map_or("", |k| cells[k]).to_owned());
-            table
-                .users
-                .push(cell("user").and_then(|k| row[k]).map(|user| user as usize));
-            table.rows.push(row);
         }
-        if table.rows.is_empty() {
-            return Err(InspectError::EmptyRun { path: path.into() });
+        if rows.is_empty() {
+            return Err(Problem::EmptyRun);
         }
-        Ok(table)
+        Ok(Self { header, rows })
     }
 
-    fn column(&self, name: &str) -> Option<usize> {
-        self.header.iter().position(|n| n == name)
+    /// Columns whose names begin so.
+    fn columns(&self, with: &str) -> impl Iterator<Item = usize> {
+        (0..self.header.len()).filter(move |&k| self.header[k].starts_with(with))
     }
 }
 
-/// Heading, columns with their legend, least span.
-type Group = (String, Vec<(usize, String)>, Option<(f64, f64)>);
+/// Least span of a plot.
+type Least = Option<(f64, f64)>;
 
-/// Groups of columns that share a plot.
-fn groups(table: &Table) -> Vec<Group> {
-    let mut groups = Vec::new();
-    let mut add = |title: &str, names: &[&str], least| {
-        let columns: Vec<_> = names
-            .iter()
-            .filter_map(|name| Some((table.column(name)?, (*name).to_owned())))
-            .collect();
-        if !columns.is_empty() {
-            groups.push((title.to_owned(), columns, least));
-        }
-    };
-    add("Confidence of the face", &["confidence"], Some((0.0, 1.0)));
-    add(
+const SHARE: Least = Some((0.0, 1.0));
+
+/// Heading, columns and least span of the first plots. Left and right, and both directions of one measure, belong together.
+const PLOTS: [(&str, &[&str], Least); 9] = [
+    ("Confidence of the face", &["confidence"], SHARE),
+    (
         "Position of the head, metres in the sensor frame",
         &["tx_m", "ty_m", "tz_m"],
         None,
-    );
-    add(
+    ),
+    (
         "Rotation of the head, quaternion",
         &["qx", "qy", "qz"],
         Some((-0.3, 0.3)),
-    );
-    // Weights: left and right, and both directions of one measure, belong together.
-    for (title, names) in [
-        ("Mouth opening and jaw", &["AU25", "AU26", "AU29"][..]),
-        (
-            "Mouth width: grin and pout",
-            &["AU12L", "AU12R", "AU20", "AU18", "AU15L", "AU15R"],
-        ),
-        (
-            "Lips sideways, forward, back",
-            &["AU30L", "AU30R", "AU22", "AU28"],
-        ),
-        ("Brows", &["AU2L", "AU2R", "AU4L", "AU4R", "AU1L", "AU1R"]),
-        ("Lids", &["AU43L", "AU43R", "AU5L", "AU5R"]),
-        ("Nose", &["AU9L", "AU9R"]),
-    ] {
-        let columns: Vec<String> = names.iter().map(|name| format!("w_{name}")).collect();
-        let names: Vec<&str> = columns.iter().map(String::as_str).collect();
-        add(&format!("Weights: {title}"), &names, Some((0.0, 1.0)));
+    ),
+    (
+        "Weights: Mouth opening and jaw",
+        &["w_AU25", "w_AU26", "w_AU29"],
+        SHARE,
+    ),
+    (
+        "Weights: Mouth width: grin and pout",
+        &[
+            "w_AU12L", "w_AU12R", "w_AU20", "w_AU18", "w_AU15L", "w_AU15R",
+        ],
+        SHARE,
+    ),
+    (
+        "Weights: Lips sideways, forward, back",
+        &["w_AU30L", "w_AU30R", "w_AU22", "w_AU28"],
+        SHARE,
+    ),
+    (
+        "Weights: Brows",
+        &["w_AU2L", "w_AU2R", "w_AU4L", "w_AU4R", "w_AU1L", "w_AU1R"],
+        SHARE,
+    ),
+    (
+        "Weights: Lids",
+        &["w_AU43L", "w_AU43R", "w_AU5L", "w_AU5R"],
+        SHARE,
+    ),
+    ("Weights: Nose", &["w_AU9L", "w_AU9R"], SHARE),
+];
+
+/// Heading, columns, least span.
+type Group = (String, Vec<usize>, Least);
+
+/// Groups of columns that share a plot.
+fn groups(table: &Table) -> Vec<Group> {
+    let find = |name: &&str| table.header.iter().position(|one| one == name);
+    let first = PLOTS.iter().map(|&(title, names, least)| {
+        let columns = names.iter().filter_map(find).collect();
+        (title.to_owned(), columns, least)
+    });
+    let mut groups: Vec<Group> = first.collect();
+    let shown: Vec<usize> = groups.iter().flat_map(|group| group.1.clone()).collect();
+    let others = table.columns("w_").filter(|k| !shown.contains(k));
+    for some in others.collect::<Vec<_>>().chunks(6) {
+        groups.push(("Weights: others".into(), some.to_vec(), SHARE));
     }
-    let shown: Vec<usize> = groups
-        .iter()
-        .flat_map(|(_, columns, _)| columns.iter().map(|(k, _)| *k))
-        .collect();
-    let others: Vec<(usize, String)> = table
-        .header
-        .iter()
-        .enumerate()
-        .filter(|(k, name)| name.starts_with("w_") && !shown.contains(k))
-        .map(|(k, name)| (k, name.clone()))
-        .collect();
-    for some in others.chunks(6) {
-        groups.push(("Weights: others".into(), some.to_vec(), Some((0.0, 1.0))));
+    let mut measures: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for k in table.columns("m_") {
+        let stem = table.header[k].trim_end_matches("_L");
+        let stem = stem.trim_end_matches("_R");
+        measures.entry(stem).or_default().push(k);
     }
-    let mut measures: BTreeMap<String, Vec<(usize, String)>> = BTreeMap::new();
-    for (k, name) in table
-        .header
-        .iter()
-        .enumerate()
-        .filter(|(_, name)| name.starts_with("m_"))
-    {
-        let stem = name
-            .trim_end_matches("_L")
-            .trim_end_matches("_R")
-            .to_owned();
-        measures.entry(stem).or_default().push((k, name.clone()));
+    for (stem, columns) in measures {
+        groups.push((format!("Measure {stem}"), columns, None));
     }
-    groups.extend(
-        measures
-            .into_iter()
-            .map(|(stem, columns)| (format!("Measure {stem}"), columns, None)),
-    );
+    groups.retain(|group| !group.1.is_empty());
     groups
 }
 
 /// Rows of one user further apart than this are not joined, seconds.
 const AWAY_S: f64 = 0.25;
 
-/// Value below which this share of the sorted values lies.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
+/// Plots of one user's rows, whose headings end with `suffix`.
+fn plots<'a>(table: &'a Table, rows: &[&'a Row], suffix: &str) -> Vec<Plot> {
+    // Where the person was away the curves have a gap: a place without values.
+    let mut places: Vec<(f64, Option<&Row>)> = Vec::new();
+    for &row in rows {
+        let before = places.last().map_or(row.seconds, |last| last.0);
+        if row.seconds - before > AWAY_S {
+            places.push((0.5 * (before + row.seconds), None));
+        }
+        places.push((row.seconds, Some(row)));
+    }
+    let curve = |k: usize| Curve {
+        name: table.header[k].clone(),
+        values: places.iter().map(|place| place.1?.cells[k]).collect(),
+    };
+    let plot = |(title, columns, at_least): Group| Plot {
+        title: title + suffix,
+        x: places.iter().map(|place| place.0).collect(),
+        x_name: "s".into(),
+        curves: columns.into_iter().map(curve).collect(),
+        at_least,
+    };
+    groups(table).into_iter().map(plot).collect()
+}
+
+/// What a column's values of one user cover; `None` without any.
+fn covered(rows: &[&Row], k: usize) -> Option<[String; 5]> {
+    let values = rows.iter().filter_map(|row| row.cells[k]);
+    let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let at = |share: f64| values[(last as f64 * share).round() as usize];
+    Some([0.0, 0.05, 0.5, 0.95, 1.0].map(|share| format!("{:.3}", at(share))))
 }
 
 /// Reads the CSV and draws it.
-/// Long because it is the page of a run from top to bottom.
-pub(super) fn inspect(path: &Path, text: &str) -> Result<Album, InspectError> {
-    let table = Table::read(path, text)?;
-    let mut album = Album {
-        title: format!("Run {}", name_of(path)),
-        ..Album::default()
-    };
-    let time = table.column("time_us").expect("checked while reading");
-    let seconds = |row: &Vec<Option<f64>>| row[time].unwrap_or(0.0) * 1e-6;
-    let (first, last) = (
-        seconds(&table.rows[0]),
-        table.rows.last().map_or(0.0, seconds),
-    );
-    album.fact("rows", table.rows.len().to_string());
-    album.fact("duration", format!("{:.2} s", last - first));
+pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Problem> {
+    let table = Table::read(text)?;
+    let mut album = Album::new(format!("Run {name}"));
+    let count = table.rows.len();
+    let duration = table.rows[count - 1].seconds - table.rows[0].seconds;
+    album.fact("rows", count.to_string());
+    album.fact("duration", format!("{duration:.2} s"));
     let mut states: BTreeMap<&str, usize> = BTreeMap::new();
-    for state in &table.states {
-        *states
-            .entry(if state.is_empty() { "(none)" } else { state })
-            .or_default() += 1;
+    for row in &table.rows {
+        *states.entry(&row.state).or_default() += 1;
     }
-    let share = |n: usize| 100.0 * n as f64 / table.rows.len() as f64;
-    let states: Vec<String> = states
-        .iter()
-        .map(|(state, &n)| format!("{state} {:.1} %", share(n)))
-        .collect();
-    album.fact("states", states.join(", "));
-
-    let mut users: Vec<Option<usize>> = table.users.clone();
-    users.sort_unstable();
-    users.dedup();
-    users.retain(|user| user.is_some() || users_are_unnamed(&table));
-    album.fact(
-        "users",
-        users
-            .iter()
-            .flatten()
-            .map(ToString::to_string)
-            .collect::<Vec<_>>()
-            .join(", "),
-    );
+    let states = states.into_iter().map(|(state, n)| {
+        let state = if state.is_empty() { "(none)" } else { state };
+        format!("{state} {:.1} %", 100.0 * n as f64 / count as f64)
+    });
+    album.fact("states", states.collect::<Vec<_>>().join(", "));
+    let mut users: BTreeSet<Option<usize>> = table.rows.iter().map(|row| row.user).collect();
+    if users.len() > 1 {
+        // Frames without anybody; a CSV of one person may do without the column.
+        users.remove(&None);
+    }
+    let named = users.iter().flatten().map(ToString::to_string);
+    album.fact("users", named.collect::<Vec<_>>().join(", "));
+    let header = ["column", "lowest", "5 %", "median", "95 %", "highest"];
+    album.table.push(header.map(str::to_owned).to_vec());
     for &user in &users {
-        let rows: Vec<&Vec<Option<f64>>> = table
-            .rows
-            .iter()
-            .zip(&table.users)
-            .filter(|(_, u)| **u == user)
-            .map(|(row, _)| row)
-            .collect();
-        let mut x: Vec<f64> = rows.iter().map(|row| seconds(row)).collect();
-        // Where the person was away the curves have a gap: a place without values.
-        let away: Vec<usize> = (1..x.len()).filter(|&i| x[i] - x[i - 1] > AWAY_S).collect();
-        for &i in away.iter().rev() {
-            x.insert(i, 0.5 * (x[i - 1] + x[i]));
-        }
-        let values = |k: usize| {
-            let mut values: Vec<Option<f64>> = rows.iter().map(|row| row[k]).collect();
-            for &i in away.iter().rev() {
-                values.insert(i, None);
-            }
-            values
-        };
+        let rows: Vec<&Row> = table.rows.iter().filter(|row| row.user == user).collect();
         let suffix = match user {
             Some(user) if users.len() > 1 => format!(" (user {user})"),
             _ => String::new(),
         };
-        for (title, columns, at_least) in groups(&table) {
-            let curves: Vec<Curve> = columns
-                .into_iter()
-                .map(|(k, name)| Curve {
-                    name,
-                    values: values(k),
-                })
-                .collect();
-            album.plots.push(Plot {
-                title: title + &suffix,
-                x: x.clone(),
-                x_name: "s".into(),
-                curves,
-                at_least,
-            });
-        }
-        if album.table.is_empty() {
-            album.table.push(
-                ["column", "lowest", "5 %", "median", "95 %", "highest"]
-                    .map(String::from)
-                    .to_vec(),
-            );
-        }
-        for (k, name) in table
-            .header
-            .iter()
-            .enumerate()
-            .filter(|(_, name)| name.starts_with("m_") || name.starts_with("w_"))
-        {
-            let mut values: Vec<f64> = rows
-                .iter()
-                .filter_map(|row| row[k])
-                .filter(|v| v.is_finite())
-                .collect();
-            if values.is_empty() {
-                continue;
+        album.plots.extend(plots(&table, &rows, &suffix));
+        for k in table.columns("m_").chain(table.columns("w_")) {
+            if let Some(covered) = covered(&rows, k) {
+                let name = format!("{}{suffix}", table.header[k]);
+                album.table.push([&[name], &covered[..]].concat());
             }
-            values.sort_unstable_by(f64::total_cmp);
-            let mut cells = vec![format!("{name}{suffix}")];
-            cells.extend(
-                [0.0, 0.05, 0.5, 0.95, 1.0].map(|share| format!("{:.3}", quantile(&values, share))),
-            );
-            album.table.push(cells);
         }
     }
     Ok(album)
-}
-
-/// A CSV of one person may do without the column.
-fn users_are_unnamed(table: &Table) -> bool {
-    table.users.iter().all(Option::is_none)
 }
 
 #[cfg(test)]
@@ -293,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_run_becomes_curves_and_ranges() {
-        let album = inspect(Path::new("run.csv"), RUN).unwrap();
+        let album = inspect("run.csv", RUN).unwrap();
         let titles: Vec<&str> = album.plots.iter().map(|plot| plot.title.as_str()).collect();
         assert_eq!(
             titles,
@@ -316,7 +260,7 @@ mod tests {
 
     #[test]
     fn what_is_no_run_is_said_in_one_sentence() {
-        let message = |text: &str| inspect(Path::new("x.csv"), text).err().unwrap().to_string();
+        let message = |text: &str| inspect("x.csv", text).err().unwrap().to_string();
         assert!(message("a,b\n1,2\n").contains("column frame"));
         assert!(message("frame,time_us\n").contains("no rows"));
         assert!(message("frame,time_us\n1\n").contains("line 2"));

@@ -9,8 +9,7 @@
 
 pub mod surface;
 
-use std::io::Write;
-use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -31,27 +30,18 @@ use super::bake::shape::Shape;
 use super::bake::solve::Settings;
 use super::bake::{files, morphs, report};
 use super::preview;
-use super::preview::http::{self, Answer, Request as Asked, Site};
+use super::preview::http::{self, Answer, PageError, Request as Asked, Site};
 use crate::face_model::FaceModel;
 use surface::{Ray, Surface};
 
 /// Port of the page.
 pub const PORT: u16 = 9181;
 
-const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 /// The files of the page that are not the preview's.
-const PAGE: [(&str, &str, &str); 3] = [
-    (
-        "/",
-        "text/html; charset=utf-8",
-        include_str!("page/index.html"),
-    ),
-    (
-        "/place.css",
-        "text/css; charset=utf-8",
-        include_str!("page/place.css"),
-    ),
-    ("/place.js", JAVASCRIPT, include_str!("page/place.js")),
+const PAGE: [(&str, &str); 3] = [
+    ("/", include_str!("page/index.html")),
+    ("/place.css", include_str!("page/place.css")),
+    ("/place.js", include_str!("page/place.js")),
 ];
 /// Those that are.
 const SHARED: [&str; 4] = ["/style.css", "/head.js", "/glb.js", "/matrix.js"];
@@ -63,13 +53,8 @@ pub enum PlaceError {
     #[error(transparent)]
     Bake(#[from] BakeError),
     /// The page's address.
-    #[error("cannot serve the page at {address}: {source}; choose another with --port")]
-    Page {
-        /// What was asked for.
-        address: SocketAddr,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Page(#[from] PageError),
 }
 
 /// A head and its points, served.
@@ -222,10 +207,7 @@ impl Place {
 
     /// Something the page lets be done.
     fn change(&self, asked: &Asked) -> Result<Value, String> {
-        let word = |name: &str| {
-            let mut pairs = asked.query.split('&').filter_map(|p| p.split_once('='));
-            pairs.find(|pair| pair.0 == name).map_or("", |pair| pair.1)
-        };
+        let word = |name| asked.word(name);
         let points = numbers::<u64>(word("points"));
         let points = points
             .filter(|p| p.len() == LANDMARKS && p.iter().all(|&v| self.surface.is_skin(v)))
@@ -291,10 +273,8 @@ fn in_two_colours(mesh: &Mesh, surface: &Surface) -> Mesh {
 
 impl Site for Place {
     fn answer(&self, asked: &Asked) -> Answer {
-        let json =
-            |value: Value| Answer::File("application/json", value.to_string().into_bytes().into());
         if asked.post {
-            return json(match self.change(asked) {
+            return Answer::json(&match self.change(asked) {
                 Ok(mut done) => {
                     done["ok"] = json!(true);
                     done
@@ -303,25 +283,15 @@ impl Site for Place {
             });
         }
         let shared = preview::PAGE.iter().filter(|file| SHARED.contains(&file.0));
-        if let Some((_, kind, text)) = PAGE.iter().chain(shared).find(|file| file.0 == asked.path) {
-            return Answer::File(kind, text.as_bytes().into());
+        if let Some(file) = Answer::page_file(PAGE.iter().chain(shared), &asked.path) {
+            return file;
         }
         match &*asked.path {
-            "/start.json" => json(self.start()),
-            "/head.glb" => {
-                let shape = asked.query.strip_prefix("shape=").unwrap_or_default();
-                Answer::File("model/gltf-binary", self.glb(shape).into())
-            }
-            "/favicon.ico" => Answer::File("image/x-icon", Arc::new([])),
+            "/start.json" => Answer::json(&self.start()),
+            "/head.glb" => Answer::File("model/gltf-binary", self.glb(asked.word("shape")).into()),
             _ => Answer::Missing("not here; the page is at /\n"),
         }
     }
-
-    fn events(&self, _: &mut dyn Write) -> std::io::Result<()> {
-        Ok(())
-    }
-
-    fn refused(&self) {}
 }
 
 /// Serves the page until the process ends; `say` gets a line once it can be opened.
@@ -337,9 +307,7 @@ pub fn run(
 ) -> Result<(), PlaceError> {
     let place = Arc::new(Place::new(mesh, landmarks, out)?);
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-    let wrong = |source| PlaceError::Page { address, source };
-    let listener = TcpListener::bind(address).map_err(wrong)?;
-    let page = listener.local_addr().map_err(wrong)?;
+    let (listener, page) = http::listen(address)?;
     let (name, out) = (&place.name, place.out.display());
     say(&format!(
         "open http://{page}/ (points on {name}; Save writes {out}; Ctrl-C ends)"

@@ -19,7 +19,8 @@ use crate::base::time::Timestamp;
 use crate::expression::units::Units;
 use crate::output::{Output, Report, TrackingState};
 
-/// A receiver that can be connected by name.
+/// A receiver that can be connected by name, as the page gets it.
+#[derive(serde::Serialize)]
 pub struct Known {
     /// Word in addresses.
     pub id: &'static str,
@@ -99,16 +100,6 @@ pub const RECEIVERS: [Known; 7] = [
     },
 ];
 
-/// Receivers as the page gets them.
-#[must_use]
-pub fn table() -> serde_json::Value {
-    let row = |known: &Known| {
-        serde_json::json!({"id": known.id, "name": known.name, "section": known.section, "more": known.more,
-            "port": known.port, "hint": known.hint})
-    };
-    RECEIVERS.iter().map(row).collect()
-}
-
 /// What the page asks of a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wish {
@@ -118,6 +109,19 @@ pub enum Wish {
     Test,
     /// Send nothing any more.
     Stop,
+}
+
+impl Wish {
+    /// By the word that the page has for it.
+    #[must_use]
+    pub fn read(word: &str) -> Option<Self> {
+        match word {
+            "connect" => Some(Self::Connect),
+            "test" => Some(Self::Test),
+            "stop" => Some(Self::Stop),
+            _ => None,
+        }
+    }
 }
 
 struct Order {

@@ -8,7 +8,6 @@
 //! something is a POST, which must carry the header `X-Mien`: a form or a link of another site cannot add one, and a script
 //! of another site would have to ask first, which is not answered. Pages from elsewhere may
 //! not embed what is here, and sites are told who asks for them ([`Request::elsewhere`]).
-//! One file: a request from its bytes to its answer.
 
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
@@ -42,18 +41,61 @@ pub struct Request {
     pub post: bool,
 }
 
+impl Request {
+    /// A value of the query, empty if it is not there.
+    #[must_use]
+    pub fn word(&self, name: &str) -> &str {
+        let mut pairs = self
+            .query
+            .split('&')
+            .filter_map(|pair| pair.split_once('='));
+        pairs.find(|pair| pair.0 == name).map_or("", |pair| pair.1)
+    }
+
+    /// Whether the asking browser runs on this machine.
+    #[must_use]
+    pub fn is_local(&self) -> bool {
+        self.peer.ip().to_canonical().is_loopback()
+    }
+}
+
 /// What is answered.
 pub enum Answer {
     /// A whole file of a media type.
     File(&'static str, Arc<[u8]>),
-    /// The same, with a header of its own.
+    /// The same, with a header of its own, which ends its line.
     Marked(&'static str, String, Arc<[u8]>),
     /// Nothing here; the sentence says what to do.
     Missing(&'static str),
     /// Not for this peer.
     Forbidden(&'static str),
-    /// Events, written by the function until it fails.
+    /// Events, written by the site until it fails.
     Events,
+}
+
+impl Answer {
+    /// JSON, or anything else that is written like it.
+    #[must_use]
+    pub fn json(json: &impl ToString) -> Self {
+        Self::File("application/json", json.to_string().into_bytes().into())
+    }
+
+    /// A file of a page, of which each has a path and its text.
+    #[must_use]
+    pub fn page_file<'a>(
+        files: impl IntoIterator<Item = &'a (&'static str, &'static str)>,
+        path: &str,
+    ) -> Option<Self> {
+        let kind = match path.rsplit_once('.') {
+            _ if path == "/favicon.ico" => return Some(Self::File("image/x-icon", Arc::new([]))),
+            Some((_, "js")) => "text/javascript; charset=utf-8",
+            Some((_, "css")) => "text/css; charset=utf-8",
+            _ => "text/html; charset=utf-8",
+        };
+        let mut files = files.into_iter();
+        let (_, text) = files.find(|file| file.0 == path)?;
+        Some(Self::File(kind, text.as_bytes().into()))
+    }
 }
 
 /// Who answers.
@@ -64,9 +106,31 @@ pub trait Site: Send + Sync + 'static {
     ///
     /// # Errors
     /// When the peer is gone.
-    fn events(&self, to: &mut dyn Write) -> std::io::Result<()>;
+    fn events(&self, _to: &mut dyn Write) -> std::io::Result<()> {
+        Ok(())
+    }
     /// A request was refused.
-    fn refused(&self);
+    fn refused(&self) {}
+}
+
+/// The address of a page is taken, or none of this machine.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot serve the page at {address}: {source}; choose another with --port")]
+pub struct PageError {
+    address: SocketAddr,
+    source: std::io::Error,
+}
+
+/// Opens the address of a page; returns it with the port that was chosen for 0.
+///
+/// # Errors
+/// If it is taken, or none of this machine.
+pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), PageError> {
+    let listener = TcpListener::bind(address);
+    listener
+        .and_then(|listener| Ok((listener.local_addr()?, listener)))
+        .map(|(page, listener)| (listener, page))
+        .map_err(|source| PageError { address, source })
 }
 
 /// Serves until the process ends.
@@ -169,45 +233,38 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Res
             return Err(Refused);
         }
     };
-    // That a peer goes away is no fault of its request.
-    let _ = match site.answer(&request) {
-        Answer::File(kind, body) => write_answer(&mut stream, "200 OK", kind, "", &body),
-        Answer::Marked(kind, mark, body) => write_answer(&mut stream, "200 OK", kind, &mark, &body),
-        Answer::Missing(text) => write_answer(
-            &mut stream,
+    let nothing = String::new;
+    let (status, kind, mark, body): (_, _, _, Arc<[u8]>) = match site.answer(&request) {
+        Answer::File(kind, body) => ("200 OK", kind, nothing(), body),
+        Answer::Marked(kind, mark, body) => ("200 OK", kind, mark, body),
+        Answer::Missing(text) => (
             "404 Not Found",
             "text/plain",
-            "",
-            text.as_bytes(),
+            nothing(),
+            text.as_bytes().into(),
         ),
-        Answer::Forbidden(text) => write_answer(
-            &mut stream,
+        Answer::Forbidden(text) => (
             "403 Forbidden",
             "text/plain",
-            "",
-            text.as_bytes(),
+            nothing(),
+            text.as_bytes().into(),
         ),
         Answer::Events => {
             // Counted before it is compared, so that two at once do not both take the last place.
-            let taken = streams.fetch_add(1, Ordering::Relaxed);
-            let done = if taken < STREAMS {
-                stream
-                    .write_all(EVENTS)
-                    .and_then(|()| site.events(&mut Events(stream.0)))
+            if streams.fetch_add(1, Ordering::Relaxed) < STREAMS {
+                let begun = stream.write_all(EVENTS);
+                let _ = begun.and_then(|()| site.events(&mut Events(stream.0)));
             } else {
-                let text = "too many pages are open; close some\n".as_bytes();
-                write_answer(
-                    &mut stream,
-                    "503 Service Unavailable",
-                    "text/plain",
-                    "",
-                    text,
-                )
-            };
+                let status = "503 Service Unavailable";
+                let text = b"too many pages are open; close some\n";
+                let _ = write_answer(&mut stream, status, "text/plain", "", text);
+            }
             streams.fetch_sub(1, Ordering::Relaxed);
-            done
+            return Ok(());
         }
     };
+    // That a peer goes away is no fault of its request.
+    let _ = write_answer(&mut stream, status, kind, &mark, &body);
     Ok(())
 }
 

@@ -85,6 +85,12 @@ impl Hub {
         }
     }
 
+    /// Whether everything is kept.
+    #[must_use]
+    pub fn is_session(&self) -> bool {
+        self.keep == SESSION_LINES
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing is left half done by a thread that died.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
@@ -122,7 +128,7 @@ impl Hub {
 
     /// Passes on what comes from now on; of a live source only, as a session is read faster than it happened.
     pub fn heard_by(&self, ear: SyncSender<Heard>) {
-        if self.keep != SESSION_LINES {
+        if !self.is_session() {
             self.lock().ear = Some(ear);
         }
     }
@@ -205,7 +211,7 @@ impl Hub {
     #[must_use]
     pub fn start(&self) -> (Vec<Arc<str>>, u64) {
         let state = self.lock();
-        let next = if self.keep == SESSION_LINES {
+        let next = if self.is_session() {
             state.first
         } else {
             state.first + state.lines.len() as u64

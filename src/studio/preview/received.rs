@@ -16,6 +16,15 @@ impl Listener for Hub {
         Self::ranges(self, slot, ranges);
     }
 
+    fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
+        let json = serde_json::json!({"name": name, "u": slot, "on": is_on});
+        self.fact(
+            "gesture",
+            &format!("gesture {name} {slot:?}"),
+            &json.to_string(),
+        );
+    }
+
     fn count(&self, taken: u64, refused: u64) {
         Self::count(self, taken, refused);
     }

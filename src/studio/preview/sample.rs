@@ -3,103 +3,67 @@
 //! Untrusted numbers are filtered here: non-finite ones are omitted, weights are clamped to what a page can draw. Units:
 //! seconds, metres (`sensor_from_head`, quaternion x y z w), pixels of the colour picture, milliseconds of latency.
 
-use std::fmt::Write;
+use serde_json::{Value, json};
 
 pub use crate::output::received::{Sample, UnitRange};
 
 /// Weights are shown up to this: exaggerated expressions exceed 1.
 const MOST_WEIGHT: f32 = 4.0;
 
-/// A number with so many decimals, without what says nothing; `null` if it is none.
-fn number(out: &mut String, value: f32, decimals: usize) {
-    if !value.is_finite() {
-        out.push_str("null");
-        return;
-    }
-    // A string takes everything.
-    let start = out.len();
-    let _ = write!(out, "{value:.decimals$}");
-    if out[start..].contains('.') {
-        let kept = out.trim_end_matches('0').trim_end_matches('.').len();
-        out.truncate(kept);
-    }
-    if &out[start..] == "-0" {
-        out.replace_range(start.., "0");
+/// A number with so many decimals, whole ones without any; `null` if it is none.
+fn number(value: impl Into<f64>, decimals: i32) -> Value {
+    let scale = 10.0_f64.powi(decimals);
+    let value = (value.into() * scale).round() / scale;
+    if value.fract() == 0.0 {
+        json!(value as i64)
+    } else {
+        json!(value)
     }
 }
 
-fn list(out: &mut String, values: impl Iterator<Item = f32>, decimals: usize) {
-    out.push('[');
-    for (i, value) in values.enumerate() {
-        if i > 0 {
-            out.push(',');
-        }
-        number(out, value, decimals);
-    }
-    out.push(']');
+fn list(values: impl IntoIterator<Item = f32>, decimals: i32) -> Value {
+    let values = values.into_iter();
+    values.map(|value| number(value, decimals)).collect()
 }
 
 impl Sample {
     /// As the page reads it.
     #[must_use]
     pub fn json(&self) -> String {
-        let mut out = String::with_capacity(512);
-        let user = self.user.map_or(-1, |slot| slot as i64);
-        let seconds = if self.seconds.is_finite() {
-            self.seconds
-        } else {
-            0.0
-        };
-        let _ = write!(
-            out,
-            "{{\"u\":{user},\"n\":{},\"t\":{seconds:.4},\"s\":{},\"c\":",
-            self.number, self.state
-        );
-        number(&mut out, self.confidence.clamp(0.0, 1.0), 3);
-        if let Some(latency) = self.latency_ms {
-            out.push_str(",\"l\":");
-            number(&mut out, latency, 2);
-        }
-        if self.frozen {
-            out.push_str(",\"f\":1");
-        }
-        if let Some(pose) = self.pose.filter(|p| p.iter().all(|v| v.is_finite())) {
-            out.push_str(",\"p\":");
-            list(&mut out, pose.into_iter(), 4);
-        }
-        if let Some(sides) = self.head_box {
-            let _ = write!(out, ",\"b\":{sides:?}");
-        }
-        out.push_str(",\"w\":");
         let weights = self.weights.iter().map(|w| w.clamp(0.0, MOST_WEIGHT));
-        list(&mut out, weights, 3);
-        if !self.points.is_empty() {
-            out.push_str(",\"m\":");
-            list(&mut out, self.points.iter().flatten().copied(), 1);
+        let points = self.points.iter().flatten().copied();
+        let pose = self.pose.filter(|p| p.iter().all(|v| v.is_finite()));
+        let mut json = json!({
+            "u": self.user.map_or(-1, |slot| slot as i64),
+            "n": self.number,
+            "t": number(Some(self.seconds).filter(|t| t.is_finite()).unwrap_or(0.0), 4),
+            "s": self.state,
+            "c": number(self.confidence.clamp(0.0, 1.0), 3),
+            "w": list(weights, 3),
+        });
+        for (key, value) in [
+            ("l", self.latency_ms.map(|latency| number(latency, 2))),
+            ("f", self.frozen.then(|| json!(1))),
+            ("p", pose.map(|pose| list(pose, 4))),
+            ("b", self.head_box.map(|sides| json!(sides))),
+            ("m", (!self.points.is_empty()).then(|| list(points, 1))),
+        ] {
+            if let Some(value) = value {
+                json[key] = value;
+            }
         }
-        out.push('}');
-        out
+        json.to_string()
     }
 }
 
 /// The ranges of a user, in the order of the schema; `None` where nothing was told.
 #[must_use]
 pub fn ranges_json(user: usize, ranges: &[Option<UnitRange>]) -> String {
-    let mut out = format!("{{\"u\":{user},\"r\":[");
-    for (i, range) in ranges.iter().enumerate() {
-        if i > 0 {
-            out.push(',');
-        }
-        match range {
-            None => out.push_str("null"),
-            Some((bounds, ready)) => {
-                let ready = ready.unwrap_or(f32::NAN);
-                list(&mut out, bounds.iter().copied().chain([ready]), 4);
-            }
-        }
-    }
-    out.push_str("]}");
-    out
+    let range = |range: &Option<UnitRange>| {
+        range.map(|(bounds, ready)| list(bounds.into_iter().chain([ready.unwrap_or(f32::NAN)]), 4))
+    };
+    let ranges: Vec<_> = ranges.iter().map(range).collect();
+    json!({"u": user, "r": ranges}).to_string()
 }
 
 #[cfg(test)]

@@ -30,7 +30,6 @@ use crate::sensor::kinect::colour::luma_of;
 use crate::simulator::virtual_head::body::Shape;
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
 use crate::simulator::virtual_head::{HeadAsset, Light, Part};
-use crate::studio::heads::expressions::complete;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::heads::reduce::Reduction;
 use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
@@ -106,8 +105,7 @@ impl Renderer {
     /// If mesh or portraits cannot be read.
     pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, HeadsError> {
         let mut heads = textured_heads(data, keep)?;
-        let mut ict = IctHead::read(&data.join("ict_facekit"))?;
-        complete(&mut ict);
+        let ict = IctHead::read(&data.join("ict_facekit"))?;
         let plain = plain_head(&ict);
         let reduction = Reduction::of(&plain);
         let first = reduction.apply(&plain);

@@ -440,8 +440,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<FaceModel, T
         say,
         told: Vec::new(),
     };
-    let mut ict = IctHead::read(&args.data.join("ict_facekit"))?;
-    crate::studio::heads::expressions::complete(&mut ict);
+    let ict = IctHead::read(&args.data.join("ict_facekit"))?;
     let sites = crate::studio::heads::plain_head(&ict).landmarks;
     let shape = learn_shape(args, &ict, &sites, log)?;
     let mut pictures = read_portraits(args, &shape, log)?;

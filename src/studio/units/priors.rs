@@ -87,13 +87,10 @@ mod tests {
     use crate::landmarks::Landmarks;
     use crate::simulator::virtual_head::Scene;
     use crate::studio::correlation::correlation;
-    use crate::studio::heads::expressions::complete;
 
     fn head() -> Option<IctHead> {
         let folder = crate::studio::data::data(&["ict_facekit"])?.join("ict_facekit");
-        let mut head = IctHead::read(&folder).unwrap();
-        complete(&mut head);
-        Some(head)
+        Some(IctHead::read(&folder).unwrap())
     }
 
     #[test]

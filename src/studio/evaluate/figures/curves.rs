@@ -8,9 +8,10 @@ use crate::expression::units::Units;
 use crate::pipeline::Pipeline;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
+use crate::studio::chart::{Curve, Plot};
 use crate::studio::evaluate::acted::Acted;
 use crate::studio::frame_time::frame_time;
-use crate::studio::inspect::album::{Album, Curve, Plot};
+use crate::studio::inspect::album::Album;
 
 /// Seconds of a session in which ranges are learnt and nothing is judged.
 const LEARNS_S: f64 = 4.0;

@@ -4,6 +4,7 @@ use image::RgbImage;
 
 use crate::landmarks::Landmarks;
 use crate::sensor::kinect::frame::KinectFrame;
+use crate::studio::chart;
 use crate::studio::inspect::canvas;
 
 /// The colour picture around a place (pixels), half as large again, with what is drawn on it.
@@ -39,21 +40,12 @@ pub(super) fn draw_points(
     place: &dyn Fn([f32; 2]) -> [f32; 2],
 ) {
     let points = found.pixels.map(place);
-    for [a, b] in canvas::face_lines() {
-        canvas::line(picture, points[a], points[b], [0, 190, 255]);
-    }
-    for ([x, y], confidence) in points.iter().zip(found.point_confidence) {
-        let strong = (confidence.clamp(0.0, 1.0) * 255.0) as u8;
-        canvas::square(picture, *x, *y, 1, [255 - strong, strong, 0]);
-    }
+    canvas::landmarks(picture, &points, &found.point_confidence);
 }
 
 /// Words on a dark strip at the top of a picture.
 pub(super) fn title(picture: &mut RgbImage, words: &str) {
-    for y in 0..18.min(picture.height()) {
-        for x in 0..picture.width() {
-            picture.put_pixel(x, y, image::Rgb([30; 3]));
-        }
-    }
-    canvas::text(picture, 6, 4, 2, words, [255; 3]);
+    let strip = [picture.width() as f32, 17.0];
+    canvas::fill(picture, [0.0; 2], strip, [30; 3]);
+    chart::text(picture, [6, 2], 13, words, [255; 3]);
 }

@@ -169,9 +169,12 @@ pub(super) fn grow(dress: &mut Layer, skin: &[Vec3]) {
             y.asin(),
         ]);
         let [around, above] = angles(&d);
-        // Before the ear a lock would hang in the air.
-        let beside = (0.95..1.75).contains(&around.abs());
-        let least = if beside { 0.13 } else { -0.015 };
+        // Before the ear and at the nape a lock would hang in the air.
+        let least = match around.abs() {
+            0.95..1.75 => 0.13,
+            1.75.. => 0.09,
+            _ => -0.015,
+        };
         if above - line(around) > least {
             lock(dress, &skull, d, k);
         }
@@ -195,7 +198,8 @@ fn cap(dress: &mut Layer, skull: &Skull) {
                 let d = direction([around, above]);
                 let ripple = 0.0009 * noise(around * 24.0, t * 5.0, 31);
                 // It comes out of the skin behind the roots of the first locks.
-                let height = 0.72 * thickness(&d) - 0.0022 * smooth(0.09, 0.0, above - from)
+                let height = (0.5 + 0.22 * smooth(0.3, 0.75, d.y)) * thickness(&d)
+                    - 0.0022 * smooth(0.09, 0.0, above - from)
                     + ripple * smooth(0.05, 0.2, t);
                 dress.vertex(MIDDLE + d * (skull.radius(&d) + height), dark)
             })
@@ -219,11 +223,14 @@ fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
     let roll = |of: u32| dice(k * 16 + of + 1000);
     let top = smooth(0.30, 0.75, d.y);
     let front = top * smooth(0.25, 0.75, d.z);
-    let long = (0.015 + 0.041 * top + 0.008 * front) * (0.8 + 0.45 * roll(0));
-    let wide = (0.0062 + 0.0040 * top) * (0.75 + 0.5 * roll(1));
-    let stray = 0.5 * (roll(2) - 0.5);
+    let [around, above] = angles(&d);
+    // Short and close at the nape, so that none hangs below the hairline.
+    let nape = smooth(0.45, 0.0, above - line(around)) * smooth(1.75, 2.2, around.abs());
+    let long = (0.027 + 0.029 * top + 0.008 * front) * (0.8 + 0.45 * roll(0)) * (1.0 - 0.62 * nape);
+    let wide = (0.0088 + 0.0014 * top) * (0.75 + 0.5 * roll(1)) * (1.0 - 0.3 * nape);
+    let stray = (0.5 - 0.2 * nape) * (roll(2) - 0.5);
     let lift = (0.0012 + 0.0028 * top + 0.004 * front) * roll(3);
-    let bright = 0.82 + 0.42 * roll(4) as f32;
+    let bright = 0.82 + (0.26 + 0.16 * top as f32) * roll(4) as f32;
     let step = long / (RINGS - 1) as f64;
     let mut rings: Vec<Vec<u32>> = Vec::new();
     for ring in 0..RINGS {

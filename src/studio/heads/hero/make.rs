@@ -14,9 +14,8 @@ use rayon::prelude::*;
 
 use crate::base::geometry::Point;
 use crate::simulator::virtual_head::{HeadAsset, Site};
-use crate::studio::atomic_write;
-use crate::studio::heads::HeadsError;
 use crate::studio::heads::ict::{IctHead, part, part_of};
+use crate::studio::heads::{self, HeadsError};
 
 /// Lashes across a lid.
 pub const COLUMNS: usize = 19;
@@ -64,12 +63,7 @@ fn within(c: f32) -> f32 {
 /// If the mesh under `data` cannot be read or `out` cannot be written.
 pub fn make(data: &Path, out: &Path) -> Result<usize, HeadsError> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
-    let bytes = of(&ict).emit();
-    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
-        path: out.into(),
-        source,
-    })?;
-    Ok(bytes.len())
+    heads::write(&of(&ict), out)
 }
 
 fn of(ict: &IctHead) -> HeadAsset {

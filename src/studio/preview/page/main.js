@@ -4,7 +4,7 @@
 import { Commands, Gains, Receivers, Recorder, Shapes, tabs } from "./control.js";
 import { readGlb } from "./glb.js";
 import { View } from "./head.js";
-import { Bars, Curves, figures } from "./panels.js";
+import { Bars, Curves, Lamps, figures } from "./panels.js";
 import { Picture } from "./picture.js";
 import { STATES, Stream } from "./stream.js";
 
@@ -14,6 +14,7 @@ const gains = new Gains(stream);
 const shapes = new Shapes();
 const recorder = new Recorder(stream);
 const bars = new Bars(byId("bars"), (unit, row) => gains.row(unit, row));
+const lamps = new Lamps(byId("gestures"), byId("sound"));
 const curves = new Curves(byId("curves"));
 const picture = new Picture(byId("picture"));
 const say = (text) => { byId("message").textContent = text; };
@@ -59,6 +60,7 @@ stream.onSource = (source) => {
   show(source.meshes.map((name, k) => ({ name, bytes: fetch(`/mesh/${k}`).then((answer) => answer.arrayBuffer()) })));
 };
 stream.onSchema = (names) => bars.name(names);
+stream.onGesture = (gesture) => lamps.take(gesture);
 stream.onSample = (sample) => recorder.take(sample, STATES);
 stream.open("/events");
 

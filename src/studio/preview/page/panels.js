@@ -31,6 +31,39 @@ function element(kind, parent, className = "") {
   return made;
 }
 
+// A lamp per gesture, how often it went on, and a sound if wanted.
+export class Lamps {
+  constructor(parent, sound) {
+    [this.parent, this.sound, this.lamps] = [parent, sound, new Map()];
+  }
+
+  take({ name, u, on }) {
+    const key = u === null ? name : `${name} ${u + 1}`;
+    if (!this.lamps.has(key)) {
+      this.parent.hidden = false;
+      const row = element("span", this.parent, "lamp");
+      row.textContent = key.replaceAll("_", " ");
+      this.lamps.set(key, { row, on: false, count: 0 });
+    }
+    const lamp = this.lamps.get(key);
+    if (on && !lamp.on) {
+      lamp.row.dataset.count = lamp.count += 1;
+      if (this.sound.checked) this.beep();
+    }
+    lamp.on = on;
+    lamp.row.classList.toggle("on", on);
+  }
+
+  beep() {
+    const audio = (this.audio ??= new AudioContext());
+    const [tone, gain] = [audio.createOscillator(), audio.createGain()];
+    tone.connect(gain).connect(audio.destination);
+    gain.gain.value = 0.1;
+    tone.start();
+    tone.stop(audio.currentTime + 0.12);
+  }
+}
+
 // One row per unit, by region: weight, and below it how far the range is this person's. The learnt numbers are in the title.
 export class Bars {
   constructor(parent, gain) {

@@ -24,6 +24,7 @@ export class Stream {
     this.onSource = () => {};
     this.onSchema = () => {};
     this.onSample = () => {};
+    this.onGesture = () => {};
     this.receivers = {};
   }
 
@@ -39,6 +40,7 @@ export class Stream {
     on("source", (source) => { this.source = source; this.onSource(source); });
     on("schema", (units) => { this.units = units; this.onSchema(units); });
     on("ranges", ({ u, r }) => { if (this.users[u]) this.users[u].ranges = r; });
+    on("gesture", (gesture) => this.onGesture(gesture));
     on("receivers", (receivers) => { this.receivers = receivers; });
     on("count", (counts) => { this.counts = counts; });
     on("message", (sample) => { this.take(sample); this.onSample(sample); });

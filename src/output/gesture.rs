@@ -1,0 +1,570 @@
+//! Gestures: expressions that switch something, as a raised brow that presses a key.
+//!
+//! A gesture reads one sum of units. It goes on when the sum has been at its upper level for its hold time, but not while the
+//! person speaks, has the head turned away or is not known yet, nor before its pause is over; and off below its lower level.
+//! Every on has an off: also when the head turns away, the face is lost, the person leaves, the source falls silent, the
+//! configuration changes or the run ends.
+//!
+//! Somebody speaks while their mouth opens and closes again and again: at least [`REVERSALS`] turns of at least [`REVERSAL`]
+//! within [`SPEECH_S`].
+//!
+//! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
+
+use super::report::{Report, unit_range};
+use crate::base::capacity::{GESTURES, USERS};
+use crate::base::geometry::face_normal;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+use crate::base::time::Timestamp;
+use crate::users::TrackingState;
+
+/// Whether this build has gestures; without, the configuration has none.
+pub const ENABLED: bool = cfg!(feature = "gestures");
+/// Turns of the mouth that make speech, how far each goes, and within how long.
+const REVERSALS: usize = 4;
+const REVERSAL: f32 = 0.08;
+const SPEECH_S: f64 = 1.5;
+/// The state of every gesture is repeated at this interval, for receivers that missed a change.
+const REPEAT_S: f64 = 2.0;
+/// Terms of a sum at most.
+const TERMS: usize = 8;
+
+/// Whose gesture it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Person {
+    /// Of the person that single-person outputs show.
+    #[default]
+    Shown,
+    /// On while anybody makes it.
+    Any,
+    /// Of everybody by themselves.
+    Each,
+}
+
+impl Person {
+    /// Names in the configuration.
+    pub const NAMES: [(&'static str, Self); 3] = [
+        ("shown", Self::Shown),
+        ("any", Self::Any),
+        ("each", Self::Each),
+    ];
+}
+
+/// One gesture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gesture {
+    /// What it is called in outputs.
+    pub name: String,
+    /// Units added and subtracted: `AU12L + AU12R`.
+    pub of: String,
+    /// It goes on at this sum,
+    pub on: f32,
+    /// and off below this one.
+    pub off: f32,
+    /// How long the sum must stay at `on`.
+    pub hold_s: f32,
+    /// Least time from an off to the next on.
+    pub pause_s: f32,
+    /// Whose.
+    pub person: Person,
+    /// Whether it may go on while the person speaks.
+    pub speaking: bool,
+    /// Largest angle between face and line of sight, degrees.
+    pub turned_deg: f32,
+    /// Key or mouse button to press; empty = none.
+    pub key: String,
+    /// How.
+    pub press: Press,
+}
+
+/// How a key is pressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Press {
+    /// Down and up again at once: a key that stays down repeats.
+    #[default]
+    Tap,
+    /// Down while the gesture is on.
+    Hold,
+}
+
+impl Press {
+    /// Names in the configuration.
+    pub const NAMES: [(&'static str, Self); 2] = [("tap", Self::Tap), ("hold", Self::Hold)];
+}
+
+/// Gestures that need no more than their name: name, sum, on, off, hold time.
+#[rustfmt::skip]
+pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
+    ("smile", "AU12L + AU12R", 1.1, 0.7, 0.2),
+    ("brows", "AU1L + AU1R + AU2L + AU2R", 2.0, 1.2, 0.15),
+    ("mouth_open", "AU26", 0.6, 0.4, 0.2),
+    ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
+    ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
+    ("blink_long", "AU43L + AU43R", 1.4, 1.0, 0.5),
+    ("look_left", "AU61", 0.7, 0.4, 0.3),
+    ("look_right", "AU62", 0.7, 0.4, 0.3),
+    ("look_up", "AU63", 0.7, 0.4, 0.3),
+    ("kiss", "AU18", 0.7, 0.4, 0.2),
+];
+
+impl Gesture {
+    /// A preset, or for another name one that still needs its sum.
+    #[must_use]
+    pub fn named(name: &str) -> Self {
+        let preset = PRESETS.iter().find(|preset| preset.0 == name);
+        let (_, of, on, off, hold_s) = *preset.unwrap_or(&("", "", 0.7, 0.4, 0.2));
+        Self {
+            name: name.into(),
+            of: of.into(),
+            on,
+            off,
+            hold_s,
+            pause_s: 0.3,
+            person: Person::default(),
+            speaking: false,
+            turned_deg: 30.0,
+            key: String::new(),
+            press: Press::default(),
+        }
+    }
+
+    /// Units and signs of the sum; `None` if it is none, or too long.
+    pub fn terms<'a>(of: &'a str) -> Option<heapless::Vec<(&'a str, f32), TERMS>> {
+        let mut terms = heapless::Vec::new();
+        let mut sign = Some(1.0);
+        for word in of.split_whitespace() {
+            match (word, sign) {
+                ("+", None) => sign = Some(1.0),
+                ("-", None) => sign = Some(-1.0),
+                (unit, Some(factor)) => {
+                    terms.push((unit, factor)).ok()?;
+                    sign = None;
+                }
+                _ => return None,
+            }
+        }
+        sign.is_none().then_some(terms)
+    }
+}
+
+/// What an output is told: a gesture went on or off, or is repeated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Switch<'a> {
+    /// Its number among the gestures.
+    pub index: usize,
+    /// The gesture.
+    pub gesture: &'a Gesture,
+    /// Slot of the user, of a gesture of each.
+    pub user: Option<usize>,
+    /// Whether it is on.
+    pub is_on: bool,
+    /// Whether it was not before; otherwise this is a repetition.
+    pub is_new: bool,
+}
+
+/// One person's state of one gesture.
+#[derive(Clone, Copy, Default)]
+struct Lamp {
+    is_on: bool,
+    /// Since when the sum is at its level, and when the lamp went off last.
+    since: Option<Timestamp>,
+    off_at: Option<Timestamp>,
+}
+
+impl Lamp {
+    /// `sum` is `None` while nothing may go on.
+    fn observe(&mut self, gesture: &Gesture, sum: Option<f32>, may_start: bool, at: Timestamp) {
+        let sum = sum.unwrap_or(f32::NEG_INFINITY);
+        if self.is_on {
+            if sum < gesture.off {
+                *self = Self {
+                    off_at: Some(at),
+                    ..Self::default()
+                };
+            }
+            return;
+        }
+        if sum < gesture.on || !may_start {
+            self.since = None;
+            return;
+        }
+        let held_s = at.seconds_since(*self.since.get_or_insert(at)) as f32;
+        let rested = self
+            .off_at
+            .is_none_or(|off| at.seconds_since(off) as f32 >= gesture.pause_s);
+        self.is_on = rested && held_s >= gesture.hold_s;
+    }
+}
+
+/// Whether somebody speaks.
+#[derive(Clone, Copy, Default)]
+struct Speech {
+    /// The last extreme of the mouth's opening, and whether it opens since.
+    extreme: f32,
+    opens: bool,
+    /// When the last turns were, newest first.
+    turns: [Option<Timestamp>; REVERSALS],
+}
+
+impl Speech {
+    fn hear(&mut self, opening: f32, at: Timestamp) -> bool {
+        let back = if self.opens {
+            self.extreme - opening
+        } else {
+            opening - self.extreme
+        };
+        if back > REVERSAL {
+            self.opens = !self.opens;
+            self.extreme = opening;
+            self.turns.rotate_right(1);
+            self.turns[0] = Some(at);
+        } else if back < 0.0 {
+            self.extreme = opening;
+        }
+        let first = self.turns[REVERSALS - 1];
+        first.is_some_and(|first| (0.0..SPEECH_S).contains(&at.seconds_since(first)))
+    }
+}
+
+/// The gestures of everybody.
+pub struct Gestures {
+    all: Vec<Gesture>,
+    /// Indices among the weights, and signs.
+    terms: Vec<heapless::Vec<(usize, f32), TERMS>>,
+    /// Weights that open the mouth.
+    mouth: heapless::Vec<usize, 2>,
+    lamps: [[Lamp; GESTURES]; USERS],
+    speech: [Speech; USERS],
+    /// What outputs were told last: of each gesture, and of each user's.
+    told: [[bool; USERS + 1]; GESTURES],
+    /// When everything was told last.
+    repeated: Option<Timestamp>,
+    at: Timestamp,
+}
+
+impl Gestures {
+    /// `units` are the names in the order of the weights. Units that are not measured count as 0.
+    #[must_use]
+    pub fn new(all: &[Gesture], units: &[&str]) -> Self {
+        let all = if ENABLED { all } else { &[] };
+        let index = |unit: &str| units.iter().position(|name| *name == unit);
+        let terms = |gesture: &Gesture| {
+            let terms = Gesture::terms(&gesture.of).unwrap_or_default();
+            let found = terms.iter().map(|&(unit, sign)| Some((index(unit)?, sign)));
+            found.flatten().collect()
+        };
+        Self {
+            terms: all.iter().map(terms).collect(),
+            all: all.iter().take(GESTURES).cloned().collect(),
+            mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
+            lamps: Default::default(),
+            speech: Default::default(),
+            told: [[false; USERS + 1]; GESTURES],
+            repeated: None,
+            at: Timestamp::default(),
+        }
+    }
+
+    /// Follows everybody of a frame; [`Report::gestures`] then says which of theirs are on.
+    pub fn observe(&mut self, reports: &mut [Report<'_>]) {
+        if !ENABLED || self.all.is_empty() {
+            return;
+        }
+        let mut seen = [false; USERS];
+        for report in reports.iter_mut() {
+            // Another clock; times before it mean nothing.
+            if report.at < self.at {
+                self.release();
+            }
+            self.at = report.at;
+            if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
+                seen[slot] = true;
+                self.observe_user(slot, report);
+            }
+        }
+        for slot in (0..USERS).filter(|&slot| !seen[slot]) {
+            self.lamps[slot] = Default::default();
+        }
+    }
+
+    fn observe_user(&mut self, slot: usize, report: &mut Report<'_>) {
+        let state = report.state;
+        // A face that is missed in a frame keeps what it does.
+        if state != TrackingState::Held {
+            let sees = state == TrackingState::Tracking && !report.weights.is_empty();
+            let mouth = self.mouth.iter().filter_map(|&i| report.weights.get(i));
+            let speaks = sees && self.speech[slot].hear(mouth.sum(), report.at);
+            let facing = report.sensor_from_head.map_or(1.0, |pose| {
+                let sight = pose.translation.vector.normalize();
+                -face_normal(pose).dot(&sight)
+            });
+            for (i, gesture) in self.all.iter().enumerate() {
+                let theirs = gesture.person != Person::Shown || !report.aside;
+                let faces = facing >= gesture.turned_deg.to_radians().cos();
+                let weight = |&(unit, sign): &(usize, f32)| {
+                    let weight = report.weights.get(unit).copied().unwrap_or(0.0);
+                    sign * unit_range(weight)
+                };
+                let sum = (sees && theirs && faces).then(|| self.terms[i].iter().map(weight).sum());
+                let may_start = gesture.speaking || !speaks;
+                self.lamps[slot][i].observe(gesture, sum, may_start, report.at);
+            }
+        }
+        let bits = self.lamps[slot].iter().enumerate();
+        report.gestures = bits.fold(0, |bits, (i, lamp)| bits | u32::from(lamp.is_on) << i);
+    }
+
+    /// Tells `each` output what changed, and from time to time everything.
+    pub fn tell(&mut self, mut each: impl FnMut(&Switch<'_>)) {
+        let last = self.repeated.map(|last| self.at.seconds_since(last));
+        // Before the last time only by another clock.
+        let again = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));
+        if again {
+            self.repeated = Some(self.at);
+        }
+        for (i, gesture) in self.all.iter().enumerate() {
+            let mut switch = |at: usize, user, is_on| {
+                let is_new = core::mem::replace(&mut self.told[i][at], is_on) != is_on;
+                if is_new || again {
+                    each(&Switch {
+                        index: i,
+                        gesture,
+                        user,
+                        is_on,
+                        is_new,
+                    });
+                }
+            };
+            if gesture.person == Person::Each {
+                for slot in 0..USERS {
+                    switch(slot, Some(slot), self.lamps[slot][i].is_on);
+                }
+            } else {
+                switch(USERS, None, self.lamps.iter().any(|lamps| lamps[i].is_on));
+            }
+        }
+    }
+
+    /// Everything off, as if nobody had ever been there.
+    pub fn release(&mut self) {
+        self.lamps = Default::default();
+        self.speech = Default::default();
+    }
+}
+
+#[cfg(all(test, feature = "gestures"))]
+mod tests {
+    use super::*;
+    use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
+
+    const UNITS: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
+
+    fn at(ms: u64) -> Timestamp {
+        Timestamp::from_us(1_000_000 + 1000 * ms)
+    }
+
+    fn user(slot: usize, ms: u64, weights: &[f32]) -> Report<'_> {
+        Report {
+            user: Some(slot),
+            state: TrackingState::Tracking,
+            at: at(ms),
+            weights,
+            ..Report::default()
+        }
+    }
+
+    /// What outputs are told, repetitions left out: name, user, on or off.
+    fn told(gestures: &mut Gestures) -> Vec<(String, Option<usize>, bool)> {
+        let mut all = Vec::new();
+        gestures.tell(|switch| {
+            if switch.is_new {
+                let name = switch.gesture.name.clone();
+                all.push((name, switch.user, switch.is_on));
+            }
+        });
+        all
+    }
+
+    fn smile(person: Person) -> Gesture {
+        Gesture {
+            person,
+            ..Gesture::named("smile")
+        }
+    }
+
+    #[test]
+    fn a_smile_is_on_after_its_hold_time_until_it_falls_below_its_lower_level_and_not_again_before_its_pause()
+     {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        let mut changes = Vec::new();
+        // 1.1 and 0.7 are its levels, 0.2 s and 0.3 s its times.
+        for ms in (0..2000).step_by(20) {
+            let sum = match ms {
+                100..400 | 420..600 | 700..1400 => 1.2,
+                400..420 | 600..700 => 0.6,
+                1400..1500 => 0.8,
+                _ => 0.0,
+            };
+            let weights = [sum / 2.0, sum / 2.0, 0.0, 0.0];
+            let mut reports = [user(0, ms, &weights)];
+            gestures.observe(&mut reports);
+            for (_, _, is_on) in told(&mut gestures) {
+                changes.push((ms, is_on));
+                assert_eq!(reports[0].gestures, u32::from(is_on));
+            }
+        }
+        // Held since 420 ms it was too soon: off until 600; held since 700, long enough after.
+        assert_eq!(
+            changes,
+            [(300, true), (400, false), (900, true), (1500, false)]
+        );
+    }
+
+    #[test]
+    fn every_end_of_a_face_is_an_off() {
+        let faces = [0.9, 0.9, 0.0, 0.0];
+        for end in ["lost", "absent", "gone", "clock", "end", "turned", "aside"] {
+            let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+            for ms in [0, 100, 200] {
+                gestures.observe(&mut [user(1, ms, &faces)]);
+            }
+            assert_eq!(
+                told(&mut gestures),
+                [("smile".to_owned(), None, true)],
+                "{end}"
+            );
+            // Missed for a frame, it stays.
+            gestures.observe(&mut [Report {
+                state: TrackingState::Held,
+                ..user(1, 233, &faces)
+            }]);
+            assert_eq!(told(&mut gestures), [], "{end}");
+            let turned = Rigid::from_parts(
+                Vector::new(0.0, 0.0, 0.8).into(),
+                rotation_from_yaw_pitch_roll(0.6, 0.0, 0.0),
+            );
+            let now = user(1, 266, &faces);
+            match end {
+                "lost" => gestures.observe(&mut [Report {
+                    state: TrackingState::Lost,
+                    ..now
+                }]),
+                "absent" => gestures.observe(&mut [Report {
+                    state: TrackingState::Absent,
+                    ..now
+                }]),
+                "gone" => gestures.observe(&mut [Report { user: None, ..now }]),
+                "turned" => gestures.observe(&mut [Report {
+                    sensor_from_head: Some(&turned),
+                    ..now
+                }]),
+                "clock" => gestures.observe(&mut [user(1, 0, &faces)]),
+                "aside" => gestures.observe(&mut [Report { aside: true, ..now }]),
+                _ => gestures.release(),
+            }
+            assert_eq!(
+                told(&mut gestures),
+                [("smile".to_owned(), None, false)],
+                "{end}"
+            );
+        }
+    }
+
+    #[test]
+    fn whose_gesture_it_is_decides_who_is_told_of() {
+        let (smiles, rests) = ([0.9, 0.9, 0.0, 0.0], [0.0; 4]);
+        let all = [
+            smile(Person::Shown),
+            Gesture {
+                name: "any".into(),
+                ..smile(Person::Any)
+            },
+            Gesture {
+                name: "each".into(),
+                ..smile(Person::Each)
+            },
+        ];
+        let mut gestures = Gestures::new(&all, &UNITS);
+        for ms in [0, 100, 200] {
+            let other = Report {
+                aside: true,
+                ..user(2, ms, &smiles)
+            };
+            gestures.observe(&mut [user(0, ms, &rests), other]);
+        }
+        let on = [
+            ("any".to_owned(), None, true),
+            ("each".to_owned(), Some(2), true),
+        ];
+        assert_eq!(told(&mut gestures), on);
+    }
+
+    #[test]
+    fn who_speaks_does_not_smile_unless_the_gesture_says_so() {
+        let speaking = Gesture {
+            name: "speaking".into(),
+            speaking: true,
+            ..smile(Person::Shown)
+        };
+        let mut gestures = Gestures::new(&[smile(Person::Shown), speaking], &UNITS);
+        let mut on = Vec::new();
+        for frame in 0..300_u64 {
+            let s = frame as f32 / 30.0;
+            // Syllables, four a second, and a smile from the third second on; then silence.
+            let opening = if s < 6.0 {
+                0.15 + 0.12 * (s * 8.0 * core::f32::consts::PI).sin()
+            } else {
+                0.05
+            };
+            let smiles = if s > 3.0 { 0.9 } else { 0.1 };
+            gestures.observe(&mut [user(
+                0,
+                frame * 1000 / 30,
+                &[smiles, smiles, opening, opening],
+            )]);
+            on.extend(
+                told(&mut gestures)
+                    .into_iter()
+                    .map(|(name, _, _)| (name, s)),
+            );
+        }
+        let [(first, soon), (second, late)] = on.as_slice() else {
+            panic!("{on:?}")
+        };
+        assert_eq!((first.as_str(), second.as_str()), ("speaking", "smile"));
+        assert!(
+            (3.2..3.4).contains(soon) && (7.0..7.9).contains(late),
+            "{soon} {late}"
+        );
+    }
+
+    #[test]
+    fn presets_read_units_that_are_measured() {
+        let known = crate::expression::Units::shipped();
+        let names = known.columns(false);
+        for (name, of, on, off, _) in PRESETS {
+            let terms = Gesture::terms(of).unwrap();
+            for (unit, _) in &terms {
+                assert!(
+                    names.iter().any(|known| known.as_str() == *unit),
+                    "{name}: {unit}"
+                );
+            }
+            assert!(off < on && on < terms.len() as f32);
+        }
+        for none in ["", "AU1L +", "+ AU1L", "AU1L AU1R", "AU1L + + AU1R"] {
+            assert!(Gesture::terms(none).is_none(), "{none}");
+        }
+    }
+
+    #[test]
+    fn receivers_are_told_again() {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        let mut times = Vec::new();
+        for ms in (0..5000).step_by(100) {
+            gestures.observe(&mut [user(0, ms, &[0.0; 4])]);
+            gestures.tell(|switch| times.push((ms, switch.is_on)));
+        }
+        assert_eq!(times, [(0, false), (2000, false), (4000, false)]);
+    }
+}

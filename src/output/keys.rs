@@ -1,0 +1,405 @@
+//! Keys and mouse buttons that gestures press: through the kernel's `uinput`, or on the wire of a USB HID gadget, where the
+//! box is a keyboard for any computer.
+//!
+//! A tapped key goes up with the frame after it went down. With `uinput` the kernel itself releases what is pressed when this
+//! process ends, however it ends; a gadget's host does not know, so a gadget is told that nothing is pressed when it is opened.
+//!
+//! Sources: Linux `uinput.h` and `input-event-codes.h`; USB HID 1.11, appendix B.1 (boot keyboard); HID Usage Tables 1.5,
+//! page 7. A path that is neither device gets `uinput`'s events as they are, for tests.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+
+use super::gesture::{Press, Switch};
+use super::{Output, OutputError, Report, Tally};
+use crate::base::capacity::USERS;
+
+/// Keys by name: Linux code, HID usage (0 = none: a mouse button).
+#[rustfmt::skip]
+const KEYS: [(&str, u16, u8); 66] = [
+    ("a", 30, 4), ("b", 48, 5), ("c", 46, 6), ("d", 32, 7), ("e", 18, 8), ("f", 33, 9), ("g", 34, 10), ("h", 35, 11),
+    ("i", 23, 12), ("j", 36, 13), ("k", 37, 14), ("l", 38, 15), ("m", 50, 16), ("n", 49, 17), ("o", 24, 18), ("p", 25, 19),
+    ("q", 16, 20), ("r", 19, 21), ("s", 31, 22), ("t", 20, 23), ("u", 22, 24), ("v", 47, 25), ("w", 17, 26), ("x", 45, 27),
+    ("y", 21, 28), ("z", 44, 29), ("1", 2, 30), ("2", 3, 31), ("3", 4, 32), ("4", 5, 33), ("5", 6, 34), ("6", 7, 35),
+    ("7", 8, 36), ("8", 9, 37), ("9", 10, 38), ("0", 11, 39), ("enter", 28, 40), ("escape", 1, 41), ("backspace", 14, 42),
+    ("tab", 15, 43), ("space", 57, 44), ("f1", 59, 58), ("f2", 60, 59), ("f3", 61, 60), ("f4", 62, 61), ("f5", 63, 62),
+    ("f6", 64, 63), ("f7", 65, 64), ("f8", 66, 65), ("f9", 67, 66), ("f10", 68, 67), ("f11", 87, 68), ("f12", 88, 69),
+    ("home", 102, 74), ("page_up", 104, 75), ("delete", 111, 76), ("end", 107, 77), ("page_down", 109, 78),
+    ("right", 106, 79), ("left", 105, 80), ("down", 108, 81), ("up", 103, 82),
+    ("mouse_left", 0x110, 0), ("mouse_right", 0x111, 0), ("mouse_middle", 0x112, 0), ("play_pause", 164, 0),
+];
+
+const EV_KEY: u16 = 1;
+const UI_SET_EVBIT: libc::Ioctl = 0x4004_5564;
+const UI_SET_KEYBIT: libc::Ioctl = 0x4004_5565;
+const UI_DEV_CREATE: libc::Ioctl = 0x5501;
+/// Bytes of `struct uinput_user_dev`: the name, bus and ids, then limits of axes that we have none of.
+const DEVICE_BYTES: usize = 1116;
+/// Bytes of an event's time, two words of the kernel whatever the C library's are, and of an event.
+const TIME_BYTES: usize = 2 * size_of::<libc::c_ulong>();
+const EVENT_BYTES: usize = TIME_BYTES + 8;
+/// Keys that a device has if it is a keyboard.
+const KEYBOARD: core::ops::Range<u16> = 1..89;
+const NAME: &[u8] = b"mien gestures";
+/// Keys of a HID report.
+const REPORT_KEYS: usize = 6;
+
+/// Whether there is a key of that name.
+#[must_use]
+pub fn is_key(name: &str) -> bool {
+    names().any(|key| key == name)
+}
+
+/// Names of all keys.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    KEYS.iter().map(|key| key.0)
+}
+
+/// Where presses go.
+enum Way {
+    /// Events of the kernel.
+    Events,
+    /// Reports of a boot keyboard.
+    Reports,
+}
+
+/// Presses keys.
+pub struct Keys {
+    device: File,
+    way: Way,
+    /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
+    held: [u128; KEYS.len()],
+    tapped: [bool; KEYS.len()],
+    is_down: [bool; KEYS.len()],
+    sent: u64,
+    dropped: u64,
+}
+
+impl Keys {
+    /// Opens the device.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn new(path: &str) -> Result<Self, OutputError> {
+        let failed = |source| OutputError::Keys {
+            path: path.to_owned(),
+            source,
+        };
+        let mut device = OpenOptions::new()
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK)
+            .open(path)
+            .map_err(failed)?;
+        let about = device.metadata().map_err(failed)?;
+        let name = Path::new(path).file_name().unwrap_or_default();
+        let way = if name.to_string_lossy().starts_with("hidg") {
+            Way::Reports
+        } else {
+            Way::Events
+        };
+        if about.file_type().is_char_device() && matches!(way, Way::Events) {
+            create(&mut device).map_err(failed)?;
+        }
+        let mut keys = Self {
+            device,
+            way,
+            held: [0; KEYS.len()],
+            tapped: [false; KEYS.len()],
+            is_down: [false; KEYS.len()],
+            sent: 0,
+            dropped: 0,
+        };
+        if matches!(keys.way, Way::Reports) {
+            // Without a host there is nobody to tell.
+            let _ = keys.device.write_all(&keys.report());
+        }
+        Ok(keys)
+    }
+
+    /// Tells the device what changed; what it does not take at once is told again with the next frame.
+    fn sync(&mut self) {
+        for i in 0..KEYS.len() {
+            let is_down = self.held[i] != 0 || self.tapped[i];
+            if is_down == self.is_down[i] {
+                continue;
+            }
+            let before = std::mem::replace(&mut self.is_down[i], is_down);
+            let written = match self.way {
+                Way::Events => self.device.write_all(&press(KEYS[i].1, is_down)),
+                Way::Reports => self.device.write_all(&self.report()),
+            };
+            if written.is_ok() {
+                self.sent += 1;
+            } else {
+                self.dropped += 1;
+                self.is_down[i] = before;
+            }
+        }
+    }
+
+    /// The keys that are down, in a boot keyboard's report.
+    fn report(&self) -> [u8; 2 + REPORT_KEYS] {
+        let mut report = [0; 2 + REPORT_KEYS];
+        let down = (0..KEYS.len()).filter(|&i| self.is_down[i] && KEYS[i].2 > 0);
+        for (slot, i) in report[2..].iter_mut().zip(down) {
+            *slot = KEYS[i].2;
+        }
+        report
+    }
+}
+
+impl Output for Keys {
+    fn send(&mut self, _: &Report) -> Result<(), OutputError> {
+        for (tapped, is_down) in self.tapped.iter_mut().zip(self.is_down) {
+            *tapped &= !is_down;
+        }
+        self.sync();
+        Ok(())
+    }
+
+    fn switch(&mut self, switch: &Switch<'_>) {
+        if let Some(key) = KEYS.iter().position(|key| key.0 == switch.gesture.key) {
+            let bit = 1 << (switch.index * (USERS + 1) + switch.user.unwrap_or(USERS));
+            match switch.gesture.press {
+                Press::Tap => self.tapped[key] |= switch.is_on && switch.is_new,
+                Press::Hold if switch.is_on => self.held[key] |= bit,
+                Press::Hold => self.held[key] &= !bit,
+            }
+            self.sync();
+        }
+    }
+
+    fn tally(&self) -> Tally {
+        Tally {
+            sent: self.sent,
+            dropped: self.dropped,
+            ..Tally::of("keys")
+        }
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        self.held = [0; KEYS.len()];
+        self.tapped = [false; KEYS.len()];
+        self.sync();
+    }
+}
+
+/// Two events of the kernel, whose time it fills in: a key, and that this is all.
+fn press(code: u16, is_down: bool) -> [u8; 2 * EVENT_BYTES] {
+    let mut bytes = [0; 2 * EVENT_BYTES];
+    let at = TIME_BYTES;
+    bytes[at..at + 2].copy_from_slice(&EV_KEY.to_ne_bytes());
+    bytes[at + 2..at + 4].copy_from_slice(&code.to_ne_bytes());
+    bytes[at + 4..at + 8].copy_from_slice(&i32::from(is_down).to_ne_bytes());
+    bytes
+}
+
+/// Makes a keyboard and mouse of an open `uinput`.
+#[expect(unsafe_code, reason = "uinput is set up by ioctl")]
+fn create(device: &mut File) -> io::Result<()> {
+    let fd = device.as_raw_fd();
+    let set = |request: libc::Ioctl, value: u16| {
+        // SAFETY: these requests take a number, and the descriptor is open as long as `device` is.
+        match unsafe { libc::ioctl(fd, request, libc::c_int::from(value)) } {
+            0 => Ok(()),
+            _ => Err(io::Error::last_os_error()),
+        }
+    };
+    set(UI_SET_EVBIT, EV_KEY)?;
+    let codes = KEYBOARD.chain(KEYS.iter().map(|key| key.1));
+    codes
+        .into_iter()
+        .try_for_each(|code| set(UI_SET_KEYBIT, code))?;
+    let mut about = [0; DEVICE_BYTES];
+    about[..NAME.len()].copy_from_slice(NAME);
+    // BUS_VIRTUAL.
+    about[80..82].copy_from_slice(&6_u16.to_ne_bytes());
+    device.write_all(&about)?;
+    set(UI_DEV_CREATE, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::time::Timestamp;
+    use crate::output::gesture::{Gesture, Gestures, Person};
+    use crate::users::TrackingState;
+
+    /// What is written for a smile and a brow that press the same key, and for one that presses none.
+    fn written(name: &str) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, []).unwrap();
+        let gesture = |name: &str, key: &str| Gesture {
+            key: key.into(),
+            press: Press::Hold,
+            ..Gesture::named(name)
+        };
+        let all = [
+            gesture("smile", "space"),
+            gesture("brows", "space"),
+            gesture("kiss", ""),
+        ];
+        let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+        for (index, is_on) in [(0, true), (0, true), (1, true), (2, true), (0, false)] {
+            keys.switch(&Switch {
+                index,
+                gesture: &all[index],
+                user: None,
+                is_on,
+                is_new: true,
+            });
+        }
+        // The brow is still up.
+        assert_eq!(keys.sent, 1);
+        drop(keys);
+        std::fs::read(&path).unwrap()
+    }
+
+    #[test]
+    fn a_key_is_down_while_any_gesture_holds_it_and_up_at_the_end() {
+        let events = written("events");
+        let words: Vec<(u16, u16, i32)> = events
+            .chunks(EVENT_BYTES)
+            .map(|event| {
+                let at = EVENT_BYTES - 8;
+                let word = |i: usize| u16::from_ne_bytes([event[at + i], event[at + i + 1]]);
+                (word(0), word(2), i32::from(event[at + 4]))
+            })
+            .collect();
+        // KEY_SPACE is 57.
+        assert_eq!(words, [(1, 57, 1), (0, 0, 0), (1, 57, 0), (0, 0, 0)]);
+    }
+
+    #[test]
+    fn a_gadget_gets_the_reports_of_a_boot_keyboard() {
+        // Usage 0x2C is the space bar.
+        let reports = [[0; 8], [0, 0, 0x2C, 0, 0, 0, 0, 0], [0; 8]].concat();
+        assert_eq!(written("hidg0"), reports);
+    }
+
+    #[test]
+    fn a_tap_is_down_until_the_next_frame_whatever_else_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        std::fs::write(&path, []).unwrap();
+        let gesture = Gesture {
+            key: "a".into(),
+            ..Gesture::named("smile")
+        };
+        let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+        let mut downs = Vec::new();
+        for (is_on, is_new) in [(true, true), (true, false), (false, true), (true, true)] {
+            keys.switch(&Switch {
+                index: 0,
+                gesture: &gesture,
+                user: None,
+                is_on,
+                is_new,
+            });
+            downs.push(keys.is_down.contains(&true));
+            keys.send(&Report::default()).unwrap();
+            downs.push(keys.is_down.contains(&true));
+        }
+        assert_eq!(
+            downs,
+            [true, false, false, false, false, false, true, false]
+        );
+    }
+
+    /// Key downs (`true`) and ups.
+    fn presses(events: &[u8]) -> Vec<bool> {
+        let pairs = events.chunks_exact(2 * EVENT_BYTES);
+        pairs.map(|pair| pair[TIME_BYTES + 4] == 1).collect()
+    }
+
+    #[test]
+    fn a_thousand_random_endings_leave_no_key_down() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events");
+        let gesture = |person, press| Gesture {
+            of: "AU26".into(),
+            hold_s: 0.0,
+            pause_s: 0.0,
+            key: "a".into(),
+            person,
+            press,
+            ..Gesture::named("jaw")
+        };
+        let all = [
+            gesture(Person::Any, Press::Hold),
+            gesture(Person::Each, Press::Hold),
+            gesture(Person::Shown, Press::Tap),
+        ];
+        let mut random = fastrand::Rng::with_seed(11);
+        let mut pressed = 0;
+        for round in 0..1000 {
+            std::fs::write(&path, []).unwrap();
+            let mut keys = Keys::new(path.to_str().unwrap()).unwrap();
+            let mut gestures = Gestures::new(&all, &["AU26"]);
+            let mut frame = |gestures: &mut Gestures, reports: &mut [Report<'_>]| {
+                gestures.observe(reports);
+                reports.iter().for_each(|report| keys.send(report).unwrap());
+                gestures.tell(|switch| keys.switch(switch));
+            };
+            let mut at = Timestamp::from_us(random.u64(..1 << 40));
+            for _ in 0..random.usize(1..30) {
+                at = Timestamp::from_us(at.as_us() + random.u64(1..400_000));
+                let weights = [random.f32(), random.f32()];
+                let user = |slot: usize, state| Report {
+                    user: Some(slot),
+                    state,
+                    at,
+                    aside: slot > 0,
+                    weights: &weights[slot..=slot],
+                    ..Report::default()
+                };
+                let states = [0, 1].map(|_| match random.u8(..6) {
+                    0 => random.choice(TrackingState::ALL).unwrap(),
+                    _ => TrackingState::Tracking,
+                });
+                let mut both = [user(0, states[0]), user(1, states[1])];
+                frame(&mut gestures, &mut both[..random.usize(1..3)]);
+            }
+            let nobody = Report {
+                at: Timestamp::from_us(at.as_us() + 500_000),
+                ..Report::default()
+            };
+            match random.u8(..4) {
+                // They leave, or the sensor is unplugged: nobody, again and again.
+                0 => (0..2).for_each(|_| frame(&mut gestures, &mut [nobody])),
+                // The run ends, or reads its configuration again.
+                1 => {
+                    gestures.release();
+                    gestures.tell(|switch| keys.switch(switch));
+                    keys.send(&nobody).unwrap();
+                }
+                // It ends by an error.
+                2 => drop(keys),
+                // Another recording begins.
+                _ => (0..2).for_each(|_| frame(&mut gestures, &mut [Report::default()])),
+            }
+            let presses = presses(&std::fs::read(&path).unwrap());
+            pressed += presses.len() / 2;
+            assert!(
+                presses.chunks(2).all(|press| press == [true, false]),
+                "round {round}: {presses:?}"
+            );
+        }
+        assert!(pressed > 1000, "{pressed}");
+    }
+
+    #[test]
+    fn a_device_that_is_not_there_is_named() {
+        let error = Keys::new("/dev/none/uinput").err().unwrap().to_string();
+        assert!(
+            error.starts_with("cannot press keys through \"/dev/none/uinput\": "),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,210 @@
+"""Gestures in the tables of `mien run` against what was acted.
+
+score.py CONFIG own TABLES [NAME=WORDS ...]     TABLES: personN.csv, personN-acted.csv of tests/it/plays_gestures.rs
+score.py CONFIG world SESSIONS TABLES           SESSIONS: personN-1200 of the second world, TABLES: personN.csv
+score.py CONFIG faces SESSIONS TABLES           SESSIONS: pNN-K of tests/real/sessions.py, TABLES: pNN-K.csv
+
+CONFIG is what `mien print-config` prints with the gestures that were played.
+caught   acts at full, long enough for the hold time, during which the gesture goes on
+delay    from the frame whose acted sum reaches the upper level to the gesture's going on, without its hold time
+false    goings on of any gesture while nothing is acted but speech, blinks, glances, turns or rest
+"""
+import csv
+import os
+import sys
+import tomllib
+
+FPS = 30.0
+FULL = 0.8
+# From the level's being reached, an act must last this much longer than the hold time to count as one.
+SPARE_S = 0.15
+# A gesture may come this long after the end of its act, and what was acted this long before belongs to it.
+AFTER_S = 0.4
+MADE_OF = {
+    "smile": ["mouthSmile_L", "mouthSmile_R"], "brows": ["browInnerUp_L", "browInnerUp_R", "browOuterUp_L", "browOuterUp_R"],
+    "mouth_open": ["jawOpen"], "wink_left": ["eyeBlink_L"], "wink_right": ["eyeBlink_R"],
+    "blink_long": ["eyeBlink_L", "eyeBlink_R"], "look_left": ["eyeLookOut_L", "eyeLookIn_R"],
+    "look_right": ["eyeLookOut_R", "eyeLookIn_L"], "look_up": ["eyeLookUp_L", "eyeLookUp_R"], "kiss": ["mouthPucker"]}
+# What speech, blinks and glances consist of in the second world.
+CALM = ("eyeBlink", "eyeLook", "jawOpen", "mouthClose", "mouthFunnel", "mouthPucker", "mouthStretch", "mouthLowerDown", "mouthUpperUp",
+        "mouthRollLower")
+SPEECH = ("mouthLowerDown_L", "mouthLowerDown_R")
+STILLS = {"smile": 3, "blink_long": 5, "mouth_open": 0}
+NEUTRAL = 2
+
+
+def read(path):
+    with open(path) as f:
+        return list(csv.DictReader(f))
+
+
+def switches(path, names):
+    """Per frame, by name, whether the gesture is on (0 or 1); missing frames are off."""
+    on = {n: {} for n in names}
+    frames = 0
+    for row in read(path):
+        frames = max(frames, int(row["frame"]) + 1)
+        for n in names:
+            on[n][int(row["frame"])] = on[n].get(int(row["frame"]), 0) | int(row["g_" + n])
+    return {n: [on[n].get(f, 0) for f in range(frames)] for n in names}
+
+
+def rises(on):
+    return [f for f in range(1, len(on)) if on[f] and not on[f - 1]]
+
+
+def spans(flags):
+    """(first, one past the last) of each run of true."""
+    out, start = [], None
+    for i, flag in enumerate(list(flags) + [False]):
+        if flag and start is None:
+            start = i
+        if not flag and start is not None:
+            out.append((start, i))
+            start = None
+    return out
+
+
+class Tally:
+    """Figures of a number of people."""
+
+    def __init__(self, gestures):
+        self.gestures = gestures
+        self.acts = {n: 0 for n in gestures}
+        self.caught = {n: 0 for n in gestures}
+        self.delays = {n: [] for n in gestures}
+        self.missed = {}
+        self.calm_s, self.false = {}, {}
+        self.crossed = {}
+
+    def person(self, person, on, heights, calm):
+        """`heights` by gesture and frame, 0…1; `calm` by frame: the name of what is done while nothing is acted, or empty."""
+        for n, g in self.gestures.items():
+            terms = g["of"].count("AU") - g["of"].count("- AU")
+            level = [h * terms >= g["on"] for h in heights[n]]
+            for a, b in spans(h > 0.25 for h in heights[n]):
+                full = [f for f in range(a, b) if heights[n][f] >= FULL]
+                reached = [f for f in range(a, b) if level[f]]
+                if not full or not reached or len(full) < (g["hold_s"] + SPARE_S) * FPS:
+                    continue
+                self.acts[n] += 1
+                until = b + int(AFTER_S * FPS)
+                when = [f for f in range(a, min(until, len(on[n]))) if on[n][f]]
+                if when:
+                    self.caught[n] += 1
+                    self.delays[n].append((when[0] - reached[0]) / FPS - g["hold_s"])
+                else:
+                    self.missed[n, person] = self.missed.get((n, person), 0) + 1
+        for kind in calm:
+            if kind:
+                self.calm_s[kind] = self.calm_s.get(kind, 0) + 1 / FPS
+        for n in self.gestures:
+            for f in rises(on[n]):
+                if f < len(calm) and calm[f]:
+                    self.false.setdefault(calm[f], []).append((n, person))
+                elif f < len(calm):
+                    back = range(max(0, f - int(AFTER_S * FPS)), f + 1)
+                    if all(heights[n][i] < 0.25 for i in back):
+                        other = max(heights, key=lambda m: max(heights[m][i] for i in back))
+                        what = other if max(heights[other][i] for i in back) > 0.25 else "other expressions"
+                        self.crossed[n, what] = self.crossed.get((n, what), 0) + 1
+
+    def table(self):
+        print(f"{'gesture':11} {'acts':>5} {'caught':>8} {'delay ms':>9}  missed by person")
+        for n in self.gestures:
+            d = self.delays[n]
+            late = f"{1000 * sum(d) / len(d):9.0f}" if d else f"{'':9}"
+            caught = f"{100 * self.caught[n] / self.acts[n]:6.1f} %" if self.acts[n] else f"{'':8}"
+            print(f"{n:11} {self.acts[n]:5} {caught} {late}  " + ", ".join(f"{p} {k}" for (m, p), k in self.missed.items() if m == n))
+        acts, caught = sum(self.acts.values()), sum(self.caught.values())
+        delays = [d for all_ in self.delays.values() for d in all_]
+        if acts:
+            print(f"all: {100 * caught / acts:.1f} % of {acts} caught, {1000 * sum(delays) / max(1, len(delays)):.0f} ms after the hold time")
+        hours = sum(self.calm_s.values()) / 3600
+        events = sum(len(f) for f in self.false.values())
+        print(f"false: {events} in {60 * hours:.1f} min" + (f", {events / hours:.1f} an hour" if hours else ""))
+        for kind, seconds in self.calm_s.items():
+            found = self.false.get(kind, [])
+            count = {}
+            for one in found:
+                count[one] = count.get(one, 0) + 1
+            print(f"  {kind:6} {seconds / 60:5.1f} min: {len(found)}  " + ", ".join(f"{n} {p} {k}" for (n, p), k in count.items()))
+        crossed = sorted(self.crossed.items(), key=lambda pair: -pair[1])
+        print("while others are acted: " + (", ".join(f"{n} at {other} {k}" for (n, other), k in crossed) or "none"))
+
+
+def own(gestures, tables, _=None):
+    tally = Tally(gestures)
+    for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv") and not f.endswith("-acted.csv")):
+        rows = read(f"{tables}/{name}-acted.csv")
+        heights = {n: [float(r["height"]) if r["acted"] == n else 0.0 for r in rows] for n in gestures}
+        calm = ["" if r["acted"] in MADE_OF or not r["acted"] else r["acted"] for r in rows]
+        tally.person(name, switches(f"{tables}/{name}.csv", gestures), heights, calm)
+    tally.table()
+
+
+def world(gestures, sessions, tables):
+    tally = Tally(gestures)
+    for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv")):
+        rows = [r for r in read(f"{sessions}/{name}-1200/truth.csv") if r["person"] == "0"]
+        names = list(rows[0])[-55:]
+        w = {n: [float(r[n]) for r in rows] for n in names}
+        frames = range(len(rows))
+        heights = {n: [sum(w[e][f] for e in MADE_OF[n]) / len(MADE_OF[n]) for f in frames] for n in gestures}
+        for side, other in (("left", "eyeBlink_R"), ("right", "eyeBlink_L")):
+            if "wink_" + side in heights:
+                heights["wink_" + side] = [h if w[other][f] < 0.1 else 0.0 for f, h in enumerate(heights["wink_" + side])]
+        long = spans(h > 0.25 for h in heights.get("blink_long", []))
+        short = {f for a, b in long if b - a < 0.5 * FPS for f in range(a, b)}
+        if "blink_long" in heights:
+            heights["blink_long"] = [0.0 if f in short else h for f, h in enumerate(heights["blink_long"])]
+        speech = [any(w[s][i] > 0 for s in SPEECH for i in range(max(0, f - 10), min(len(rows), f + 10))) for f in frames]
+        still = [all(w[n][f] < 0.05 for n in names if not n.startswith(CALM)) for f in frames]
+        quiet = [all(w[n][f] < 0.05 for n in names if not n.startswith(("eyeBlink", "eyeLook"))) for f in frames]
+        shut = [any(h > 0.25 for h in (heights.get("blink_long", [0] * len(rows))[f],)) or
+                any(heights.get(x, [0] * len(rows))[f] > 0.25 for x in ("wink_left", "wink_right")) for f in frames]
+        calm = ["" if shut[f] or f < 30 else "speak" if speech[f] and still[f] else "rest" if quiet[f] else "" for f in frames]
+        tally.person(name, switches(f"{tables}/{name}.csv", gestures), heights, calm)
+    tally.table()
+
+
+def faces(gestures, sessions, tables):
+    shown = {n: [0, 0, {}] for n in STILLS}
+    neutral = {"of these": [0, 0, {}], "of all": [0, 0, {}]}
+    for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv")):
+        on = switches(f"{tables}/{name}.csv", gestures)
+        for row in read(f"{sessions}/{name}/truth.csv"):
+            expression, during = int(row["expression"]), range(int(row["from"]), int(row["to"]))
+            fires = [n for n in gestures if any(on[n][f] for f in during if f < len(on[n]))]
+            for n, still in STILLS.items():
+                if n in gestures and expression == still:
+                    add(shown[n], n in fires, name)
+            if expression == NEUTRAL:
+                # What the still before has switched on is on for a moment.
+                new = [n for n in gestures if any(f in during for f in rises(on[n]))]
+                add(neutral["of these"], bool(set(new) & set(STILLS)), name)
+                add(neutral["of all"], bool(new), name)
+    for n, (yes, of, people) in shown.items():
+        worst = min(people, key=lambda p: people[p][0] / people[p][1]) if people else ""
+        print(f"{n:11} {100 * yes / max(1, of):.1f} % of {of} stills fire; worst {worst} {people.get(worst, '')}")
+    for what, (yes, of, _) in neutral.items():
+        print(f"neutral stills that fire one {what}: {100 * yes / max(1, of):.1f} % of {of}")
+
+
+def add(tally, yes, name):
+    tally[0] += yes
+    tally[1] += 1
+    person = tally[2].setdefault(name.split("-")[0], [0, 0])
+    person[0] += yes
+    person[1] += 1
+
+
+def main():
+    config, what, *folders = sys.argv[1:]
+    with open(config, "rb") as f:
+        gestures = {g["name"]: g for g in tomllib.load(f)["gesture"]}
+    {"own": own, "world": world, "faces": faces}[what](gestures, *folders)
+
+
+if __name__ == "__main__":
+    main()
