@@ -21,4 +21,4 @@ mod run;
 
 pub use command::{album, inspect};
 pub use error::InspectError;
-pub(in crate::studio) use recording::depth_picture;
+pub(in crate::studio) use recording::{colour_picture, depth_picture};
