@@ -60,14 +60,14 @@ outputs! { s units
     "Live Link" live_link "wires": s.network.live_link.enabled, &s.network.live_link.targets =>
         output::live_link::LiveLink::new(s.network.live_link.clone(), &s.network.name, units)?;
     "WebSocket" websocket "wires": s.network.websocket.enabled, &[] =>
-        output::web::websocket::open(&s.network.websocket, units)?;
+        output::web::websocket::open(&s.network.websocket, units, &s.gesture_names())?;
     "page" page "wires": s.network.page.enabled, &[] => {
         // It is no place that weights are sent to.
         let sends = listed(enabled(s).filter(|row| row.section != "page"), s);
-        output::web::page::open(&s.network.page, &s.network.name, &sends, units)?
+        output::web::page::open(&s.network.page, &s.network.name, &sends, units, &s.gestures)?
     };
     "MQTT" mqtt "wires": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
-        output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
+        output::mqtt::open(&s.network.mqtt, &s.network.name, units, &s.gesture_names())?;
     "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
         output::keys::Keys::new(&s.keys.device)?;
     // Sends no weights: it announces the others.

@@ -92,7 +92,7 @@ fn fill(shot: &mut Shot, report: &Report, state: TrackingState, weights: &WireWe
     shot.frame = report.frame;
     shot.at_us = report.at.as_us();
     shot.count = shot.count.wrapping_add(1);
-    shot.latency_us = report.latency_us;
+    (shot.latency_us, shot.gestures) = (report.latency_us, report.gestures);
     shot.state = state;
     (shot.pose, shot.confidence) = (None, 0.0);
     shot.weights.clear();

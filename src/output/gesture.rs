@@ -6,7 +6,7 @@
 //! configuration changes or the run ends.
 //!
 //! Somebody speaks while their mouth opens and closes again and again: at least [`REVERSALS`] turns of at least [`REVERSAL`]
-//! within [`SPEECH_S`].
+//! within [`SPEECH_S`], the last of them less than [`QUIET_S`] ago.
 //!
 //! Weights 0…1, seconds of capture time, degrees. Memory: fixed, about 2 kB.
 
@@ -23,7 +23,8 @@ pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
 /// Turns of the mouth that make speech, how far each goes, and within how long.
 const REVERSALS: usize = 4;
 const REVERSAL: f32 = 0.08;
-const SPEECH_S: f64 = 1.5;
+const SPEECH_S: f64 = 1.2;
+const QUIET_S: f64 = 0.4;
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
 const REPEAT_S: f64 = 2.0;
 
@@ -79,15 +80,15 @@ pub struct Gesture {
 /// Gestures that need no more than their name: name, sum, on, off, hold time.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R", 1.1, 0.7, 0.2),
-    ("brows", "AU1L + AU1R + AU2L + AU2R", 2.0, 1.2, 0.15),
-    ("mouth_open", "AU26", 0.6, 0.4, 0.2),
+    ("smile", "AU12L + AU12R", 0.7, 0.4, 0.2),
+    ("brows", "AU1L + AU1R + AU2L + AU2R", 1.6, 1.0, 0.15),
+    ("mouth_open", "AU26", 0.45, 0.3, 0.2),
     ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
     ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
-    ("blink_long", "AU43L + AU43R", 1.4, 1.0, 0.5),
-    ("look_left", "AU61", 0.7, 0.4, 0.3),
-    ("look_right", "AU62", 0.7, 0.4, 0.3),
-    ("look_up", "AU63", 0.7, 0.4, 0.3),
+    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
+    ("look_left", "AU61", 0.35, 0.2, 0.4),
+    ("look_right", "AU62", 0.35, 0.2, 0.4),
+    ("look_up", "AU63", 0.35, 0.2, 0.4),
     ("kiss", "AU18", 0.7, 0.4, 0.2),
 ];
 
@@ -197,8 +198,9 @@ impl Speech {
         if back > REVERSAL || back < 0.0 {
             self.extreme = opening;
         }
-        let first = self.turns[REVERSALS - 1];
-        first.is_some_and(|first| at.seconds_since(first) < SPEECH_S)
+        let within =
+            |turn: usize, s| self.turns[turn].is_some_and(|turn| at.seconds_since(turn) < s);
+        within(REVERSALS - 1, SPEECH_S) && within(0, QUIET_S)
     }
 }
 
@@ -410,6 +412,8 @@ mod tests {
     fn smile(person: Person) -> Gesture {
         Gesture {
             person,
+            on: 1.1,
+            off: 0.7,
             ..Gesture::named("smile")
         }
     }
@@ -555,7 +559,7 @@ mod tests {
         };
         assert_eq!((first.as_str(), second.as_str()), ("speaking", "smile"));
         assert!(
-            (3.2..3.4).contains(soon) && (7.0..7.9).contains(late),
+            (3.2..3.4).contains(soon) && (6.4..7.0).contains(late),
             "{soon} {late}"
         );
     }

@@ -25,6 +25,8 @@ pub(super) struct Shot {
     pub(super) confidence: f32,
     pub(super) frozen: bool,
     pub(super) latency_us: u32,
+    /// Gestures that are on, a bit each.
+    pub(super) gestures: u32,
     /// Position in metres, rotation as x, y, z, w.
     pub(super) pose: Option<[f32; 7]>,
     pub(super) weights: heapless::Vec<f32, UNITS>,

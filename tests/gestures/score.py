@@ -5,7 +5,7 @@ score.py CONFIG world SESSIONS TABLES           SESSIONS: personN-1200 of the se
 score.py CONFIG faces SESSIONS TABLES           SESSIONS: pNN-K of tests/real/sessions.py, TABLES: pNN-K.csv
 
 CONFIG is what `mien print-config` prints with the gestures that were played.
-caught   acts at full, long enough for the hold time, during which the gesture goes on
+caught   acts at full, long enough for the hold time and by somebody who is not new to the box, during which the gesture goes on
 delay    from the frame whose acted sum reaches the upper level to the gesture's going on, without its hold time
 false    goings on of any gesture while nothing is acted but speech, blinks, glances, turns or rest
 """
@@ -39,14 +39,16 @@ def read(path):
 
 
 def switches(path, names):
-    """Per frame, by name, whether the gesture is on (0 or 1); missing frames are off."""
+    """Per frame, by name, whether the gesture is on (0 or 1), missing frames are off; and the frames of those who are new to the box."""
     on = {n: {} for n in names}
-    frames = 0
+    frames, new = 0, set()
     for row in read(path):
+        if row["state"] == "warming":
+            new.add(int(row["frame"]))
         frames = max(frames, int(row["frame"]) + 1)
         for n in names:
             on[n][int(row["frame"])] = on[n].get(int(row["frame"]), 0) | int(row["g_" + n])
-    return {n: [on[n].get(f, 0) for f in range(frames)] for n in names}
+    return {n: [on[n].get(f, 0) for f in range(frames)] for n in names}, new
 
 
 def rises(on):
@@ -77,15 +79,16 @@ class Tally:
         self.calm_s, self.false = {}, {}
         self.crossed = {}
 
-    def person(self, person, on, heights, calm):
-        """`heights` by gesture and frame, 0…1; `calm` by frame: the name of what is done while nothing is acted, or empty."""
+    def person(self, person, switched, heights, calm):
+        """`switched` as [`switches`] gives it; `heights` by gesture and frame, 0…1; `calm` by frame: the name of what is done while nothing is acted, or empty."""
+        on, new = switched
         for n, g in self.gestures.items():
             terms = g["of"].count("AU") - g["of"].count("- AU")
             level = [h * terms >= g["on"] for h in heights[n]]
             for a, b in spans(h > 0.25 for h in heights[n]):
                 full = [f for f in range(a, b) if heights[n][f] >= FULL]
                 reached = [f for f in range(a, b) if level[f]]
-                if not full or not reached or len(full) < (g["hold_s"] + SPARE_S) * FPS:
+                if not full or not reached or len(full) < (g["hold_s"] + SPARE_S) * FPS or new & set(range(a, b)):
                     continue
                 self.acts[n] += 1
                 until = b + int(AFTER_S * FPS)
@@ -172,7 +175,7 @@ def faces(gestures, sessions, tables):
     shown = {n: [0, 0, {}] for n in STILLS}
     neutral = {"of these": [0, 0, {}], "of all": [0, 0, {}]}
     for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv")):
-        on = switches(f"{tables}/{name}.csv", gestures)
+        on, _ = switches(f"{tables}/{name}.csv", gestures)
         for row in read(f"{sessions}/{name}/truth.csv"):
             expression, during = int(row["expression"]), range(int(row["from"]), int(row["to"]))
             fires = [n for n in gestures if any(on[n][f] for f in during if f < len(on[n]))]

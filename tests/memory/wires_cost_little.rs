@@ -229,9 +229,9 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         Box::new(ArtNet::new(&artnet, &lights, &UNITS).unwrap()),
         Box::new(Sacn::new(&sacn, &lights, "", &UNITS).unwrap()),
         Box::new(LiveLink::new(live_link, "", &UNITS).unwrap()),
-        Box::new(web::websocket::open(&websocket, &UNITS).unwrap()),
-        Box::new(web::page::open(&phone, "", "", &UNITS).unwrap()),
-        Box::new(mqtt::open(&broker, "", &UNITS).unwrap()),
+        Box::new(web::websocket::open(&websocket, &UNITS, &["smile"]).unwrap()),
+        Box::new(web::page::open(&phone, "", "", &UNITS, &[]).unwrap()),
+        Box::new(mqtt::open(&broker, "", &UNITS, &["smile"]).unwrap()),
         Box::new(Discovery::new("memory-test", Vec::new()).unwrap()),
     ];
     let live = format!("GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", phone.listen);

@@ -124,7 +124,7 @@ impl Settings {
                 _ => None,
             };
             let Some(tables) = tables else {
-                let expected = known.header();
+                let expected = format!("a section {}", known.header());
                 return Err(wrong(start, expected, describe(value.get_ref())));
             };
             for table in tables {
@@ -375,6 +375,69 @@ mod tests {
     fn an_unknown_section_and_a_bare_value_are_refused() {
         assert!(refused("[user]\n").contains("a.toml:1:2: expected one of the sections sensor,"));
         assert!(refused("users = 3\n").contains("expected a section [users], found 3"));
+    }
+
+    #[test]
+    fn gestures_are_presets_with_what_is_said_of_them() {
+        let text = "[[gesture]]\nname = \"smile\"\nkey = \"space\"\nperson = \"any\"\n\
+            [[gesture]]\nname = \"frown\"\nof = \"AU4L + AU4R - AU1L\"\non = 1\noff = 0.5\npress = \"hold\"\n";
+        let settings = Settings::parse(text, Path::new("a.toml")).unwrap();
+        let [smile, frown] = &settings.gestures[..] else {
+            panic!("{:?}", settings.gestures)
+        };
+        let preset = Gesture::named("smile");
+        assert_eq!((smile.on, &*smile.key), (preset.on, "space"));
+        assert_eq!(smile.person, crate::output::gesture::Person::Any);
+        assert_eq!((frown.on, frown.off), (1.0, 0.5));
+        assert_eq!(
+            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Ok(settings)
+        );
+        for (text, part) in [
+            (
+                "[gesture]\nname = \"smile\"\n",
+                "expected a section [[gesture]]",
+            ),
+            (
+                "[[gesture]]\nof = \"AU26\"\n",
+                "expected a gesture with a name of its own",
+            ),
+            (
+                "[[gesture]]\nname = \"grin\"\n",
+                "expected gesture.of, or one of the names smile, brows,",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\noff = 1.5\n",
+                "expected off of the gesture smile below its on, which is 0.7, found 1.5",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\nof = \"AU12L +\"\n",
+                "gesture.of to be units added and subtracted",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\nof = \"AU12L AU12R\"\n",
+                "found \"AU12L AU12R\"",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\nkey = \"any key\"\n",
+                "gesture.key to be a key such as",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\nonn = 1\n",
+                "one of the keys name, of, on, off,",
+            ),
+            (
+                "[[gesture]]\nname = \"smile\"\n[[gesture]]\nname = \"smile\"\n",
+                "a name of its own",
+            ),
+        ] {
+            let told = refused(text);
+            assert!(told.contains(part), "{told}");
+        }
+        let many: String = (0..17)
+            .map(|i| format!("[[gesture]]\nname = \"g{i}\"\nof = \"AU26\"\n"))
+            .collect();
+        assert!(refused(&many).contains("expected at most 16 gestures"));
     }
 
     #[test]

@@ -44,6 +44,7 @@ pub(super) struct Talk {
     presence: String,
     /// Output names of the units.
     units: Box<[String]>,
+    gestures: Box<[String]>,
     /// Topics and payloads for Home Assistant.
     entities: Box<[(String, String)]>,
     /// Topic of the commands, if any are accepted.
@@ -58,12 +59,12 @@ impl Talk {
         name: &str,
         trust: Trust,
         password: Option<String>,
-        units: &[&str],
+        [units, gestures]: [&[&str]; 2],
     ) -> Self {
         let base = format!("{}/{name}", settings.prefix);
         let entities = settings
             .home_assistant
-            .then(|| home_assistant::entities(&base, name, settings.commands));
+            .then(|| home_assistant::entities(&base, name, settings.commands, gestures));
         let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
         Self {
             broker: settings.broker.clone(),
@@ -73,6 +74,7 @@ impl Talk {
             password,
             presence: format!("{base}/presence"),
             units: names.collect(),
+            gestures: gestures.iter().map(|&name| name.to_owned()).collect(),
             entities: entities.unwrap_or_default(),
             commands: settings.commands.then(|| format!("{base}/cmd/+")),
             base,
@@ -108,7 +110,7 @@ enum End {
 
 /// Runs until told to stop.
 pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
-    let mut watch = Watch::new(&talk.units);
+    let mut watch = Watch::new(&talk.units, &talk.gestures);
     let mut buffers = Buffers {
         out: Vec::with_capacity(WAITING[1]),
         heard: Box::new([0; LONGEST]),
@@ -424,7 +426,7 @@ impl<'a> Connection<'a> {
             },
         };
         if let Some(change) = change {
-            change.write(&self.talk.base, draft);
+            watch.write(change, &self.talk.base, draft);
         }
         self.introduced = (self.introduced + 1).min(entities.len() + 2);
         let number = self.next_number();
@@ -459,7 +461,7 @@ impl<'a> Connection<'a> {
         while let Some(change) = watch.queue.pop_front()
             && buffers.out.len() <= WAITING[0]
         {
-            change.write(&self.talk.base, &mut buffers.draft);
+            watch.write(change, &self.talk.base, &mut buffers.draft);
             let number = self.next_number();
             buffers.publish(true, Some(number));
         }

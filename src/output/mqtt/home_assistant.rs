@@ -1,7 +1,12 @@
 //! What Home Assistant is told of the box (MQTT discovery): its entities, and where their values are.
 
 /// Topics and payloads. `base` is prefix and name.
-pub(super) fn entities(base: &str, name: &str, commands: bool) -> Box<[(String, String)]> {
+pub(super) fn entities(
+    base: &str,
+    name: &str,
+    commands: bool,
+    gestures: &[&str],
+) -> Box<[(String, String)]> {
     let entity = |kind: &str, id: &str, what: String| {
         let version = env!("CARGO_PKG_VERSION");
         (
@@ -50,5 +55,15 @@ pub(super) fn entities(base: &str, name: &str, commands: bool) -> Box<[(String, 
     ];
     let buttons = buttons.iter().filter(|_| commands);
     let buttons = buttons.map(|(id, shown)| button(id, shown));
-    shown.into_iter().chain(buttons).collect()
+    // A sensor to show, and a trigger for automations.
+    let gestures = gestures.iter().flat_map(|gesture| {
+        let (id, shown) = (format!("gesture_{gesture}"), gesture.replace('_', " "));
+        let lamp = format!("\"name\":\"{shown}\",\"state_topic\":\"{base}/gesture/{gesture}\"");
+        let trigger = format!(
+            "\"automation_type\":\"trigger\",\"type\":\"gesture\",\"subtype\":\"{shown}\",\"topic\":\"{base}/gesture/{gesture}\",\"payload\":\"ON\""
+        );
+        let lamp = entity("binary_sensor", &id, lamp);
+        [lamp, entity("device_automation", &id, trigger)]
+    });
+    shown.into_iter().chain(buttons).chain(gestures).collect()
 }

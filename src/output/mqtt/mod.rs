@@ -6,6 +6,7 @@
 //! | `presence` | `online`, `offline` (by the broker too, as the last will) | on connecting and leaving; retained |
 //! | `faces` | number of people | on change; retained |
 //! | `<slot>/state` | `{"state":"tracking","present":true,"changes":7,"time_us":400000}` | on change; retained |
+//! | `gesture/<name>` | `ON`, `OFF`: whether anybody makes it | on change; retained |
 //! | `health` | `{"sensor":true,"rate_hz":30.0,"latency_ms":9.1,"faces":1,"frames":900,"uptime_s":30.1,"dropped":0}` | every `health_s`; retained |
 //! | `<slot>/weights` | `{"time_us":400000,"AU26":0.2500,…}` | at `rate_hz` while somebody is there |
 //! | `cmd/forget`, `cmd/neutral` | slot | received, if commands are enabled |
@@ -27,14 +28,26 @@ use super::board::Front;
 use super::features::{MqttSettings, password};
 use super::{OutputError, identity};
 
-/// Starts connecting to the broker. `units` are the names in the order of the weights, `name` is the box's.
+/// Starts connecting to the broker. `units` are the names in the order of the weights, `gestures` those of the gestures, `name`
+/// is the box's.
 ///
 /// # Errors
 /// If the password or the certificates cannot be read or no thread can be started; not if the broker is unreachable.
-pub fn open(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Front, OutputError> {
+pub fn open(
+    settings: &MqttSettings,
+    name: &str,
+    units: &[&str],
+    gestures: &[&str],
+) -> Result<Front, OutputError> {
     let trust = stream::trust(settings)?;
     let password = password(&settings.password_file)?;
-    let talk = client::Talk::new(settings, &identity::name(name), trust, password, units);
+    let talk = client::Talk::new(
+        settings,
+        &identity::name(name),
+        trust,
+        password,
+        [units, gestures],
+    );
     let work = move |shared, bell| client::run(talk, &shared, bell);
     Front::start("mqtt", units, &settings.view, settings.loss, work)
 }
@@ -47,5 +60,94 @@ pub fn fuzz(mut bytes: &[u8]) {
             assert!(topic.len() + payload.len() < used);
         }
         bytes = &bytes[used..];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::TcpListener;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::output::{Output, Report, TrackingState};
+
+    /// Accepts one client and acknowledges what it publishes until it leaves: topics and payloads.
+    fn broker(listener: &TcpListener) -> Vec<(String, String)> {
+        let (mut client, _) = listener.accept().unwrap();
+        let (mut bytes, mut all) = (Vec::new(), Vec::new());
+        let mut room = [0; 4096];
+        let mut is_connected = false;
+        loop {
+            let length = client.read(&mut room).unwrap_or(0);
+            if length == 0 {
+                return all;
+            }
+            bytes.extend_from_slice(&room[..length]);
+            if !is_connected {
+                // Its greeting, which is shorter than 128 bytes, is all it says before it is answered.
+                bytes.clear();
+                client.write_all(b"\x20\x02\0\0").unwrap();
+                is_connected = true;
+            }
+            let mut out = Vec::new();
+            while let Ok(Some((told, used))) = packet::read(&bytes) {
+                if let packet::Told::Message {
+                    topic,
+                    payload,
+                    number,
+                    ..
+                } = told
+                {
+                    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+                    all.push((text(topic), text(payload)));
+                    number.map(|number| packet::acknowledge(number, &mut out));
+                }
+                bytes.drain(..used);
+            }
+            // The client may have gone.
+            let _ = client.write_all(&out);
+        }
+    }
+
+    #[test]
+    fn a_gesture_is_told_and_off_when_the_run_ends() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let settings = MqttSettings {
+            broker: listener.local_addr().unwrap().to_string(),
+            home_assistant: true,
+            ..MqttSettings::default()
+        };
+        let told = std::thread::spawn(move || broker(&listener));
+        let mut mqtt = open(&settings, "hall", &["AU26"], &["smile", "kiss"]).unwrap();
+        for frame in 0..200 {
+            let report = Report {
+                frame,
+                user: Some(0),
+                state: TrackingState::Tracking,
+                weights: &[0.5],
+                gestures: u32::from(frame >= 100),
+                ..Report::default()
+            };
+            mqtt.send(&report).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        drop(mqtt);
+        let told = told.join().unwrap();
+        let of = |topic: &str| -> Vec<&str> {
+            let of = told.iter().filter(|(told, _)| told == topic);
+            of.map(|(_, payload)| payload.as_str()).collect()
+        };
+        assert_eq!(of("mien/hall/gesture/smile"), ["OFF", "ON", "OFF"]);
+        assert_eq!(of("mien/hall/gesture/kiss"), ["OFF"]);
+        for kind in ["binary_sensor", "device_automation"] {
+            let entity = of(&format!(
+                "homeassistant/{kind}/mien_hall/gesture_smile/config"
+            ));
+            assert!(
+                entity.len() == 1 && entity[0].contains("mien/hall/gesture/smile"),
+                "{entity:?}"
+            );
+        }
     }
 }

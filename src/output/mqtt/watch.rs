@@ -19,6 +19,8 @@ const NO_FRAMES: Duration = Duration::from_secs(2);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     Faces(usize),
+    /// Of a gesture, whether it is on.
+    Gesture(usize, bool),
     State {
         slot: usize,
         state: TrackingState,
@@ -48,35 +50,14 @@ impl Draft {
     }
 }
 
-impl Change {
-    pub(super) fn write(self, base: &str, draft: &mut Draft) {
-        match self {
-            Self::Faces(faces) => {
-                draft.about(base, format_args!("faces"));
-                draft.say(format_args!("{faces}"));
-            }
-            Self::State {
-                slot,
-                state,
-                changes,
-                at_us,
-            } => {
-                draft.about(base, format_args!("{slot}/state"));
-                draft.say(format_args!(
-                    "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
-                    state.name(),
-                    state.is_present()
-                ));
-            }
-        }
-    }
-}
-
 /// State of the users since the start.
 pub(super) struct Watch {
     board: Board,
     /// Names of the units as keys, with a colon.
     units: Box<[String]>,
+    gestures: Box<[String]>,
+    /// Gestures that are on, a bit each.
+    on: u32,
     states: [TrackingState; USERS],
     changes: [u32; USERS],
     faces: usize,
@@ -89,7 +70,7 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    pub(super) fn new(units: &[String]) -> Self {
+    pub(super) fn new(units: &[String], gestures: &[String]) -> Self {
         let now = Instant::now();
         Self {
             board: Board::default(),
@@ -97,6 +78,8 @@ impl Watch {
                 .iter()
                 .map(|unit| format!("{}:", Quoted(unit)))
                 .collect(),
+            gestures: gestures.into(),
+            on: 0,
             states: Default::default(),
             changes: [0; USERS],
             faces: 0,
@@ -104,6 +87,33 @@ impl Watch {
             frame: (0, now),
             told: (0, now),
             start: now,
+        }
+    }
+
+    /// Writes a change.
+    pub(super) fn write(&self, change: Change, base: &str, draft: &mut Draft) {
+        match change {
+            Change::Faces(faces) => {
+                draft.about(base, format_args!("faces"));
+                draft.say(format_args!("{faces}"));
+            }
+            Change::Gesture(gesture, is_on) => {
+                draft.about(base, format_args!("gesture/{}", self.gestures[gesture]));
+                draft.say(format_args!("{}", if is_on { "ON" } else { "OFF" }));
+            }
+            Change::State {
+                slot,
+                state,
+                changes,
+                at_us,
+            } => {
+                draft.about(base, format_args!("{slot}/state"));
+                draft.say(format_args!(
+                    "{{\"state\":\"{}\",\"present\":{},\"changes\":{changes},\"time_us\":{at_us}}}",
+                    state.name(),
+                    state.is_present()
+                ));
+            }
         }
     }
 
@@ -134,6 +144,12 @@ impl Watch {
                 self.push(self.state(slot), shared);
             }
         }
+        for gesture in 0..self.gestures.len() {
+            self.push(
+                Change::Gesture(gesture, self.on >> gesture & 1 == 1),
+                shared,
+            );
+        }
         Change::Faces(self.faces)
     }
 
@@ -153,6 +169,15 @@ impl Watch {
                 self.changes[slot] += 1;
                 self.push(self.state(slot), shared);
             }
+        }
+        let on = self
+            .board
+            .users
+            .iter()
+            .fold(0, |on, shot| on | shot.gestures);
+        let changed = std::mem::replace(&mut self.on, on) ^ on;
+        for gesture in (0..self.gestures.len()).filter(|gesture| changed >> gesture & 1 == 1) {
+            self.push(Change::Gesture(gesture, on >> gesture & 1 == 1), shared);
         }
         let present = self.states.iter().filter(|state| state.is_present());
         let faces = present.count();

@@ -6,6 +6,7 @@
 //! | `GET /box.json` | name, slots, units by region with plain names, where weights go |
 //! | `GET /events` | an event stream: who is there and their weights, at most every [`PERIOD`], at least every [`BEAT`] |
 //! | `POST /neutral/0`, `/freeze/0/1`, `/forget/0` | a command for the user in a slot, with the header `X-Mien: 1` |
+//! | `POST /level/0/85` | the level at which the first gesture goes on, in hundredths, until the configuration is read again |
 //!
 //! Who may: addresses of local networks; whoever knows the password, where one is set (HTTP Basic, any user name), and then
 //! nobody else. A request must name the box by an address, as `localhost` or by its name, and come from no other site's page,
@@ -26,6 +27,7 @@ use crate::base::json::Quoted;
 use crate::expression::unit_words;
 use crate::output::board::{Front, Weight};
 use crate::output::features::{PageSettings, password};
+use crate::output::gesture::Gesture;
 use crate::output::worker::Board;
 use crate::output::{Command, LossPolicy, OutputError, identity};
 
@@ -153,6 +155,12 @@ impl Page {
 /// The command that a POST to `path` gives.
 fn order(path: &str) -> Option<Command> {
     let mut steps = path.split('/').skip(1);
+    if let Some((gesture, level)) = path
+        .strip_prefix("/level/")
+        .and_then(|it| it.split_once('/'))
+    {
+        return Some(Command::Level(gesture.parse().ok()?, level.parse().ok()?));
+    }
     Command::of_words(steps.next()?, steps)
 }
 
@@ -224,11 +232,12 @@ impl Page {
             let comma = if i > 0 { "," } else { "" };
             write!(
                 message,
-                "{comma}{{\"slot\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"weights\":[",
+                "{comma}{{\"slot\":{slot},\"state\":\"{}\",\"confidence\":{},\"frozen\":{},\"latency_us\":{},\"gestures\":{},\"weights\":[",
                 shot.state.name(),
                 Weight(shot.confidence),
                 shot.frozen,
-                shot.latency_us
+                shot.latency_us,
+                shot.gestures
             )?;
             for (i, weight) in shot.weights.iter().enumerate() {
                 let comma = if i > 0 { "," } else { "" };
@@ -241,7 +250,7 @@ impl Page {
 }
 
 /// What never changes, as JSON. `sends` is where weights go.
-fn about(name: &str, units: &[&str], sends: &str) -> String {
+fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> String {
     let region = |unit: &str| {
         unit_words::of(unit).map_or(unit_words::OTHER, |(words, _)| unit_words::region(words))
     };
@@ -264,8 +273,21 @@ fn about(name: &str, units: &[&str], sends: &str) -> String {
             regions.push(format!("[{},[{}]]", Quoted(title), rows.join(",")));
         }
     }
-    let (name, sends, regions) = (Quoted(name), Quoted(sends), regions.join(","));
-    format!("{{\"name\":{name},\"slots\":{USERS},\"sends\":{sends},\"regions\":[{regions}]}}")
+    let gesture = |gesture: &Gesture| {
+        let index = |unit: &str| units.iter().position(|name| *name == unit);
+        let terms = Gesture::terms(&gesture.of);
+        let terms = terms.filter_map(|(sign, unit)| Some(format!("[{},{sign}]", index(unit)?)));
+        let terms: Vec<String> = terms.collect();
+        let Gesture { name, on, off, .. } = gesture;
+        let (name, terms) = (Quoted(name), terms.join(","));
+        format!("{{\"name\":{name},\"terms\":[{terms}],\"on\":{on},\"off\":{off}}}")
+    };
+    let gestures: Vec<String> = gestures.iter().map(gesture).collect();
+    let (name, sends) = (Quoted(name), Quoted(sends));
+    let (regions, gestures) = (regions.join(","), gestures.join(","));
+    format!(
+        "{{\"name\":{name},\"slots\":{USERS},\"sends\":{sends},\"gestures\":[{gestures}],\"regions\":[{regions}]}}"
+    )
 }
 
 /// Starts serving the page. `units` are the names in the order of the weights, `name` is the box's, `sends` where weights go.
@@ -277,6 +299,7 @@ pub fn open(
     name: &str,
     sends: &str,
     units: &[&str],
+    gestures: &[Gesture],
 ) -> Result<Front, OutputError> {
     let address = address(&settings.listen)?;
     let password = password(&settings.password_file)?;
@@ -289,7 +312,7 @@ pub fn open(
     }
     let name = identity::name(name);
     let page = Page {
-        about: about(&name, units, sends),
+        about: about(&name, units, sends, gestures),
         name,
         password,
         last: Instant::now(),
@@ -313,6 +336,7 @@ mod tests {
                 "stage-left",
                 &["AU26", "AU12L", "AU1R"],
                 "OSC to 10.0.0.2:9130",
+                &[Gesture::named("smile")],
             ),
             last: Instant::now(),
             newest: (0, 0, None),
@@ -445,12 +469,15 @@ mod tests {
             ("/forget/3", Command::Forget(3)),
             ("/freeze/1/1", Command::Freeze(1, true)),
             ("/freeze/1/0", Command::Freeze(1, false)),
+            ("/level/2/85", Command::Level(2, 85)),
         ] {
             assert_eq!(order(path), Some(expected), "{path}");
         }
         for path in [
             "/freeze/1",
             "/freeze/1/2",
+            "/level/2",
+            "/level/2/-5",
             "/neutral/4",
             "/neutral/-1",
             "/neutral/0/0",
@@ -464,10 +491,10 @@ mod tests {
     fn units_have_plain_names_by_region() {
         assert_eq!(
             page(None).about,
-            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
+            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"gestures\":[{\"name\":\"smile\",\"terms\":[[1,1]],\"on\":0.7,\"off\":0.4}],\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
         );
         for unit in crate::expression::Units::shipped().columns(false) {
-            assert!(!about("", &[&unit], "").contains("Other"), "{unit}");
+            assert!(!about("", &[&unit], "", &[]).contains("Other"), "{unit}");
         }
     }
 
@@ -500,7 +527,7 @@ mod tests {
                 .map_or_else(String::new, |file| file.to_string_lossy().into_owned()),
             ..PageSettings::default()
         };
-        let mut page = open(&settings, "stage-left", "", &["AU26"]).unwrap();
+        let mut page = open(&settings, "stage-left", "", &["AU26"], &[]).unwrap();
         let report = Report {
             frame: 7,
             user: Some(0),
@@ -575,7 +602,7 @@ mod tests {
             ..PageSettings::default()
         };
         let problem = || {
-            open(&settings, "", "", &[])
+            open(&settings, "", "", &[], &[])
                 .err()
                 .map(|problem| problem.to_string())
         };

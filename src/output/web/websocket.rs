@@ -2,10 +2,10 @@
 //!
 //! ```json
 //! {"frame":12,"time_us":400000,"user":0,"state":"tracking","confidence":0.9310,"frozen":false,"latency_us":9100,
-//!  "pose":[0.01,0.02,0.8,0.0,0.0,0.0,1.0],"weights":{"AU26":0.2500,"AU25":0.1200}}
+//!  "pose":[0.01,0.02,0.8,0.0,0.0,0.0,1.0],"weights":{"AU26":0.2500,"AU25":0.1200},"gestures":{"smile":true}}
 //! ```
 //! `pose` is the place in metres and the rotation (x, y, z, w) in the sensor's frame, or null; weights are 0…1 with four
-//! decimals. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. Whatever pages send is ignored.
+//! decimals; gestures are there if any are configured. A frame with nobody is `{"frame":12,"time_us":400000,"user":null}`. Whatever pages send is ignored.
 
 use std::fmt::Write as _;
 use std::net::IpAddr;
@@ -24,6 +24,7 @@ const MESSAGE: usize = 4096;
 struct Pages {
     /// Names as JSON keys, with a colon.
     units: Box<[String]>,
+    gestures: Box<[String]>,
 }
 
 impl Service for Pages {
@@ -84,19 +85,31 @@ impl Pages {
             let comma = if i > 0 { "," } else { "" };
             write!(message, "{comma}{name}{}", Weight(*weight))?;
         }
+        for (i, name) in self.gestures.iter().enumerate() {
+            let comma = if i > 0 { "," } else { "},\"gestures\":{" };
+            write!(message, "{comma}{name}{}", shot.gestures >> i & 1 == 1)?;
+        }
         message.write_str("}}")
     }
 }
 
-/// Starts serving weights to pages. `units` are the names in the order of the weights.
+/// Starts serving weights to pages. `units` are the names in the order of the weights, `gestures` those of the gestures.
 ///
 /// # Errors
 /// If the address is unusable or no thread can be started; not if it is in use.
-pub fn open(settings: &WebSocketSettings, units: &[&str]) -> Result<Front, OutputError> {
+pub fn open(
+    settings: &WebSocketSettings,
+    units: &[&str],
+    gestures: &[&str],
+) -> Result<Front, OutputError> {
     let address = address(&settings.listen)?;
-    let names = units.iter().map(|unit| settings.view.name(unit));
+    let key = |name: &str| format!("{}:", Quoted(name));
     let pages = Pages {
-        units: names.map(|name| format!("{}:", Quoted(name))).collect(),
+        units: units
+            .iter()
+            .map(|unit| key(settings.view.name(unit)))
+            .collect(),
+        gestures: gestures.iter().map(|name| key(name)).collect(),
     };
     let work = move |shared, bell| serve(pages, address, shared, bell);
     Front::start("websocket", units, &settings.view, settings.loss, work)
