@@ -21,6 +21,7 @@ mod client;
 mod home_assistant;
 mod packet;
 mod stream;
+mod talk;
 mod watch;
 
 use super::board::Front;
@@ -34,7 +35,7 @@ use super::{OutputError, identity};
 pub fn open(settings: &MqttSettings, name: &str, units: &[&str]) -> Result<Front, OutputError> {
     let trust = stream::trust(settings)?;
     let password = password(&settings.password_file)?;
-    let talk = client::Talk::new(settings, &identity::name(name), trust, password, units);
+    let talk = talk::Talk::new(settings, &identity::name(name), trust, password, units);
     let work = move |shared, bell| client::run(talk, &shared, bell);
     Front::start("mqtt", units, &settings.view, settings.loss, work)
 }
