@@ -20,7 +20,7 @@ use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::output::csv::Csv;
 use crate::output::gesture::Gestures;
-use crate::output::{Output, OutputError, Report, Tally};
+use crate::output::{Command, Output, OutputError, Report, Tally};
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::users::saved::People;
@@ -308,7 +308,7 @@ impl<'r> Session<'r> {
 
     /// What is due with or without a frame: commands, status, the service manager.
     fn keep_up(&mut self, state: std::fmt::Arguments<'_>) {
-        obey(&mut self.wires, &mut self.pipeline);
+        obey(&mut self.wires, &mut self.pipeline, &mut self.gestures);
         self.status.write(tallies(self.csv.as_ref(), &self.wires));
         let now = Instant::now();
         self.manager.alive(now);
@@ -333,11 +333,11 @@ impl<'r> Session<'r> {
 }
 
 #[cfg_attr(
-    not(feature = "gestures"),
+    not(feature = "wires"),
     expect(unused_variables, reason = "there are none")
 )]
 fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
@@ -377,10 +377,13 @@ fn tallies<'a>(
 }
 
 /// Executes the commands from receivers.
-fn obey(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline) {
+fn obey(wires: &mut [Box<dyn Output>], pipeline: &mut Pipeline, gestures: &mut Gestures) {
     for wire in wires {
         while let Some(command) = wire.next_command() {
             pipeline.obey(command);
+            if let Command::Level(gesture, hundredths) = command {
+                gestures.set_level(gesture, f32::from(hundredths) / 100.0);
+            }
             tracing::info!("command from a receiver: {command:?}");
         }
     }

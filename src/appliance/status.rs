@@ -478,7 +478,6 @@ mod tests {
         assert!(!path.exists());
     }
 
-    #[cfg(feature = "gestures")]
     #[test]
     fn gestures_that_are_on_are_named() {
         let mut status = Status::new("", "", &[], &["smile", "kiss", "brows"]);

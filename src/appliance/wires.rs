@@ -3,6 +3,7 @@
 use std::slice::from_ref;
 
 use crate::appliance::settings::Settings;
+use crate::output::gesture::ENABLED;
 use crate::output::{self, Output, OutputError, osc};
 
 type Opened = Result<Box<dyn Output>, OutputError>;
@@ -67,7 +68,7 @@ outputs! { s units
     };
     "MQTT" mqtt "wires": s.network.mqtt.enabled, from_ref(&s.network.mqtt.broker) =>
         output::mqtt::open(&s.network.mqtt, &s.network.name, units)?;
-    "keys" keys "gestures": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
+    "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
         output::keys::Keys::new(&s.keys.device)?;
     // Sends no weights: it announces the others.
     "mDNS" discovery "wires": s.network.discovery.enabled, &[] =>
@@ -84,6 +85,9 @@ pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row>
 /// # Errors
 /// If it is without one.
 pub fn check(settings: &Settings) -> Result<(), OutputError> {
+    if !ENABLED && !settings.gestures.is_empty() {
+        return Err(OutputError::NotBuilt { section: "gesture" });
+    }
     match enabled(settings).find(|row| row.open.is_none()) {
         Some(row) => Err(OutputError::NotBuilt {
             section: row.section,

@@ -4,7 +4,7 @@
 use crate::base::prelude::*;
 
 /// Why a file is no usable model.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// Not a model at all.
     #[error(
@@ -60,6 +60,6 @@ pub enum ModelError {
         /// What should be there.
         expected: &'static str,
         /// What is there.
-        found: u64,
+        found: f64,
     },
 }

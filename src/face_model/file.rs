@@ -8,16 +8,17 @@
 //! Little-endian throughout; floats are IEEE 32-bit. Sections may stand in any order, unknown ones are skipped. The
 //! checksum is also the model's id. A file is believed only if length and checksum are right, and even then every count
 //! is checked against the bytes that are there, so that parsing cannot panic or ask for more memory than the file is long.
-//! One file: what is written and what is read stand side by side, section by section.
+//! What is written and what is read stand side by side, section by section.
 
 use alloc::borrow::Cow;
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::checksum::crc32;
-use crate::base::geometry::{Point, Vector};
+use crate::base::geometry::Point;
 
 use super::error::ModelError;
 use super::model::{CascadeStage, ConfidenceModel, FaceModel, ShapeModel, StandardHead};
+use super::reader::Reader;
 use super::refinement::Refinement;
 use super::sizes::{
     FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
@@ -53,80 +54,6 @@ impl FaceModel {
     }
 }
 
-/// Reads little-endian values of one section.
-struct Reader<'a> {
-    section: &'static str,
-    bytes: &'a [u8],
-}
-
-impl<'a> Reader<'a> {
-    fn take(&mut self, count: usize) -> Result<&'a [u8], ModelError> {
-        if count > self.bytes.len() {
-            return Err(ModelError::Malformed {
-                section: self.section,
-                expected: "more bytes",
-                found: self.bytes.len() as u64,
-            });
-        }
-        let (head, tail) = self.bytes.split_at(count);
-        self.bytes = tail;
-        Ok(head)
-    }
-
-    fn u32(&mut self) -> Result<u32, ModelError> {
-        let bytes = self.take(4)?;
-        Ok(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
-    }
-
-    /// A count that may be at most `most`.
-    fn count(&mut self, most: usize, expected: &'static str) -> Result<usize, ModelError> {
-        let found = self.u32()?;
-        if found as usize > most {
-            return Err(ModelError::Malformed {
-                section: self.section,
-                expected,
-                found: found.into(),
-            });
-        }
-        Ok(found as usize)
-    }
-
-    fn floats(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
-        let bytes = self.take(count.saturating_mul(4))?;
-        let values: Vec<f32> = bytes
-            .chunks_exact(4)
-            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-            .collect();
-        match values.iter().position(|v| !v.is_finite()) {
-            None => Ok(values),
-            Some(at) => Err(ModelError::Malformed {
-                section: self.section,
-                expected: "finite numbers",
-                found: at as u64,
-            }),
-        }
-    }
-
-    fn points(&mut self, count: usize) -> Result<Vec<Vector>, ModelError> {
-        Ok(self
-            .floats(count.saturating_mul(3))?
-            .chunks_exact(3)
-            .map(|c| Vector::new(c[0], c[1], c[2]))
-            .collect())
-    }
-
-    fn end(&self) -> Result<(), ModelError> {
-        if self.bytes.is_empty() {
-            return Ok(());
-        }
-        Err(ModelError::Malformed {
-            section: self.section,
-            expected: "no bytes after its end",
-            found: self.bytes.len() as u64,
-        })
-    }
-}
-
 /// Parses a model file; see [`FaceModel::read`].
 ///
 /// # Errors
@@ -143,6 +70,10 @@ pub(super) fn parse_in_place(bytes: &'static [u8]) -> Result<FaceModel, ModelErr
 /// What makes bytes of a file stay, if they do.
 type Lasting<'a> = fn(&'a [u8]) -> Option<&'static [u8]>;
 
+fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
 /// The sections of a file that is whole and of a version that is understood, and its checksum.
 fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
     let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
@@ -151,31 +82,26 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
             found: bytes[..bytes.len().min(MAGIC.len())].to_vec(),
         });
     }
-    let too_short = ModelError::Length {
-        expected: (HEADER + CHECKSUM) as u64,
+    let length = |expected| ModelError::Length {
+        expected,
         found: bytes.len() as u64,
     };
     if bytes.len() < HEADER + CHECKSUM {
-        return Err(too_short);
+        return Err(length((HEADER + CHECKSUM) as u64));
     }
-    let u32_at =
-        |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
-    let version = u32_at(8);
+    let version = u32_at(bytes, MAGIC.len());
     if !(OLDEST..=VERSION).contains(&version) {
         return Err(ModelError::Version {
             expected: VERSION,
             found: version,
         });
     }
-    let stated = u64::from(u32_at(12)) | u64::from(u32_at(16)) << 32;
+    let stated = u64::from(u32_at(bytes, 12)) | u64::from(u32_at(bytes, 16)) << 32;
     if stated != bytes.len() as u64 {
-        return Err(ModelError::Length {
-            expected: stated,
-            found: bytes.len() as u64,
-        });
+        return Err(length(stated));
     }
     let body = bytes.len() - CHECKSUM;
-    let (expected, found) = (u32_at(body), crc32(&bytes[..body]));
+    let (expected, found) = (u32_at(bytes, body), crc32(&bytes[..body]));
     if expected != found {
         return Err(ModelError::Damaged { expected, found });
     }
@@ -184,99 +110,71 @@ fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
 
 fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, ModelError> {
     let (bytes, id) = checked(bytes)?;
-    let mut model = FaceModel {
-        id,
-        ..FaceModel::default()
-    };
-    let (mut cold, mut warm, mut confidence, mut refinement) = (None, None, None, None);
-    let mut sections = Reader {
+    let mut rest = Reader {
         section: "header",
         bytes,
     };
-    while !sections.bytes.is_empty() {
-        let tag = sections.take(4)?;
-        let length = sections.u32()? as usize;
-        let payload = sections.take(length)?;
-        let section = |section| Reader {
-            section,
-            bytes: payload,
-        };
-        match tag {
-            b"PROV" => model.provenance = String::from_utf8_lossy(payload).into_owned(),
-            b"PAAM" => {
-                model.paper_aam = match lasting(payload) {
-                    Some(payload) => Cow::Borrowed(payload),
-                    None => Cow::Owned(payload.to_vec()),
-                }
-            }
-            b"SHAP" => model.shape = parse_shape(section("SHAP"))?,
-            b"HEAD" => model.standard_head = parse_head(section("HEAD"))?,
-            b"COLD" => cold = Some(section("COLD")),
-            b"WARM" => warm = Some(section("WARM")),
-            b"CONF" => confidence = Some(section("CONF")),
-            b"REFI" => refinement = Some(payload),
-            _ => {}
-        }
+    let mut sections = Vec::new();
+    while !rest.bytes.is_empty() {
+        sections.push(next_section(&mut rest)?);
     }
-    if model.shape.mean.is_empty() {
-        return Err(ModelError::Missing { section: "SHAP" });
-    }
-    if model.standard_head.points.is_empty() {
-        return Err(ModelError::Missing { section: "HEAD" });
-    }
-    let parameters = model.parameters();
-    model.cold = parse_stages(
-        cold.ok_or(ModelError::Missing { section: "COLD" })?,
-        parameters,
-        lasting,
-    )?
-    .into();
-    model.warm = parse_stages(
-        warm.ok_or(ModelError::Missing { section: "WARM" })?,
-        parameters,
-        lasting,
-    )?
-    .into();
-    model.confidence =
-        parse_confidence(confidence.ok_or(ModelError::Missing { section: "CONF" })?)?.into();
-    let modes = model.shape.modes.len();
-    model.refinement = refinement
-        .map(|bytes| Refinement::parse(bytes, modes).map(Into::into))
-        .transpose()?;
-    Ok(model)
+    let optional = |section: &'static str| {
+        let mut sections = sections.iter().rev();
+        let (_, bytes) = *sections.find(|(tag, _)| *tag == section.as_bytes())?;
+        Some(Reader { section, bytes })
+    };
+    let needed = |section| optional(section).ok_or(ModelError::Missing { section });
+    let shape = parse_shape(needed("SHAP")?)?;
+    let modes = shape.modes.len();
+    let stages = |section| parse_stages(needed(section)?, VIEW_PARAMETERS + modes, lasting);
+    let refinement = optional("REFI").map(|section| Refinement::parse(section.bytes, modes));
+    let paper_aam = optional("PAAM").map(|section| match lasting(section.bytes) {
+        Some(bytes) => Cow::Borrowed(bytes),
+        None => Cow::Owned(section.bytes.to_vec()),
+    });
+    let provenance = optional("PROV").map_or(&[][..], |section| section.bytes);
+    Ok(FaceModel {
+        id,
+        provenance: String::from_utf8_lossy(provenance).into_owned(),
+        cold: stages("COLD")?.into(),
+        warm: stages("WARM")?.into(),
+        confidence: parse_confidence(needed("CONF")?)?.into(),
+        refinement: refinement.transpose()?.map(Into::into),
+        standard_head: parse_head(needed("HEAD")?)?,
+        paper_aam: paper_aam.unwrap_or_default(),
+        shape,
+    })
+}
+
+/// Tag and bytes of the section that comes next.
+fn next_section<'a>(rest: &mut Reader<'a>) -> Result<(&'a [u8], &'a [u8]), ModelError> {
+    let tag = rest.take(4)?;
+    let length = rest.number(4)?;
+    Ok((tag, rest.take(length)?))
 }
 
 fn parse_shape(mut reader: Reader) -> Result<ShapeModel, ModelError> {
-    let modes = reader.count(MAX_MODES, "at most 48 shape modes")?;
-    let mean = reader
-        .points(LANDMARKS)?
-        .into_iter()
-        .map(Point::from)
-        .collect();
-    let deviations = reader.floats(modes)?;
-    if let Some(at) = deviations.iter().position(|d| *d <= 0.0) {
-        return Err(ModelError::Malformed {
-            section: "SHAP",
-            expected: "deviations above 0",
-            found: at as u64,
-        });
-    }
+    let modes = reader.count(4, 0..=MAX_MODES, "at most 48 shape modes")?;
+    let mean = reader.vectors(LANDMARKS)?;
+    let deviations = reader.positive(modes, "deviations above 0")?;
     let modes = reader.floats(modes * 3 * LANDMARKS)?;
-    let modes = modes.as_chunks::<{ 3 * LANDMARKS }>().0.to_vec();
     reader.end()?;
     Ok(ShapeModel {
-        mean,
-        modes,
+        mean: mean.into_iter().map(Point::from).collect(),
+        modes: modes.as_chunks::<{ 3 * LANDMARKS }>().0.to_vec(),
         deviations,
     })
 }
 
 fn parse_head(mut reader: Reader) -> Result<StandardHead, ModelError> {
-    let count = reader.count(1_000_000, "at most a million points")?;
-    let points = reader.points(count)?.into_iter().map(Point::from).collect();
-    let normals = reader.points(count)?;
+    let count = reader.count(4, 1..=1_000_000, "one to a million points")?;
+    let points = reader.vectors(count)?;
+    let normals = reader.vectors(count)?;
     reader.end()?;
-    Ok(StandardHead { points, normals })
+    Ok(StandardHead {
+        points: points.into_iter().map(Point::from).collect(),
+        normals,
+    })
 }
 
 fn parse_stages<'a>(
@@ -284,17 +182,14 @@ fn parse_stages<'a>(
     parameters: usize,
     lasting: Lasting<'a>,
 ) -> Result<Vec<CascadeStage>, ModelError> {
-    let count = reader.count(MAX_STAGES, "at most 8 stages")?;
+    let count = reader.count(4, 0..=MAX_STAGES, "at most 8 stages")?;
     let mut stages = Vec::with_capacity(count);
     for _ in 0..count {
-        let rows = reader.u32()? as usize;
-        if !(VIEW_PARAMETERS..=parameters).contains(&rows) {
-            return Err(ModelError::Malformed {
-                section: reader.section,
-                expected: "a row for each parameter of the view and at most one for each shape mode",
-                found: rows as u64,
-            });
-        }
+        let rows = reader.count(
+            4,
+            VIEW_PARAMETERS..=parameters,
+            "a row for each parameter of the view and at most one for each shape mode",
+        )?;
         stages.push(CascadeStage {
             cell_px: reader.floats(1)?[0],
             mean: reader.floats(FEATURES)?,
@@ -322,12 +217,12 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         landmark: reader.floats(LANDMARK_SIGNS * LANDMARKS)?,
         face: {
             // Version 2 has the first signs only.
-            let count = if reader.bytes.len() == 4 * FIRST_FACE_SIGNS {
+            let is_first = reader.bytes.len() == 4 * FIRST_FACE_SIGNS;
+            let slopes = reader.floats(if is_first {
                 FIRST_FACE_SIGNS
             } else {
                 FACE_SIGNS
-            };
-            let slopes = reader.floats(count)?;
+            })?;
             core::array::from_fn(|k| slopes.get(k).copied().unwrap_or(0.0))
         },
     };
@@ -335,10 +230,8 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
     Ok(model)
 }
 
-fn put_floats(out: &mut Vec<u8>, values: impl IntoIterator<Item = f32>) {
-    for value in values {
-        out.extend_from_slice(&value.to_le_bytes());
-    }
+fn put_floats<'a>(out: &mut Vec<u8>, values: impl IntoIterator<Item = &'a f32>) {
+    out.extend(values.into_iter().flat_map(|value| value.to_le_bytes()));
 }
 
 fn put_count(out: &mut Vec<u8>, count: usize) {
@@ -351,13 +244,30 @@ fn put_stages(stages: &[CascadeStage]) -> Vec<u8> {
     put_count(&mut out, stages.len());
     for stage in stages {
         put_count(&mut out, stage.bias.len());
-        put_floats(&mut out, [stage.cell_px]);
-        put_floats(&mut out, stage.mean.iter().copied());
+        put_floats(&mut out, [&stage.cell_px]);
+        put_floats(&mut out, &stage.mean);
         out.extend(stage.weights.iter().map(|w| w.to_le_bytes()[0]));
-        put_floats(&mut out, stage.scales.iter().copied());
-        put_floats(&mut out, stage.prior.iter().copied());
-        put_floats(&mut out, stage.bias.iter().copied());
+        for values in [&stage.scales, &stage.prior, &stage.bias] {
+            put_floats(&mut out, values);
+        }
     }
+    out
+}
+
+/// A file of this version with these sections.
+fn framed<'a>(version: u32, sections: impl Iterator<Item = (&'a [u8], &'a [u8])>) -> Vec<u8> {
+    let mut out = MAGIC.to_vec();
+    out.extend(version.to_le_bytes());
+    out.extend([0; 8]);
+    for (tag, payload) in sections {
+        out.extend(tag);
+        put_count(&mut out, payload.len());
+        out.extend(payload);
+    }
+    let length = (out.len() + CHECKSUM) as u64;
+    out[12..HEADER].copy_from_slice(&length.to_le_bytes());
+    let checksum = crc32(&out);
+    out.extend(checksum.to_le_bytes());
     out
 }
 
@@ -370,14 +280,11 @@ pub(crate) fn sections(
     bytes: &[u8],
 ) -> Result<impl Iterator<Item = (&[u8], &[u8])> + Clone, ModelError> {
     parse(bytes)?;
-    let mut rest = &bytes[HEADER..bytes.len() - CHECKSUM];
-    Ok(core::iter::from_fn(move || {
-        let (tag, after) = rest.split_at_checked(4)?;
-        let (length, after) = after.split_first_chunk::<4>()?;
-        let (payload, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-        rest = after;
-        Some((tag, payload))
-    }))
+    let mut rest = Reader {
+        section: "header",
+        bytes: &bytes[HEADER..bytes.len() - CHECKSUM],
+    };
+    Ok(core::iter::from_fn(move || next_section(&mut rest).ok()))
 }
 
 /// The same file with the section of this tag replaced; all others stay the same, byte for byte.
@@ -390,18 +297,9 @@ pub(crate) fn with_section(
     tag: [u8; 4],
     payload: &[u8],
 ) -> Result<Vec<u8>, ModelError> {
-    let mut out = Vec::with_capacity(bytes.len() + payload.len());
-    out.extend_from_slice(&bytes[..HEADER]);
-    for (other, kept) in sections(bytes)? {
-        let payload = if other == tag { payload } else { kept };
-        out.extend_from_slice(other);
-        put_count(&mut out, payload.len());
-        out.extend_from_slice(payload);
-    }
-    let length = (out.len() + CHECKSUM) as u64;
-    out[12..20].copy_from_slice(&length.to_le_bytes());
-    let checksum = crc32(&out);
-    out.extend_from_slice(&checksum.to_le_bytes());
+    let sections = sections(bytes)?;
+    let replaced = sections.map(|(other, kept)| (other, if other == tag { payload } else { kept }));
+    let out = framed(u32_at(bytes, MAGIC.len()), replaced);
     parse(&out)?;
     Ok(out)
 }
@@ -411,72 +309,43 @@ pub(crate) fn with_section(
 pub fn emit(model: &FaceModel) -> Vec<u8> {
     let mut shape = Vec::new();
     put_count(&mut shape, model.shape.modes.len());
-    put_floats(
-        &mut shape,
-        model.shape.mean.iter().flat_map(|p| [p.x, p.y, p.z]),
-    );
-    put_floats(&mut shape, model.shape.deviations.iter().copied());
-    for mode in &model.shape.modes {
-        put_floats(&mut shape, mode.iter().copied());
-    }
+    put_floats(&mut shape, model.shape.mean.iter().flat_map(|p| &p.coords));
+    put_floats(&mut shape, &model.shape.deviations);
+    put_floats(&mut shape, model.shape.modes.iter().flatten());
+    let StandardHead { points, normals } = &model.standard_head;
     let mut head = Vec::new();
-    put_count(&mut head, model.standard_head.points.len());
-    put_floats(
-        &mut head,
-        model
-            .standard_head
-            .points
-            .iter()
-            .flat_map(|p| [p.x, p.y, p.z]),
-    );
-    put_floats(
-        &mut head,
-        model
-            .standard_head
-            .normals
-            .iter()
-            .flat_map(|v| [v.x, v.y, v.z]),
-    );
+    put_count(&mut head, points.len());
+    put_floats(&mut head, points.iter().flat_map(|p| &p.coords));
+    put_floats(&mut head, normals.iter().flatten());
     let mut confidence = Vec::new();
-    put_floats(&mut confidence, [model.confidence.cell_px]);
-    put_floats(&mut confidence, model.confidence.mean.iter().copied());
-    put_floats(&mut confidence, model.confidence.weights.iter().copied());
-    put_floats(&mut confidence, model.confidence.landmark.iter().copied());
-    put_floats(&mut confidence, model.confidence.face);
-
-    let refinement = model.refinement.as_ref().map_or(Vec::new(), |r| r.emit());
-
-    let mut out = Vec::new();
-    out.extend_from_slice(&MAGIC);
-    out.extend_from_slice(&VERSION.to_le_bytes());
-    out.extend_from_slice(&[0; 8]);
-    for (tag, payload) in [
-        (b"PROV", model.provenance.as_bytes()),
-        (b"SHAP", &shape),
-        (b"HEAD", &head),
-        (b"COLD", &put_stages(&model.cold)),
-        (b"WARM", &put_stages(&model.warm)),
-        (b"CONF", &confidence),
-        (b"PAAM", &model.paper_aam),
-        (b"REFI", &refinement),
-    ] {
-        if tag == b"REFI" && payload.is_empty() {
-            continue;
-        }
-        out.extend_from_slice(tag);
-        put_count(&mut out, payload.len());
-        out.extend_from_slice(payload);
-    }
-    let length = (out.len() + CHECKSUM) as u64;
-    out[12..20].copy_from_slice(&length.to_le_bytes());
-    let checksum = crc32(&out);
-    out.extend_from_slice(&checksum.to_le_bytes());
-    out
+    put_floats(&mut confidence, [&model.confidence.cell_px]);
+    put_floats(&mut confidence, &model.confidence.mean);
+    put_floats(&mut confidence, &model.confidence.weights);
+    put_floats(&mut confidence, &model.confidence.landmark);
+    put_floats(&mut confidence, &model.confidence.face);
+    let (cold, warm) = (put_stages(&model.cold), put_stages(&model.warm));
+    let refinement = model.refinement.as_ref().map(|r| r.emit());
+    let sections = [
+        ("PROV", model.provenance.as_bytes()),
+        ("SHAP", &shape),
+        ("HEAD", &head),
+        ("COLD", &cold),
+        ("WARM", &warm),
+        ("CONF", &confidence),
+        ("PAAM", &model.paper_aam),
+    ];
+    let refinement = refinement.iter().map(|bytes| ("REFI", bytes.as_slice()));
+    let sections = sections.into_iter().chain(refinement);
+    framed(
+        VERSION,
+        sections.map(|(tag, payload)| (tag.as_bytes(), payload)),
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Vector;
 
     fn example() -> FaceModel {
         let mut random = fastrand::Rng::with_seed(7);

@@ -14,6 +14,7 @@
 pub mod error;
 pub mod file;
 pub mod model;
+pub(crate) mod reader;
 pub mod refinement;
 pub mod scheme;
 pub mod sizes;

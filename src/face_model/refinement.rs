@@ -17,6 +17,7 @@ use crate::base::geometry::Point;
 use crate::base::prelude::*;
 
 use super::error::ModelError;
+use super::reader::Reader;
 use super::sizes::MAX_MODES;
 
 /// Landmarks where depth is looked up: all but the jaw's sides, where it sees past the face.
@@ -41,6 +42,9 @@ pub const MAX_INPUTS: usize = MAX_MODES + TURN + PLACES;
 pub const PUFFS: usize = 2;
 /// Inputs farther from the mean count as this many deviations.
 pub const MOST: f32 = 4.0;
+
+/// Largest step of the weights.
+const MAX_STEP: f32 = 1e3;
 
 /// Inputs of one frame; `NaN` where depth saw nothing.
 pub type Inputs = heapless::Vec<f32, MAX_INPUTS>;
@@ -104,39 +108,21 @@ impl Refinement {
     /// # Errors
     /// If the numbers are too few, too many or not finite.
     pub fn parse(bytes: &[u8], modes: usize) -> Result<Self, ModelError> {
-        let malformed = |expected, found: usize| ModelError::Malformed {
-            section: "REFI",
-            expected,
-            found: found as u64,
-        };
-        let inputs = modes + TURN + PLACES;
-        let rows = modes + PUFFS;
-        let floats = 2 * inputs + rows;
-        if bytes.len() != 4 * floats + 2 * rows * inputs {
-            return Err(malformed("a map for this shape model", bytes.len()));
-        }
-        let (floats, steps) = bytes.split_at(4 * floats);
-        let mut values = floats
-            .chunks_exact(4)
-            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let mut take = |n: usize| -> Vec<f32> { values.by_ref().take(n).collect() };
-        let (mean, deviation, scales) = (take(inputs), take(inputs), take(rows));
-        let steps = steps
-            .chunks_exact(2)
-            .map(|b| f32::from(i16::from_le_bytes([b[0], b[1]])));
-        let map = Self {
+        let section = "REFI";
+        let mut reader = Reader { section, bytes };
+        let (inputs, rows) = (modes + TURN + PLACES, modes + PUFFS);
+        let mean = reader.floats(inputs)?;
+        let deviation = reader.positive(inputs, "deviations above 0")?;
+        let scales = reader.floats_within(rows, MAX_STEP, "steps within a thousand")?;
+        let steps = reader.take(2 * rows * inputs)?.as_chunks().0.iter();
+        reader.end()?;
+        let steps = steps.map(|step| f32::from(i16::from_le_bytes(*step)));
+        let scaled = steps.enumerate().map(|(i, step)| step * scales[i / inputs]);
+        Ok(Self {
             mean,
             deviation,
-            weights: steps
-                .enumerate()
-                .map(|(i, step)| step * scales[i / inputs])
-                .collect(),
-        };
-        let finite = map.mean.iter().chain(&map.weights).all(|v| v.is_finite());
-        if !finite || map.deviation.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
-            return Err(malformed("finite numbers, deviations above 0", 0));
-        }
-        Ok(map)
+            weights: scaled.collect(),
+        })
     }
 
     /// As little-endian bytes: means, deviations, the size of a step for each row, all 32-bit floats; then the weights in

@@ -1,7 +1,7 @@
 //! The landmark stage of a pipeline: the chosen method behind one interface.
 
 use super::fit::{LandmarkFitter, Scratch, Settings};
-use super::paper_aam::{PaperAamError, PaperAamFitter, PaperAamSettings};
+use super::paper_aam::{PaperAamFitter, PaperAamSettings};
 use super::points::Landmarks;
 use crate::base::capacity::PIXELS;
 use crate::base::frames::{Head, HeadFromFace, Motion, SensorFromHead};
@@ -42,7 +42,7 @@ pub enum LandmarkError {
     NoPaperModel,
     /// The model's block for the paper's method.
     #[error(transparent)]
-    Paper(#[from] PaperAamError),
+    Paper(#[from] crate::face_model::ModelError),
 }
 
 /// The stage.

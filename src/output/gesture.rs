@@ -18,16 +18,14 @@ use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
 
-/// Whether this build has gestures; without, the configuration has none.
-pub const ENABLED: bool = cfg!(feature = "gestures");
+/// Whether this build has gestures.
+pub const ENABLED: bool = cfg!(any(test, feature = "wires"));
 /// Turns of the mouth that make speech, how far each goes, and within how long.
 const REVERSALS: usize = 4;
 const REVERSAL: f32 = 0.08;
 const SPEECH_S: f64 = 1.5;
 /// The state of every gesture is repeated at this interval, for receivers that missed a change.
 const REPEAT_S: f64 = 2.0;
-/// Terms of a sum at most.
-const TERMS: usize = 8;
 
 /// Whose gesture it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,13 +39,14 @@ pub enum Person {
     Each,
 }
 
-impl Person {
-    /// Names in the configuration.
-    pub const NAMES: [(&'static str, Self); 3] = [
-        ("shown", Self::Shown),
-        ("any", Self::Any),
-        ("each", Self::Each),
-    ];
+/// How a key is pressed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Press {
+    /// Down and up again at once: a key that stays down repeats.
+    #[default]
+    Tap,
+    /// Down while the gesture is on.
+    Hold,
 }
 
 /// One gesture.
@@ -75,21 +74,6 @@ pub struct Gesture {
     pub key: String,
     /// How.
     pub press: Press,
-}
-
-/// How a key is pressed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Press {
-    /// Down and up again at once: a key that stays down repeats.
-    #[default]
-    Tap,
-    /// Down while the gesture is on.
-    Hold,
-}
-
-impl Press {
-    /// Names in the configuration.
-    pub const NAMES: [(&'static str, Self); 2] = [("tap", Self::Tap), ("hold", Self::Hold)];
 }
 
 /// Gestures that need no more than their name: name, sum, on, off, hold time.
@@ -128,22 +112,13 @@ impl Gesture {
         }
     }
 
-    /// Units and signs of the sum; `None` if it is none, or too long.
-    pub fn terms<'a>(of: &'a str) -> Option<heapless::Vec<(&'a str, f32), TERMS>> {
-        let mut terms = heapless::Vec::new();
-        let mut sign = Some(1.0);
-        for word in of.split_whitespace() {
-            match (word, sign) {
-                ("+", None) => sign = Some(1.0),
-                ("-", None) => sign = Some(-1.0),
-                (unit, Some(factor)) => {
-                    terms.push((unit, factor)).ok()?;
-                    sign = None;
-                }
-                _ => return None,
-            }
-        }
-        sign.is_none().then_some(terms)
+    /// Signs and units of a sum; what is no unit stays as it is.
+    pub fn terms(of: &str) -> impl Iterator<Item = (f32, &str)> {
+        let signs = of
+            .matches(['+', '-'])
+            .map(|sign| if sign == "-" { -1.0 } else { 1.0 });
+        let signs = core::iter::once(1.0).chain(signs);
+        signs.zip(of.split(['+', '-']).map(str::trim))
     }
 }
 
@@ -162,6 +137,14 @@ pub struct Switch<'a> {
     pub is_new: bool,
 }
 
+/// The name, of each with the slot: `smile`, `smile/2`.
+impl core::fmt::Display for Switch<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(&self.gesture.name)?;
+        self.user.map_or(Ok(()), |user| write!(f, "/{user}"))
+    }
+}
+
 /// One person's state of one gesture.
 #[derive(Clone, Copy, Default)]
 struct Lamp {
@@ -172,27 +155,20 @@ struct Lamp {
 }
 
 impl Lamp {
-    /// `sum` is `None` while nothing may go on.
-    fn observe(&mut self, gesture: &Gesture, sum: Option<f32>, may_start: bool, at: Timestamp) {
-        let sum = sum.unwrap_or(f32::NEG_INFINITY);
+    fn observe(&mut self, gesture: &Gesture, sum: f32, may_start: bool, at: Timestamp) {
         if self.is_on {
             if sum < gesture.off {
-                *self = Self {
-                    off_at: Some(at),
-                    ..Self::default()
-                };
+                *self = Self::default();
+                self.off_at = Some(at);
             }
-            return;
-        }
-        if sum < gesture.on || !may_start {
+        } else if sum >= gesture.on && may_start {
+            let since = *self.since.get_or_insert(at);
+            let rested = |off| at.seconds_since(off) as f32 >= gesture.pause_s;
+            self.is_on =
+                at.seconds_since(since) as f32 >= gesture.hold_s && self.off_at.is_none_or(rested);
+        } else {
             self.since = None;
-            return;
         }
-        let held_s = at.seconds_since(*self.since.get_or_insert(at)) as f32;
-        let rested = self
-            .off_at
-            .is_none_or(|off| at.seconds_since(off) as f32 >= gesture.pause_s);
-        self.is_on = rested && held_s >= gesture.hold_s;
     }
 }
 
@@ -215,28 +191,33 @@ impl Speech {
         };
         if back > REVERSAL {
             self.opens = !self.opens;
-            self.extreme = opening;
             self.turns.rotate_right(1);
             self.turns[0] = Some(at);
-        } else if back < 0.0 {
+        }
+        if back > REVERSAL || back < 0.0 {
             self.extreme = opening;
         }
         let first = self.turns[REVERSALS - 1];
-        first.is_some_and(|first| (0.0..SPEECH_S).contains(&at.seconds_since(first)))
+        first.is_some_and(|first| at.seconds_since(first) < SPEECH_S)
     }
+}
+
+/// A gesture, and who makes it.
+struct Made {
+    gesture: Gesture,
+    /// Signs, and indices among the weights.
+    terms: Vec<(f32, usize)>,
+    lamps: [Lamp; USERS],
+    /// What outputs were told last: of each user, and of anybody.
+    told: [bool; USERS + 1],
 }
 
 /// The gestures of everybody.
 pub struct Gestures {
-    all: Vec<Gesture>,
-    /// Indices among the weights, and signs.
-    terms: Vec<heapless::Vec<(usize, f32), TERMS>>,
+    all: Vec<Made>,
     /// Weights that open the mouth.
-    mouth: heapless::Vec<usize, 2>,
-    lamps: [[Lamp; GESTURES]; USERS],
+    mouth: Vec<usize>,
     speech: [Speech; USERS],
-    /// What outputs were told last: of each gesture, and of each user's.
-    told: [[bool; USERS + 1]; GESTURES],
     /// When everything was told last.
     repeated: Option<Timestamp>,
     at: Timestamp,
@@ -246,20 +227,20 @@ impl Gestures {
     /// `units` are the names in the order of the weights. Units that are not measured count as 0.
     #[must_use]
     pub fn new(all: &[Gesture], units: &[&str]) -> Self {
-        let all = if ENABLED { all } else { &[] };
         let index = |unit: &str| units.iter().position(|name| *name == unit);
-        let terms = |gesture: &Gesture| {
-            let terms = Gesture::terms(&gesture.of).unwrap_or_default();
-            let found = terms.iter().map(|&(unit, sign)| Some((index(unit)?, sign)));
-            found.flatten().collect()
-        };
-        Self {
-            terms: all.iter().map(terms).collect(),
-            all: all.iter().take(GESTURES).cloned().collect(),
-            mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
+        let made = |gesture: &Gesture| Made {
+            terms: Gesture::terms(&gesture.of)
+                .filter_map(|(sign, unit)| Some((sign, index(unit)?)))
+                .collect(),
+            gesture: gesture.clone(),
             lamps: Default::default(),
+            told: Default::default(),
+        };
+        let most = if ENABLED { GESTURES } else { 0 };
+        Self {
+            all: all.iter().take(most).map(made).collect(),
+            mouth: ["AU25", "AU26"].into_iter().filter_map(index).collect(),
             speech: Default::default(),
-            told: [[false; USERS + 1]; GESTURES],
             repeated: None,
             at: Timestamp::default(),
         }
@@ -267,11 +248,11 @@ impl Gestures {
 
     /// Follows everybody of a frame; [`Report::gestures`] then says which of theirs are on.
     pub fn observe(&mut self, reports: &mut [Report<'_>]) {
-        if !ENABLED || self.all.is_empty() {
+        if !ENABLED {
             return;
         }
         let mut seen = [false; USERS];
-        for report in reports.iter_mut() {
+        for report in reports {
             // Another clock; times before it mean nothing.
             if report.at < self.at {
                 self.release();
@@ -279,39 +260,49 @@ impl Gestures {
             self.at = report.at;
             if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
                 seen[slot] = true;
-                self.observe_user(slot, report);
+                // A face that is missed in a frame keeps what it does.
+                if report.state != TrackingState::Held {
+                    self.follow(slot, report);
+                }
+                let on = self
+                    .all
+                    .iter()
+                    .map(|made| u32::from(made.lamps[slot].is_on));
+                report.gestures = on.rev().fold(0, |bits, on| bits << 1 | on);
             }
         }
         for slot in (0..USERS).filter(|&slot| !seen[slot]) {
-            self.lamps[slot] = Default::default();
+            self.all
+                .iter_mut()
+                .for_each(|made| made.lamps[slot] = Lamp::default());
         }
     }
 
-    fn observe_user(&mut self, slot: usize, report: &mut Report<'_>) {
-        let state = report.state;
-        // A face that is missed in a frame keeps what it does.
-        if state != TrackingState::Held {
-            let sees = state == TrackingState::Tracking && !report.weights.is_empty();
-            let mouth = self.mouth.iter().filter_map(|&i| report.weights.get(i));
-            let speaks = sees && self.speech[slot].hear(mouth.sum(), report.at);
-            let facing = report.sensor_from_head.map_or(1.0, |pose| {
-                let sight = pose.translation.vector.normalize();
-                -face_normal(pose).dot(&sight)
-            });
-            for (i, gesture) in self.all.iter().enumerate() {
-                let theirs = gesture.person != Person::Shown || !report.aside;
-                let faces = facing >= gesture.turned_deg.to_radians().cos();
-                let weight = |&(unit, sign): &(usize, f32)| {
-                    let weight = report.weights.get(unit).copied().unwrap_or(0.0);
-                    sign * unit_range(weight)
-                };
-                let sum = (sees && theirs && faces).then(|| self.terms[i].iter().map(weight).sum());
-                let may_start = gesture.speaking || !speaks;
-                self.lamps[slot][i].observe(gesture, sum, may_start, report.at);
-            }
+    fn follow(&mut self, slot: usize, report: &Report<'_>) {
+        let weight = |&unit: &usize| unit_range(report.weights.get(unit).copied().unwrap_or(0.0));
+        let sees = report.state == TrackingState::Tracking;
+        let opening = self.mouth.iter().map(weight).sum();
+        let speaks = sees && self.speech[slot].hear(opening, report.at);
+        let facing = report.sensor_from_head.map_or(1.0, |pose| {
+            -face_normal(pose).dot(&pose.translation.vector.normalize())
+        });
+        for Made {
+            gesture,
+            terms,
+            lamps,
+            ..
+        } in &mut self.all
+        {
+            let theirs = gesture.person != Person::Shown || !report.aside;
+            let counts = sees && theirs && facing >= gesture.turned_deg.to_radians().cos();
+            // Less than any level.
+            let sum = if counts {
+                terms.iter().map(|(sign, unit)| sign * weight(unit)).sum()
+            } else {
+                f32::MIN
+            };
+            lamps[slot].observe(gesture, sum, gesture.speaking || !speaks, report.at);
         }
-        let bits = self.lamps[slot].iter().enumerate();
-        report.gestures = bits.fold(0, |bits, (i, lamp)| bits | u32::from(lamp.is_on) << i);
     }
 
     /// Tells `each` output what changed, and from time to time everything.
@@ -322,37 +313,58 @@ impl Gestures {
         if again {
             self.repeated = Some(self.at);
         }
-        for (i, gesture) in self.all.iter().enumerate() {
-            let mut switch = |at: usize, user, is_on| {
-                let is_new = core::mem::replace(&mut self.told[i][at], is_on) != is_on;
+        for (
+            index,
+            Made {
+                gesture,
+                lamps,
+                told,
+                ..
+            },
+        ) in self.all.iter_mut().enumerate()
+        {
+            for (slot, told) in told.iter_mut().enumerate() {
+                // Behind the users, anybody.
+                if (gesture.person == Person::Each) != (slot < USERS) {
+                    continue;
+                }
+                let user = Some(slot).filter(|&slot| slot < USERS);
+                let is_on = user.map_or_else(
+                    || lamps.iter().any(|lamp| lamp.is_on),
+                    |user| lamps[user].is_on,
+                );
+                let is_new = core::mem::replace(told, is_on) != is_on;
                 if is_new || again {
                     each(&Switch {
-                        index: i,
+                        index,
                         gesture,
                         user,
                         is_on,
                         is_new,
                     });
                 }
-            };
-            if gesture.person == Person::Each {
-                for slot in 0..USERS {
-                    switch(slot, Some(slot), self.lamps[slot][i].is_on);
-                }
-            } else {
-                switch(USERS, None, self.lamps.iter().any(|lamps| lamps[i].is_on));
             }
         }
     }
 
     /// Everything off, as if nobody had ever been there.
     pub fn release(&mut self) {
-        self.lamps = Default::default();
+        self.all
+            .iter_mut()
+            .for_each(|made| made.lamps = Default::default());
         self.speech = Default::default();
+    }
+
+    /// Moves the levels of a gesture, until the configuration is read again.
+    pub fn set_level(&mut self, index: usize, on: f32) {
+        if let Some(Made { gesture, .. }) = self.all.get_mut(index).filter(|_| on > 0.0) {
+            gesture.off *= on / gesture.on;
+            gesture.on = on;
+        }
     }
 }
 
-#[cfg(all(test, feature = "gestures"))]
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -383,6 +395,16 @@ mod tests {
             }
         });
         all
+    }
+
+    #[test]
+    fn a_level_that_is_moved_takes_the_lower_one_along() {
+        let mut gestures = Gestures::new(&[smile(Person::Shown)], &UNITS);
+        gestures.set_level(0, 0.55);
+        gestures.set_level(0, 0.0);
+        gestures.set_level(7, 1.0);
+        let Gesture { on, off, .. } = gestures.all[0].gesture;
+        assert_eq!((on, off), (0.55, 0.35));
     }
 
     fn smile(person: Person) -> Gesture {
@@ -543,8 +565,8 @@ mod tests {
         let known = crate::expression::Units::shipped();
         let names = known.columns(false);
         for (name, of, on, off, _) in PRESETS {
-            let terms = Gesture::terms(of).unwrap();
-            for (unit, _) in &terms {
+            let terms: Vec<(f32, &str)> = Gesture::terms(of).collect();
+            for (_, unit) in &terms {
                 assert!(
                     names.iter().any(|known| known.as_str() == *unit),
                     "{name}: {unit}"
@@ -552,8 +574,17 @@ mod tests {
             }
             assert!(off < on && on < terms.len() as f32);
         }
-        for none in ["", "AU1L +", "+ AU1L", "AU1L AU1R", "AU1L + + AU1R"] {
-            assert!(Gesture::terms(none).is_none(), "{none}");
+        for (of, expected) in [
+            ("AU1L", vec![(1.0, "AU1L")]),
+            (
+                "AU1L -AU1R+AU26",
+                vec![(1.0, "AU1L"), (-1.0, "AU1R"), (1.0, "AU26")],
+            ),
+            ("AU1L +", vec![(1.0, "AU1L"), (1.0, "")]),
+            ("", vec![(1.0, "")]),
+            ("AU1L AU1R", vec![(1.0, "AU1L AU1R")]),
+        ] {
+            assert_eq!(Gesture::terms(of).collect::<Vec<_>>(), expected, "{of}");
         }
     }
 

@@ -12,6 +12,7 @@ use std::io::{self, Write};
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
+use std::time::Duration;
 
 use super::gesture::{Press, Switch};
 use super::{Output, OutputError, Report, Tally};
@@ -44,32 +45,23 @@ const EVENT_BYTES: usize = TIME_BYTES + 8;
 /// Keys that a device has if it is a keyboard.
 const KEYBOARD: core::ops::Range<u16> = 1..89;
 const NAME: &[u8] = b"mien gestures";
+/// How often, and at which interval, the last keys are let go.
+const TRIES: u32 = 100;
+const TRY: Duration = Duration::from_millis(2);
 /// Keys of a HID report.
 const REPORT_KEYS: usize = 6;
 
 /// Whether there is a key of that name.
 #[must_use]
 pub fn is_key(name: &str) -> bool {
-    names().any(|key| key == name)
-}
-
-/// Names of all keys.
-pub fn names() -> impl Iterator<Item = &'static str> {
-    KEYS.iter().map(|key| key.0)
-}
-
-/// Where presses go.
-enum Way {
-    /// Events of the kernel.
-    Events,
-    /// Reports of a boot keyboard.
-    Reports,
+    KEYS.iter().any(|key| key.0 == name)
 }
 
 /// Presses keys.
 pub struct Keys {
     device: File,
-    way: Way,
+    /// Whether it takes reports of a boot keyboard, not events of the kernel.
+    is_gadget: bool,
     /// Gestures that hold each key, a bit each; whether it is tapped; and whether the device was told that it is down.
     held: [u128; KEYS.len()],
     tapped: [bool; KEYS.len()],
@@ -93,26 +85,26 @@ impl Keys {
             .custom_flags(libc::O_NONBLOCK)
             .open(path)
             .map_err(failed)?;
-        let about = device.metadata().map_err(failed)?;
         let name = Path::new(path).file_name().unwrap_or_default();
-        let way = if name.to_string_lossy().starts_with("hidg") {
-            Way::Reports
-        } else {
-            Way::Events
-        };
-        if about.file_type().is_char_device() && matches!(way, Way::Events) {
+        let is_gadget = name.to_string_lossy().starts_with("hidg");
+        let is_device = device
+            .metadata()
+            .map_err(failed)?
+            .file_type()
+            .is_char_device();
+        if is_device && !is_gadget {
             create(&mut device).map_err(failed)?;
         }
         let mut keys = Self {
             device,
-            way,
+            is_gadget,
             held: [0; KEYS.len()],
             tapped: [false; KEYS.len()],
             is_down: [false; KEYS.len()],
             sent: 0,
             dropped: 0,
         };
-        if matches!(keys.way, Way::Reports) {
+        if is_gadget {
             // Without a host there is nobody to tell.
             let _ = keys.device.write_all(&keys.report());
         }
@@ -127,9 +119,10 @@ impl Keys {
                 continue;
             }
             let before = std::mem::replace(&mut self.is_down[i], is_down);
-            let written = match self.way {
-                Way::Events => self.device.write_all(&press(KEYS[i].1, is_down)),
-                Way::Reports => self.device.write_all(&self.report()),
+            let written = if self.is_gadget {
+                self.device.write_all(&self.report())
+            } else {
+                self.device.write_all(&press(KEYS[i].1, is_down))
             };
             if written.is_ok() {
                 self.sent += 1;
@@ -185,7 +178,14 @@ impl Drop for Keys {
     fn drop(&mut self) {
         self.held = [0; KEYS.len()];
         self.tapped = [false; KEYS.len()];
-        self.sync();
+        // A gadget takes one report at a time, and whoever is at its other end may have gone.
+        for _ in 0..TRIES {
+            self.sync();
+            if !self.is_down.contains(&true) {
+                return;
+            }
+            std::thread::sleep(TRY);
+        }
     }
 }
 

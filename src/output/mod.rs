@@ -17,7 +17,7 @@ pub mod features;
 pub mod gesture;
 #[cfg(feature = "wires")]
 mod identity;
-#[cfg(feature = "gestures")]
+#[cfg(feature = "wires")]
 pub mod keys;
 #[cfg(feature = "wires")]
 pub mod lights;
@@ -58,6 +58,8 @@ pub enum Command {
     Freeze(usize, bool),
     /// Take the current face of the user in a slot as rest.
     Neutral(usize),
+    /// Let a gesture go on at a level, in hundredths.
+    Level(usize, u16),
 }
 
 impl Command {
@@ -129,7 +131,7 @@ pub trait Output {
     fn send(&mut self, report: &Report) -> Result<(), OutputError>;
 
     /// Tells that a gesture went on or off, or that it is as it was; most outputs have no use for it.
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     fn switch(&mut self, _: &gesture::Switch<'_>) {}
 
     /// The counters so far.
@@ -238,7 +240,7 @@ pub enum OutputError {
         section: &'static str,
     },
     /// The device that presses keys cannot be used.
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     #[error(
         "cannot press keys through {path:?}: {source}; is the module uinput loaded, and may mien's user write to it?"
     )]

@@ -34,7 +34,7 @@ mod wire;
 
 #[cfg(feature = "std")]
 use super::Command;
-#[cfg(feature = "gestures")]
+#[cfg(feature = "wires")]
 use super::gesture::Switch;
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
@@ -324,16 +324,10 @@ impl Output for Osc {
         }
     }
 
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &Switch<'_>) {
-        let name = &switch.gesture.name;
-        let is_on = switch.is_on.into();
-        match switch.user {
-            Some(user) => self
-                .wire
-                .alone(format_args!("/mien/gesture/{name}/{user}"), is_on),
-            None => self.wire.alone(format_args!("/mien/gesture/{name}"), is_on),
-        }
+        let address = format_args!("/mien/gesture/{switch}");
+        self.wire.alone(address, switch.is_on.into());
     }
 
     #[cfg(feature = "std")]

@@ -5,7 +5,7 @@
 //! ```text
 //! $AU,<number>,<t_ms>,<state>,<confidence 0…99>,<weights 0…100>*HH      per frame; `full` instead of 100
 //! $AUP,<number>,<x>,<y>,<z mm>,<yaw>,<pitch>,<roll, tenths of a degree>*HH   per frame, if wanted
-//! !<gesture> <1 or 0>                                                on change and every 2 s
+//! !<gesture> <1 or 0>, !<gesture>/<slot> <1 or 0>                       on change and every 2 s
 //! $AUH,1,<schema>,<names of the units>*HH                               on opening and every 5 s
 //! ```
 //! `HH` is the XOR of all bytes between `$` and `*` as two upper-case hexadecimal digits (as in NMEA 0183); lines end in

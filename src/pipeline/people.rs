@@ -442,10 +442,12 @@ impl People {
 
     /// Executes a receiver's command; a slot without a user is left unchanged.
     pub(super) fn obey(&mut self, command: Command) {
-        let (Command::Forget(slot) | Command::Freeze(slot, _) | Command::Neutral(slot)) = command;
-        if slot >= USERS {
+        let (Command::Forget(slot @ ..USERS)
+        | Command::Freeze(slot @ ..USERS, _)
+        | Command::Neutral(slot @ ..USERS)) = command
+        else {
             return;
-        }
+        };
         let user = &mut self.followers[slot];
         match command {
             Command::Forget(_) => {
@@ -456,6 +458,7 @@ impl People {
             }
             Command::Freeze(_, frozen) => user.expression.freeze(frozen),
             Command::Neutral(_) => user.expression.take_neutral(),
+            Command::Level(..) => {}
         }
     }
 

@@ -13,25 +13,26 @@ use signal_hook::flag;
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
-use super::nrsfm::{self, Tracks};
+use super::nrsfm;
 use super::place;
 use super::preview;
 use super::record;
 use super::stopped::{self, Goes};
-use super::train::{TrainArgs, TrainError, finish, train, train_paper_into, train_person};
+use super::train::{self, TrainArgs, TrainError};
 use super::{animate, bake};
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::{self, Missing};
 use crate::face_model::FaceModel;
 use crate::studio::atomic_write;
-use crate::studio::evaluate::figures;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
 use crate::studio::evaluate::landmark_accuracy;
-use crate::studio::evaluate::sessions::{self, Sessions};
+use crate::studio::evaluate::paper;
+use crate::studio::evaluate::sessions::Sessions;
+use crate::studio::evaluate::table;
 use crate::studio::heads::{default_head, hero};
-use crate::studio::people_split::Split;
+use crate::studio::people_split::{Data, Split};
 use crate::studio::units::readings;
 
 /// The workstation tool of mien: trains face models, bakes blendshapes, records, inspects and previews.
@@ -48,7 +49,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio train --images ../shared/data/faces_frl189 --out face.model"
     )]
-    Train(Train),
+    Train(TrainArgs),
     /// Fit landmarks to still pictures; reports the error if they are annotated
     #[command(
         after_help = "Example: mien-studio fit --images ../shared/data/faces_ytfaces68 --out points.csv"
@@ -70,7 +71,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio record --source simulated --seconds 10 --out session"
     )]
-    Record(Record),
+    Record(record::Args),
     /// Run rendered sessions of held-out people through the whole pipeline and print one table
     #[command(
         after_help = "Example: mien-studio evaluate --data ../shared/data --people 19 --seconds 45"
@@ -83,7 +84,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio nrsfm --tracks shark_W.csv --out shapes.csv --truth shark_S.csv"
     )]
-    Nrsfm(Nrsfm),
+    Nrsfm(nrsfm::Args),
     /// Bake 67 blendshapes onto a neutral head
     #[command(
         after_help = "Example: mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html"
@@ -121,19 +122,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio animate --mesh head.glb --csv run.csv --out acted.glb"
     )]
-    Animate(Animate),
-}
-
-#[derive(Args)]
-struct Data {
-    /// Folder of the data sets
-    #[arg(
-        long,
-        env = "MIEN_DATA",
-        hide_env_values = true,
-        default_value = "../shared/data"
-    )]
-    data: PathBuf,
+    Animate(animate::Args),
 }
 
 #[derive(Args)]
@@ -155,51 +144,6 @@ impl Setup {
 }
 
 #[derive(Args)]
-struct Train {
-    /// Folders of annotated portraits
-    #[arg(long, num_args = 1.., required_unless_present_any = ["paper_into", "person"])]
-    images: Vec<PathBuf>,
-    /// Model file to write; a page of errors on held-out people is written beside it
-    #[arg(long)]
-    out: PathBuf,
-    #[command(flatten)]
-    data: Data,
-    /// Faces drawn for training [default: 18000]
-    #[arg(long)]
-    drawn: Option<usize>,
-    /// Disturbed starts for each portrait and its mirror image [default: 4]
-    #[arg(long)]
-    starts: Option<usize>,
-    /// Seed of everything random [default: 1]
-    #[arg(long)]
-    seed: Option<u64>,
-    /// Tracks of an actor, to give the paper's model that actor's 3D shape [default: a rendered actor]
-    #[arg(long)]
-    tracks: Option<PathBuf>,
-    /// Where to write the mean offset of each landmark
-    #[arg(long)]
-    offsets: Option<PathBuf>,
-    /// Retrain only the confidence, and lids and lips from depth, of this model
-    #[arg(long)]
-    refine: Option<PathBuf>,
-    /// Leave out the paper's appearance model
-    #[arg(long, conflicts_with = "paper_of")]
-    no_paper: bool,
-    /// Keep the paper's appearance model of this model file
-    #[arg(long)]
-    paper_of: Option<PathBuf>,
-    /// Train the paper's appearance model alone and put it into this model file, which otherwise stays the same
-    #[arg(long)]
-    paper_into: Option<PathBuf>,
-    /// A recording of one person who goes through all expressions: train a model of that person alone
-    #[arg(long)]
-    person: Option<PathBuf>,
-    /// Also hold out the people used for choosing settings, to measure on them
-    #[arg(long)]
-    hold_out_dev: bool,
-}
-
-#[derive(Args)]
 struct Inspect {
     /// What to show
     path: PathBuf,
@@ -211,32 +155,19 @@ struct Inspect {
 }
 
 #[derive(Args)]
-struct Record {
-    /// Folder to write; plays with --source FOLDER of mien and mien-studio
-    #[arg(long)]
-    out: PathBuf,
-    /// How long; Ctrl-C keeps what there is
-    #[arg(long, default_value_t = 10.0)]
-    seconds: f64,
-    /// kinect, simulated[:KIND] or a folder; without a Kinect the simulator
-    #[arg(long, default_value = "kinect")]
-    source: String,
-}
-
-#[derive(Args)]
 struct Evaluate {
     #[command(flatten)]
     data: Data,
     #[command(flatten)]
     setup: Setup,
-    /// At most this many people of the split [default: all; 4 with --heads, 1 with --figures]
+    /// At most this many people of the split [default: all; 4 with --heads, 1 with --paper]
     #[arg(long)]
     people: Option<usize>,
-    /// Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --figures]
+    /// Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --paper]
     #[arg(long)]
     seconds: Option<f64>,
     /// Whose sessions: test (never looked at while building), dev (for choosing settings) or train
-    #[arg(long, default_value = "test", value_parser = split)]
+    #[arg(long, default_value = "test")]
     split: Split,
     /// Seed of everything random
     #[arg(long, default_value_t = Sessions::default().seed)]
@@ -250,15 +181,12 @@ struct Evaluate {
     /// People with hair, clothes and accessories before a sensor with realistic faults
     #[arg(long, group = "what")]
     wild: bool,
-    /// Write the figures of docs/paper.md, the paper's system next to the default, into a folder
+    /// The experiments of docs/paper.md: the paper's system next to the default
     #[arg(long, group = "what")]
-    figures: Option<PathBuf>,
-    /// Only these rows of --heads or --figures, separated by commas
+    paper: bool,
+    /// Only these rows of --heads or --paper, separated by commas
     #[arg(long, value_delimiter = ',')]
     rows: Vec<String>,
-    /// With --wild: three pictures of each person into a folder
-    #[arg(long)]
-    pictures: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -267,37 +195,11 @@ struct Units {
     data: Data,
     #[command(flatten)]
     setup: Setup,
-    /// People who act
-    #[arg(long, default_value_t = readings::Practice::default().people)]
-    people: usize,
-    /// Seconds of each
-    #[arg(long, default_value_t = readings::Practice::default().seconds)]
-    seconds: f64,
-    /// Seed of everything random
-    #[arg(long, default_value_t = readings::Practice::default().seed)]
-    seed: u64,
-    /// File with what they acted: read if it exists, else written, so that another try takes seconds
-    #[arg(long)]
-    examples: Option<PathBuf>,
+    #[command(flatten)]
+    practice: readings::Practice,
     /// Where to write the tables [default: standard output]
     #[arg(long)]
     out: Option<PathBuf>,
-}
-
-#[derive(Args)]
-struct Nrsfm {
-    /// 2F x P image tracks: x row, y row per frame; a missing point empty or nan
-    #[arg(long)]
-    tracks: PathBuf,
-    /// Number of shape modes, 0 for a rigid reconstruction [default: chosen from the tracks]
-    #[arg(long)]
-    rank: Option<usize>,
-    /// 3F x P shapes to write
-    #[arg(long)]
-    out: PathBuf,
-    /// 3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
-    #[arg(long)]
-    truth: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -351,22 +253,6 @@ struct Preview {
     /// Where the page is served, PORT or ADDRESS:PORT; 0 takes a free one
     #[arg(long, default_value = preview::PAGE_AT)]
     port: String,
-}
-
-#[derive(Args)]
-struct Animate {
-    /// A head with named morph targets, as bake writes it
-    #[arg(long)]
-    mesh: PathBuf,
-    /// What mien run --csv wrote
-    #[arg(long)]
-    csv: PathBuf,
-    /// The head with the run as an animation, .glb or .vrm
-    #[arg(long, value_parser = |text: &str| bake::request::written(text, &["glb", "vrm"]))]
-    out: PathBuf,
-    /// Slot to follow [default: the first that appears]
-    #[arg(long)]
-    user: Option<String>,
 }
 
 /// Why a command failed, and with which exit code.
@@ -436,7 +322,10 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         },
     };
     match line.command {
-        Command::Train(words) => run_train(words),
+        Command::Train(args) => {
+            stopped::tell(Goes::File(args.out.clone()));
+            Ok(train::run(&args, &mut say)?)
+        }
         Command::Fit(args) => {
             stopped::tell(Goes::File(args.out.clone()));
             Ok(fit::fit(&args, &mut say)?)
@@ -456,7 +345,10 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Record(words) => run_record(&words),
         Command::Evaluate(words) => run_evaluate(&words),
         Command::Units(words) => run_units(words),
-        Command::Nrsfm(words) => run_nrsfm(&words),
+        Command::Nrsfm(args) => {
+            stopped::tell(Goes::File(args.out.clone()));
+            Ok(nrsfm::run(&args)?)
+        }
         Command::Bake(request) => Ok(bake::command::run(&request).map(drop)?),
         Command::Place(Place {
             mesh,
@@ -475,15 +367,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         }
         Command::Preview(words) => run_preview(words),
         Command::Skin { out, data } => Ok(bake::command::skin(&data.data, &out)?),
-        Command::Animate(words) => {
-            let Animate {
-                mesh,
-                csv,
-                out,
-                user,
-            } = words;
-            Ok(animate::animate(&mesh, &csv, &out, user.as_deref())?)
-        }
+        Command::Animate(args) => Ok(animate::animate(&args)?),
     }
 }
 
@@ -503,80 +387,49 @@ fn say(line: &str) {
     println!("{line}");
 }
 
-fn run_record(words: &Record) -> Result<(), Fault> {
-    let Record {
-        out,
-        seconds,
-        source,
-    } = words;
-    let mut source = source::open(source, Missing::Simulate, Default::default())
+fn run_record(args: &record::Args) -> Result<(), Fault> {
+    let mut source = source::open(&args.source, Missing::Simulate, Default::default())
         .map_err(|failure| service_fault(failure.into()))?;
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
     let stop = stop_on_signals();
-    let done = record::record(&mut source, out, *seconds, now, &stop)?;
-    say(&format!("{} frames in {}", done.frames, out.display()));
-    eprintln!(
-        "{}{:.1} s at {:.1} Hz, {:.1} MB{}",
-        if done.stopped { "stopped: " } else { "" },
-        done.seconds,
-        done.rate_hz(),
-        done.bytes as f64 / 1e6,
-        if done.stopped {
-            "; the recording so far is kept and can be played"
-        } else {
-            ""
-        },
-    );
+    let done = record::record(&mut source, &args.out, args.seconds, now, &stop)?;
+    say(&format!("{} frames in {}", done.frames, args.out.display()));
+    eprintln!("{done}");
     Ok(())
-}
-
-fn split(name: &str) -> Result<Split, String> {
-    Ok(match name {
-        "test" => Split::Test,
-        "dev" => Split::Dev,
-        "train" => Split::Train,
-        _ => return Err("expected test, dev or train".into()),
-    })
 }
 
 #[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
     let (model, settings) = words.setup.read()?;
     let data = &words.data.data;
-    let folder = words.figures.as_ref().or(words.pictures.as_ref());
-    stopped::tell(folder.map_or(Goes::Printed, |folder| Goes::Pictures(folder.clone())));
+    stopped::tell(Goes::Printed);
     let sessions = |people: usize, seconds: f64| Sessions {
         people: words.people.unwrap_or(people),
         seconds: words.seconds.unwrap_or(seconds),
         split: words.split,
         seed: words.seed,
     };
-    let Sessions {
-        people, seconds, ..
-    } = Sessions::default();
+    let all = usize::MAX;
     if words.landmarks {
         // Five seconds show every condition.
-        let sessions = sessions(people, 5.0);
+        let sessions = sessions(all, 5.0);
         landmark_accuracy::measure(data, &model, &settings, &sessions, &mut say)?;
-    } else if let Some(folder) = &words.figures {
-        let length = (words.people.unwrap_or(1), words.seconds.unwrap_or(20.0));
-        let only = rows(&words.rows, &figures::FIGURES)?;
-        figures::draw(data, &model, &settings, length, folder, only, &mut say)?;
+    } else if words.paper {
+        let rows = rows(&words.rows, &paper::ROWS)?;
+        paper::play(data, &model, settings, &sessions(1, 20.0), rows, &mut say)?;
     } else if words.heads {
         let rows = rows(&words.rows, &head_scenes::ROWS)?;
         let sessions = sessions(head_scenes::PEOPLE, head_scenes::SECONDS);
         let table = head_scenes::play(data, &model, &settings, &sessions, rows)?;
         print!("{table}");
     } else if words.wild {
-        let sessions = sessions(people, wild::SECONDS);
-        let pictures = words.pictures.as_deref();
-        let table = wild::play(data, &model, &settings, &sessions, pictures)?;
+        let table = wild::play(data, &model, &settings, &sessions(all, wild::SECONDS))?;
         print!("{table}");
     } else {
-        let sessions = sessions(people, seconds);
-        let table = sessions::play(data, &model, &settings, &sessions)?;
+        let sessions = sessions(all, Sessions::default().seconds);
+        let table = table::play(data, &model, &settings, &sessions)?;
         print!("{table}");
     }
     Ok(())
@@ -595,66 +448,17 @@ fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
 
 #[expect(clippy::print_stdout, reason = "the command's output")]
 fn run_units(words: Units) -> Result<(), Fault> {
-    let practice = readings::Practice {
-        people: words.people,
-        seconds: words.seconds,
-        seed: words.seed,
-        examples: words.examples,
-    };
     let (model, settings) = words.setup.read()?;
     stopped::tell(words.out.clone().map_or(Goes::Printed, Goes::File));
     let mut progress = |line: &str| eprintln!("{line}");
     let data = &words.data.data;
-    let text = readings::learn(data, &model, &settings, &practice, &mut progress)?;
+    let text = readings::learn(data, &model, &settings, &words.practice, &mut progress)?;
     match words.out {
         Some(out) => atomic_write::write(&out, text)
             .map_err(|source| TrainError::Unwritable { path: out, source })?,
         None => print!("{text}"),
     }
     Ok(())
-}
-
-fn run_train(words: Train) -> Result<(), Fault> {
-    stopped::tell(Goes::File(words.out.clone()));
-    let model = |path: PathBuf| service::model(Some(&path)).map_err(service_fault);
-    let defaults = TrainArgs::default();
-    let args = TrainArgs {
-        images: words.images,
-        data: words.data.data,
-        out: words.out,
-        offsets: words.offsets,
-        tracks: words.tracks.map(|path| Tracks::read(&path)).transpose()?,
-        drawn: words.drawn.unwrap_or(defaults.drawn),
-        starts: words.starts.unwrap_or(defaults.starts),
-        seed: words.seed.unwrap_or(defaults.seed),
-        paper_pictures: if words.no_paper {
-            0
-        } else {
-            defaults.paper_pictures
-        },
-        paper_aam: words.paper_of.map(model).transpose()?.map(|m| m.paper_aam),
-        hold_out_dev: words.hold_out_dev,
-        ..defaults
-    };
-    if let Some(session) = words.person {
-        train_person(&args, &session, words.paper_into.as_ref(), &mut say)?;
-    } else if let Some(path) = words.paper_into {
-        train_paper_into(&args, &path, &mut say)?;
-    } else if let Some(path) = words.refine {
-        finish(&args, model(path)?, &mut say)?;
-    } else {
-        train(&args, &mut say)?;
-    }
-    Ok(())
-}
-
-fn run_nrsfm(words: &Nrsfm) -> Result<(), Fault> {
-    stopped::tell(Goes::File(words.out.clone()));
-    let truth = words.truth.as_deref();
-    nrsfm::run(&words.tracks, words.rank, &words.out, truth).map_err(|error| match error {
-        nrsfm::Error::Usage { problem } => Fault::Usage(problem),
-        other => other.into(),
-    })
 }
 
 fn run_preview(words: Preview) -> Result<(), Fault> {

@@ -7,18 +7,18 @@
 //! inspect        any of our files as a page or a sheet of pictures
 //! preview        a page that shows live what is received
 //! train          the face model; units: what is known of units before anybody is seen
-//! fit            landmarks of still pictures; fitted_picture: one of them with its points
+//! fit            landmarks of still pictures
 //! evaluate       figures against truth
-//! bake           a head and 68 points become blendshapes; animate: a run moves them, head_turn: their bone
+//! bake           a head and 68 points become blendshapes; animate: a run moves them and turns the head
 //! place          a page to put the 68 points on a head
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
 //! progress, stopped   how far long work is, and what Ctrl-C leaves of it
-//! people_split   who is trained on and who is not
+//! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
-//! chart          curves and words in pictures
-//! correlation, frame_time, srgb   what several of them reckon with
+//! chart, jpeg    curves and words in pictures, and their files
+//! correlation, frame_time, srgb, thin_plate   what several of them reckon with
 //! ```
 
 pub mod animate;
@@ -30,11 +30,10 @@ pub mod correlation;
 pub mod csv;
 pub mod evaluate;
 pub mod fit;
-pub mod fitted_picture;
 pub mod frame_time;
-pub mod head_turn;
 pub mod heads;
 pub mod inspect;
+pub mod jpeg;
 pub mod nrsfm;
 pub mod people_split;
 pub mod place;
@@ -44,6 +43,7 @@ pub mod record;
 pub mod srgb;
 pub mod stopped;
 pub mod text_files;
+pub mod thin_plate;
 pub mod train;
 pub mod units;
 

@@ -1,7 +1,22 @@
-//! Who is trained on and who is not: a fixed split of the portraits by person.
+//! The data sets, and who of them is trained on and who is not: a fixed split of the portraits by person.
+
+use std::path::PathBuf;
+
+/// Where the data sets are.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Data {
+    /// Folder of the data sets
+    #[arg(
+        long,
+        env = "MIEN_DATA",
+        hide_env_values = true,
+        default_value = "../shared/data"
+    )]
+    pub data: PathBuf,
+}
 
 /// What a person's pictures may be used for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Split {
     /// Training.
     Train,

@@ -1,12 +1,27 @@
 //! `mien-studio record`: a recording from the sensor or the simulator.
 
-use std::path::Path;
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::progress::Progress;
 use crate::appliance::source::{Source, SourceError};
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::recording::{Recorder, RecordingError};
+
+/// What is recorded.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder to write; plays with --source FOLDER of mien and mien-studio
+    #[arg(long)]
+    pub out: PathBuf,
+    /// How long; Ctrl-C keeps what there is
+    #[arg(long, default_value_t = 10.0)]
+    pub seconds: f64,
+    /// kinect, simulated[:KIND] or a folder; without a Kinect the simulator
+    #[arg(long, default_value = "kinect")]
+    pub source: String,
+}
 
 /// Frames between two looks at the disk.
 const LOOKED_EVERY: u64 = 15;
@@ -49,6 +64,25 @@ impl Recorded {
         } else {
             0.0
         }
+    }
+}
+
+impl Display for Recorded {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (before, after) = if self.stopped {
+            (
+                "stopped: ",
+                "; the recording so far is kept and can be played",
+            )
+        } else {
+            ("", "")
+        };
+        let (seconds, mb) = (self.seconds, self.bytes as f64 / 1e6);
+        write!(
+            f,
+            "{before}{seconds:.1} s at {:.1} Hz, {mb:.1} MB{after}",
+            self.rate_hz()
+        )
     }
 }
 

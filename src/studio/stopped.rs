@@ -19,8 +19,6 @@ pub enum Goes {
     Printed,
     /// Into this file, whole or not at all.
     File(PathBuf),
-    /// Picture after picture into this folder.
-    Pictures(PathBuf),
 }
 
 /// A file's number and its last change: another after it was replaced.
@@ -37,9 +35,6 @@ impl Goes {
     fn kept(&self, before: Version) -> String {
         match self {
             Self::Printed => "nothing was written".into(),
-            Self::Pictures(folder) => {
-                format!("pictures finished so far are in {}", folder.display())
-            }
             Self::File(path) if self.version() != before => {
                 format!(
                     "{} was written, without what the remaining steps add",

@@ -72,7 +72,7 @@ const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\"
 const WIRES: &str = "";
 
 /// Gestures of everybody that go on and off all the time, and press keys of a file.
-#[cfg(feature = "gestures")]
+#[cfg(feature = "wires")]
 fn gestures(folder: &Path) -> String {
     let keys = folder.join("keys");
     std::fs::write(&keys, []).unwrap();
@@ -98,7 +98,7 @@ pub fn everything_on(folder: &Path, serial: &str) -> std::path::PathBuf {
         folder.join("status.json")
     );
     let text = text + WIRES;
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     let text = text + &gestures(folder);
     std::fs::write(&config, text).unwrap();
     config

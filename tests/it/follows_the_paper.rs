@@ -117,7 +117,8 @@ fn the_papers_system_follows_the_actor() {
 #[cfg(feature = "studio")]
 #[test]
 fn a_person_never_trained_on_is_followed_by_the_papers_system() {
-    use mien::studio::evaluate::sessions::{Sessions, play};
+    use mien::studio::evaluate::sessions::Sessions;
+    use mien::studio::evaluate::table::play;
     use mien::studio::people_split::Split;
 
     let Some(data) = crate::common::data::data(&[]) else {

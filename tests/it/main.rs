@@ -21,7 +21,7 @@ mod lives_as_a_service;
 mod output_bytes;
 mod places_points;
 mod plays_any_depth_camera;
-#[cfg(all(feature = "studio", feature = "gestures"))]
+#[cfg(all(feature = "studio", feature = "wires"))]
 mod plays_gestures;
 mod plays_what_others_recorded;
 mod plays_without_a_sensor;

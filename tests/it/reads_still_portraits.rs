@@ -11,7 +11,7 @@ use mien::base::capacity::LANDMARKS;
 use mien::base::geometry::Point;
 use mien::expression::{Measure, measures};
 use mien::face_model::FaceModel;
-use mien::studio::fit::{FaceBox, FittedFace, StillFitter};
+use mien::studio::fit::still::{FaceBox, FittedFace, StillFitter};
 use mien::studio::people_split::Split;
 use mien::studio::train::dataset::{Entry, read_folder};
 use mien::studio::train::evaluate::{Errors, differences};

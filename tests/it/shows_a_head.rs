@@ -132,8 +132,13 @@ fn the_neck_stays_where_the_head_turns() {
         "frame,time_us,user,state,qx,qy,qz,qw,w_AU26\n0,0,0,tracking,0,0,0,1,0\n1,33000,0,tracking,0,0.2,0,0.98,1\n",
     )
     .unwrap();
-    mien::studio::animate::animate(Path::new(&mesh), Path::new(&table), Path::new(&out), None)
-        .unwrap();
+    mien::studio::animate::animate(&mien::studio::animate::Args {
+        mesh: Path::new(&mesh).into(),
+        csv: Path::new(&table).into(),
+        out: Path::new(&out).into(),
+        user: None,
+    })
+    .unwrap();
     let glb = Glb::parse(&std::fs::read(&out).unwrap()).unwrap();
     let channels = glb.json["animations"][0]["channels"].as_array().unwrap();
     let turned = channels

@@ -36,19 +36,19 @@ fn osc(socket: &UdpSocket) -> String {
     format!("[osc]\ntargets = \"{to}\"\ncommands = false\nstyle = \"vector\"\n")
 }
 
-#[cfg(not(feature = "gestures"))]
+#[cfg(not(feature = "wires"))]
 #[test]
 fn a_key_that_this_build_cannot_press_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let output = run(folder.path(), "", &["--frames", "1"]);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(
-        !output.status.success() && said.contains("a build with --features gestures"),
+        !output.status.success() && said.contains("build with --features wires"),
         "{said}"
     );
 }
 
-#[cfg(feature = "gestures")]
+#[cfg(feature = "wires")]
 mod pressed {
     use super::*;
     use std::process::{Child, Stdio};

@@ -4,9 +4,11 @@
 
 use tracing::Level;
 
+use super::gestures;
 use super::sections::Settings;
 use super::units::is_unit;
 use crate::expression::measures::Scale;
+use crate::output::gesture::{Person, Press};
 use crate::output::osc::Style;
 use crate::output::osc::vmc::{Names, Role};
 use crate::output::osc::vrchat::{MOST_BITS, Values};
@@ -18,11 +20,23 @@ use crate::{expression, landmarks, pose};
 /// The section whose keys are the units' names.
 pub(super) const UNITS: &str = "units";
 
+/// The section that is an array of tables.
+pub(super) const GESTURE: &str = "gesture";
+
 /// A section, with a sentence about it.
 pub(super) struct Section {
     pub(super) name: &'static str,
     pub(super) about: &'static str,
     pub(super) keys: &'static [Key],
+}
+
+impl Section {
+    pub(super) fn header(&self) -> String {
+        match self.name {
+            GESTURE => format!("[[{GESTURE}]]"),
+            name => format!("[{name}]"),
+        }
+    }
 }
 
 /// One key.
@@ -361,6 +375,24 @@ sections! { s
     log: "What is written to standard error." {
         level: "Lowest severity written; \"trace\" is the same as \"debug\"." =>
             choice(&mut s.log.level, &[("error", Level::ERROR), ("warn", Level::WARN), ("info", Level::INFO), ("debug", Level::DEBUG), ("trace", Level::TRACE)]);
+    }
+    gesture: "Expressions that switch something, see docs/gestures.md. At most 16, of which smile, brows, mouth_open, wink_left,\n# wink_right, blink_long, look_left, look_right, look_up and kiss need no more than their name." {
+        name: "What it is called." =>
+            text(&mut s.gesture().name, "at most 24 letters, digits and signs such as _ or -", gestures::is_word);
+        of: "What it reads." =>
+            text(&mut s.gesture().of, "units added and subtracted, such as \"AU12L + AU12R\"", gestures::is_sum);
+        on: "It goes on when that is as much," => float(&mut s.gesture().on, 0.01, 8.0, "");
+        off: "and off below this." => float(&mut s.gesture().off, 0.0, 8.0, "");
+        hold_s: "How long it must be as much before it goes on." => seconds(&mut s.gesture().hold_s);
+        pause_s: "Least time from going off to going on again." => seconds(&mut s.gesture().pause_s);
+        person: "Whose: of the person that single-person outputs show, of anybody, or of each by themselves." =>
+            choice(&mut s.gesture().person, &[("shown", Person::Shown), ("any", Person::Any), ("each", Person::Each)]);
+        speaking: "Whether it may go on while they speak." => flag(&mut s.gesture().speaking);
+        turned_deg: "Largest angle between face and line of sight." => float(&mut s.gesture().turned_deg, 1.0, 90.0, "degrees");
+        key: "What it presses; empty = nothing." =>
+            text(&mut s.gesture().key, "a key such as \"space\", \"a\", \"page_down\", \"mouse_left\", or empty", gestures::is_key);
+        press: "Whether the key is tapped, or down while the gesture is on." =>
+            choice(&mut s.gesture().press, &[("tap", Press::Tap), ("hold", Press::Hold)]);
     }
 }
 

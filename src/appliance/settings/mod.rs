@@ -19,11 +19,12 @@ use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use keys::{Kind, SECTIONS, UNITS};
-use toml_words::{describe, float, integer, toml_string};
+use keys::{GESTURE, Key, Kind, SECTIONS, Section, UNITS};
+use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
 use crate::base::nearest_word::hint;
+use crate::output::gesture::{Gesture, PRESETS};
 
 /// Largest file, bytes: fifty times ours.
 const MOST: usize = 1 << 20;
@@ -109,44 +110,67 @@ impl Settings {
         for (section, value) in document.get_ref() {
             let name: &str = section.get_ref();
             let start = section.span().start;
-            if name == gestures::SECTION {
-                settings.gestures = gestures::read(value).map_err(|(span, expected, found)| {
-                    wrong(span.unwrap_or(section.span()).start, expected, found)
-                })?;
-                continue;
-            }
             let Some(known) = SECTIONS.iter().find(|known| known.name == name) else {
-                let names = SECTIONS.iter().map(|known| known.name);
-                let names: Vec<&str> = names.chain([gestures::SECTION]).collect();
+                let names: Vec<&str> = SECTIONS.iter().map(|known| known.name).collect();
                 let expected = format!("one of the sections {}", names.join(", "));
                 let found = format!("{name}{}", hint(name, names));
                 return Err(wrong(start, expected, found));
             };
-            let Some(table) = value.get_ref().as_table() else {
-                let expected = format!("a section [{name}]");
+            let tables = match value.get_ref() {
+                DeValue::Table(table) if name != GESTURE => Some(vec![table]),
+                DeValue::Array(all) if name == GESTURE => {
+                    all.iter().map(|table| table.get_ref().as_table()).collect()
+                }
+                _ => None,
+            };
+            let Some(tables) = tables else {
+                let expected = known.header();
                 return Err(wrong(start, expected, describe(value.get_ref())));
             };
-            for (key, value) in table {
-                if name == UNITS {
-                    units::assign(key.get_ref(), value, &mut settings.units).map_err(
-                        |(span, expected, found)| {
-                            wrong(span.unwrap_or(key.span()).start, expected, found)
-                        },
-                    )?;
-                    continue;
-                }
-                let Some(row) = known.keys.iter().find(|row| row.name == key.get_ref()) else {
-                    let names: Vec<&str> = known.keys.iter().map(|row| row.name).collect();
-                    let expected = format!("one of the keys {} in [{name}]", names.join(", "));
-                    let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
-                    return Err(wrong(key.span().start, expected, found));
-                };
-                let path = format!("{name}.{}", row.name);
-                assign((row.kind)(&mut settings), &path, value.get_ref())
-                    .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
+            for table in tables {
+                settings.table(known, table, start, &wrong)?;
             }
         }
         Ok(settings)
+    }
+
+    /// Reads one table of a section, which begins at `start`.
+    fn table(
+        &mut self,
+        known: &Section,
+        table: &DeTable<'_>,
+        start: usize,
+        wrong: &dyn Fn(usize, String, String) -> SettingsError,
+    ) -> Result<(), SettingsError> {
+        let name = known.name;
+        let whole = |(expected, found)| wrong(start, expected, found);
+        if name == GESTURE {
+            gestures::begin(table, self).map_err(whole)?;
+        }
+        for (key, value) in table {
+            if name == UNITS {
+                units::assign(key.get_ref(), value, &mut self.units).map_err(
+                    |(span, expected, found)| {
+                        wrong(span.unwrap_or(key.span()).start, expected, found)
+                    },
+                )?;
+                continue;
+            }
+            let Some(row) = known.keys.iter().find(|row| row.name == key.get_ref()) else {
+                let names: Vec<&str> = known.keys.iter().map(|row| row.name).collect();
+                let expected =
+                    format!("one of the keys {} in {}", names.join(", "), known.header());
+                let found = format!("{key}{}", hint(key.get_ref(), names), key = key.get_ref());
+                return Err(wrong(key.span().start, expected, found));
+            };
+            let path = format!("{name}.{}", row.name);
+            assign((row.kind)(self), &path, value.get_ref())
+                .map_err(|(expected, found)| wrong(value.span().start, expected, found))?;
+        }
+        if name == GESTURE {
+            gestures::end(self).map_err(whole)?;
+        }
+        Ok(())
     }
 
     /// The whole configuration as TOML that [`Settings::parse`] accepts, every key with its comment and range.
@@ -158,20 +182,31 @@ impl Settings {
         );
         let mut copy = self.clone();
         for section in SECTIONS {
-            let _ = write!(text, "\n# {}\n[{}]\n", section.about, section.name);
-            if section.name == UNITS {
-                units::print(&self.units, &mut text);
-            }
-            for key in section.keys {
-                let (allowed, value) = (key.kind)(&mut copy).text();
-                let _ = write!(
-                    text,
-                    "# {} ({allowed})\n{} = {value}\n",
-                    key.about, key.name
-                );
+            let _ = write!(text, "\n# {}\n", section.about);
+            // Without any, one that is commented out.
+            let gestures = match &self.gestures[..] {
+                [] => &[Gesture::named(PRESETS[0].0)][..],
+                all => all,
+            };
+            let is_example = section.name == GESTURE && self.gestures.is_empty();
+            let mark = if is_example { "# " } else { "" };
+            let times = if section.name == GESTURE {
+                gestures
+            } else {
+                &gestures[..1]
+            };
+            for gesture in times {
+                copy.gestures = vec![gesture.clone()];
+                let _ = writeln!(text, "{mark}{}", section.header());
+                if section.name == UNITS {
+                    units::print(&self.units, &mut text);
+                }
+                for Key { name, about, kind } in section.keys {
+                    let (allowed, value) = kind(&mut copy).text();
+                    let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
+                }
             }
         }
-        gestures::print(&self.gestures, &mut text);
         text
     }
 }
@@ -211,6 +246,15 @@ fn quoted(names: &[&str]) -> String {
         .map(|name| format!("{name:?}"))
         .collect::<Vec<_>>()
         .join(" or ")
+}
+
+/// Any number.
+fn float(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
+        DeValue::Integer(number) => integer(number).map(|number| number as f64),
+        _ => None,
+    }
 }
 
 /// One string as such, any other number of them as an array.

@@ -116,6 +116,12 @@ defaults! {
 }
 
 impl Settings {
+    /// The gesture that is being read or printed.
+    pub(super) fn gesture(&mut self) -> &mut output::gesture::Gesture {
+        let last = self.gestures.last_mut();
+        last.expect("keys of gestures are asked for only while there is one")
+    }
+
     /// Names of the gestures, in their order.
     #[must_use]
     pub fn gesture_names(&self) -> Vec<&str> {

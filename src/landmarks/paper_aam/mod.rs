@@ -17,7 +17,7 @@ mod model;
 mod solver;
 pub mod warp;
 
-pub use model::{MOST_APPEARANCE_MODES, MOST_HEAD_MODES, PaperAam, PaperAamError};
+pub use model::{MOST_APPEARANCE_MODES, MOST_HEAD_MODES, PaperAam};
 pub use solver::{AamFit, Solver};
 #[cfg(feature = "studio")]
 pub(crate) use {grey::normalised, solver::sample};
@@ -30,6 +30,7 @@ use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
+use crate::face_model::ModelError;
 use crate::pose::HeadPose;
 use crate::sensor::camera::Camera;
 
@@ -61,7 +62,7 @@ impl PaperAamFitter {
     ///
     /// # Errors
     /// If the bytes are not such a model.
-    pub fn new(settings: PaperAamSettings, bytes: &[u8]) -> Result<Self, PaperAamError> {
+    pub fn new(settings: PaperAamSettings, bytes: &[u8]) -> Result<Self, ModelError> {
         Ok(Self {
             settings,
             solver: Solver::new(PaperAam::parse(bytes)?),

@@ -12,6 +12,8 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
+use crate::face_model::ModelError;
+use crate::face_model::reader::{Reader, vectors};
 
 /// Most appearance modes.
 pub const MOST_APPEARANCE_MODES: usize = 96;
@@ -47,184 +49,51 @@ pub struct PaperAam {
     pub pixels: Vec<BasePixel>,
 }
 
-/// Why the bytes are not a valid model.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum PaperAamError {
-    /// Another beginning.
-    #[error(
-        "expected the paper's appearance model (PAM2), found other bytes; train the model again"
-    )]
-    Magic,
-    /// Too short or too long.
-    #[error(
-        "the paper's appearance model: expected {expected} bytes more, found {found}; train the model again"
-    )]
-    Length {
-        /// Bytes wanted.
-        expected: usize,
-        /// Bytes there.
-        found: usize,
-    },
-    /// An invalid number.
-    #[error(
-        "the paper's appearance model: {what} is {found}, expected {expected}; train the model again"
-    )]
-    Value {
-        /// What it is.
-        what: &'static str,
-        /// What is there.
-        found: f64,
-        /// What should be there.
-        expected: &'static str,
-    },
-}
-
-struct Reader<'a>(&'a [u8]);
-
-impl Reader<'_> {
-    fn take(&mut self, count: usize) -> Result<&[u8], PaperAamError> {
-        let found = self.0.len();
-        let (head, tail) = self
-            .0
-            .split_at_checked(count)
-            .ok_or(PaperAamError::Length {
-                expected: count,
-                found,
-            })?;
-        self.0 = tail;
-        Ok(head)
-    }
-
-    fn count(
-        &mut self,
-        what: &'static str,
-        least: usize,
-        most: usize,
-    ) -> Result<usize, PaperAamError> {
-        let bytes = self.take(2)?;
-        let found = usize::from(u16::from_le_bytes([bytes[0], bytes[1]]));
-        if (least..=most).contains(&found) {
-            Ok(found)
-        } else {
-            Err(PaperAamError::Value {
-                what,
-                found: found as f64,
-                expected: "within the model's limits",
-            })
-        }
-    }
-
-    fn floats(
-        &mut self,
-        count: usize,
-        what: &'static str,
-        most: f32,
-    ) -> Result<Vec<f32>, PaperAamError> {
-        let bytes = self.take(4 * count)?;
-        let values: Vec<f32> = bytes
-            .chunks_exact(4)
-            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-            .collect();
-        match values.iter().find(|v| !v.is_finite() || v.abs() > most) {
-            Some(bad) => Err(PaperAamError::Value {
-                what,
-                found: f64::from(*bad),
-                expected: "a moderate finite number",
-            }),
-            None => Ok(values),
-        }
-    }
-
-    fn positive(&mut self, count: usize, what: &'static str) -> Result<Vec<f32>, PaperAamError> {
-        let values = self.floats(count, what, 1e6)?;
-        match values.iter().find(|v| **v <= 0.0) {
-            Some(bad) => Err(PaperAamError::Value {
-                what,
-                found: f64::from(*bad),
-                expected: "above 0",
-            }),
-            None => Ok(values),
-        }
-    }
-}
-
-fn shape2(values: &[f32]) -> Shape2 {
-    core::array::from_fn(|i| [values[2 * i], values[2 * i + 1]])
-}
-
 impl PaperAam {
     /// Reads the bytes of [`PaperAam::to_bytes`].
     ///
     /// # Errors
     /// If the bytes are not exactly such a model.
-    pub fn parse(bytes: &[u8]) -> Result<Self, PaperAamError> {
-        let mut from = Reader(bytes);
+    pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
+        let section = "PAAM";
+        let mut from = Reader { section, bytes };
         if from.take(4)? != b"PAM2" {
-            return Err(PaperAamError::Magic);
+            return Err(from.malformed("PAM2 as first bytes", 0.0));
         }
-        let m = from.count("number of appearance modes", 0, MOST_APPEARANCE_MODES)?;
-        let k = from.count("number of head modes", 0, MOST_HEAD_MODES)?;
-        let triangle_count = from.count("number of triangles", 1, 2 * LANDMARKS)?;
-        let pixel_count = from.count("number of pixels", 100, 20_000)?;
-        let points = |v: &[f32]| {
-            v.chunks_exact(3)
-                .map(|p| Point::new(p[0], p[1], p[2]))
-                .collect::<Vec<_>>()
-        };
-        let head = points(&from.floats(3 * LANDMARKS, "a point of the mean head", 10.0)?);
-        let head_deviations = from.positive(k, "a deviation of a head mode")?;
-        let mut head_modes = Vec::with_capacity(k);
-        for _ in 0..k {
-            let mode = from.floats(3 * LANDMARKS, "a head mode", 2.0)?;
-            head_modes.push(points(&mode).iter().map(|p| p.coords).collect());
+        let m = from.count(2, 0..=MOST_APPEARANCE_MODES, "at most 96 appearance modes")?;
+        let k = from.count(2, 0..=MOST_HEAD_MODES, "at most 40 head modes")?;
+        let triangles = from.count(2, 1..=2 * LANDMARKS, "1 to 136 triangles")?;
+        let pixels = from.count(2, 100..=20_000, "100 to 20000 pixels")?;
+        let head = from.floats_within(3 * LANDMARKS, 10.0, "a mean head within 10 m")?;
+        let head_deviations = from.positive(k, "deviations of head modes above 0")?;
+        let head_modes = from.floats_within(k * 3 * LANDMARKS, 2.0, "head modes within 2")?;
+        let base = from.floats_within(2 * LANDMARKS, 1e4, "a base shape within 10000 px")?;
+        let noise = from.positive(1, "appearance noise above 0")?[0];
+        let belief = from.positive(2, "a belief above 0")?;
+        let appearance_deviations = from.positive(m, "deviations of appearance above 0")?;
+        let triangles = from.take(3 * triangles)?.as_chunks::<3>().0.to_vec();
+        let corners = triangles.iter().flatten();
+        if let Some(bad) = corners.copied().find(|v| usize::from(*v) >= LANDMARKS) {
+            return Err(from.malformed("corners of triangles from 0 to 67", bad.into()));
         }
-        let base = shape2(&from.floats(2 * LANDMARKS, "a point of the base shape", 1e4)?);
-        let noise = from.positive(1, "the appearance noise")?[0];
-        let belief = from.positive(2, "the belief")?;
-        let belief = [belief[0], belief[1]];
-        let appearance_deviations = from.positive(m, "a deviation of an appearance mode")?;
-        let triangles: Vec<[u8; 3]> = from
-            .take(3 * triangle_count)?
-            .chunks_exact(3)
-            .map(|t| [t[0], t[1], t[2]])
-            .collect();
-        if let Some(bad) = triangles
-            .iter()
-            .flatten()
-            .find(|v| usize::from(**v) >= LANDMARKS)
-        {
-            let found = f64::from(*bad);
-            return Err(PaperAamError::Value {
-                what: "a corner",
-                found,
-                expected: "0 to 67",
-            });
-        }
-        let mut row = || -> Result<Vec<f32>, PaperAamError> {
-            let unit = from.positive(1, "the unit of an appearance mode")?[0];
-            let values = from.take(pixel_count)?;
+        let mut row = || -> Result<Vec<f32>, ModelError> {
+            let unit = from.positive(1, "units of rows above 0")?[0];
+            let values = from.take(pixels)?;
             Ok(values.iter().map(|v| f32::from(*v as i8) * unit).collect())
         };
         let (trust, appearance) = (row()?, row()?);
         let appearance_modes = (0..m).map(|_| row()).collect::<Result<Vec<_>, _>>()?;
-        if !from.0.is_empty() {
-            return Err(PaperAamError::Length {
-                expected: 0,
-                found: from.0.len(),
-            });
+        from.end()?;
+        let base = core::array::from_fn(|i| [base[2 * i], base[2 * i + 1]]);
+        let inside = base_pixels(&base, &triangles);
+        if inside.len() != pixels {
+            let expected = "as many pixels as lie inside the shape";
+            return Err(from.malformed(expected, pixels as f64));
         }
-        let pixels = base_pixels(&base, &triangles);
-        if pixels.len() != pixel_count {
-            let found = pixels.len() as f64;
-            return Err(PaperAamError::Value {
-                what: "number of pixels inside the shape",
-                found,
-                expected: "as stored",
-            });
-        }
+        let modes = head_modes.chunks_exact(3 * LANDMARKS);
         Ok(Self {
-            head,
-            head_modes,
+            head: vectors(&head).into_iter().map(Point::from).collect(),
+            head_modes: modes.map(vectors).collect(),
             head_deviations,
             base,
             triangles,
@@ -233,8 +102,8 @@ impl PaperAam {
             appearance_modes,
             appearance_deviations,
             noise,
-            belief,
-            pixels,
+            belief: [belief[0], belief[1]],
+            pixels: inside,
         })
     }
 
@@ -251,14 +120,9 @@ impl PaperAam {
         counts
             .iter()
             .for_each(|c| out.extend((*c as u16).to_le_bytes()));
-        let mut floats: Vec<f32> = self.head.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+        let mut floats: Vec<f32> = self.head.iter().flat_map(|p| p.coords.data.0[0]).collect();
         floats.extend(&self.head_deviations);
-        floats.extend(
-            self.head_modes
-                .iter()
-                .flatten()
-                .flat_map(|v| [v.x, v.y, v.z]),
-        );
+        floats.extend(self.head_modes.iter().flatten().flatten());
         floats.extend(self.base.iter().flatten());
         floats.push(self.noise);
         floats.extend(self.belief);
@@ -293,13 +157,14 @@ mod tests {
         }
         let mut other = bytes.to_vec();
         other[3] = b'1';
-        assert_eq!(PaperAam::parse(&other).unwrap_err(), PaperAamError::Magic);
+        let message = PaperAam::parse(&other).unwrap_err().to_string();
+        assert!(message.contains("PAM2"), "{message}");
         // The first deviation of a shape mode.
         let at = 4 + 8 + 4 * 3 * LANDMARKS;
         let mut other = bytes.to_vec();
         other[at..at + 4].copy_from_slice(&(-1.0_f32).to_le_bytes());
         let message = PaperAam::parse(&other).unwrap_err().to_string();
-        assert!(message.contains("a deviation of a head mode is -1, expected above 0"));
+        assert!(message.contains("deviations of head modes above 0, found -1"));
     }
 
     #[test]

@@ -65,6 +65,10 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
     let what = address.strip_prefix(prefix)?.strip_prefix("/cmd/")?;
     let (slot, on) = match arguments[..] {
         [] if what == "schema" => return Some(Request::Schema),
+        [gesture, level] if what == "level" => {
+            let level = Command::Level(gesture.try_into().ok()?, level.try_into().ok()?);
+            return Some(Request::Command(level));
+        }
         [slot] => (slot, None),
         [slot, on @ 0..=1] => (slot, Some(on == 1)),
         _ => return None,

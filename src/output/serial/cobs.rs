@@ -18,6 +18,8 @@ use crate::base::checksum::crc16;
 use crate::base::geometry::Rigid;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
+#[cfg(feature = "wires")]
+use crate::output::gesture::Switch;
 use crate::output::{Report, SCHEMA_VERSION, TrackingState};
 
 /// A frame before stuffing; leaves room for the stuffing in a line.
@@ -143,12 +145,13 @@ pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Li
 }
 
 /// A gesture that is on or off.
-#[cfg(feature = "gestures")]
-pub(super) fn switch(head: [u8; 4], name: &str, line: &mut Line) -> bool {
-    let mut payload = Payload::new();
-    let filled = payload.extend_from_slice(&head).is_ok()
-        && payload.extend_from_slice(name.as_bytes()).is_ok();
-    filled && append(payload, line)
+#[cfg(feature = "wires")]
+pub(super) fn switch(switch: &Switch<'_>, line: &mut Line) -> core::fmt::Result {
+    let user = switch.user.map_or(u8::MAX, |user| user as u8);
+    let head = [3, switch.index as u8, switch.is_on.into(), user];
+    let bytes = head.iter().chain(switch.gesture.name.as_bytes());
+    let fits = append(bytes.copied().collect(), line);
+    fits.then_some(()).ok_or(core::fmt::Error)
 }
 
 #[cfg(test)]

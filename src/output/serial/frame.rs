@@ -124,23 +124,16 @@ impl Frame {
 }
 
 /// Appends that a gesture is on or off, if the style has that.
-#[cfg(feature = "gestures")]
+#[cfg(feature = "wires")]
 pub(super) fn switch(
     style: Style,
     switch: &crate::output::gesture::Switch<'_>,
     line: &mut Line,
 ) -> core::fmt::Result {
-    let (name, is_on) = (&switch.gesture.name, u8::from(switch.is_on));
-    match (style, switch.user) {
-        (Style::Text, Some(user)) => write!(line, "!{name} {is_on} {user}\r\n"),
-        (Style::Text, None) => write!(line, "!{name} {is_on}\r\n"),
-        (Style::Plot, _) => Ok(()),
-        (Style::Cobs, user) => {
-            let user = user.map_or(u8::MAX, |user| user as u8);
-            let head = [3, switch.index as u8, is_on, user];
-            let fits = cobs::switch(head, name, line);
-            fits.then_some(()).ok_or(core::fmt::Error)
-        }
+    match style {
+        Style::Text => write!(line, "!{switch} {}\r\n", u8::from(switch.is_on)),
+        Style::Plot => Ok(()),
+        Style::Cobs => cobs::switch(switch, line),
     }
 }
 

@@ -91,7 +91,7 @@ impl Shared {
     }
 
     /// A gesture's line, which no newer frame replaces; without room it is dropped and counted, and repeated in time.
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     pub(super) fn put_switch(&self, write: impl FnOnce(&mut Line) -> std::fmt::Result) {
         if !self.lock().switches.all_or_nothing(write) {
             self.dropped.fetch_add(1, Ordering::Relaxed);

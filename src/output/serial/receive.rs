@@ -84,16 +84,6 @@ impl Receiver {
 
     /// Parses a line of the styles text and plot.
     fn text(&mut self, line: &str, to: &dyn Listener) -> Option<()> {
-        if let Some(gesture) = line.strip_prefix('!') {
-            let words: Vec<&str> = gesture.split(' ').collect();
-            let (name, is_on, user) = match words[..] {
-                [name, is_on] => (name, is_on, None),
-                [name, is_on, user] => (name, is_on, Some(user.parse().ok()?)),
-                _ => return None,
-            };
-            is_name(name).then(|| to.gesture(name, user, is_on == "1"))?;
-            return Some(());
-        }
         // What stands before a dollar is the rest of something that was cut.
         let Some(at) = line.rfind('$') else {
             return self.plot(line, to);
@@ -191,14 +181,8 @@ impl Receiver {
                 }));
                 Some(())
             }
-            [3, _, is_on, user, name @ ..] => {
-                let name = std::str::from_utf8(name)
-                    .ok()
-                    .filter(|name| is_name(name))?;
-                let user = Some(usize::from(*user)).filter(|&user| user < USERS);
-                to.gesture(name, user, *is_on != 0);
-                Some(())
-            }
+            // A gesture: the page has them by OSC.
+            [3, ..] => Some(()),
             [16, _, _, names @ ..] => self.name(spelt(names)?, to),
             [18, _, first, names @ ..] => {
                 let mut all = self.units.clone();
@@ -272,31 +256,6 @@ mod tests {
         // The rest of a line stays until it is plain that it is no frame; the false checksum is counted at once.
         assert_eq!(hub.counts().received, 3);
         assert!(hub.counts().refused >= 1);
-    }
-
-    #[test]
-    fn gestures_are_told_in_both_styles() {
-        let (hub, mut receiver) = (Hub::new(true), Receiver::new(100.0));
-        receiver.take(b"!smile 1\r\n!kiss 0 2\r\n!no gesture at all\r\n", &hub);
-        let mut payload = b"\x03\x00\x01\xffbrows".to_vec();
-        payload.extend(crc16(&payload).to_le_bytes());
-        receiver.frame(&payload, &hub);
-        let (facts, _) = hub.start();
-        let data = facts
-            .iter()
-            .map(|fact| fact.split_once("data: ").unwrap().1.trim());
-        let told: Vec<serde_json::Value> = data
-            .map(|json| serde_json::from_str(json).unwrap())
-            .collect();
-        let gesture = |name, slot: Option<usize>, is_on| serde_json::json!({"name": name, "u": slot, "on": is_on});
-        assert_eq!(
-            told,
-            [
-                gesture("brows", None, true),
-                gesture("kiss", Some(2), false),
-                gesture("smile", None, true)
-            ]
-        );
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::output::{Output, OutputError, Report, Tally};
 pub struct Serial {
     encoder: Encoder,
     shared: Arc<Shared>,
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     style: super::settings::Style,
     thread: Option<JoinHandle<()>>,
 }
@@ -32,7 +32,7 @@ impl Serial {
         Ok(Self {
             encoder,
             shared,
-            #[cfg(feature = "gestures")]
+            #[cfg(feature = "wires")]
             style: settings.style,
             thread: Some(thread),
         })
@@ -93,7 +93,7 @@ impl Output for Serial {
         Ok(())
     }
 
-    #[cfg(feature = "gestures")]
+    #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
         self.shared
             .put_switch(|line| super::frame::switch(self.style, switch, line));

@@ -17,6 +17,7 @@ use super::head::{Head, smooth};
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::prior::{Place, Prior};
+use crate::studio::thin_plate::ThinPlate;
 
 /// Landmarks may miss the learned ones by this much (RMS) after a linear map.
 const FITS: f64 = 0.25;
@@ -36,59 +37,17 @@ pub(super) struct Canonical<'a> {
     takes: Vec<[(u32, f32); NEIGHBOURS]>,
 }
 
-/// Thin-plate map between two sets of landmarks.
-struct Warp {
-    from: Vec<Vec3>,
-    bend: Vec<Vec3>,
-    linear: Matrix3<f64>,
-    shift: Vec3,
-}
-
-impl Warp {
-    /// `None` if the sets are too different for one face.
-    fn new(from: &[Vec3], to: &[Vec3]) -> Option<Self> {
-        let n = from.len();
-        let line = |p: &Vec3| [1.0, p.x, p.y, p.z];
-        let affine = DMatrix::from_fn(n, 4, |r, c| line(&from[r])[c]);
-        let goal = DMatrix::from_fn(n, 3, |r, c| to[r][c]);
-        let fitted = affine.clone().svd(true, true).solve(&goal, 1e-9).ok()?;
-        let miss = ((&affine * &fitted - &goal).norm_squared() / n as f64).sqrt();
-        let linear = Matrix3::from_fn(|r, c| fitted[(c + 1, r)]);
-        if !(miss <= FITS && linear.determinant() > 0.1) {
-            return None;
-        }
-        let mut system = DMatrix::zeros(n + 4, n + 4);
-        let mut given = DMatrix::zeros(n + 4, 3);
-        for r in 0..n {
-            for c in 0..n {
-                // −|r| is positive definite on what the linear part leaves.
-                system[(r, c)] = -(from[r] - from[c]).norm();
-            }
-            system[(r, r)] += GIVES;
-            for (c, x) in line(&from[r]).into_iter().enumerate() {
-                system[(r, n + c)] = x;
-                system[(n + c, r)] = x;
-            }
-            for c in 0..3 {
-                given[(r, c)] = to[r][c];
-            }
-        }
-        let x = system.lu().solve(&given)?;
-        let row = |r: usize| Vec3::new(x[(r, 0)], x[(r, 1)], x[(r, 2)]);
-        Some(Self {
-            from: from.to_vec(),
-            bend: (0..n).map(row).collect(),
-            linear: Matrix3::from_columns(&[row(n + 1), row(n + 2), row(n + 3)]),
-            shift: row(n),
-        })
-    }
-
-    fn of(&self, p: &Vec3) -> Vec3 {
-        let bends = self.from.iter().zip(&self.bend);
-        bends.fold(self.linear * p + self.shift, |sum, (q, bend)| {
-            sum - bend * (p - q).norm()
-        })
-    }
+/// The warp between two sets of landmarks; `None` if they are too different for one face.
+fn warp(from: &[Vec3], to: &[Vec3]) -> Option<ThinPlate<3>> {
+    let n = from.len();
+    let line = |p: &Vec3| [1.0, p.x, p.y, p.z];
+    let affine = DMatrix::from_fn(n, 4, |r, c| line(&from[r])[c]);
+    let goal = DMatrix::from_fn(n, 3, |r, c| to[r][c]);
+    let fitted = affine.clone().svd(true, true).solve(&goal, 1e-9).ok()?;
+    let miss = ((&affine * &fitted - &goal).norm_squared() / n as f64).sqrt();
+    let linear = Matrix3::from_fn(|r, c| fitted[(c + 1, r)]);
+    let alike = miss <= FITS && linear.determinant() > 0.1;
+    alike.then(|| ThinPlate::new(from, to, GIVES))?
 }
 
 /// Positions of a head in the face's frame.
@@ -118,9 +77,10 @@ impl<'a> Canonical<'a> {
         let from: Vec<Vec3> = (0..LANDMARKS)
             .map(|k| in_frame(head, &head.point(k)))
             .collect();
-        let warp = Warp::new(&from, &prior.comparison.landmarks)?;
+        let warp = warp(&from, &prior.comparison.landmarks)?;
         let mut skin = places(head, |v| head.skin[v]);
-        skin.par_iter_mut().for_each(|(_, p)| p.at = warp.of(&p.at));
+        skin.par_iter_mut()
+            .for_each(|(_, p)| p.at = warp.warp(&p.at));
         let learned = &prior.comparison.places;
         let tree = |points: Vec<[f64; 6]>| ImmutableKdTree::new_from_slice(&points).ok();
         let on_skin = tree(skin.iter().map(|p| p.1.point()).collect())?;
@@ -211,14 +171,14 @@ mod tests {
                 )
             })
             .collect();
-        let warp = Warp::new(&other, to).unwrap();
+        let found = warp(&other, to).unwrap();
         for (from, to) in other.iter().zip(to) {
-            assert!((warp.of(from) - to).norm() < 0.02);
+            assert!((found.warp(from) - to).norm() < 0.02);
         }
         let mut shuffled = to.clone();
         shuffled.reverse();
-        assert!(Warp::new(&shuffled, to).is_none());
+        assert!(warp(&shuffled, to).is_none());
         let inside_out: Vec<Vec3> = to.iter().map(|p| Vec3::new(-p.x, p.y, p.z)).collect();
-        assert!(Warp::new(&inside_out, to).is_none());
+        assert!(warp(&inside_out, to).is_none());
     }
 }

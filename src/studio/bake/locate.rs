@@ -23,7 +23,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::face_model::scheme::MIRROR;
 use crate::landmarks::window::Picture;
-use crate::studio::fit::{FaceBox, StillFitter};
+use crate::studio::fit::still::{FaceBox, StillFitter};
 use crate::studio::inspect::canvas;
 
 /// Side of the picture, pixels.

@@ -2,14 +2,17 @@
 //!
 //! ```text
 //! acted              what each weight should be while a drawn head acts
-//! sessions           people never trained on act before the simulated sensor: pose, points, weights
+//! sessions           who plays, and how what is found is compared
+//! played, table      people never trained on act before the simulated sensor: pose, points, weights
 //! head_scenes        one and several heads, hands, rooms: pose, ids, loss, time
 //! landmark_accuracy  the face model alone, under every condition and on photographs
-//! figures            the paper's figures, drawn again
+//! paper              the paper's experiments: its own system beside the default
 //! ```
 
 pub(crate) mod acted;
-pub mod figures;
 pub mod head_scenes;
 pub mod landmark_accuracy;
+pub mod paper;
+mod played;
 pub mod sessions;
+pub mod table;

@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use nalgebra::Translation3;
-
 use super::reduce::Reduction;
 use super::{HeadsError, PersonHead, plain_head, textured_heads};
 use crate::base::geometry::{Point, Rigid};
@@ -26,7 +24,7 @@ pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
     let first = &heads.first()?.asset;
     let count = heads.len() as f32;
     let n = first.neutral.len();
-    let mut neutral = vec![nalgebra::Vector3::<f32>::zeros(); n];
+    let mut neutral = vec![Point::origin(); n];
     let mut colour = vec![[0.0f32; 3]; n];
     let mut share = vec![0.0f32; n];
     for head in heads {
@@ -38,46 +36,7 @@ pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
             }
         }
     }
-    let neutral: Vec<Point> = neutral.into_iter().map(Point::from).collect();
-    let flat = |p: &Point| [p.x * SCALE + ORIGIN[0], p.y * SCALE + ORIGIN[1]];
-    // Every photograph is drawn on the mean face, seen from infinitely far, in even light.
-    let light = Light {
-        ambient: 1.0,
-        ..Light::default()
-    };
-    let mut canvas = Canvas::new(SIZE[0], SIZE[1]);
-    let mut painter = HeadPainter::new(first);
-    let mut sum = vec![[0.0f32; 4]; SIZE[0] * SIZE[1]];
-    for head in heads {
-        canvas.depth.inverse.fill(0.0);
-        painter.deformed.copy_from_slice(&neutral);
-        painter.place_deformed(&Rigid::from_parts(
-            Translation3::new(0.0, 0.0, 1.0),
-            nalgebra::UnitQuaternion::identity(),
-        ));
-        painter.light(&head.asset, &light);
-        painter.draw_colour(&head.asset, &light, flat, &mut canvas);
-        for (sum, (rgb, &inverse)) in sum
-            .iter_mut()
-            .zip(canvas.rgb.iter().zip(&canvas.depth.inverse))
-        {
-            if inverse > 0.0 {
-                for k in 0..3 {
-                    sum[k] += f32::from(rgb[k]);
-                }
-                sum[3] += 1.0;
-            }
-        }
-    }
-    let rgb = sum
-        .iter()
-        .flat_map(|s| [0, 1, 2].map(|k| (s[k] / s[3].max(1.0) + 0.5) as u8))
-        .collect();
-    let texture = Texture {
-        width: SIZE[0],
-        height: SIZE[1],
-        rgb,
-    };
+    let texture = mean_photograph(heads, &neutral);
     let photo: Vec<[f32; 2]> = neutral.iter().map(flat).collect();
     // The mean photograph has the spread colours in it already, so it may count where most photographs did a little.
     let share: Vec<f32> = share.iter().map(|s| (s * 1.5).min(1.0)).collect();
@@ -91,6 +50,42 @@ pub fn average(heads: &[PersonHead]) -> Option<HeadAsset> {
     };
     asset.centre();
     Some(asset)
+}
+
+/// Place in the mean photograph.
+fn flat(p: &Point) -> [f32; 2] {
+    [p.x * SCALE + ORIGIN[0], p.y * SCALE + ORIGIN[1]]
+}
+
+/// Every photograph drawn on the mean face, seen from infinitely far, in even light.
+fn mean_photograph(heads: &[PersonHead], mean: &[Point]) -> Texture {
+    let light = Light {
+        ambient: 1.0,
+        ..Light::default()
+    };
+    let [width, height] = SIZE;
+    let mut canvas = Canvas::new(width, height);
+    let mut painter = HeadPainter::new(&heads[0].asset);
+    painter.deformed.copy_from_slice(mean);
+    let mut sum = vec![[0.0f32; 4]; width * height];
+    for head in heads {
+        canvas.depth.inverse.fill(0.0);
+        painter.place_deformed(&Rigid::translation(0.0, 0.0, 1.0));
+        painter.light(&head.asset, &light);
+        painter.draw_colour(&head.asset, &light, flat, &mut canvas);
+        let drawn = canvas.rgb.iter().zip(&canvas.depth.inverse);
+        for (sum, ([r, g, b], _)) in sum.iter_mut().zip(drawn).filter(|one| *one.1.1 > 0.0) {
+            for (sum, more) in sum.iter_mut().zip([*r, *g, *b, 1]) {
+                *sum += f32::from(more);
+            }
+        }
+    }
+    let mean = |s: &[f32; 4]| [0, 1, 2].map(|k| (s[k] / s[3].max(1.0) + 0.5) as u8);
+    Texture {
+        width,
+        height,
+        rgb: sum.iter().flat_map(mean).collect(),
+    }
 }
 
 /// Makes the built-in head from all persons that `keep` accepts, and writes it.

@@ -8,13 +8,12 @@
 //! vertices.
 
 use std::fmt::Write as _;
-use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use image::codecs::jpeg::JpegEncoder;
+use image::RgbImage;
 use serde_json::{Value, json};
 
-use super::hero::{Hero, JOINT, Layer, NECK, Picture, turns};
+use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
 use crate::studio::bake::error::BakeError;
 use crate::studio::bake::files::write;
 use crate::studio::bake::glb::{FLOAT, Glb, VERTICES, bytes, push};
@@ -24,7 +23,9 @@ use crate::studio::bake::morphs::single;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
+use crate::studio::bake::shape::Shape;
 use crate::studio::bake::solve::Settings;
+use crate::studio::jpeg::jpeg;
 
 const U8: u32 = 5121;
 const JPEG_QUALITY: u8 = 92;
@@ -51,7 +52,7 @@ pub enum DefaultHeadError {
 }
 
 /// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
-fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec3) -> f64) {
+fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
     let mesh = &layer.mesh;
     let places: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
     let normals = mesh.vertex_normals(&mesh.positions);
@@ -61,12 +62,11 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec
         .map(|n| n.try_normalize(1e-9).unwrap_or_else(Vec3::y))
         .map(|n| single(&n))
         .collect();
-    let shares: Vec<[f32; 4]> = mesh
-        .positions
-        .iter()
-        .map(|p| turn(p) as f32)
-        .map(|head| [1.0 - head, head, 0.0, 0.0])
-        .collect();
+    let share = |p: &Vec3| {
+        let head = turns(p) as f32;
+        [1.0 - head, head, 0.0, 0.0]
+    };
+    let shares: Vec<[f32; 4]> = mesh.positions.iter().map(share).collect();
     let joints = [0_u8, 1, 0, 0].repeat(places.len());
     let joints = glb.push_view(&joints, VERTICES);
     let joints = glb.push_accessor(
@@ -83,59 +83,47 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str, turn: impl Fn(&Vec
     let mut primitives = Vec::new();
     for (number, look) in hero.looks.iter().enumerate() {
         let faces = (0..mesh.faces()).filter(|&f| mesh.face_material[f] as usize == number);
-        let corners: Vec<u32> = faces
-            .flat_map(|f| {
-                let list: Vec<u32> = mesh.face(f).iter().map(|c| c.vertex).collect();
-                (1..list.len() - 1)
-                    .flat_map(|k| [list[0], list[k], list[k + 1]])
-                    .collect::<Vec<_>>()
-            })
-            .collect();
+        let mut corners: Vec<u32> = Vec::new();
+        for list in faces.map(|f| mesh.face(f)) {
+            for pair in list[1..].windows(2) {
+                corners.extend([list[0], pair[0], pair[1]].map(|corner| corner.vertex));
+            }
+        }
         if corners.is_empty() {
             continue;
         }
         let indices = glb.push_corners(&corners);
-        let [r, g, b] = look.colour;
-        let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": look.rough, "baseColorFactor": [r, g, b, 1.0]});
-        if let Some(picture) = &look.picture {
-            surface["baseColorTexture"] = json!({"index": textured(glb, picture, look.name)});
-        }
-        let mut material = json!({"name": look.name, "pbrMetallicRoughness": surface});
-        if look.thin {
-            material["doubleSided"] = true.into();
-        }
-        let material = push(&mut glb.json["materials"], material);
+        let material = surface(glb, look);
         primitives
             .push(json!({"attributes": attributes, "indices": indices, "material": material}));
     }
-    push(
-        &mut glb.json["meshes"],
-        json!({"name": name, "primitives": Value::Array(primitives)}),
-    );
+    let whole = json!({"name": name, "primitives": Value::Array(primitives)});
+    push(&mut glb.json["meshes"], whole);
+}
+
+/// Adds the material of a look; returns its number.
+fn surface(glb: &mut Glb, look: &Look) -> usize {
+    let [r, g, b] = look.colour;
+    let mut surface = json!({"metallicFactor": 0.0, "roughnessFactor": look.rough, "baseColorFactor": [r, g, b, 1.0]});
+    if let Some(picture) = &look.picture {
+        surface["baseColorTexture"] = json!({"index": textured(glb, picture, look.name)});
+    }
+    let mut material = json!({"name": look.name, "pbrMetallicRoughness": surface});
+    if look.thin {
+        material["doubleSided"] = true.into();
+    }
+    push(&mut glb.json["materials"], material)
 }
 
 /// Adds a picture; returns the number of its texture.
-fn textured(glb: &mut Glb, picture: &Picture, name: &str) -> usize {
-    let view = glb.push_view(&jpeg(picture), 0);
-    let image = push(
-        &mut glb.json["images"],
-        json!({"bufferView": view, "mimeType": "image/jpeg", "name": name}),
-    );
+fn textured(glb: &mut Glb, picture: &RgbImage, name: &str) -> usize {
+    let view = glb.push_view(&jpeg(picture, JPEG_QUALITY), 0);
+    let image = json!({"bufferView": view, "mimeType": "image/jpeg", "name": name});
+    let image = push(&mut glb.json["images"], image);
     // Clamped: what lies beyond has the colour of the edge.
     glb.json["samplers"] = json!([{"wrapS": 33071, "wrapT": 33071}]);
-    push(
-        &mut glb.json["textures"],
-        json!({"source": image, "sampler": 0}),
-    )
-}
-
-fn jpeg(picture: &Picture) -> Vec<u8> {
-    let mut out = Cursor::new(Vec::new());
-    let side = picture.side as u32;
-    JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY)
-        .encode(&picture.rgb, side, side, image::ExtendedColorType::Rgb8)
-        .expect("a square of bytes, written to memory");
-    out.into_inner()
+    let texture = json!({"source": image, "sampler": 0});
+    push(&mut glb.json["textures"], texture)
 }
 
 /// The neutral face as binary glTF, with nodes for the rest.
@@ -155,13 +143,13 @@ fn face(hero: &Hero) -> Glb {
         }),
         bin: Vec::new(),
     };
-    add(&mut glb, hero, &hero.face, "face", turns);
+    add(&mut glb, hero, &hero.face, "face");
     glb
 }
 
 /// Adds what does not move with the face, and the joints.
 fn dressed(mut glb: Glb, hero: &Hero) -> Glb {
-    add(&mut glb, hero, &hero.dress, "hair_and_shirt", turns);
+    add(&mut glb, hero, &hero.dress, "hair_and_shirt");
     let back = |to: &Vec3| {
         let [x, y, z] = single(&-to);
         let mut m = [0.0_f32; 16];
@@ -194,15 +182,19 @@ fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
     };
     let (mesh, foreign) = Foreign::read(face(hero)).map_err(refuse)?;
     let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
-    let recipe = |source| BakeError::Recipe {
+    let shapes = shapes(&head)?;
+    Ok(dressed(foreign.patched(&shapes, false), hero).emit())
+}
+
+/// The shapes of the shipped recipe on a head.
+pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, BakeError> {
+    let targets = Recipe::read(SHIPPED).and_then(|shipped| shipped.targets(head));
+    let targets = targets.map_err(|source| BakeError::Recipe {
         path: "built-in recipe".into(),
         source,
-    };
-    let targets = Recipe::read(SHIPPED)
-        .and_then(|shipped| shipped.targets(&head))
-        .map_err(recipe)?;
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
-    Ok(dressed(foreign.patched(&shapes, false), hero).emit())
+    })?;
+    let settings = Settings::default();
+    Ok(rig::bake(head, &targets, &settings, Method::Aoi, &|_| {})?)
 }
 
 /// The neutral head as OBJ text that names `materials`.
@@ -254,7 +246,7 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
         if let Some(picture) = &look.picture {
             let name = format!("{stem}_{}.jpg", look.name);
             let _ = writeln!(text, "map_Kd {name}");
-            pictures.push((name, jpeg(picture)));
+            pictures.push((name, jpeg(picture, JPEG_QUALITY)));
         }
     }
     (text, pictures)
@@ -265,55 +257,37 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
 /// # Errors
 /// If the name ends otherwise, or it cannot be written.
 pub fn write_to(out: &Path) -> Result<String, DefaultHeadError> {
-    let ending = out.extension().and_then(|ending| ending.to_str());
-    let ending = ending.unwrap_or_default().to_ascii_lowercase();
-    if ending != "glb" && ending != "obj" {
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    let hero = Hero::shipped();
+    let (what, mut files) = if ending == "glb" {
+        let glb = (out.to_path_buf(), baked(&hero)?);
+        ("67 shapes, coloured", vec![glb])
+    } else if ending == "obj" {
+        // The name stands in the OBJ as one word.
+        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+        let stem = stem.replace(char::is_whitespace, "_");
+        let library = format!("{stem}.mtl");
+        let (text, pictures) = materials(&hero, &stem);
+        let mut files = vec![
+            (out.to_path_buf(), obj(&hero, &library).into_bytes()),
+            (out.with_file_name(library), text.into_bytes()),
+        ];
+        let pictures = pictures.into_iter();
+        files.extend(pictures.map(|(name, bytes)| (out.with_file_name(name), bytes)));
+        ("neutral, coloured", files)
+    } else {
         return Err(DefaultHeadError::Ending {
             path: out.display().to_string(),
         });
-    }
-    let hero = Hero::shipped();
-    let mut files: Vec<PathBuf> = Vec::new();
-    let mut put = |path: PathBuf, bytes: &[u8]| {
-        write(&path, bytes)?;
-        files.push(path);
-        Ok::<_, BakeError>(())
     };
-    if ending == "glb" {
-        put(out.to_path_buf(), &baked(&hero)?)?;
-    } else {
-        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-        let beside = out.with_extension("mtl");
-        // The name stands in the OBJ as one word.
-        let stem = stem.replace(char::is_whitespace, "_");
-        let beside = beside.with_file_name(format!("{stem}.mtl"));
-        let (text, pictures) = materials(&hero, &stem);
-        put(
-            out.to_path_buf(),
-            obj(&hero, &format!("{stem}.mtl")).as_bytes(),
-        )?;
-        put(beside, text.as_bytes())?;
-        for (name, bytes) in pictures {
-            put(out.with_file_name(name), &bytes)?;
-        }
-    }
     let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();
-    put(out.with_extension("txt"), lines.as_bytes())?;
-    let names: Vec<String> = files
-        .iter()
-        .skip(1)
-        .map(|path| path.display().to_string())
-        .collect();
-    let what = if ending == "glb" {
-        "67 shapes, coloured"
-    } else {
-        "neutral, coloured"
-    };
-    Ok(format!(
-        "{} ({what}); beside it {}",
-        out.display(),
-        names.join(", ")
-    ))
+    files.push((out.with_extension("txt"), lines.into_bytes()));
+    for (path, bytes) in &files {
+        write(path, bytes)?;
+    }
+    let beside = files[1..].iter().map(|file| file.0.display().to_string());
+    let beside = beside.collect::<Vec<_>>().join(", ");
+    Ok(format!("{} ({what}); beside it {beside}", out.display()))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! ict                  the mesh as it comes
 //! portraits            photographs with 68 points
 //! fit                  the mesh fitted to the points of one
-//! wardrobe             the photograph put on the mesh, bent by a thin_plate_spline; eyes: drawn ones instead
+//! wardrobe             the photograph put on the mesh, bent to its points; eyes: drawn ones instead
 //! average, reduce      nobody's head, small enough for the appliance
 //! hero                 a head to show: hair, lashes, eyes, colours; default_head: the same baked, as a file
 //! ```
@@ -20,7 +20,6 @@ pub mod hero;
 pub mod ict;
 pub mod portraits;
 pub mod reduce;
-pub mod thin_plate_spline;
 pub mod wardrobe;
 
 use std::path::{Path, PathBuf};

@@ -88,28 +88,20 @@ pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
             found: table.header.chars().take(80).collect(),
         })
     };
-    let (file, set, person, first) = (
-        column("file")?,
-        column("set")?,
-        column("person")?,
-        column("x0")?,
-    );
+    let [file, set, person, first] = ["file", "set", "person", "x0"].map(column);
+    let (file, set, person, first) = (file?, set?, person?, first?);
     let rows: Vec<Vec<&str>> = table.rows().map(|row| row.cells).collect();
     let cell = |row: &[&str], k: usize| row.get(k).copied().unwrap_or_default().to_owned();
-    let mut persons: Vec<(String, String)> = rows
-        .iter()
-        .map(|row| (cell(row, set), cell(row, person)))
-        .collect();
+    let of = |row: &Vec<&str>| (cell(row, set), cell(row, person));
+    let mut persons: Vec<(String, String)> = rows.iter().map(of).collect();
     persons.sort_unstable();
     persons.dedup();
     let mut portraits = Vec::new();
     for row in &rows {
-        let numbers: Vec<f32> = (0..2 * LANDMARKS)
-            .filter_map(|k| row.get(first + k)?.parse().ok())
-            .filter(|x: &f32| x.is_finite())
-            .collect();
+        let numbers = (0..2 * LANDMARKS).filter_map(|k| row.get(first + k)?.parse().ok());
+        let numbers: Vec<f32> = numbers.filter(|x: &f32| x.is_finite()).collect();
         if numbers.len() == 2 * LANDMARKS {
-            let name = (cell(row, set), cell(row, person));
+            let name = of(row);
             portraits.push(Portrait {
                 path: folder.join("img").join(cell(row, file)),
                 person: persons.binary_search(&name).unwrap_or(0),

@@ -8,13 +8,13 @@
 
 use std::collections::HashMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 
 use super::fit::PortraitFit;
-use super::thin_plate_spline::ThinPlate;
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::{HeadAsset, Part, Texture};
-use crate::studio::heads::ict::{IctHead, part, part_of};
+use crate::studio::heads::ict::{Delta, IctHead, part, part_of};
+use crate::studio::thin_plate::ThinPlate;
 
 /// Facing (cosine) from which the photograph begins to count, and from which it counts fully.
 const FACING: [f32; 2] = [0.22, 0.55];
@@ -22,6 +22,8 @@ const FACING: [f32; 2] = [0.22, 0.55];
 const HIDDEN_M: f32 = 0.0025;
 /// Colour distance below which a vertex of the outline shows the backdrop, grey levels.
 const BACKDROP: f32 = 34.0;
+/// The share of such a vertex, until it counts for nothing.
+const SHOWS_BACKDROP: f32 = f32::NEG_INFINITY;
 /// Landmarks closer than this in the picture are one for the bending, metres on the face.
 const DISTINCT_M: f32 = 0.003;
 /// Rings of vertices around the backdrop that may show its fringe.
@@ -85,32 +87,32 @@ impl Wardrobe {
         points: &[[f32; 2]; LANDMARKS],
         photograph: &Texture,
     ) -> HeadAsset {
-        let n = self.plain.neutral.len();
-        let mut neutral = self.plain.neutral.clone();
-        for (mode, &weight) in ict.identities.iter().zip(&fit.identity) {
-            for (p, offset) in neutral.iter_mut().zip(&mode.offsets) {
-                *p += offset * weight;
+        let moved = |places: &[Point3<f32>], modes: &[Delta], weights: &[f32]| {
+            let mut places = places.to_vec();
+            for (mode, &weight) in modes.iter().zip(weights) {
+                for (p, offset) in places.iter_mut().zip(&mode.offsets) {
+                    *p += offset * weight;
+                }
             }
-        }
-        let mut expressed = neutral.clone();
-        for (mode, &weight) in ict.expressions.iter().zip(&fit.expression) {
-            for (p, offset) in expressed.iter_mut().zip(&mode.offsets) {
-                *p += offset * weight;
-            }
-        }
-        let projected: Vec<([f32; 2], f32)> = expressed.iter().map(|p| fit.project(p)).collect();
-        let from = self
-            .plain
-            .landmarks_on(&expressed)
-            .map(|p| fit.project(&p).0);
-        let bent: Vec<[f32; 2]> = match ThinPlate::new(&from, points, DISTINCT_M * fit.scale) {
-            Some(spline) => projected.iter().map(|(p, _)| spline.warp(*p)).collect(),
-            None => projected.iter().map(|(p, _)| *p).collect(),
+            places
         };
+        let neutral = moved(&self.plain.neutral, &ict.identities, &fit.identity);
+        let expressed = moved(&neutral, &ict.expressions, &fit.expression);
+        let projected: Vec<([f32; 2], f32)> = expressed.iter().map(|p| fit.project(p)).collect();
+        let from = self.plain.landmarks_on(&expressed);
+        let from = from.map(|p| fit.project(&p).0);
+        let spline = bend(&from, points, DISTINCT_M * fit.scale);
+        let bent = |p: [f32; 2]| {
+            let spline = spline.as_ref();
+            spline.map_or(p, |spline| {
+                let to = spline.warp(&Vector2::from(p).cast());
+                [to.x as f32, to.y as f32]
+            })
+        };
+        let bent: Vec<[f32; 2]> = projected.iter().map(|(p, _)| bent(*p)).collect();
         let share = self.share(fit, &expressed, &projected, &bent, photograph);
         let colour = self.colours(&share, &bent, photograph);
         let (photo, texture) = cropped(&bent, &share, photograph);
-        debug_assert_eq!(photo.len(), n);
         let mut asset = HeadAsset {
             neutral,
             photo: photo.into(),
@@ -123,6 +125,7 @@ impl Wardrobe {
         asset
     }
 
+    /// How much the photograph counts at each vertex.
     fn share(
         &self,
         fit: &PortraitFit,
@@ -131,8 +134,7 @@ impl Wardrobe {
         bent: &[[f32; 2]],
         photograph: &Texture,
     ) -> Vec<f32> {
-        let n = expressed.len();
-        let mut normals = vec![Vector3::zeros(); n];
+        let mut normals = vec![Vector3::zeros(); expressed.len()];
         for t in self.plain.triangles.iter() {
             let [a, b, c] = t.map(|k| k as usize);
             let normal = (expressed[c] - expressed[a]).cross(&(expressed[b] - expressed[a]));
@@ -142,101 +144,83 @@ impl Wardrobe {
         }
         let front = front_surface(&self.plain.triangles, bent, projected, photograph);
         let backdrop = backdrop(photograph);
-        let (right, bottom) = (
-            photograph.width as f32 - 4.0,
-            photograph.height as f32 - 4.0,
-        );
-        let mut share: Vec<f32> = (0..n)
-            .map(|v| {
-                let [x, y] = bent[v];
-                let inside = x > 3.0 && y > 3.0 && x < right && y < bottom;
-                let drawn = matches!(part_of(v), Some(Part::Skin | Part::Eye));
-                if !inside || !drawn {
-                    return 0.0;
+        let [right, bottom] = [photograph.width, photograph.height].map(|size| size as f32 - 4.0);
+        let of_vertex = |v: usize| {
+            let [x, y] = bent[v];
+            let inside = x > 3.0 && y > 3.0 && x < right && y < bottom;
+            let Some(part @ (Part::Skin | Part::Eye)) = part_of(v).filter(|_| inside) else {
+                return 0.0;
+            };
+            let pixel = y.round() as usize * photograph.width + x.round() as usize;
+            if projected[v].1 > front[pixel] + HIDDEN_M {
+                return 0.0;
+            }
+            if part == Part::Eye {
+                return 1.0;
+            }
+            let facing = -(fit.rotation * normals[v].normalize()).z;
+            if !part::NARROW_FACE.contains(&v) || facing < 0.7 {
+                let c = photograph.at(x, y);
+                let off = (0..3).map(|k| (c[k] - backdrop[k]).powi(2));
+                if off.sum::<f32>().sqrt() < BACKDROP {
+                    return SHOWS_BACKDROP;
                 }
-                let pixel = y.round() as usize * photograph.width + x.round() as usize;
-                if projected[v].1 > front[pixel] + HIDDEN_M {
-                    return 0.0;
-                }
-                let facing = -(fit.rotation * normals[v].normalize()).z;
-                let outline = !part::NARROW_FACE.contains(&v) || facing < 0.7;
-                if outline && part_of(v) == Some(Part::Skin) {
-                    let c = photograph.at(x, y);
-                    let distance = (0..3)
-                        .map(|k| (c[k] - backdrop[k]).powi(2))
-                        .sum::<f32>()
-                        .sqrt();
-                    if distance < BACKDROP {
-                        return f32::NEG_INFINITY;
-                    }
-                }
-                if part_of(v) == Some(Part::Eye) {
-                    1.0
-                } else {
-                    smooth(facing, FACING)
-                }
-            })
-            .collect();
+            }
+            smooth(facing, FACING)
+        };
+        let mut share: Vec<f32> = (0..expressed.len()).map(of_vertex).collect();
+        self.leave_out_backdrop(&mut share);
+        self.soften(&mut share);
+        share
+    }
+
+    /// Nothing counts of what shows the backdrop, nor of what is beside it outside the face.
+    fn leave_out_backdrop(&self, share: &mut [f32]) {
         for _ in 0..FRINGE {
-            let before = share.clone();
-            for v in 0..n {
-                let beside = |k: &u32| before[*k as usize] == f32::NEG_INFINITY;
+            let before = share.to_vec();
+            for (v, share) in share.iter_mut().enumerate() {
+                let beside = |k: &u32| before[*k as usize] == SHOWS_BACKDROP;
                 if !part::NARROW_FACE.contains(&v) && self.neighbours[v].iter().any(beside) {
-                    share[v] = f32::NEG_INFINITY;
+                    *share = SHOWS_BACKDROP;
                 }
             }
         }
-        for s in &mut share {
-            *s = s.max(0.0);
-        }
-        // Soft towards what is not known, without spreading into it.
+        share.iter_mut().for_each(|s| *s = s.max(0.0));
+    }
+
+    /// Soft towards what is not known, without spreading into it.
+    fn soften(&self, share: &mut [f32]) {
         for _ in 0..3 {
-            let before = share.clone();
-            for v in 0..n {
+            let before = share.to_vec();
+            for (v, share) in share.iter_mut().enumerate() {
                 let around = &self.neighbours[v];
                 if !around.is_empty() && before[v] > 0.0 && part_of(v) == Some(Part::Skin) {
-                    let mean = around.iter().map(|&k| before[k as usize]).sum::<f32>()
-                        / around.len() as f32;
-                    share[v] = before[v].min(mean + 0.12);
+                    let sum = around.iter().map(|&k| before[k as usize]).sum::<f32>();
+                    *share = before[v].min(sum / around.len() as f32 + 0.12);
                 }
             }
         }
-        share
     }
 
     fn colours(&self, share: &[f32], bent: &[[f32; 2]], photograph: &Texture) -> Vec<[f32; 3]> {
         let known: Vec<[f32; 3]> = bent.iter().map(|&[x, y]| photograph.at(x, y)).collect();
-        let mut skin = [0.0; 3];
-        let mut count = 0.0;
-        for v in part::NARROW_FACE.filter(|&v| share[v] > 0.9) {
-            for k in 0..3 {
-                skin[k] += known[v][k];
-            }
-            count += 1.0;
-        }
-        let skin = skin.map(|s| s / f32::max(count, 1.0));
-        let mut colour: Vec<[f32; 3]> = (0..share.len())
-            .map(|v| match part_of(v) {
-                Some(Part::Skin | Part::Eye) => {
-                    [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k]))
-                }
-                _ => self.plain.colour[v],
+        let seen: Vec<usize> = part::NARROW_FACE.filter(|&v| share[v] > 0.9).collect();
+        let skin = [0, 1, 2].map(|k| {
+            let sum = seen.iter().map(|&v| known[v][k]).fold(0.0, |a, b| a + b);
+            sum / (seen.len() as f32).max(1.0)
+        });
+        let is_spread = |v: usize| matches!(part_of(v), Some(Part::Skin | Part::Eye));
+        let all = 0..share.len();
+        let mut colour: Vec<[f32; 3]> = all
+            .clone()
+            .map(|v| match is_spread(v) {
+                true => [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k])),
+                false => self.plain.colour[v],
             })
             .collect();
-        let spread: Vec<usize> = (0..share.len())
-            .filter(|&v| share[v] < 0.98 && matches!(part_of(v), Some(Part::Skin | Part::Eye)))
-            .collect();
-        for sweep in 0..SWEEPS {
-            // There and back, so that colours travel as fast both ways through the numbering.
-            let visit = |i: usize| {
-                if sweep % 2 == 0 {
-                    spread[i]
-                } else {
-                    spread[spread.len() - 1 - i]
-                }
-            };
-            for i in 0..spread.len() {
-                let v = visit(i);
+        let mut spread: Vec<usize> = all.filter(|&v| share[v] < 0.98 && is_spread(v)).collect();
+        for _ in 0..SWEEPS {
+            for &v in &spread {
                 let around = &self.neighbours[v];
                 let mut sum = [0.0; 3];
                 for &k in around {
@@ -248,9 +232,34 @@ impl Wardrobe {
                 let count = around.len().max(1) as f32;
                 colour[v] = [0, 1, 2].map(|c| s * known[v][c] + (1.0 - s) * sum[c] / count);
             }
+            // There and back, so that colours travel as fast both ways through the numbering.
+            spread.reverse();
         }
         colour
     }
+}
+
+/// The spline that carries the landmarks `from` to their `points`. Those closer than `distinct` become one, at their means:
+/// where their targets differ (closed lips) the plane would be folded over itself.
+fn bend(
+    from: &[[f32; 2]; LANDMARKS],
+    points: &[[f32; 2]; LANDMARKS],
+    distinct: f32,
+) -> Option<ThinPlate<2>> {
+    let mut groups: Vec<(Vector2<f32>, Vector2<f32>, f32)> = Vec::new();
+    for (f, t) in from.iter().zip(points) {
+        let (f, t) = (Vector2::from(*f), Vector2::from(*t));
+        let mut all = groups.iter_mut();
+        match all.find(|(from, _, n)| (*from / *n - f).norm() < distinct) {
+            Some((from, to, n)) => (*from, *to, *n) = (*from + f, *to + t, *n + 1.0),
+            None => groups.push((f, t, 1.0)),
+        }
+    }
+    let means = groups
+        .iter()
+        .map(|(f, t, n)| ((f / *n).cast(), (t / *n).cast()));
+    let (from, to): (Vec<_>, Vec<_>) = means.unzip();
+    ThinPlate::new(&from, &to, 1e-6)
 }
 
 /// Distance of the front surface behind the head's origin at each pixel of the photograph; infinite where there is none.

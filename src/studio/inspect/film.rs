@@ -3,11 +3,11 @@
 //! Each is a JPEG in base 64, so that the file needs nothing beside it: about 30 kB a picture.
 
 use std::fmt::Write as _;
-use std::io::Cursor;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
+
+use crate::studio::jpeg::jpeg;
 
 /// Enough to read labels and see landmarks.
 const QUALITY: u8 = 75;
@@ -63,14 +63,8 @@ pub struct Film {
 
 impl Film {
     /// Adds a picture.
-    ///
-    /// # Errors
-    /// If it cannot be encoded.
-    pub fn add(&mut self, seconds: f64, picture: &RgbImage) -> Result<(), image::ImageError> {
-        let mut jpeg = Cursor::new(Vec::new());
-        JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode_image(picture)?;
-        self.frames.push((seconds, jpeg.into_inner()));
-        Ok(())
+    pub fn add(&mut self, seconds: f64, picture: &RgbImage) {
+        self.frames.push((seconds, jpeg(picture, QUALITY)));
     }
 
     /// Picture, button, slider and time; nothing for fewer than two pictures.
@@ -107,7 +101,7 @@ mod tests {
         assert!(film.html().is_empty());
         for (k, seconds) in [7.0, 7.1, 7.5].into_iter().enumerate() {
             let picture = RgbImage::from_pixel(16, 8, image::Rgb([80 * k as u8; 3]));
-            film.add(seconds, &picture).unwrap();
+            film.add(seconds, &picture);
         }
         let html = film.html();
         let list = html.split("const film=[").nth(1).unwrap();

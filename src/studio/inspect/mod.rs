@@ -19,7 +19,6 @@ mod ranges;
 mod recording;
 mod run;
 
-pub(in crate::studio) use canvas::face_lines;
 pub use command::{album, inspect};
 pub use error::InspectError;
-pub(in crate::studio) use recording::{colour_picture, depth_picture, draw_axes};
+pub(in crate::studio) use recording::{colour_picture, depth_picture};

@@ -61,9 +61,9 @@ fn draw_head(picture: &mut RgbImage, cloud: &HeadCloud, camera: &Camera, colour:
 }
 
 /// The colour picture.
-pub(in crate::studio) fn colour_picture(frame: &KinectFrame) -> RgbImage {
+pub(in crate::studio) fn colour_picture(bayer: &[u8; PIXELS]) -> RgbImage {
     let mut rgb = vec![0; 3 * PIXELS];
-    colour::rgb_from_bayer(&frame.original.bayer, &mut rgb);
+    colour::rgb_from_bayer(bayer, &mut rgb);
     RgbImage::from_raw(WIDTH as u32, HEIGHT as u32, rgb).expect("three bytes a pixel")
 }
 
@@ -269,7 +269,7 @@ fn pictures(frame: &KinectFrame, seconds: f64, pipeline: &Pipeline, album: &mut 
 
 /// Colour with the landmarks and axes of everybody.
 fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
-    let mut picture = colour_picture(frame);
+    let mut picture = colour_picture(&frame.original.bayer);
     for report in pipeline.reports() {
         if let Some(landmarks) = report.landmarks {
             canvas::landmarks(&mut picture, &landmarks.pixels, &landmarks.point_confidence);
@@ -322,7 +322,7 @@ pub(super) fn inspect(
             pictures(&frame, seconds, &pipeline, &mut album);
         }
         if counts.frames % filmed == 0 {
-            album.film.add(seconds, &film_picture(&frame, &pipeline))?;
+            album.film.add(seconds, &film_picture(&frame, &pipeline));
         }
     }
     let ends = all.first().zip(all.last());

@@ -67,14 +67,6 @@ pub enum Error {
         /// Frames in which it is seen.
         sightings: usize,
     },
-    /// The command line does not fit.
-    #[error(
-        "{problem}; usage: mien-studio nrsfm --tracks FILE.csv [--rank K] --out FILE.csv [--truth FILE.csv]"
-    )]
-    Usage {
-        /// What does not fit.
-        problem: String,
-    },
     /// A file cannot be written.
     #[error("cannot write {}: {source}; choose another --out", path.display())]
     Write {

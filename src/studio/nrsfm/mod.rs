@@ -23,7 +23,7 @@ mod tracks;
 pub use align::{rigid_mean_shape, shape_error};
 pub use error::Error;
 pub use reconstruction::{Reconstruction, Settings, nrsfm};
-pub use run::run;
+pub use run::{Args, run};
 pub use shape_model::{ShapeBases, shape_model_from_sequences};
 pub use tracks::{Shapes, Tracks};
 

@@ -5,29 +5,38 @@ use super::error::Error;
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
 use crate::studio::atomic_write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Recovers the shapes behind the tracks of one file and writes them to `out`; prints one line per step.
+/// Tracks in, shapes out.
+#[derive(clap::Args)]
+pub struct Args {
+    /// 2F x P image tracks: x row, y row per frame; a missing point empty or nan
+    #[arg(long)]
+    tracks: PathBuf,
+    /// Number of shape modes, 0 for a rigid reconstruction [default: chosen from the tracks]
+    // Ranks above this fit noise on any sequence a face gives, and cost cubically.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(0..=30))]
+    rank: Option<u8>,
+    /// 3F x P shapes to write
+    #[arg(long)]
+    pub out: PathBuf,
+    /// 3F x P true shapes: prints the error, each frame rigidly aligned, one mirror for the whole sequence
+    #[arg(long)]
+    truth: Option<PathBuf>,
+}
+
+/// Recovers the shapes behind the tracks of one file and writes them to another; prints one line per step.
 ///
 /// # Errors
-/// A rank beyond reason, files that cannot be read, parsed or written. Nothing is written then.
-pub fn run(
-    tracks: &Path,
-    rank: Option<usize>,
-    out: &Path,
-    truth: Option<&Path>,
-) -> Result<(), Error> {
-    if rank.is_some_and(|rank| rank > LARGEST_RANK) {
-        return Err(Error::Usage {
-            problem: format!("--rank wants a number from 0 to {LARGEST_RANK}"),
-        });
-    }
+/// Files that cannot be read, parsed or written. Nothing is written then.
+pub fn run(args: &Args) -> Result<(), Error> {
     let settings = Settings {
-        rank,
+        rank: args.rank.map(usize::from),
         ..Settings::default()
     };
-    let tracks = Tracks::read(tracks)?;
+    let tracks = Tracks::read(&args.tracks)?;
+    let truth = args.truth.as_deref();
     let truth = truth.map(|path| truth_for(&tracks, path)).transpose()?;
     let gaps = 1.0 - tracks.sightings() as f64 / (tracks.frames() * tracks.points()) as f64;
     println!(
@@ -48,16 +57,13 @@ pub fn run(
     if let Some(truth) = &truth {
         print_errors(&tracks, &recovered.shapes, truth);
     }
-    atomic_write::write(out, recovered.shapes.to_csv()).map_err(|source| Error::Write {
-        path: out.into(),
+    atomic_write::write(&args.out, recovered.shapes.to_csv()).map_err(|source| Error::Write {
+        path: args.out.clone(),
         source,
     })?;
-    println!("wrote {}", out.display());
+    println!("wrote {}", args.out.display());
     Ok(())
 }
-
-/// Ranks above this fit noise on any sequence a face gives, and cost cubically.
-const LARGEST_RANK: usize = 30;
 
 fn truth_for(tracks: &Tracks, path: &Path) -> Result<Shapes, Error> {
     let truth = Shapes::read(path)?;
@@ -93,24 +99,4 @@ fn print_errors(tracks: &Tracks, shapes: &Shapes, truth: &Shapes) {
         "  rigid mean of the true shapes       {:.4}",
         of(&rigid_mean_shape(truth))
     );
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bad_arguments_are_named() {
-        let refused = |rank| {
-            let error = run(
-                Path::new("no-such-file.csv"),
-                rank,
-                Path::new("o.csv"),
-                None,
-            );
-            error.unwrap_err().to_string()
-        };
-        assert!(refused(Some(31)).contains("0 to 30"));
-        assert!(refused(None).contains("cannot read no-such-file.csv"));
-    }
 }

@@ -23,12 +23,10 @@ use super::bake::locate::{LOW, guess};
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
-use super::bake::recipe::{Recipe, SHIPPED};
 use super::bake::request::Request;
-use super::bake::rig::{self, Method};
 use super::bake::shape::Shape;
-use super::bake::solve::Settings;
 use super::bake::{files, morphs, report};
+use super::heads::default_head;
 use super::preview;
 use super::preview::http::{self, Answer, PageError, Request as Asked, Site};
 use crate::face_model::FaceModel;
@@ -87,13 +85,11 @@ impl Place {
             ..Request::default()
         })?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
-            let found =
-                guess(&source.mesh, &source.looks, &FaceModel::shipped()).map_err(|source| {
-                    BakeError::Locate {
-                        path: mesh.into(),
-                        source,
-                    }
-                })?;
+            let found = guess(&source.mesh, &source.looks, &FaceModel::shipped());
+            let found = found.map_err(|source| BakeError::Locate {
+                path: mesh.into(),
+                source,
+            })?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
             (source.told(landmarks)?, None)
@@ -175,13 +171,8 @@ impl Place {
         let start = Instant::now();
         let numbers = self.ordered.landmarks(points)?;
         let head = Head::new(self.ordered.mesh.clone(), &numbers)?;
-        let targets = Recipe::read(SHIPPED).and_then(|recipe| recipe.targets(&head));
-        let targets = targets.map_err(|source| BakeError::Recipe {
-            path: "built-in recipe".into(),
-            source,
-        })?;
-        let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
-        let shapes = shapes.into_iter().map(|s| self.ordered.scattered(s));
+        let shapes = default_head::shapes(&head)?.into_iter();
+        let shapes = shapes.map(|s| self.ordered.scattered(s));
         *self.baked.lock().unwrap_or_else(PoisonError::into_inner) = shapes.collect();
         Ok(start.elapsed().as_secs_f64())
     }

@@ -73,11 +73,12 @@ fn done(command: Command) -> &'static str {
         Command::Neutral(_) => "the current face is now neutral",
         Command::Freeze(_, true) => "learning is frozen",
         Command::Freeze(_, false) => "learning is resumed",
+        Command::Level(..) => "the gesture's level is moved",
     }
 }
 
 /// `/face/cmd/<name>` with a slot and perhaps a switch.
-fn message(name: &str, slot: usize, on: Option<bool>) -> Vec<u8> {
+fn message(name: &str, slot: usize, on: Option<i32>) -> Vec<u8> {
     let mut bytes = Vec::new();
     let tags = if on.is_some() { ",ii" } else { ",i" };
     for text in [&*format!("/face/cmd/{name}"), tags] {
@@ -85,7 +86,7 @@ fn message(name: &str, slot: usize, on: Option<bool>) -> Vec<u8> {
         // A zero ends a string, and more fill it to a multiple of four.
         bytes.resize((bytes.len() / 4 + 1) * 4, 0);
     }
-    for number in [Some(slot as i32), on.map(i32::from)].into_iter().flatten() {
+    for number in [Some(slot as i32), on].into_iter().flatten() {
         bytes.extend(number.to_be_bytes());
     }
     bytes
@@ -95,7 +96,8 @@ fn send(command: Command, to: SocketAddr) -> Result<(), String> {
     let (name, slot, on) = match command {
         Command::Forget(slot) => ("forget", slot, None),
         Command::Neutral(slot) => ("neutral", slot, None),
-        Command::Freeze(slot, on) => ("freeze", slot, Some(on)),
+        Command::Freeze(slot, on) => ("freeze", slot, Some(on.into())),
+        Command::Level(gesture, level) => ("level", gesture, Some(level.into())),
     };
     let datagram = message(name, slot, on);
     let cannot = |error: std::io::Error| format!("cannot ask {to}: {error}");

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use super::hub::{Heard, Hub};
+use super::hub::{Hub, Passed};
 use super::sample::Sample;
 use crate::appliance::settings::Settings;
 use crate::appliance::wires;
@@ -131,7 +131,7 @@ struct Order {
     settings: Settings,
 }
 
-/// Frames heard that wait for the thread.
+/// Frames that wait for the thread.
 const WAITING: usize = 64;
 /// Between two looks for orders, and two frames of a test.
 const FRAME: Duration = Duration::from_millis(33);
@@ -149,13 +149,13 @@ impl Forwarder {
     /// Starts the thread.
     #[must_use]
     pub fn start(hub: Arc<Hub>) -> Self {
-        let (ear, heard) = sync_channel(WAITING);
+        let (onward, passed) = sync_channel(WAITING);
         let (orders, waiting) = sync_channel(WAITING);
-        hub.heard_by(ear);
+        hub.pass_on_to(onward);
         // Without a thread orders are refused.
         let _ = std::thread::Builder::new()
             .name("forward".into())
-            .spawn(move || Thread::new(hub).run(&heard, &waiting));
+            .spawn(move || Thread::new(hub).run(&passed, &waiting));
         Self { orders }
     }
 
@@ -254,16 +254,16 @@ impl Thread {
         }
     }
 
-    fn run(mut self, heard: &Receiver<Heard>, orders: &Receiver<Order>) {
+    fn run(mut self, passed: &Receiver<Passed>, orders: &Receiver<Order>) {
         let mut told = Instant::now();
         loop {
             while let Ok(order) = orders.try_recv() {
                 self.obey(order);
                 self.tell();
             }
-            match heard.recv_timeout(FRAME) {
-                Ok(Heard::Sample(sample)) => self.pass_on(&sample),
-                Ok(Heard::Units(units)) => {
+            match passed.recv_timeout(FRAME) {
+                Ok(Passed::Sample(sample)) => self.pass_on(&sample),
+                Ok(Passed::Units(units)) => {
                     if units != self.units {
                         self.units = units;
                         self.open_again();

@@ -102,11 +102,11 @@ impl Answer {
 pub trait Site: Send + Sync + 'static {
     /// The answer to a request.
     fn answer(&self, request: &Request) -> Answer;
-    /// Writes events until the peer is gone.
+    /// Sends events until the peer is gone.
     ///
     /// # Errors
     /// When the peer is gone.
-    fn events(&self, _to: &mut dyn Write) -> std::io::Result<()> {
+    fn events(&self, _send: &mut dyn FnMut(&[u8]) -> std::io::Result<()>) -> std::io::Result<()> {
         Ok(())
     }
     /// A request was refused.
@@ -171,12 +171,12 @@ struct Refused;
 struct Until<'a>(&'a TcpStream, Instant);
 
 impl Until<'_> {
+    /// What is left of the time; a socket refuses a timeout of zero.
     fn left(&self) -> std::io::Result<Option<Duration>> {
-        let left = self.1.saturating_duration_since(Instant::now());
-        // None would be for ever.
-        let left = Some(left).filter(|left| !left.is_zero());
-        left.map(Some)
-            .ok_or_else(|| std::io::ErrorKind::TimedOut.into())
+        match self.1.saturating_duration_since(Instant::now()) {
+            Duration::ZERO => Err(std::io::ErrorKind::TimedOut.into()),
+            left => Ok(Some(left)),
+        }
     }
 }
 
@@ -191,20 +191,6 @@ impl Write for Until<'_> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         self.0.set_write_timeout(self.left()?)?;
         self.0.write(bytes)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-/// Events, each of which has its own time.
-struct Events<'a>(&'a TcpStream);
-
-impl Write for Events<'_> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        Until(self.0, Instant::now() + PATIENCE).write_all(bytes)?;
-        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
@@ -233,27 +219,19 @@ fn connection(stream: TcpStream, site: &impl Site, streams: &AtomicUsize) -> Res
             return Err(Refused);
         }
     };
-    let nothing = String::new;
+    let plain = |status, text: &str| (status, "text/plain", String::new(), text.as_bytes().into());
     let (status, kind, mark, body): (_, _, _, Arc<[u8]>) = match site.answer(&request) {
-        Answer::File(kind, body) => ("200 OK", kind, nothing(), body),
+        Answer::File(kind, body) => ("200 OK", kind, String::new(), body),
         Answer::Marked(kind, mark, body) => ("200 OK", kind, mark, body),
-        Answer::Missing(text) => (
-            "404 Not Found",
-            "text/plain",
-            nothing(),
-            text.as_bytes().into(),
-        ),
-        Answer::Forbidden(text) => (
-            "403 Forbidden",
-            "text/plain",
-            nothing(),
-            text.as_bytes().into(),
-        ),
+        Answer::Missing(text) => plain("404 Not Found", text),
+        Answer::Forbidden(text) => plain("403 Forbidden", text),
         Answer::Events => {
             // Counted before it is compared, so that two at once do not both take the last place.
             if streams.fetch_add(1, Ordering::Relaxed) < STREAMS {
-                let begun = stream.write_all(EVENTS);
-                let _ = begun.and_then(|()| site.events(&mut Events(stream.0)));
+                // Each event has its own time.
+                let mut send =
+                    |bytes: &[u8]| Until(stream.0, Instant::now() + PATIENCE).write_all(bytes);
+                let _ = send(EVENTS).and_then(|()| site.events(&mut send));
             } else {
                 let status = "503 Service Unavailable";
                 let text = b"too many pages are open; close some\n";
@@ -320,23 +298,19 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     };
     // Two would mean two things to two readers.
     let host = match header("host") {
-        (Some(host), None) => host,
         (_, Some(_)) => return Err(bad),
-        _ => "",
+        (host, None) => host.unwrap_or_default(),
     };
     if !is_address(host) {
         return Err("421 Misdirected Request");
     }
-    let elsewhere = header("sec-fetch-site")
-        .0
-        .is_some_and(|site| !["same-origin", "none"].contains(&site))
-        || header("origin")
-            .0
-            .is_some_and(|origin| origin.strip_prefix("http://") != Some(host));
-    let has_body = header("transfer-encoding").0.is_some()
-        || header("content-length")
-            .0
-            .is_some_and(|length| length != "0");
+    let says = |name: &str, wrong: &dyn Fn(&str) -> bool| header(name).0.is_some_and(wrong);
+    let elsewhere = says("sec-fetch-site", &|site| {
+        !["same-origin", "none"].contains(&site)
+    }) || says("origin", &|origin| {
+        origin.strip_prefix("http://") != Some(host)
+    });
+    let has_body = says("transfer-encoding", &|_| true) || says("content-length", &|n| n != "0");
     if post && has_body {
         return Err("413 Content Too Large");
     }
@@ -443,9 +417,12 @@ mod tests {
             }
         }
 
-        fn events(&self, to: &mut dyn Write) -> std::io::Result<()> {
+        fn events(
+            &self,
+            send: &mut dyn FnMut(&[u8]) -> std::io::Result<()>,
+        ) -> std::io::Result<()> {
             loop {
-                to.write_all(b": alive\n\n")?;
+                send(b": alive\n\n")?;
                 std::thread::sleep(Duration::from_millis(100));
             }
         }

@@ -33,7 +33,7 @@ pub enum Seen {
 pub type Picture = (u64, Seen);
 
 /// What is passed on to other receivers as it comes.
-pub enum Heard {
+pub enum Passed {
     /// Names of the units in the order of the weights.
     Units(Vec<String>),
     /// A frame of a user.
@@ -48,8 +48,8 @@ struct State {
     facts: BTreeMap<String, Arc<str>>,
     picture: Option<Picture>,
     note: String,
-    /// Who hears a live source beside the pages.
-    ear: Option<SyncSender<Heard>>,
+    /// Where a live source is passed on to, beside the pages.
+    onward: Option<SyncSender<Passed>>,
     /// Which host sends what is received over a network.
     sender: Option<IpAddr>,
 }
@@ -109,9 +109,9 @@ impl Hub {
     pub fn tell(&self, sample: &Sample) {
         let line = format!("data: {}\n\n", sample.json());
         let mut state = self.lock();
-        if let Some(ear) = &state.ear {
-            // Whoever hears too slowly misses frames; nobody waits for them.
-            let _ = ear.try_send(Heard::Sample(sample.clone()));
+        if let Some(onward) = &state.onward {
+            // A receiver that is too slow misses frames; nothing waits for it.
+            let _ = onward.try_send(Passed::Sample(sample.clone()));
         }
         self.push(&mut state, line.into());
     }
@@ -127,9 +127,9 @@ impl Hub {
     }
 
     /// Passes on what comes from now on; of a live source only, as a session is read faster than it happened.
-    pub fn heard_by(&self, ear: SyncSender<Heard>) {
+    pub fn pass_on_to(&self, onward: SyncSender<Passed>) {
         if !self.is_session() {
-            self.lock().ear = Some(ear);
+            self.lock().onward = Some(onward);
         }
     }
 
@@ -147,8 +147,8 @@ impl Hub {
     /// Names of the units in the order of the weights.
     pub fn schema<'a>(&self, units: impl Iterator<Item = &'a str>) {
         let units: Vec<&str> = units.collect();
-        if let Some(ear) = &self.lock().ear {
-            let _ = ear.try_send(Heard::Units(
+        if let Some(onward) = &self.lock().onward {
+            let _ = onward.try_send(Passed::Units(
                 units.iter().map(|&unit| unit.to_owned()).collect(),
             ));
         }

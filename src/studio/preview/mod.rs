@@ -27,7 +27,6 @@ pub mod sensor;
 pub mod serial;
 pub mod table;
 
-use std::io::Write;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -196,7 +195,7 @@ impl Preview {
             None => self
                 .hub
                 .picture()
-                .and_then(|(number, seen)| Some((number, sensor::jpeg(&seen)?))),
+                .and_then(|(number, seen)| Some((number, sensor::picture(&seen)?))),
         };
         match found {
             Some((number, (of_depth, jpeg))) => {
@@ -281,21 +280,21 @@ impl Site for Preview {
         }
     }
 
-    fn events(&self, to: &mut dyn Write) -> std::io::Result<()> {
+    fn events(&self, send: &mut dyn FnMut(&[u8]) -> std::io::Result<()>) -> std::io::Result<()> {
         let (facts, mut next) = self.hub.start();
         for fact in facts {
-            to.write_all(fact.as_bytes())?;
+            send(fact.as_bytes())?;
         }
         let mut told: Option<Instant> = None;
         loop {
             let (lines, after) = self.hub.read(next, COUNTS_EVERY);
             next = after;
-            let mut text: String = lines.iter().map(|line| &**line).collect();
+            let mut text = lines.concat();
             if told.is_none_or(|told| told.elapsed() >= COUNTS_EVERY) {
                 told = Some(Instant::now());
                 text += &self.hub.counts_event();
             }
-            to.write_all(text.as_bytes())?;
+            send(text.as_bytes())?;
         }
     }
 

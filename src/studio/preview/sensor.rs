@@ -6,22 +6,19 @@
 //! A recording is processed as fast as possible and every frame is kept; its pictures are read again on request. A live
 //! source is processed in real time.
 
-use std::io::Cursor;
 use std::path::Path;
 use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
-use image::codecs::jpeg::JpegEncoder;
-
 use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::appliance::source::{Pacer, Source, SourceError};
-use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
-use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
-use crate::studio::inspect::depth_picture;
+use crate::sensor::kinect::geometry;
+use crate::studio::inspect::{colour_picture, depth_picture};
+use crate::studio::jpeg::jpeg;
 
 /// Between two tellings of the ranges, seconds of the stream.
 const RANGES_EVERY_S: f64 = 0.5;
@@ -120,38 +117,23 @@ fn seen(frame: &KinectFrame) -> Seen {
 
 /// What was seen as JPEG, and whether it is of the depth camera: then in false colour.
 #[must_use]
-pub fn jpeg(seen: &Seen) -> Option<(bool, Vec<u8>)> {
-    let (rgb, of_depth) = match seen {
-        Seen::Colour(bayer) => {
-            let mut rgb = vec![0; 3 * PIXELS];
-            colour::rgb_from_bayer((&**bayer).try_into().ok()?, &mut rgb);
-            (rgb, false)
-        }
+pub fn picture(seen: &Seen) -> Option<(bool, Vec<u8>)> {
+    let (of_depth, picture) = match seen {
+        Seen::Colour(bayer) => (false, colour_picture((&**bayer).try_into().ok()?)),
         Seen::Depth(depth) => {
-            let picture = depth_picture(
-                (&**depth).try_into().ok()?,
-                &crate::sensor::kinect::geometry::nominal(),
-            );
-            (picture.into_raw(), true)
+            let depth = (&**depth).try_into().ok()?;
+            (true, depth_picture(depth, &geometry::nominal()))
         }
     };
-    let mut out = Cursor::new(Vec::new());
-    let encoded = JpegEncoder::new_with_quality(&mut out, JPEG_QUALITY).encode(
-        &rgb,
-        WIDTH as u32,
-        HEIGHT as u32,
-        image::ExtendedColorType::Rgb8,
-    );
-    encoded.ok()?;
-    Some((of_depth, out.into_inner()))
+    Some((of_depth, jpeg(&picture, JPEG_QUALITY)))
 }
 
-/// Picture of frame `number` of a recording, as [`jpeg`]; `None` if it is damaged or not there.
+/// Picture of frame `number` of a recording, as [`picture()`]; `None` if it is damaged or not there.
 #[must_use]
 pub fn recorded(directory: &Path, number: u64) -> Option<(bool, Vec<u8>)> {
     let mut recording = Source::recording(directory).ok()?;
     let mut frame = KinectFrame::default();
     recording.go_to(usize::try_from(number).ok()?);
     let found = recording.next_frame(&mut frame).ok()? && frame.index == number;
-    found.then(|| jpeg(&seen(&frame)))?
+    found.then(|| picture(&seen(&frame)))?
 }

@@ -1,6 +1,7 @@
 //! Receives a serial line in any of the three styles ([`crate::output::serial`]) at a port. An absent port is retried
 //! every second.
 
+use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
 use std::io::Read;
 use std::net::TcpStream;
 use std::time::Duration;
@@ -23,21 +24,14 @@ pub struct Port {
     pub full: f32,
 }
 
-fn open(port: &Port) -> Result<Box<dyn Read>, String> {
+fn open(port: &Port) -> std::io::Result<Box<dyn Read>> {
     if let Some(address) = port.name.strip_prefix("tcp:") {
-        let stream = TcpStream::connect(address).map_err(|error| error.to_string())?;
-        stream
-            .set_read_timeout(Some(PATIENCE))
-            .map_err(|error| error.to_string())?;
+        let stream = TcpStream::connect(address)?;
+        stream.set_read_timeout(Some(PATIENCE))?;
         return Ok(Box::new(stream));
     }
-    match serialport::new(&port.name, port.baud)
-        .timeout(PATIENCE)
-        .open()
-    {
-        Ok(open) => Ok(Box::new(open)),
-        Err(error) => Err(error.to_string()),
-    }
+    let line = serialport::new(&port.name, port.baud);
+    Ok(Box::new(line.timeout(PATIENCE).open()?))
 }
 
 /// Receives until the process ends.
@@ -54,12 +48,7 @@ pub fn listen(port: &Port, hub: &Hub) {
                         Ok(0) => break,
                         Ok(length) => receiver.take(&bytes[..length], hub),
                         Err(error)
-                            if matches!(
-                                error.kind(),
-                                std::io::ErrorKind::TimedOut
-                                    | std::io::ErrorKind::WouldBlock
-                                    | std::io::ErrorKind::Interrupted
-                            ) => {}
+                            if matches!(error.kind(), TimedOut | WouldBlock | Interrupted) => {}
                         Err(_) => break,
                     }
                 }

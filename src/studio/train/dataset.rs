@@ -8,6 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::base::capacity::LANDMARKS;
+use crate::landmarks::window::Picture;
 use crate::studio::csv;
 
 /// Why pictures cannot be read.
@@ -79,6 +80,18 @@ pub struct GreyPicture {
     pub width: usize,
     /// Rows.
     pub height: usize,
+}
+
+impl GreyPicture {
+    /// To sample from.
+    #[must_use]
+    pub fn picture(&self) -> Picture<'_> {
+        Picture {
+            luma: &self.luma,
+            width: self.width,
+            height: self.height,
+        }
+    }
 }
 
 /// Loads a picture as luma, scaled by `scale` (at most 1 is useful) with area averaging.

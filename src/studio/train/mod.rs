@@ -11,11 +11,13 @@
 //! refine           lids and lips from depth
 //! confidence       what a fitted face looks like
 //! paper_aam        the paper's active appearance model; person: the same of one person, from seen_face to seen_face
-//! schedule         all of this in order
-//! evaluate         people who were not trained on; report makes a page of it
+//! args             what to train from
+//! schedule         all of this in order; paper_section: the paper's model in its model file
+//! evaluate         errors of people who were not trained on
 //! error            why training cannot be done
 //! ```
 
+mod args;
 mod beards_glasses_hands;
 pub mod cascade;
 pub mod confidence;
@@ -25,12 +27,12 @@ pub mod evaluate;
 mod grey_picture;
 mod hair_and_headwear;
 pub mod paper_aam;
+mod paper_section;
 pub mod person;
 pub mod points;
 mod random;
 pub mod refine;
 pub mod render;
-pub mod report;
 pub mod ridge;
 pub mod samples;
 pub mod schedule;
@@ -38,5 +40,17 @@ mod seen_face;
 pub mod shape;
 pub mod standard_head;
 
+pub use args::TrainArgs;
 pub use error::TrainError;
-pub use schedule::{TrainArgs, finish, train, train_paper_into, train_person};
+
+/// Trains what the words ask for: a whole model, or the paper's part of one.
+///
+/// # Errors
+/// If the data cannot be read, is too little, or the result cannot be written.
+pub fn run(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainError> {
+    if args.person.is_some() || args.paper_into.is_some() {
+        paper_section::replace(args, say)
+    } else {
+        schedule::train(args, say)
+    }
+}

@@ -135,8 +135,6 @@ fn taught(
         neutral: points.head,
         visible: [true; crate::base::capacity::LANDMARKS],
         sensor_from_head: *pose,
-        weights: Vec::new(),
-        person: 0,
     };
     Some(Seen {
         picture: TruePicture::drawn(&sample, camera, shape)?,

@@ -56,18 +56,12 @@ pub struct TrainingSample {
     pub visible: [bool; LANDMARKS],
     /// Pose of the head.
     pub sensor_from_head: Rigid,
-    /// Weight of each expression, in the order of [`Renderer::expression_names`].
-    pub weights: Vec<f32>,
-    /// Whose photograph it is: number of the person in the collection.
-    pub person: usize,
 }
 
 /// Draws training pictures of a set of people.
 pub struct Renderer {
     heads: Vec<PersonHead>,
     identities: Vec<Vec<Vector>>,
-    /// Position of the opposite side's expression.
-    opposite: Vec<usize>,
     camera: Camera,
 }
 
@@ -94,8 +88,6 @@ struct Face {
     neutral: [Point; LANDMARKS],
     /// Landmarks with the expression.
     points: [Point; LANDMARKS],
-    /// Of the expressions.
-    weights: Vec<f32>,
 }
 
 impl Renderer {
@@ -117,38 +109,9 @@ impl Renderer {
             .iter()
             .map(|mode| reduction.pick(&mode.offsets))
             .collect();
-        let names: Vec<String> = heads
-            .first()
-            .map(|head| {
-                head.asset
-                    .expressions
-                    .iter()
-                    .map(|e| e.name.clone())
-                    .collect()
-            })
-            .unwrap_or_default();
-        let opposite = names
-            .iter()
-            .enumerate()
-            .map(|(k, name)| {
-                let other = match name.strip_suffix("_L") {
-                    Some(stem) => format!("{stem}_R"),
-                    None => match name.strip_suffix("_R") {
-                        Some(stem) => format!("{stem}_L"),
-                        None if name == "jawLeft" => "jawRight".into(),
-                        None if name == "jawRight" => "jawLeft".into(),
-                        None if name == "mouthLeft" => "mouthRight".into(),
-                        None if name == "mouthRight" => "mouthLeft".into(),
-                        None => name.clone(),
-                    },
-                };
-                names.iter().position(|n| *n == other).unwrap_or(k)
-            })
-            .collect();
         Ok(Self {
             heads,
             identities,
-            opposite,
             camera: crate::sensor::kinect::geometry::nominal(),
         })
     }
@@ -157,21 +120,6 @@ impl Renderer {
     #[must_use]
     pub fn heads(&self) -> &[PersonHead] {
         &self.heads
-    }
-
-    /// Names of the expressions, in the order of the weights.
-    #[must_use]
-    pub fn expression_names(&self) -> Vec<&str> {
-        self.heads
-            .first()
-            .map(|head| {
-                head.asset
-                    .expressions
-                    .iter()
-                    .map(|e| e.name.as_str())
-                    .collect()
-            })
-            .unwrap_or_default()
     }
 
     /// Draws the samples with these numbers, on all threads. None if there are no heads.
@@ -196,14 +144,12 @@ impl Renderer {
 
     fn sample(&self, number: u64, seed: u64, scratch: &mut Scratch) -> TrainingSample {
         let mut rng = Rng::with_seed(seed ^ (number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        let head = &self.heads[rng.usize(..self.heads.len())];
-        let asset = &head.asset;
+        let asset = &self.heads[rng.usize(..self.heads.len())].asset;
         let other = &self.heads[rng.usize(..self.heads.len())].asset;
         let mixed = rng.f32() < MIXED;
         let Face {
             neutral,
             points: points_head,
-            weights,
         } = self.face(asset, mixed.then_some(other), &mut rng, scratch);
         let painter = &mut scratch.painter;
         let sensor_from_head = pose(&mut rng);
@@ -262,8 +208,6 @@ impl Renderer {
             neutral,
             visible,
             sensor_from_head,
-            weights,
-            person: head.person,
         }
     }
 
@@ -276,7 +220,7 @@ impl Renderer {
         rng: &mut Rng,
         scratch: &mut Scratch,
     ) -> Face {
-        let mut weights = self.expression(asset, rng);
+        let weights = expression(asset, rng);
         // Between two people, and somewhat beyond either.
         let (share, other) = match other {
             Some(other) => (1.4 * rng.f32() - 0.2, other),
@@ -315,12 +259,10 @@ impl Renderer {
             };
             points_head = flipped(&points_head);
             neutral_points = flipped(&neutral_points);
-            weights = self.opposite.iter().map(|&k| weights[k]).collect();
         }
         Face {
             neutral: neutral_points,
             points: points_head,
-            weights,
         }
     }
 
@@ -357,28 +299,28 @@ impl Renderer {
             *p -= origin;
         }
     }
+}
 
-    /// Weights of a random expression.
-    fn expression(&self, asset: &HeadAsset, rng: &mut Rng) -> Vec<f32> {
-        let mut act = Act {
-            asset,
-            weights: vec![0.0; asset.expressions.len()],
-        };
-        if rng.f32() < 0.2 {
-            if rng.f32() < 0.3 {
-                act.both("jawOpen", 0.06 * rng.f32(), rng);
-                act.both("mouthSmile", 0.1 * rng.f32(), rng);
-            }
-            return act.weights;
+/// Weights of a random expression.
+fn expression(asset: &HeadAsset, rng: &mut Rng) -> Vec<f32> {
+    let mut act = Act {
+        asset,
+        weights: vec![0.0; asset.expressions.len()],
+    };
+    if rng.f32() < 0.2 {
+        if rng.f32() < 0.3 {
+            act.both("jawOpen", 0.06 * rng.f32(), rng);
+            act.both("mouthSmile", 0.1 * rng.f32(), rng);
         }
-        act.brows(rng);
-        act.eyes(rng);
-        act.jaw(rng);
-        for _ in 0..1 + rng.usize(..2) {
-            act.mouth(rng);
-        }
-        act.weights
+        return act.weights;
     }
+    act.brows(rng);
+    act.eyes(rng);
+    act.jaw(rng);
+    for _ in 0..1 + rng.usize(..2) {
+        act.mouth(rng);
+    }
+    act.weights
 }
 
 /// An expression in the making.

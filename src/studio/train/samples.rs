@@ -41,16 +41,6 @@ pub struct TruePicture {
 }
 
 impl TruePicture {
-    /// The picture to sample from.
-    #[must_use]
-    pub fn picture(&self) -> Picture<'_> {
-        Picture {
-            luma: &self.grey.luma,
-            width: self.grey.width,
-            height: self.grey.height,
-        }
-    }
-
     /// An annotated portrait, scaled to a common size; `None` if it has no points.
     ///
     /// # Errors
@@ -322,7 +312,7 @@ pub fn sample(
     let mut random = fastrand::Rng::with_seed(seed);
     let view = disturbance.of(&picture.truth.view, &mut random);
     let placement = Placement::of_view(&view);
-    placement.resample(&picture.picture(), &Region::WHOLE, window);
+    placement.resample(&picture.grey.picture(), &Region::WHOLE, window);
     if spoiled && !picture.drawn {
         spoil(window, &mut random);
     }

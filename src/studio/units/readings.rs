@@ -62,27 +62,20 @@ const LEAST_R: f64 = 0.45;
 const FULLY: f64 = 0.8;
 
 /// What is played.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct Practice {
-    /// People, at most.
+    /// People who act
+    #[arg(long, default_value_t = 60)]
     pub people: usize,
-    /// Length of each session.
+    /// Seconds of each
+    #[arg(long, default_value_t = 40.0)]
     pub seconds: f64,
-    /// Seed.
+    /// Seed of everything random
+    #[arg(long, default_value_t = 41)]
     pub seed: u64,
-    /// Where the examples are kept: read if the file is there, written otherwise.
+    /// File with what they acted: read if it exists, else written, so that another try takes seconds
+    #[arg(long)]
     pub examples: Option<PathBuf>,
-}
-
-impl Default for Practice {
-    fn default() -> Self {
-        Self {
-            people: 60,
-            seconds: 40.0,
-            seed: 41,
-            examples: None,
-        }
-    }
 }
 
 /// Plays, learns and returns the text of the `[[feature]]` and `[[reading]]` tables for `config/units.toml`.

@@ -13,7 +13,7 @@ use crate::expression::{Measure, features, measures};
 use crate::face_model::FaceModel;
 use crate::face_model::refinement::PUFFS;
 use crate::studio::evaluate::sessions::SessionsError;
-use crate::studio::fit::{FaceBox, StillFitter};
+use crate::studio::fit::still::{FaceBox, StillFitter};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::{Entry, read_folder};
 

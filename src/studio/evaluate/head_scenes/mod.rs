@@ -26,12 +26,10 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::sessions::{Sessions, SessionsError, Spread};
+use super::sessions::{Sessions, SessionsError, Spread, held_out, median};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::simulator::virtual_head::Scene;
-use crate::studio::heads::textured_heads;
-use crate::studio::people_split::Split;
 use crate::users::TrackingState;
 use cast::Cast;
 use measure::{Film, Sight, pose_errors};
@@ -93,11 +91,7 @@ pub fn play(
     sessions: &Sessions,
     only: &[String],
 ) -> Result<Table, SessionsError> {
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
-    if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
-    }
+    let heads = held_out(data, sessions)?;
     let cast = Cast {
         heads,
         model,
@@ -152,12 +146,6 @@ impl Rows {
         say(scene, &figure);
         self.0.push((scene.to_owned(), bar.to_owned(), figure));
     }
-}
-
-fn median(times: &[f64]) -> f64 {
-    let mut sorted = times.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
 
 /// A part in percent of all, over all films.

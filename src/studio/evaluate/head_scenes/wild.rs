@@ -14,25 +14,18 @@ use rayon::prelude::*;
 use super::cast::at;
 use super::measure::{Film, pose_errors};
 use crate::appliance::settings::Settings;
-use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::face_model::FaceModel;
 use crate::pipeline::Pipeline;
-use crate::sensor::NO_DEPTH;
-use crate::sensor::kinect::colour;
-use crate::sensor::kinect::frame::KinectFrame;
+use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
 use crate::studio::evaluate::sessions::{
-    Sessions, SessionsError, Spread, landmark_error, lighting, seed_of,
+    Sessions, SessionsError, Spread, held_out, landmark_error, lighting, seed_of,
 };
-use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
-use crate::studio::people_split::Split;
+use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
 
 /// Length of a session without `--seconds`.
 pub const SECONDS: f64 = 20.0;
-/// Seconds into the session of each picture that is written.
-const PICTURES_S: [f64; 3] = [2.5, 6.0, 9.5];
-
 /// What is said of those before a window.
 const BACKLIT: &str = "backlit";
 
@@ -128,12 +121,11 @@ fn play_one(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-    pictures: Option<&Path>,
     progress: &Progress,
 ) -> Result<Row, SessionsError> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
     let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
-    let (mut frame, mut film) = (KinectFrame::default(), Film::default());
+    let (mut frame, mut film) = (Frame::default(), Film::default());
     let mut landmarks = Vec::new();
     for n in 0..(sessions.seconds * 30.0) as usize {
         if n % 30 == 29 {
@@ -149,17 +141,6 @@ fn play_one(
             if let (Some(found), true) = (report.landmarks, report.user == slot && slot.is_some()) {
                 landmarks.push(landmark_error(&found.pixels, &truth)[0]);
             }
-        }
-        if let Some(folder) = pictures
-            && PICTURES_S.iter().any(|s| (s * 30.0) as usize == n)
-        {
-            let name = folder.join(format!("wild-{number:02}-{n:04}.png"));
-            picture(&frame)
-                .save(&name)
-                .map_err(|error| HeadsError::Unwritable {
-                    path: name,
-                    source: std::io::Error::other(error),
-                })?;
         }
     }
     let [missing, all] = film.missing();
@@ -177,68 +158,22 @@ fn play_one(
     Ok(row)
 }
 
-/// Depth in false colours beside colour.
-fn picture(frame: &KinectFrame) -> image::RgbImage {
-    let mut picture = image::RgbImage::new(2 * WIDTH as u32, HEIGHT as u32);
-    let mut near: Vec<u16> = frame
-        .depth
-        .iter()
-        .copied()
-        .filter(|&raw| raw != NO_DEPTH)
-        .collect();
-    near.sort_unstable();
-    let end = |share: usize| f32::from(near.get(near.len() * share / 100).copied().unwrap_or(0));
-    let (low, high) = (end(1), end(99).max(end(1) + 1.0));
-    let mut rgb = vec![0; 3 * frame.original.bayer.len()];
-    colour::rgb_from_bayer(&frame.original.bayer, &mut rgb);
-    for (index, &raw) in frame.depth.iter().enumerate() {
-        let (col, row) = ((index % WIDTH) as u32, (index / WIDTH) as u32);
-        let t = ((f32::from(raw) - low) / (high - low)).clamp(0.0, 1.0) * 4.0;
-        let wave = |at: f32| ((1.7 - (t - at).abs()).clamp(0.0, 1.0) * 255.0) as u8;
-        let shade = if raw == NO_DEPTH {
-            [0; 3]
-        } else {
-            [wave(0.5), wave(1.8), wave(3.4)]
-        };
-        picture.put_pixel(col, row, image::Rgb(shade));
-        picture.put_pixel(
-            col + WIDTH as u32,
-            row,
-            image::Rgb([0, 1, 2].map(|k| rgb[3 * index + k])),
-        );
-    }
-    picture
-}
-
-/// Plays the sessions and makes the table; writes some frames as pictures into a folder.
+/// Plays the sessions and makes the table.
 ///
 /// # Errors
-/// If the data sets cannot be read, the folder cannot be made, or the model does not fit the settings.
+/// If the data sets cannot be read or the model does not fit the settings.
 pub fn play(
     data: &Path,
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-    pictures: Option<&Path>,
 ) -> Result<Table, SessionsError> {
-    if let Some(folder) = pictures {
-        std::fs::create_dir_all(folder).map_err(|source| HeadsError::Unwritable {
-            path: folder.to_owned(),
-            source,
-        })?;
-    }
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
-    if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
-    }
+    let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let rows = heads
         .into_par_iter()
         .enumerate()
-        .map(|(number, head)| {
-            play_one(head, number, model, settings, sessions, pictures, &progress)
-        })
+        .map(|(number, head)| play_one(head, number, model, settings, sessions, &progress))
         .collect::<Result<_, _>>()?;
     Ok(Table { rows })
 }

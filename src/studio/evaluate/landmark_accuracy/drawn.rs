@@ -1,13 +1,11 @@
 //! Held-out people before the simulated sensor, fitted under every condition of the table.
-//!
-//! One file above the usual length: all conditions share one player and its frames.
 
 use std::path::Path;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::tallies::{Calibration, Errors};
+use super::tallies::{Condition, Seen, Share, mean_percent};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
 use crate::base::frames::SensorFromHead;
@@ -21,10 +19,9 @@ use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
-use crate::studio::evaluate::sessions::{Sessions, SessionsError, lighting, seed_of};
+use crate::studio::evaluate::sessions::{Sessions, SessionsError, held_out, lighting, seed_of};
 use crate::studio::frame_time::frame_time;
-use crate::studio::heads::{PersonHead, textured_heads};
-use crate::studio::people_split::Split;
+use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
@@ -35,112 +32,6 @@ const COVERED: usize = 14;
 /// Every so many frames the whole face is hidden for the last so many of them.
 const HIDE: [i64; 2] = [30, 8];
 
-/// A share counted.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Share {
-    of: usize,
-    yes: usize,
-}
-
-impl Share {
-    fn add(&mut self, yes: bool) {
-        self.of += 1;
-        self.yes += usize::from(yes);
-    }
-
-    pub(super) fn percent(&self) -> f64 {
-        100.0 * self.yes as f64 / self.of.max(1) as f64
-    }
-}
-
-/// Everything seen, over all people. Errors in per cent.
-#[derive(Default)]
-pub(super) struct Seen {
-    pub(super) people: usize,
-    pub(super) tracked: Errors,
-    pub(super) offset: Errors,
-    pub(super) rest: Errors,
-    pub(super) cold: Errors,
-    pub(super) beyond: Errors,
-    pub(super) covered: Errors,
-    /// Covered points that are flagged, visible ones that are not.
-    pub(super) flagged: [Share; 2],
-    /// Frames of a hidden face that are called lost.
-    pub(super) unseen: Share,
-    /// Frames until a face that is clear again is believed and within 5 %.
-    pub(super) recovered: Errors,
-    pub(super) dim: Errors,
-    pub(super) lamp: Errors,
-    pub(super) same_as_lamp: Errors,
-    pub(super) jitter_percent: f64,
-    pub(super) median_ms: f64,
-    pub(super) faces: Calibration,
-    pub(super) points: Calibration,
-    /// Good faces below the least confidence; faces beyond 10 % above it.
-    pub(super) lost: Share,
-    pub(super) kept: Share,
-    times_ms: Vec<f64>,
-    least: f32,
-}
-
-fn mean_percent(d: &[[f32; 2]; LANDMARKS]) -> f64 {
-    let sum: f32 = d.iter().map(|d| d[0].hypot(d[1])).sum();
-    f64::from(100.0 * sum / LANDMARKS as f32)
-}
-
-impl Seen {
-    /// Takes in what a fit said and how far off it was; all points visible unless covered.
-    fn judge(&mut self, fit: &Landmarks, truth: &Truth, covered: &[bool; LANDMARKS]) -> f64 {
-        let d = differences(&fit.pixels, &truth.landmarks_px);
-        let error = mean_percent(&d);
-        self.faces.add(fit.confidence, error <= 5.0);
-        for i in 0..LANDMARKS {
-            let good = d[i][0].hypot(d[i][1]) <= 0.05 && !covered[i];
-            self.points.add(fit.point_confidence[i], good);
-        }
-        if error <= 5.0 {
-            self.lost.add(fit.confidence < self.least);
-        } else if error > 10.0 {
-            self.kept.add(fit.confidence >= self.least);
-        }
-        error
-    }
-
-    fn merge(&mut self, other: Self) {
-        let pairs = [
-            (&mut self.tracked, other.tracked),
-            (&mut self.offset, other.offset),
-            (&mut self.rest, other.rest),
-            (&mut self.cold, other.cold),
-            (&mut self.beyond, other.beyond),
-            (&mut self.covered, other.covered),
-            (&mut self.recovered, other.recovered),
-            (&mut self.dim, other.dim),
-            (&mut self.lamp, other.lamp),
-            (&mut self.same_as_lamp, other.same_as_lamp),
-            (&mut self.times_ms, other.times_ms),
-        ];
-        for (all, more) in pairs {
-            all.extend(more);
-        }
-        let [covered, visible] = &mut self.flagged;
-        for (all, more) in [
-            (covered, other.flagged[0]),
-            (visible, other.flagged[1]),
-            (&mut self.lost, other.lost),
-            (&mut self.kept, other.kept),
-            (&mut self.unseen, other.unseen),
-        ] {
-            all.of += more.of;
-            all.yes += more.yes;
-        }
-        self.people += 1;
-        self.jitter_percent += other.jitter_percent.powi(2);
-        self.faces.merge(&other.faces);
-        self.points.merge(&other.points);
-    }
-}
-
 /// Plays all people.
 pub(super) fn play(
     data: &Path,
@@ -148,11 +39,7 @@ pub(super) fn play(
     settings: &Settings,
     sessions: &Sessions,
 ) -> Result<Seen, SessionsError> {
-    let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
-    heads.truncate(sessions.people);
-    if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
-    }
+    let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len());
     let played: Vec<Seen> = heads
         .into_par_iter()
@@ -163,16 +50,7 @@ pub(super) fn play(
         })
         .collect::<Result<_, PipelineError>>()?;
     let mut all = Seen::default();
-    for one in played {
-        all.merge(one);
-    }
-    all.jitter_percent = (all.jitter_percent / all.people as f64).sqrt();
-    all.times_ms.sort_by(f64::total_cmp);
-    all.median_ms = all
-        .times_ms
-        .get(all.times_ms.len() / 2)
-        .copied()
-        .unwrap_or(f64::NAN);
+    played.into_iter().for_each(|one| all.merge(one));
     Ok(all)
 }
 
@@ -188,7 +66,10 @@ struct Player<'a> {
     segmenter: Segmenter,
     pose: PoseTracker,
     model: &'a FaceModel,
+    /// Everything is told, believed or not.
     fit_settings: FitSettings,
+    /// The confidence from which the appliance believes.
+    least: f32,
     random: fastrand::Rng,
     seen: Seen,
 }
@@ -244,10 +125,10 @@ impl<'a> Player<'a> {
             pose: PoseTracker::new(settings.pose, &anchor)?,
             model,
             seen: Seen {
-                least: fit_settings.min_confidence,
+                people: 1,
                 ..Seen::default()
             },
-            // Everything is told here, believed or not.
+            least: fit_settings.min_confidence,
             fit_settings: FitSettings {
                 min_confidence: 0.0,
                 ..fit_settings
@@ -260,7 +141,7 @@ impl<'a> Player<'a> {
     /// Who believes as the appliance does.
     fn sceptic(&self) -> LandmarkFitter {
         let settings = FitSettings {
-            min_confidence: self.seen.least,
+            min_confidence: self.least,
             ..self.fit_settings
         };
         LandmarkFitter::new(settings, self.model)
@@ -273,6 +154,25 @@ impl<'a> Player<'a> {
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
         let cloud = self.segmenter.segment(&self.frame, &self.camera)?;
         self.pose.track(cloud, at)
+    }
+
+    /// The points in the picture as it is.
+    fn fit<'f>(&self, by: &'f mut LandmarkFitter, now: &Moment) -> Option<&'f Landmarks> {
+        self.fit_in(&self.frame.luma, by, now)
+    }
+
+    /// The points in another picture with the same depth.
+    fn fit_in<'f>(
+        &self,
+        luma: &[u8; PIXELS],
+        by: &'f mut LandmarkFitter,
+        now: &Moment,
+    ) -> Option<&'f Landmarks> {
+        by.fit(luma, &self.frame.depth, &self.camera, &now.pose, now.at)
+    }
+
+    fn judge(&mut self, fit: &Landmarks, truth: &Truth) -> f64 {
+        self.seen.judge(fit, truth, &[false; LANDMARKS], self.least)
     }
 
     fn play(mut self) -> Seen {
@@ -316,48 +216,41 @@ impl<'a> Player<'a> {
             }
         }
         let offsets = mean_offsets(&play.found);
-        self.seen.offset.push(mean_percent(&offsets));
+        self.seen.add(Condition::Offset, mean_percent(&offsets));
         for d in &play.found {
-            self.seen.rest.push(mean_percent(&without(d, &offsets)));
+            self.seen
+                .add(Condition::Rest, mean_percent(&without(d, &offsets)));
         }
     }
 
     /// The picture as it is; the error.
     fn tracked(&mut self, play: &mut Play, now: &Moment) -> f64 {
-        let Moment { at, pose, truth } = now;
         let began = Instant::now();
-        let fit = play
-            .tracked
-            .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at);
-        self.seen.times_ms.push(began.elapsed().as_secs_f64() * 1e3);
-        let mut here = f64::NAN;
-        if let Some(fit) = fit {
-            here = self.seen.judge(fit, truth, &[false; LANDMARKS]);
-            self.seen.tracked.push(here);
-            play.found
-                .push(differences(&fit.pixels, &truth.landmarks_px));
-        }
+        let fit = self.fit(&mut play.tracked, now);
+        let took = began.elapsed().as_secs_f64() * 1e3;
+        self.seen.add(Condition::Time, took);
+        let Some(fit) = fit else { return f64::NAN };
+        let here = self.judge(fit, &now.truth);
+        self.seen.add(Condition::Tracked, here);
+        let d = differences(&fit.pixels, &now.truth.landmarks_px);
+        play.found.push(d);
         here
     }
 
     /// A quarter of the light.
     fn dim(&mut self, play: &mut Play, now: &Moment) {
-        let Moment { at, pose, truth } = now;
         for (to, from) in play.changed.iter_mut().zip(self.frame.luma.iter()) {
             *to = from / 4;
         }
-        if let Some(fit) = play
-            .dim
-            .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at)
-        {
-            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
-            self.seen.dim.push(error);
+        if let Some(fit) = self.fit_in(&play.changed, &mut play.dim, now) {
+            let error = self.judge(fit, &now.truth);
+            self.seen.add(Condition::Dim, error);
         }
     }
 
     /// A fifth of the points covered.
     fn covered(&mut self, play: &mut Play, now: &Moment) {
-        let Moment { at, pose, truth } = now;
+        let truth = &now.truth;
         if play.index % 30 == 0 {
             play.centre = self.random.usize(..LANDMARKS);
         }
@@ -368,79 +261,73 @@ impl<'a> Player<'a> {
             play.centre,
             &mut self.random,
         );
-        if let Some(fit) =
-            play.covered
-                .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at)
-        {
-            self.seen.judge(fit, truth, &hidden);
-            let d = differences(&fit.pixels, &truth.landmarks_px);
-            let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
-            let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
-            self.seen
-                .covered
-                .push(f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32));
-            for i in 0..LANDMARKS {
-                let flagged = fit.point_confidence[i] < 0.5;
-                self.seen.flagged[usize::from(!hidden[i])].add(flagged == hidden[i]);
-            }
+        let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
+            return;
+        };
+        self.seen.judge(fit, truth, &hidden, self.least);
+        let d = differences(&fit.pixels, &truth.landmarks_px);
+        let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
+        let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
+        let error = f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32);
+        self.seen.add(Condition::Covered, error);
+        for i in 0..LANDMARKS {
+            let flagged = fit.point_confidence[i] < 0.5;
+            let share = if hidden[i] {
+                Share::Flagged
+            } else {
+                Share::Unflagged
+            };
+            self.seen.count(share, flagged == hidden[i]);
         }
     }
 
     /// The whole face hidden for a while, and what comes after.
     fn hidden(&mut self, play: &mut Play, now: &Moment) {
-        let Moment { at, pose, truth } = now;
         let [every, last] = HIDE;
         if play.index % every >= every - last {
-            hide(&mut play.changed, &self.frame.luma, truth, &mut self.random);
-            let fit = play
-                .sceptic
-                .fit(&play.changed, &self.frame.depth, &self.camera, pose, *at);
-            self.seen.unseen.add(fit.is_none());
+            hide(
+                &mut play.changed,
+                &self.frame.luma,
+                &now.truth,
+                &mut self.random,
+            );
+            let found = self.fit_in(&play.changed, &mut play.sceptic, now).is_some();
+            self.seen.count(Share::Unseen, !found);
             play.waited = Some(0);
-        } else {
-            let fit =
-                play.sceptic
-                    .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at);
-            let found = fit.is_some_and(|fit| {
-                mean_percent(&differences(&fit.pixels, &truth.landmarks_px)) <= 5.0
-            });
-            if let Some(frames) = &mut play.waited {
-                *frames += 1;
-                if found || play.index % every == every - last - 1 {
-                    self.seen.recovered.push(f64::from(*frames));
-                    play.waited = None;
-                }
+            return;
+        }
+        let found = self.fit(&mut play.sceptic, now).is_some_and(|fit| {
+            mean_percent(&differences(&fit.pixels, &now.truth.landmarks_px)) <= 5.0
+        });
+        if let Some(frames) = &mut play.waited {
+            *frames += 1;
+            if found || play.index % every == every - last - 1 {
+                self.seen.add(Condition::Recovered, f64::from(*frames));
+                play.waited = None;
             }
         }
     }
 
     /// A cold start, from the pose that was found and from one that is wrong.
     fn cold_start(&mut self, play: &mut Play, now: &Moment) {
-        let Moment { at, pose, truth } = now;
         play.once.reset();
-        if let Some(fit) =
-            play.once
-                .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at)
-        {
-            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
-            self.seen.cold.push(error);
+        if let Some(fit) = self.fit(&mut play.once, now) {
+            let error = self.judge(fit, &now.truth);
+            self.seen.add(Condition::Cold, error);
         }
         play.once.reset();
-        let wrong = self.astray(pose);
-        if let Some(fit) = play.once.fit(
-            &self.frame.luma,
-            &self.frame.depth,
-            &self.camera,
-            &wrong,
-            *at,
-        ) {
-            self.seen.judge(fit, truth, &[false; LANDMARKS]);
+        let wrong = Moment {
+            pose: self.astray(&now.pose),
+            truth: now.truth.clone(),
+            ..*now
+        };
+        if let Some(fit) = self.fit(&mut play.once, &wrong) {
+            self.judge(fit, &now.truth);
         }
     }
 
     /// A lamp that goes round; `here` is the error without.
     fn under_a_lamp(&mut self, play: &mut Play, now: &Moment, here: f64) {
-        let Moment { at, pose, truth } = now;
         // The lamp goes round once in two seconds.
         let turn = std::f32::consts::PI * play.index as f32 / 30.0;
         let towards = Vector::new(turn.cos(), turn.sin() - 0.3, -0.8).normalize();
@@ -448,21 +335,14 @@ impl<'a> Player<'a> {
             towards,
             ..self.light
         };
-        self.relight(moved);
-        self.simulator.draw(*at, &mut self.frame);
-        self.relight(self.light);
-        if let Some(fit) =
-            play.lamp
-                .fit(&self.frame.luma, &self.frame.depth, &self.camera, pose, *at)
-        {
-            let error = self.seen.judge(fit, truth, &[false; LANDMARKS]);
-            self.seen.lamp.push(error);
-            self.seen.same_as_lamp.push(here);
+        self.simulator.set_light(moved, self.exposure);
+        self.simulator.draw(now.at, &mut self.frame);
+        self.simulator.set_light(self.light, self.exposure);
+        if let Some(fit) = self.fit(&mut play.lamp, now) {
+            let error = self.judge(fit, &now.truth);
+            self.seen.add(Condition::Lamp, error);
+            self.seen.add(Condition::SameAsLamp, here);
         }
-    }
-
-    fn relight(&mut self, light: Light) {
-        self.simulator.set_light(light, self.exposure);
     }
 
     /// A pose that is wrong by up to a head's width.
@@ -481,7 +361,6 @@ impl<'a> Player<'a> {
 
     /// Wide turns with two expressions a second, each up and down.
     fn beyond(&mut self) {
-        let none = [false; LANDMARKS];
         let mut fitter = self.fitter();
         self.pose.reset();
         let count = self.simulator.asset().expressions.len();
@@ -502,23 +381,24 @@ impl<'a> Player<'a> {
                 nalgebra::Translation3::new(0.0, -0.02, 0.75),
                 rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0),
             );
-            let truth = self
-                .simulator
-                .draw_pose(&pose, &weights, at, &mut self.frame);
-            let Some(found) = self.find(at) else { continue };
+            let Some(now) = self.posed(&pose, &weights, at) else {
+                continue;
+            };
             let wide = yaw.abs() > 25.0 || pitch.abs() > 15.0;
-            if let Some(fit) = fitter.fit(
-                &self.frame.luma,
-                &self.frame.depth,
-                &self.camera,
-                &found,
-                at,
-            ) && wide
+            if let Some(fit) = self.fit(&mut fitter, &now)
+                && wide
             {
-                let error = self.seen.judge(fit, &truth, &none);
-                self.seen.beyond.push(error);
+                let error = self.judge(fit, &now.truth);
+                self.seen.add(Condition::Beyond, error);
             }
         }
+    }
+
+    /// Draws a pose and finds it.
+    fn posed(&mut self, pose: &Rigid, weights: &[f32], at: Timestamp) -> Option<Moment> {
+        let truth = self.simulator.draw_pose(pose, weights, at, &mut self.frame);
+        let pose = self.find(at)?;
+        Some(Moment { at, pose, truth })
     }
 
     /// A face that does not move: what its points do all the same.
@@ -534,18 +414,12 @@ impl<'a> Player<'a> {
         let mut eye = 1.0;
         for index in 0..60 {
             let at = frame_time(6000 + index);
-            let truth = self
-                .simulator
-                .draw_pose(&pose, &weights, at, &mut self.frame);
-            eye = scheme::outer_eye_distance(&truth.landmarks_px);
-            let Some(found) = self.find(at) else { continue };
-            if let Some(fit) = fitter.fit(
-                &self.frame.luma,
-                &self.frame.depth,
-                &self.camera,
-                &found,
-                at,
-            ) && index >= 20
+            let Some(now) = self.posed(&pose, &weights, at) else {
+                continue;
+            };
+            eye = scheme::outer_eye_distance(&now.truth.landmarks_px);
+            if let Some(fit) = self.fit(&mut fitter, &now)
+                && index >= 20
             {
                 places.push(fit.pixels);
             }
@@ -560,7 +434,8 @@ impl<'a> Player<'a> {
             }
         }
         let count = 2.0 * scheme::INNER.len() as f64;
-        self.seen.jitter_percent = 100.0 * (squares / count).sqrt() / f64::from(eye);
+        let jitter = 100.0 * (squares / count).sqrt() / f64::from(eye);
+        self.seen.add(Condition::Jitter, jitter);
     }
 }
 

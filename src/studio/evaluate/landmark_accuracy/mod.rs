@@ -21,12 +21,11 @@ use std::path::Path;
 
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
-use crate::studio::evaluate::sessions::{Sessions, SessionsError, Spread};
-use tallies::Errors;
+use crate::studio::evaluate::sessions::{Sessions, SessionsError};
+use tallies::Condition::*;
+use tallies::{Row, Seen, Share};
 
 /// Measures and makes the table; `say` gets it row by row.
-///
-/// Long because it is the table: every row with its words, its figure and its bar.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the settings.
@@ -38,101 +37,106 @@ pub fn measure(
     say: &mut dyn FnMut(&str),
 ) -> Result<(), SessionsError> {
     let seen = drawn::play(data, model, settings, sessions)?;
-    let percent = |errors: &Errors| Spread::of(errors.clone());
-    let mean = |errors: &Errors| percent(errors).mean;
     say(&format!(
         "{} people never trained on; errors are mean / 95th percentile, % of the outer-eye distance",
         seen.people
     ));
     say("| what | figure | bar |\n| --- | --- | --- |");
-    let mut row =
-        |what: &str, figure: String, bar: &str| say(&format!("| {what} | {figure} | {bar} |"));
-    row(
-        "tracked, yaw ±25°, pitch ±15°, all expressions",
-        format!("{}", percent(&seen.tracked)),
-        "1.4 / 2.5",
-    );
-    row(
-        "… of which one offset per person and point",
-        format!("{}", percent(&seen.offset)),
-        "",
-    );
-    row("… the rest", format!("{}", percent(&seen.rest)), "");
-    row(
-        "from a cold start",
-        format!("{}", percent(&seen.cold)),
-        "1.8",
-    );
-    row(
-        "beyond, to yaw ±40°, pitch ±25°",
-        format!("{}", percent(&seen.beyond)),
-        "2.5",
-    );
-    row(
-        "a fifth of the points covered: error of the others",
-        format!("{}", percent(&seen.covered)),
-        "3",
-    );
-    row(
-        "… covered ones flagged (confidence below 0.5), others not",
-        format!(
-            "{:.0} %, {:.0} %",
-            seen.flagged[0].percent(),
-            seen.flagged[1].percent()
-        ),
-        "",
-    );
-    let most = seen
-        .recovered
-        .iter()
-        .fold(0.0, |most: f64, frames| most.max(*frames));
-    row(
-        "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
-        format!(
-            "{:.0} %; {:.1}, {most:.0}",
-            seen.unseen.percent(),
-            mean(&seen.recovered)
-        ),
-        "5",
-    );
-    let grown = |errors: &Errors, than: &Errors| 100.0 * (mean(errors) / mean(than) - 1.0);
-    row(
-        "a quarter of the light: error grows by",
-        format!("{:.0} %", grown(&seen.dim, &seen.tracked)),
-        "15 %",
-    );
-    row(
-        "moving lamp: error grows by",
-        format!("{:.0} %", grown(&seen.lamp, &seen.same_as_lamp)),
-        "15 %",
-    );
-    row(
-        "jitter of a still face, points 17–67",
-        format!("{:.2} %", seen.jitter_percent),
-        "0.25 %",
-    );
-    row(
-        "fit time, median",
-        format!("{:.2} ms", seen.median_ms),
-        "0.4 ms",
-    );
-    row(
-        "confidence → share of faces within 5 % (faces)",
-        seen.faces.to_string(),
-        "within 0.1",
-    );
-    row(
-        "the same of single points, visible and within 5 %",
-        seen.points.to_string(),
-        "",
-    );
-    row(
-        "lost although within 5 %, kept although beyond 10 %",
-        format!("{:.1} %, {:.1} %", seen.lost.percent(), seen.kept.percent()),
-        "",
-    );
-    for (what, figure, bar) in stills::rows(data, model, sessions.split)? {
-        row(what, figure, bar);
+    let stills = stills::rows(data, model, sessions.split)?;
+    for (what, figure, bar) in rows(&seen).into_iter().chain(stills) {
+        say(&format!("| {what} | {figure} | {bar} |"));
     }
     Ok(())
+}
+
+/// The rows of drawn people.
+fn rows(seen: &Seen) -> Vec<Row> {
+    let spread = |condition| seen.spread(condition).to_string();
+    let both = |[a, b]: [Share; 2]| format!("{:.0} %, {:.0} %", seen.percent(a), seen.percent(b));
+    let grown = |condition, than| {
+        let [now, then] = [condition, than].map(|of| seen.spread(of).mean);
+        format!("{:.0} %", 100.0 * (now / then - 1.0))
+    };
+    let waits = seen.errors(Recovered);
+    let most = waits
+        .iter()
+        .fold(0.0, |most: f64, frames| most.max(*frames));
+    let hidden = format!(
+        "{:.0} %; {:.1}, {most:.0}",
+        seen.percent(Share::Unseen),
+        seen.spread(Recovered).mean
+    );
+    let jitters = seen.errors(Jitter);
+    let squares: f64 = jitters.iter().map(|jitter| jitter.powi(2)).sum();
+    let jitter = (squares / seen.people as f64).sqrt();
+    let wrong = format!(
+        "{:.1} %, {:.1} %",
+        seen.percent(Share::Lost),
+        seen.percent(Share::Kept)
+    );
+    vec![
+        (
+            "tracked, yaw ±25°, pitch ±15°, all expressions",
+            spread(Tracked),
+            "1.4 / 2.5",
+        ),
+        (
+            "… of which one offset per person and point",
+            spread(Offset),
+            "",
+        ),
+        ("… the rest", spread(Rest), ""),
+        ("from a cold start", spread(Cold), "1.8"),
+        ("beyond, to yaw ±40°, pitch ±25°", spread(Beyond), "2.5"),
+        (
+            "a fifth of the points covered: error of the others",
+            spread(Covered),
+            "3",
+        ),
+        (
+            "… covered ones flagged (confidence below 0.5), others not",
+            both([Share::Flagged, Share::Unflagged]),
+            "",
+        ),
+        (
+            "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
+            hidden,
+            "5",
+        ),
+        (
+            "a quarter of the light: error grows by",
+            grown(Dim, Tracked),
+            "15 %",
+        ),
+        (
+            "moving lamp: error grows by",
+            grown(Lamp, SameAsLamp),
+            "15 %",
+        ),
+        (
+            "jitter of a still face, points 17–67",
+            format!("{jitter:.2} %"),
+            "0.25 %",
+        ),
+        (
+            "fit time, median",
+            format!("{:.2} ms", seen.median(Time)),
+            "0.4 ms",
+        ),
+        (
+            "confidence → share of faces within 5 % (faces)",
+            seen.faces.to_string(),
+            "within 0.1",
+        ),
+        (
+            "the same of single points, visible and within 5 %",
+            seen.points.to_string(),
+            "",
+        ),
+        (
+            "lost although within 5 %, kept although beyond 10 %",
+            wrong,
+            "",
+        ),
+    ]
 }

@@ -5,14 +5,13 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::tallies::Errors;
+use super::tallies::{Row, mean_percent};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{FaceModel, scheme};
-use crate::landmarks::window::Picture;
-use crate::studio::evaluate::sessions::Spread;
-use crate::studio::fit::{FaceBox, StillFitter, disturbed_box};
+use crate::studio::evaluate::sessions::{Spread, median};
+use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
-use crate::studio::train::dataset::{DatasetError, Entry, GreyPicture, load_grey, read_folder};
+use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
 type Differences = [[f32; 2]; LANDMARKS];
@@ -26,10 +25,6 @@ const TALKING_BOX: FaceBox = FaceBox {
 };
 /// Farthest the points may move between two pictures of the video, mean, in outer-eye distances: faster is a jump.
 const JUMP: f32 = 0.15;
-
-fn mean_percent(d: &Differences) -> f64 {
-    f64::from(100.0 * d.iter().map(|d| d[0].hypot(d[1])).sum::<f32>() / LANDMARKS as f32)
-}
 
 /// Fitted minus placed of annotated pictures, by person.
 fn fitted(
@@ -62,7 +57,7 @@ fn fitted(
 }
 
 /// Errors as they are, and with the mean offsets of the other people taken out.
-fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Errors; 2] {
+fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
     let (mut given, mut clean) = (Vec::new(), Vec::new());
     for (person, own) in by_person {
         let others: Vec<Differences> = by_person
@@ -80,14 +75,6 @@ fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Errors; 2] {
     }
     [given, clean]
 }
-
-fn median(errors: &Errors) -> f64 {
-    let mut sorted = errors.clone();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-type Row = (&'static str, String, &'static str);
 
 /// The rows of the table; data sets that are not there are left out.
 pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<Row>, DatasetError> {
@@ -135,16 +122,8 @@ fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, DatasetError
     let (mut followed, mut last): (usize, Option<([[f32; 2]; LANDMARKS], _)>) = (0, None);
     let mut steps = Vec::new();
     for path in &paths {
-        let GreyPicture {
-            luma,
-            width,
-            height,
-        } = load_grey(path, 1.0)?;
-        let picture = Picture {
-            luma: &luma,
-            width,
-            height,
-        };
+        let grey = load_grey(path, 1.0)?;
+        let picture = grey.picture();
         let face = match &last {
             None => fitter.fit(&picture, &TALKING_BOX, 0.0),
             Some((_, view)) => fitter.follow(&picture, view),

@@ -1,6 +1,8 @@
 //! Eyes: one picture for both, seen from in front.
 
-use super::palette::{Picture, dice, mix, noise, smooth};
+use image::RgbImage;
+
+use super::palette::{dice, mix, noise, picture, smooth};
 use crate::studio::bake::mesh::Vec3;
 
 /// Middle of the left eyeball; of the right one x is negative.
@@ -28,8 +30,8 @@ pub(super) fn place(p: &Vec3) -> [f32; 2] {
     [at(flat.x), at(-flat.y)]
 }
 
-pub(super) fn paint() -> Picture {
-    Picture::of(SIDE, |col, row| {
+pub(super) fn paint() -> RgbImage {
+    picture(SIDE, |col, row| {
         let at = |k: usize| (2.0 * (k as f64 + 0.5) / SIDE as f64 - 1.0) * REACH_M;
         let (x, y) = (at(col), -at(row));
         let (r, angle) = (x.hypot(y), y.atan2(x));

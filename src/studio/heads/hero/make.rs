@@ -239,17 +239,12 @@ fn seen(
     let v = towards.cross(&u);
     let scale = SIDE as f32 / EXTENT_M;
     let half = SIDE as f32 / 2.0;
-    let screen: Vec<[f32; 3]> = places
-        .iter()
-        .map(|p| {
-            let d = p.coords - middle;
-            [
-                d.dot(&u) * scale + half,
-                d.dot(&v) * scale + half,
-                d.dot(towards),
-            ]
-        })
-        .collect();
+    let on_screen = |p: &Point| {
+        let d = p.coords - middle;
+        let [x, y] = [u, v].map(|axis| d.dot(&axis) * scale + half);
+        [x, y, d.dot(towards)]
+    };
+    let screen: Vec<[f32; 3]> = places.iter().map(on_screen).collect();
     let mut depth = vec![f32::NEG_INFINITY; SIDE * SIDE];
     for t in triangles {
         let [a, b, c] = t.map(|v| screen[v as usize]);

@@ -24,10 +24,11 @@ mod palette;
 mod shirt;
 mod skin;
 
+use image::RgbImage;
+
 use crate::simulator::virtual_head::{HeadAsset, Part};
 use crate::studio::bake::mesh::Vec3;
 pub use layer::Layer;
-pub use palette::Picture;
 use palette::{linear, smooth};
 
 /// What a surface looks like.
@@ -39,7 +40,7 @@ pub struct Look {
     /// Colour, linear.
     pub colour: [f32; 3],
     /// Picture that the colour is multiplied with.
-    pub picture: Option<Picture>,
+    pub picture: Option<RgbImage>,
     /// Whether it is seen from both sides.
     pub thin: bool,
 }

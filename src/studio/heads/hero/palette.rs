@@ -1,5 +1,7 @@
 //! Colours of the hero and how they are put on: sRGB 0…1 unless called linear.
 
+use image::RgbImage;
+
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::srgb;
 
@@ -8,31 +10,16 @@ pub(super) const SKIN: [f32; 3] = [0.885, 0.700, 0.605];
 /// Hair in its middle.
 pub(super) const HAIR: [f32; 3] = [0.265, 0.170, 0.120];
 
-/// A picture, row by row from the top, RGB.
-pub struct Picture {
-    /// Pixels in a row and in a column.
-    pub side: usize,
-    /// Red, green, blue.
-    pub rgb: Vec<u8>,
-}
-
-impl Picture {
-    /// A picture of what `colour` gives for each pixel's column and row.
-    pub fn of(side: usize, colour: impl Fn(usize, usize) -> [f32; 3] + Sync) -> Self {
-        use rayon::prelude::*;
-        let rows: Vec<Vec<u8>> = (0..side)
-            .into_par_iter()
-            .map(|y| {
-                (0..side)
-                    .flat_map(|x| colour(x, y).map(|c| (c * 255.0 + 0.5).clamp(0.0, 255.0) as u8))
-                    .collect()
-            })
-            .collect();
-        Self {
-            side,
-            rgb: rows.concat(),
-        }
-    }
+/// A square picture of what `colour` gives for each pixel's column and row.
+pub(super) fn picture(side: usize, colour: impl Fn(usize, usize) -> [f32; 3] + Sync) -> RgbImage {
+    use rayon::prelude::*;
+    let byte = |c: f32| (c * 255.0 + 0.5).clamp(0.0, 255.0) as u8;
+    let pixels = (0..side * side).into_par_iter();
+    let pixels: Vec<[u8; 3]> = pixels
+        .map(|k| colour(k % side, k / side).map(byte))
+        .collect();
+    RgbImage::from_raw(side as u32, side as u32, pixels.into_flattened())
+        .expect("three bytes a pixel")
 }
 
 /// sRGB to linear light (IEC 61966-2-1), both 0…1.

@@ -3,8 +3,10 @@
 //! A place of the picture is an angle about the axis and a height. What lies behind the ears has no picture; its edges
 //! are plain skin, so that there is no seam. Lengths in metres along the picture: angle times [`RADIUS_M`], and height.
 
+use image::RgbImage;
+
 use super::hair;
-use super::palette::{HAIR, Picture, SKIN, curve, dice, mix, noise, smooth};
+use super::palette::{HAIR, SKIN, curve, dice, mix, noise, picture, smooth};
 use crate::studio::bake::mesh::Vec3;
 
 /// The axis.
@@ -156,14 +158,14 @@ fn bare(x: f64, y: f64) -> [f32; 3] {
     colour.map(|c| c * (1.0 + uneven as f32))
 }
 
-pub(super) fn paint(marks: &[Vec3]) -> Picture {
+pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
     let marks: Vec<Vec3> = marks.iter().map(flat).collect();
     let lips = Outline::through(&marks[48..60]);
     // Outwards: the right brow's landmarks come the other way.
     let right: Vec<Vec3> = marks[17..22].iter().rev().copied().collect();
     let brows = [brow(&right, 0x51), brow(&marks[22..27], 0xA7)];
     let [bottom, top] = HEIGHT_M;
-    Picture::of(SIDE, |col, row| {
+    picture(SIDE, |col, row| {
         let x = (2.0 * (col as f64 + 0.5) / SIDE as f64 - 1.0) * REACH * RADIUS_M;
         let y = top - (row as f64 + 0.5) / SIDE as f64 * (top - bottom);
         let mut colour = bare(x, y);

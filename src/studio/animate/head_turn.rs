@@ -9,16 +9,16 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
-use super::bake::glb::Glb;
+use crate::studio::bake::glb::Glb;
 
 /// How deep nodes may be nested.
 const DEEPEST: usize = 200;
 
 /// A node and how it turns.
 #[derive(Debug)]
-pub struct Turned {
+pub(super) struct Turned {
     /// Number of the node.
-    pub node: usize,
+    pub(super) node: usize,
     /// Rotation of its parent in the scene.
     parent: UnitQuaternion<f32>,
     /// Its own, at rest.
@@ -84,7 +84,7 @@ fn bone(json: &Value) -> Option<usize> {
 impl Turned {
     /// What of a file turns with the head; `meshes` are those that are animated.
     #[must_use]
-    pub fn find(glb: &Glb, meshes: &[usize]) -> Vec<Self> {
+    pub(super) fn find(glb: &Glb, meshes: &[usize]) -> Vec<Self> {
         let json = &glb.json;
         let nodes: &[Value] = json["nodes"].as_array().map_or(&[], Vec::as_slice);
         let movable = |node: usize| nodes.get(node).is_some_and(|n| n["matrix"].is_null());
@@ -120,7 +120,7 @@ impl Turned {
 
     /// Rotation of the node for a pose (x, y, z, w in the sensor's head frame), and its translation if that changes too.
     #[must_use]
-    pub fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
+    pub(super) fn at(&self, pose: [f32; 4]) -> ([f32; 4], Option<[f32; 3]>) {
         let [x, y, z, w] = pose;
         let q = if self.backwards {
             Quaternion::new(w, -x, -y, z)

@@ -3,22 +3,25 @@
 //! A target is driven by the CSV column `w_<unit>` of the unit that baking wrote beside it, by `w_<name>` of its own name, or,
 //! in files from elsewhere, by the unit the shipped recipe gives to its name. The corrective of two targets has the product of
 //! their weights. Rows without weights (nobody there, lost)
-//! are neutral. The head turns as the pose says ([`super::head_turn`]) and stays as it was while there is none. Times count
+//! are neutral. The head turns as the pose says ([`head_turn`]) and stays as it was while there is none. Times count
 //! from the first row of the chosen user.
+
+mod head_turn;
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::bake::error::BakeError;
-use super::bake::files::write;
-use super::bake::glb::{Glb, GlbError};
-use super::bake::recipe::{Recipe, SHIPPED};
-use super::bake::shape::pair;
-use super::head_turn::Turned;
 use crate::base::bounded_read;
+use crate::studio::bake::error::BakeError;
+use crate::studio::bake::files::write;
+use crate::studio::bake::glb::{Glb, GlbError};
+use crate::studio::bake::recipe::{Recipe, SHIPPED};
+use crate::studio::bake::request::written;
+use crate::studio::bake::shape::pair;
 use crate::studio::csv;
 use crate::studio::text_files::{self, decoded};
+use head_turn::Turned;
 
 /// Why there is no animation.
 #[derive(Debug, thiserror::Error)]
@@ -78,6 +81,23 @@ pub enum AnimateError {
     Write(#[from] BakeError),
 }
 
+/// Whose performance moves what.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A head with named morph targets, as bake writes it
+    #[arg(long)]
+    pub mesh: PathBuf,
+    /// What mien run --csv wrote
+    #[arg(long)]
+    pub csv: PathBuf,
+    /// The head with the run as an animation, .glb or .vrm
+    #[arg(long, value_parser = |text: &str| written(text, &["glb", "vrm"]))]
+    pub out: PathBuf,
+    /// Slot to follow [default: the first that appears]
+    #[arg(long)]
+    pub user: Option<String>,
+}
+
 /// Times in seconds, weights and rotations of the head (x, y, z, w), one row per frame.
 #[derive(Default)]
 struct Track {
@@ -85,20 +105,6 @@ struct Track {
     weights: Vec<Vec<f32>>,
     /// As the sensor gives them, each on the side of the one before; empty if the table has none.
     poses: Vec<[f32; 4]>,
-}
-
-/// The pose in a row's cells, if there is one.
-fn pose(cells: &[&str], columns: &[usize; 4]) -> Result<Option<[f32; 4]>, String> {
-    let words = columns.map(|at| cells[at]);
-    if words.iter().all(|word| word.is_empty()) {
-        return Ok(None);
-    }
-    let mut out = [0.0; 4];
-    for (slot, word) in out.iter_mut().zip(words) {
-        let number = word.parse().ok().filter(|v: &f32| v.is_finite());
-        *slot = number.ok_or_else(|| word.to_owned())?;
-    }
-    Ok(Some(out))
 }
 
 /// The slots that a table has, for people to read.
@@ -118,15 +124,90 @@ fn slots(table: &csv::Table, slot: usize) -> String {
     }
 }
 
-/// Reads the rows of one user; `columns` are the CSV names wanted per target, `pairs` the two targets that one is
-/// the corrective of.
-/// Long because it is one loop over the table that fills weights and pose together.
+/// Where what moves a head stands in a table.
+struct Columns {
+    time: usize,
+    slot: usize,
+    /// Of each target.
+    weights: Vec<Option<usize>>,
+    pose: Option<[usize; 4]>,
+}
+
+/// A number of a row's cell.
+fn finite(cell: &str) -> Option<f32> {
+    cell.parse().ok().filter(|v: &f32| v.is_finite())
+}
+
+impl Columns {
+    /// Of a table, `targets` the names wanted per target; `None` without time and user.
+    fn find(table: &csv::Table, targets: &[Vec<String>]) -> Option<Self> {
+        let of = |names: &Vec<String>| names.iter().find_map(|name| table.find(name));
+        let pose = ["qx", "qy", "qz", "qw"].map(|name| table.find(name));
+        Some(Self {
+            time: table.find("time_us")?,
+            slot: table.find("user")?,
+            weights: targets.iter().map(of).collect(),
+            pose: pose
+                .iter()
+                .all(Option::is_some)
+                .then(|| pose.map(|at| at.unwrap_or(0))),
+        })
+    }
+
+    /// Weights of a row's targets, 0 where nothing stands, those of correctives the product of their `pairs`'; the first
+    /// cell that is no number instead.
+    fn weights<'a>(
+        &self,
+        cells: &[&'a str],
+        pairs: &[Option<[usize; 2]>],
+    ) -> Result<Vec<f32>, &'a str> {
+        let weight = |at: &Option<usize>| match at.map_or("", |at| cells[at]) {
+            "" => Ok(0.0),
+            cell => finite(cell).ok_or(cell),
+        };
+        let mut weights = self
+            .weights
+            .iter()
+            .map(weight)
+            .collect::<Result<Vec<_>, _>>()?;
+        for (k, pair) in pairs.iter().enumerate() {
+            if let Some([a, b]) = *pair {
+                weights[k] = weights[a] * weights[b];
+            }
+        }
+        Ok(weights)
+    }
+
+    /// The rotation of a row's head, that of the row before if there is none now; the first cell that is no number instead.
+    fn pose<'a>(
+        &self,
+        cells: &[&'a str],
+        before: Option<&[f32; 4]>,
+    ) -> Result<Option<[f32; 4]>, &'a str> {
+        let Some(columns) = self.pose else {
+            return Ok(None);
+        };
+        let before = before.copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let words = columns.map(|at| cells[at]);
+        if words.iter().all(|word| word.is_empty()) {
+            return Ok(Some(before));
+        }
+        let mut now = [0.0; 4];
+        for (slot, word) in now.iter_mut().zip(words) {
+            *slot = finite(word).ok_or(word)?;
+        }
+        // The same rotation has two quaternions; between neighbours the shorter way is meant.
+        let same = before.iter().zip(now).map(|(a, b)| a * b).sum::<f32>() >= 0.0;
+        Ok(Some(if same { now } else { now.map(|v| -v) }))
+    }
+}
+
+/// Reads the rows of one user, and how many targets they drive.
 fn track(
     text: &str,
     path: &Path,
     user: Option<&str>,
-    columns: &[Vec<String>],
-    pairs: &[Option<[usize; 2]>],
+    targets: &Targets,
 ) -> Result<(Track, usize), AnimateError> {
     let refuse = |line, expected, found: &str| AnimateError::Table {
         path: path.into(),
@@ -135,74 +216,37 @@ fn track(
         found: found.chars().take(60).collect(),
     };
     let table = csv::Table::new(text);
-    let find = |name: &str| table.find(name);
-    let (Some(time), Some(slot)) = (find("time_us"), find("user")) else {
-        return Err(refuse(
-            1,
-            "a header with time_us, user and w_<unit> columns",
-            &table.columns().join(","),
-        ));
-    };
-    let source: Vec<Option<usize>> = columns
-        .iter()
-        .map(|names| names.iter().find_map(|name| find(name)))
-        .collect();
-    let driven = source.iter().flatten().count();
+    let columns = Columns::find(&table, &targets.columns).ok_or_else(|| {
+        let expected = "a header with time_us, user and w_<unit> columns";
+        refuse(1, expected, &table.columns().join(","))
+    })?;
     let mut chosen = user.map(str::to_owned);
-    let turned = ["qx", "qy", "qz", "qw"].map(find);
-    let turned = turned
-        .iter()
-        .all(Option::is_some)
-        .then(|| turned.map(|at| at.unwrap_or(0)));
     let mut out = Track::default();
-    let mut first = None;
-    let mut met = false;
+    let (mut first, mut met) = (None, false);
     for csv::Row { line, text, cells } in table.rows() {
         if cells.len() != table.columns().len() {
             return Err(refuse(line, "as many cells as in the header", text));
         }
-        if chosen.is_none() && !cells[slot].is_empty() {
-            chosen = Some(cells[slot].to_owned());
+        let slot = Some(cells[columns.slot]).filter(|slot| !slot.is_empty());
+        if chosen.is_none() {
+            chosen = slot.map(str::to_owned);
         }
-        if chosen.is_none() || (!cells[slot].is_empty() && Some(cells[slot]) != chosen.as_deref()) {
+        if chosen.is_none() || slot.is_some_and(|slot| Some(slot) != chosen.as_deref()) {
             continue;
         }
-        met |= !cells[slot].is_empty();
-        let now: u64 = cells[time]
+        met |= slot.is_some();
+        let now: u64 = cells[columns.time]
             .parse()
             .map_err(|_| refuse(line, "a time in microseconds", text))?;
-        let start = *first.get_or_insert(now);
-        let seconds = now.saturating_sub(start) as f64 * 1e-6;
+        let seconds = now.saturating_sub(*first.get_or_insert(now)) as f64 * 1e-6;
         if out.times.last().is_some_and(|&last| seconds as f32 <= last) {
             continue;
         }
-        let mut weights = Vec::with_capacity(source.len());
-        for at in &source {
-            let cell = at.map_or("", |at| cells[at]);
-            let weight: f32 = if cell.is_empty() {
-                0.0
-            } else {
-                cell.parse()
-                    .ok()
-                    .filter(|w: &f32| w.is_finite())
-                    .ok_or_else(|| refuse(line, "a finite weight", cell))?
-            };
-            weights.push(weight);
-        }
-        for (k, pair) in pairs.iter().enumerate() {
-            if let Some([a, b]) = *pair {
-                weights[k] = weights[a] * weights[b];
-            }
-        }
-        if let Some(columns) = &turned {
-            let before = out.poses.last().copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
-            let now = pose(&cells, columns)
-                .map_err(|found| refuse(line, "a finite number of the pose", &found))?
-                .unwrap_or(before);
-            // The same rotation has two quaternions; between neighbours the shorter way is meant.
-            let same = before.iter().zip(now).map(|(a, b)| a * b).sum::<f32>() >= 0.0;
-            out.poses.push(if same { now } else { now.map(|v| -v) });
-        }
+        let weights = columns.weights(&cells, &targets.pairs);
+        let weights = weights.map_err(|found| refuse(line, "a finite weight", found))?;
+        let pose = columns.pose(&cells, out.poses.last());
+        let pose = pose.map_err(|found| refuse(line, "a finite number of the pose", found))?;
+        out.poses.extend(pose);
         out.times.push(seconds as f32);
         out.weights.push(weights);
     }
@@ -210,14 +254,95 @@ fn track(
         return Err(AnimateError::Nobody {
             path: path.into(),
             wanted: user.map_or_else(|| "somebody".into(), |user| format!("user {user}")),
-            found: slots(&table, slot),
+            found: slots(&table, columns.slot),
         });
     }
-    Ok((out, driven))
+    Ok((out, columns.weights.iter().flatten().count()))
+}
+
+/// The morph targets of a mesh.
+struct Targets {
+    /// The columns that may drive each, the best first.
+    columns: Vec<Vec<String>>,
+    /// The two targets that one is the corrective of: it counts as much as both.
+    pairs: Vec<Option<[usize; 2]>>,
+}
+
+impl Targets {
+    /// Of a mesh, `recipe` the units of shapes by name; `None` if its targets have no names.
+    fn of(mesh: &Value, recipe: &[(String, String)]) -> Option<Self> {
+        let names = mesh["extras"]["targetNames"]
+            .as_array()
+            .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
+        let names: Vec<&str> = names.iter().map(Value::as_str).collect::<Option<_>>()?;
+        let columns = names.iter().enumerate().map(|(k, name)| {
+            let written = mesh["extras"]["mien"]["units"][k].as_str();
+            let mut shipped = recipe.iter().filter(|(n, _)| n.eq_ignore_ascii_case(name));
+            let shipped = shipped.next().map(|(_, unit)| unit.as_str());
+            let units = [written, Some(*name), shipped].into_iter().flatten();
+            units.map(|unit| format!("w_{unit}")).collect()
+        });
+        let place = |name: &str| names.iter().position(|n| *n == name);
+        let pairs = names.iter().map(|name| {
+            let [a, b] = pair(name, |name| place(name).is_some())?;
+            Some([place(a)?, place(b)?])
+        });
+        Some(Self {
+            columns: columns.collect(),
+            pairs: pairs.collect(),
+        })
+    }
+}
+
+/// An animation in the making.
+#[derive(Default)]
+struct Animation {
+    samplers: Vec<Value>,
+    channels: Vec<Value>,
+}
+
+impl Animation {
+    /// A sampler of values at the times of the accessor `input`; its number.
+    fn sampler(
+        &mut self,
+        glb: &mut Glb,
+        input: usize,
+        kind: &str,
+        values: impl Iterator<Item = f32>,
+        each: usize,
+    ) -> usize {
+        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+        let view = glb.push_view(&bytes, 0);
+        let output = glb.push_accessor(json!({
+            "bufferView": view, "componentType": 5126, "count": bytes.len() / (4 * each), "type": kind,
+        }));
+        self.samplers
+            .push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
+        self.samplers.len() - 1
+    }
+
+    fn channel(&mut self, sampler: usize, node: usize, path: &str) {
+        self.channels
+            .push(json!({"sampler": sampler, "target": {"node": node, "path": path}}));
+    }
+
+    /// The turns of the head at the times of the accessor `input`.
+    fn turn(&mut self, glb: &mut Glb, meshes: &[usize], input: usize, poses: &[[f32; 4]]) {
+        for turned in Turned::find(glb, meshes) {
+            let rows: Vec<_> = poses.iter().map(|&pose| turned.at(pose)).collect();
+            let rotations = rows.iter().flat_map(|row| row.0);
+            let sampler = self.sampler(glb, input, "VEC4", rotations, 4);
+            self.channel(sampler, turned.node, "rotation");
+            if rows.iter().any(|row| row.1.is_some()) {
+                let places = rows.iter().filter_map(|row| row.1).flatten();
+                let sampler = self.sampler(glb, input, "VEC3", places, 3);
+                self.channel(sampler, turned.node, "translation");
+            }
+        }
+    }
 }
 
 /// Adds an animation of the morph weights to a head; returns the number of frames and of driven targets.
-/// Long because nodes, samplers and channels of the animation refer to each other by number.
 fn animated(
     glb: &mut Glb,
     csv: &str,
@@ -225,91 +350,48 @@ fn animated(
     user: Option<&str>,
 ) -> Result<(usize, usize), AnimateError> {
     let meshes = glb.json["meshes"].as_array().cloned().unwrap_or_default();
-    let named = |mesh: &Value| -> Option<Vec<String>> {
-        let names = mesh["extras"]["targetNames"]
-            .as_array()
-            .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array())?;
-        names
-            .iter()
-            .map(|n| n.as_str().map(str::to_owned))
-            .collect()
-    };
+    let nodes = glb.json["nodes"].as_array().cloned().unwrap_or_default();
     let recipe = Recipe::read(SHIPPED).map(|r| r.units()).unwrap_or_default();
-    let (mut channels, mut samplers) = (Vec::new(), Vec::new());
+    let mut animation = Animation::default();
     let (mut frames, mut most, mut total) = (0, 0, 0);
     let mut turning: Option<(usize, Vec<[f32; 4]>)> = None;
     let mut driven_meshes = Vec::new();
     for (m, mesh) in meshes.iter().enumerate() {
-        let Some(names) = named(mesh) else { continue };
-        total += names.len();
-        let columns: Vec<Vec<String>> = names
-            .iter()
-            .enumerate()
-            .map(|(k, name)| {
-                let written = mesh["extras"]["mien"]["units"][k].as_str();
-                let shipped = recipe
-                    .iter()
-                    .find(|(n, _)| n.eq_ignore_ascii_case(name))
-                    .map(|(_, u)| u.as_str());
-                [written, Some(name.as_str()), shipped]
-                    .into_iter()
-                    .flatten()
-                    .map(|u| format!("w_{u}"))
-                    .collect()
-            })
-            .collect();
-        // A corrective counts as much as both of its shapes.
-        let place = |name: &str| names.iter().position(|n| n == name);
-        let pairs: Vec<Option<[usize; 2]>> = names
-            .iter()
-            .map(|name| {
-                let [a, b] = pair(name, |name| place(name).is_some())?;
-                Some([place(a)?, place(b)?])
-            })
-            .collect();
-        let (track, driven) = track(csv, path, user, &columns, &pairs)?;
+        let Some(targets) = Targets::of(mesh, &recipe) else {
+            continue;
+        };
+        total += targets.columns.len();
+        let (track, driven) = track(csv, path, user, &targets)?;
         if driven == 0 {
             continue;
         }
         (frames, most) = (track.times.len(), most + driven);
         driven_meshes.push(m);
-        let floats = |values: &mut dyn Iterator<Item = f32>| {
-            values.flat_map(f32::to_le_bytes).collect::<Vec<u8>>()
-        };
-        let view = glb.push_view(&floats(&mut track.times.iter().copied()), 0);
-        let last = track.times[frames - 1];
+        let times: Vec<u8> = track.times.iter().flat_map(|t| t.to_le_bytes()).collect();
+        let view = glb.push_view(&times, 0);
         let input = glb.push_accessor(json!({
-            "bufferView": view, "componentType": 5126, "count": frames, "type": "SCALAR", "min": [0.0], "max": [last],
+            "bufferView": view, "componentType": 5126, "count": frames, "type": "SCALAR",
+            "min": [0.0], "max": [track.times[frames - 1]],
         }));
-        turning.get_or_insert_with(|| (input, track.poses.clone()));
-        let view = glb.push_view(&floats(&mut track.weights.iter().flatten().copied()), 0);
-        let output = glb.push_accessor(json!({
-            "bufferView": view, "componentType": 5126, "count": frames * names.len(), "type": "SCALAR",
-        }));
-        samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
-        let nodes = glb.json["nodes"].as_array().cloned().unwrap_or_default();
+        turning.get_or_insert((input, track.poses));
+        let weights = track.weights.into_iter().flatten();
+        let sampler = animation.sampler(glb, input, "SCALAR", weights, 1);
         for (node, value) in nodes.iter().enumerate() {
             if value["mesh"] == json!(m) {
-                channels.push(json!({"sampler": samplers.len() - 1, "target": {"node": node, "path": "weights"}}));
+                animation.channel(sampler, node, "weights");
             }
         }
     }
-    if channels.is_empty() {
+    if animation.channels.is_empty() {
         return Err(AnimateError::Nothing {
             path: path.into(),
             targets: total,
         });
     }
     if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {
-        turn(
-            glb,
-            &driven_meshes,
-            input,
-            &poses,
-            &mut samplers,
-            &mut channels,
-        );
+        animation.turn(glb, &driven_meshes, input, &poses);
     }
+    let Animation { samplers, channels } = animation;
     let animation = json!({"name": "run", "samplers": samplers, "channels": channels});
     match glb.json["animations"].as_array_mut() {
         Some(list) => list.push(animation),
@@ -318,71 +400,27 @@ fn animated(
     Ok((frames, most))
 }
 
-/// Adds the turns of the head to the channels of an animation whose times are the accessor `input`.
-fn turn(
-    glb: &mut Glb,
-    meshes: &[usize],
-    input: usize,
-    poses: &[[f32; 4]],
-    samplers: &mut Vec<Value>,
-    channels: &mut Vec<Value>,
-) {
-    for turned in Turned::find(glb, meshes) {
-        let rows: Vec<_> = poses.iter().map(|&pose| turned.at(pose)).collect();
-        let rotations: Vec<u8> = rows
-            .iter()
-            .flat_map(|row| row.0)
-            .flat_map(f32::to_le_bytes)
-            .collect();
-        let places: Vec<u8> = rows
-            .iter()
-            .flat_map(|row| row.1)
-            .flatten()
-            .flat_map(f32::to_le_bytes)
-            .collect();
-        for (path, kind, data) in [
-            ("rotation", "VEC4", rotations),
-            ("translation", "VEC3", places),
-        ] {
-            if data.is_empty() {
-                continue;
-            }
-            let view = glb.push_view(&data, 0);
-            let output = glb.push_accessor(json!({
-                "bufferView": view, "componentType": 5126, "count": rows.len(), "type": kind,
-            }));
-            samplers.push(json!({"input": input, "output": output, "interpolation": "LINEAR"}));
-            channels.push(json!({"sampler": samplers.len() - 1, "target": {"node": turned.node, "path": path}}));
-        }
-    }
-}
-
-/// Writes `out`: the head `mesh` with the weights of the table `csv` as an animation; prints one line.
+/// Writes the head with the weights of the table as an animation; prints one line.
 ///
 /// # Errors
 /// If the mesh or the table is not as expected, or the result cannot be written.
-pub fn animate(
-    mesh: &Path,
-    csv: &Path,
-    out: &Path,
-    user: Option<&str>,
-) -> Result<(), AnimateError> {
+pub fn animate(args: &Args) -> Result<(), AnimateError> {
     let read = |path: &Path| {
         bounded_read::read(path, text_files::MOST).map_err(|source| AnimateError::Read {
             path: path.into(),
             source,
         })
     };
-    let mut glb = Glb::parse(&read(mesh)?).map_err(|source| AnimateError::Mesh {
-        path: mesh.into(),
+    let mut glb = Glb::parse(&read(&args.mesh)?).map_err(|source| AnimateError::Mesh {
+        path: args.mesh.clone(),
         source,
     })?;
-    let text = read(csv)?;
-    let (frames, driven) = animated(&mut glb, &decoded(&text), csv, user)?;
-    write(out, &glb.emit())?;
+    let text = decoded(&read(&args.csv)?);
+    let (frames, driven) = animated(&mut glb, &text, &args.csv, args.user.as_deref())?;
+    write(&args.out, &glb.emit())?;
     println!(
         "{}: {frames} frames, {driven} morph targets driven",
-        out.display()
+        args.out.display()
     );
     Ok(())
 }

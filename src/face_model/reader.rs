@@ -1,0 +1,109 @@
+//! Little-endian values of one section of a model file, each checked as it is taken.
+
+use super::error::ModelError;
+use crate::base::geometry::Vector;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
+
+/// Largest number that must be above 0: deviations, units, distances.
+const LARGEST: f32 = 1e6;
+
+/// What is left of a section.
+#[derive(Clone)]
+pub(crate) struct Reader<'a> {
+    pub(crate) section: &'static str,
+    pub(crate) bytes: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    pub(crate) fn malformed(&self, expected: &'static str, found: f64) -> ModelError {
+        ModelError::Malformed {
+            section: self.section,
+            expected,
+            found,
+        }
+    }
+
+    pub(crate) fn take(&mut self, count: usize) -> Result<&'a [u8], ModelError> {
+        let split = self.bytes.split_at_checked(count);
+        let left = self.bytes.len() as f64;
+        let (head, tail) = split.ok_or_else(|| self.malformed("more bytes", left))?;
+        self.bytes = tail;
+        Ok(head)
+    }
+
+    /// An unsigned number of so many bytes, four at most.
+    pub(crate) fn number(&mut self, bytes: usize) -> Result<usize, ModelError> {
+        let digits = self.take(bytes)?.iter().rev();
+        Ok(digits.fold(0, |number, &byte| number << 8 | usize::from(byte)))
+    }
+
+    /// A number of so many bytes within limits.
+    pub(crate) fn count(
+        &mut self,
+        bytes: usize,
+        limits: core::ops::RangeInclusive<usize>,
+        expected: &'static str,
+    ) -> Result<usize, ModelError> {
+        let found = self.number(bytes)?;
+        let fits = limits.contains(&found).then_some(found);
+        fits.ok_or_else(|| self.malformed(expected, found as f64))
+    }
+
+    fn floats_that(
+        &mut self,
+        count: usize,
+        expected: &'static str,
+        fits: impl Fn(f32) -> bool,
+    ) -> Result<Vec<f32>, ModelError> {
+        let bytes = self.take(count.saturating_mul(4))?.as_chunks().0;
+        let values: Vec<f32> = bytes.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        match values.iter().find(|value| !fits(**value)) {
+            None => Ok(values),
+            Some(bad) => Err(self.malformed(expected, f64::from(*bad))),
+        }
+    }
+
+    /// Finite numbers.
+    pub(crate) fn floats(&mut self, count: usize) -> Result<Vec<f32>, ModelError> {
+        self.floats_that(count, "finite numbers", f32::is_finite)
+    }
+
+    /// Numbers no larger than `most` either way.
+    pub(crate) fn floats_within(
+        &mut self,
+        count: usize,
+        most: f32,
+        expected: &'static str,
+    ) -> Result<Vec<f32>, ModelError> {
+        self.floats_that(count, expected, |value| value.abs() <= most)
+    }
+
+    /// Numbers above 0.
+    pub(crate) fn positive(
+        &mut self,
+        count: usize,
+        expected: &'static str,
+    ) -> Result<Vec<f32>, ModelError> {
+        self.floats_that(count, expected, |value| value > 0.0 && value <= LARGEST)
+    }
+
+    /// Finite vectors.
+    pub(crate) fn vectors(&mut self, count: usize) -> Result<Vec<Vector>, ModelError> {
+        Ok(vectors(&self.floats(count.saturating_mul(3))?))
+    }
+
+    /// Nothing may be left.
+    pub(crate) fn end(&self) -> Result<(), ModelError> {
+        if self.bytes.is_empty() {
+            return Ok(());
+        }
+        Err(self.malformed("no bytes after its end", self.bytes.len() as f64))
+    }
+}
+
+/// Vectors of numbers in threes.
+pub(crate) fn vectors(values: &[f32]) -> Vec<Vector> {
+    let threes = values.as_chunks::<3>().0.iter();
+    threes.map(|three| Vector::from(*three)).collect()
+}

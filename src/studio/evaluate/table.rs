@@ -1,0 +1,468 @@
+//! Rendered sessions of people the face model has never seen, through the whole pipeline, against exact truth: one table.
+//!
+//! Each held-out person (portrait and head shape of the test split) acts the scene `acted` under different lighting: all
+//! expressions one after the other and mixed, speech, blinks, yaw ±25°, pitch ±15°, 0.6 to 1.0 m. Pose: angle and distance, also after
+//! removing one fixed offset per person, because where a head's frame sits on a face is a convention. Landmarks: mean
+//! distance in colour pixels / outer-eye distance. Weights: Pearson correlation and mean absolute error against what is
+//! acted ([`super::acted`]), and the matrix of every acted expression against every emitted weight. All figures over every
+//! frame with a face that is reported `warming` or `tracking`.
+
+use std::fmt::{self, Display};
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::played::{self, Played, Seen};
+use super::sessions::{Sessions, SessionsError, Spread, held_out, mean, mean_offset, median};
+use crate::appliance::settings::Settings;
+use crate::base::geometry::{Rigid, yaw_pitch_roll};
+use crate::expression::measures::Measure;
+use crate::expression::units::Units;
+use crate::face_model::FaceModel;
+use crate::studio::correlation::correlation;
+use crate::studio::progress::Progress;
+
+/// The person a figure is worst for.
+#[derive(Clone, Copy, Debug)]
+pub struct Worst {
+    /// Number of the portrait's person.
+    pub person: usize,
+    /// Their mean.
+    pub mean: f64,
+}
+
+impl Worst {
+    /// Of all people with a figure, `None` without any.
+    fn of(figures: impl Iterator<Item = (usize, f64)>) -> Option<Self> {
+        let figures = figures.filter(|(_, mean)| !mean.is_nan());
+        let worst = figures.max_by(|a, b| a.1.total_cmp(&b.1));
+        worst.map(|(person, mean)| Self { person, mean })
+    }
+}
+
+/// ` (person 7 2.10°)` behind a figure; nothing if there is nobody.
+fn worst(worst: Option<Worst>, precision: usize, unit: &str) -> String {
+    worst.map_or_else(String::new, |Worst { person, mean }| {
+        format!(" (person {person} {mean:.precision$}{unit})")
+    })
+}
+
+/// How a unit's weight follows the truth.
+#[derive(Clone, Debug)]
+pub struct Following {
+    /// Which.
+    pub unit: String,
+    /// The measure behind it.
+    pub measure: Measure,
+    /// Pearson correlation of the measure with the true one, mean over people.
+    pub measured: f64,
+    /// Pearson correlation of the weight with what is acted, mean over people.
+    pub correlation: f64,
+    /// Of the person it is worst for.
+    pub worst: f64,
+    /// Mean absolute error.
+    pub error: f64,
+    /// 95th percentile of the weight while nothing is acted.
+    pub quiet: f64,
+    /// Median weight while it is acted fully.
+    pub reach: f64,
+    /// Mean weight while others are acted and it is not.
+    pub foreign: f64,
+}
+
+/// Mean weights by acted expression: what is read of each, and what else with it.
+#[derive(Clone, Debug, Default)]
+pub struct Matrix {
+    /// Units, the columns.
+    pub units: Vec<String>,
+    /// Expressions, and the mean weight of every unit while they and little else are fully acted.
+    pub rows: Vec<(String, Vec<f64>)>,
+}
+
+/// The table.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// People played.
+    pub people: usize,
+    /// Frames with a person.
+    pub frames: usize,
+    /// Share of them that was tracked.
+    pub tracked: f64,
+    /// Rotation, degrees, as it is and with one offset per person out.
+    pub rotation_deg: [Spread; 2],
+    /// Translation, millimetres, likewise.
+    pub translation_mm: [Spread; 2],
+    /// Rotation, one offset per person out, and all points where the head is turned by 20° to the side or 12° up or down: the
+    /// ends of what the paper handles.
+    pub turned: [Spread; 2],
+    /// All points, percent of the outer-eye distance.
+    pub landmarks: Spread,
+    /// Points 17–67.
+    pub inner: Spread,
+    /// Whom the rows are worst for: frames lost (share), rotation and translation as above, all points, points 17–67.
+    pub worst: [Option<Worst>; 7],
+    /// Size of the weights while nothing is acted.
+    pub rest: Spread,
+    /// One eye shut, the other open: weight of the shut one, and of the open one.
+    pub winks: [Spread; 2],
+    /// By unit.
+    pub following: Vec<Following>,
+    /// By acted expression.
+    pub matrix: Matrix,
+}
+
+/// Truth up to which nothing is acted, from which others are, from which an expression is full, and from which an eye is
+/// shut.
+const IDLE: f64 = 0.05;
+const ACTED: f64 = 0.5;
+const FULL: f64 = 0.8;
+const SHUT: f64 = 0.95;
+/// Yaw and pitch from which a head counts as turned, degrees.
+const TURNED_DEG: [f32; 2] = [20.0, 12.0];
+/// Other expressions up to which a full one counts as acted alone.
+const ALONE: f32 = 0.3;
+
+/// Plays the sessions and makes the table.
+///
+/// # Errors
+/// If the data sets cannot be read or the model does not fit the settings.
+pub fn play(
+    data: &Path,
+    model: &FaceModel,
+    settings: &Settings,
+    sessions: &Sessions,
+) -> Result<Table, SessionsError> {
+    let heads = held_out(data, sessions)?;
+    let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
+    let played: Vec<Played> = heads
+        .into_par_iter()
+        .map(|head| played::play(head, model, settings, sessions, &progress))
+        .collect::<Result<_, _>>()?;
+    Ok(table(&played))
+}
+
+/// Every frame of everybody in which a face was found.
+fn frames_seen(played: &[Played]) -> impl Iterator<Item = &Seen> {
+    played.iter().flat_map(|one| &one.seen)
+}
+
+/// The figures of all sessions.
+fn table(played: &[Played]) -> Table {
+    let frames: usize = played.iter().map(|one| one.frames).sum();
+    let seen: usize = played.iter().map(|one| one.seen.len()).sum();
+    let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
+    let Poses {
+        rotations,
+        translations,
+        turned_deg,
+        people,
+    } = poses(played);
+    let turned = frames_seen(played).filter(|seen| is_turned(seen));
+    let turned_points = turned.map(|seen| seen.error[0]).collect();
+    let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
+    let rest = Spread::of(resting.flat_map(|seen| seen.weights.clone()).collect());
+    Table {
+        people: played.len(),
+        frames,
+        tracked: seen as f64 / frames.max(1) as f64,
+        rotation_deg: rotations.map(Spread::of),
+        translation_mm: translations.map(Spread::of),
+        turned: [turned_deg, turned_points].map(Spread::of),
+        landmarks: all(&|seen: &Seen| seen.error[0]),
+        inner: all(&|seen: &Seen| seen.error[1]),
+        worst: core::array::from_fn(|k| {
+            Worst::of(people.iter().map(|(person, means)| (*person, means[k])))
+        }),
+        rest,
+        winks: winks(played).map(Spread::of),
+        following: following(played),
+        matrix: matrix(played),
+    }
+}
+
+/// Errors of the pose over all frames, as they are and with one offset per person taken out.
+struct Poses {
+    rotations: [Vec<f64>; 2],
+    translations: [Vec<f64>; 2],
+    /// Rotations with the offset out, of heads near an end of their range.
+    turned_deg: Vec<f64>,
+    /// Means of each person, in the order of [`Table::worst`].
+    people: Vec<(usize, [f64; 7])>,
+}
+
+fn poses(played: &[Played]) -> Poses {
+    let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    let mut turned_deg = Vec::new();
+    let mut people = Vec::new();
+    for one in played {
+        let before = rotations[0].len();
+        let pairs: Vec<_> = one
+            .seen
+            .iter()
+            .map(|seen| (seen.true_pose, seen.pose))
+            .collect();
+        let offset = mean_offset(&pairs);
+        for seen in &one.seen {
+            for (k, offset) in [Rigid::identity(), offset].iter().enumerate() {
+                let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
+                rotations[k].push(f64::from(error.rotation.angle()).to_degrees());
+                translations[k].push(f64::from(error.translation.vector.norm()) * 1e3);
+            }
+            if is_turned(seen) {
+                turned_deg.extend(rotations[1].last());
+            }
+        }
+        let lost = 1.0 - one.seen.len() as f64 / one.frames.max(1) as f64;
+        let [turned, moved] =
+            [&rotations, &translations].map(|all| all.each_ref().map(|k| mean(&k[before..])));
+        let [points, inner] = [0, 1].map(|k| {
+            let errors: Vec<f64> = one.seen.iter().map(|seen| seen.error[k]).collect();
+            mean(&errors)
+        });
+        people.push((
+            one.person,
+            [
+                lost, turned[0], turned[1], moved[0], moved[1], points, inner,
+            ],
+        ));
+    }
+    Poses {
+        rotations,
+        translations,
+        turned_deg,
+        people,
+    }
+}
+
+/// How each unit's weight follows what is acted.
+fn following(played: &[Played]) -> Vec<Following> {
+    let each = |pair: &dyn Fn(&Seen) -> [f64; 2]| -> Vec<f64> {
+        let told = played.iter().filter(|one| one.seen.len() > 2);
+        told.map(|one| correlation(one.seen.iter().map(pair)))
+            .collect()
+    };
+    let columns = played.first().map_or(&[][..], |one| &one.columns);
+    let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
+    let mut following = Vec::new();
+    for (m, row) in Units::shipped().rows.iter().enumerate() {
+        let measured = mean(&each(&|seen| seen.measures[m]));
+        for unit in [&row.rises, &row.falls].into_iter().flatten() {
+            let Some(k) = columns.iter().position(|name| name == unit.as_str()) else {
+                continue;
+            };
+            let weights = each(&|seen: &Seen| [seen.weights[k], seen.acted[k]]);
+            let where_so = |so: &dyn Fn(&Seen) -> bool| -> Vec<f64> {
+                let frames = frames_seen(played).filter(|seen| so(seen));
+                frames.map(|seen| seen.weights[k]).collect()
+            };
+            let most = |seen: &Seen| seen.acted.iter().copied().fold(0.0, f64::max);
+            following.push(Following {
+                unit: unit.as_str().to_owned(),
+                measure: Measure::ALL[m],
+                measured,
+                correlation: mean(&weights),
+                worst: weights.iter().copied().fold(f64::INFINITY, f64::min),
+                error: all(&|seen| (seen.weights[k] - seen.acted[k]).abs()).mean,
+                quiet: Spread::of(where_so(&|seen| most(seen) < IDLE)).p95,
+                reach: median(&where_so(&|seen| seen.acted[k] > FULL)),
+                foreign: mean(&where_so(&|seen| {
+                    seen.acted[k] < IDLE && most(seen) > ACTED
+                })),
+            });
+        }
+    }
+    following
+}
+
+/// Weights of the shut and of the open eye while one is shut.
+fn winks(played: &[Played]) -> [Vec<f64>; 2] {
+    let columns = played.first().map_or(&[][..], |one| &one.columns);
+    let mut winks = [Vec::new(), Vec::new()];
+    let lid = |name: &str| columns.iter().position(|column| column == name);
+    if let (Some(left), Some(right)) = (lid("AU43L"), lid("AU43R")) {
+        for (seen, [shut, open]) in
+            frames_seen(played).flat_map(|seen| [(seen, [left, right]), (seen, [right, left])])
+        {
+            if seen.acted[shut] > SHUT && seen.acted[open] < IDLE {
+                winks[0].push(seen.weights[shut]);
+                winks[1].push(seen.weights[open]);
+            }
+        }
+    }
+    winks
+}
+
+/// Whether the head is near an end of what the paper handles, ±25° of yaw and ±15° of pitch.
+fn is_turned(seen: &Seen) -> bool {
+    let (yaw, pitch, _) = yaw_pitch_roll(&seen.true_pose.rotation);
+    yaw.abs() > TURNED_DEG[0].to_radians() || pitch.abs() > TURNED_DEG[1].to_radians()
+}
+
+/// Mean weights while each expression, both sides of it together, is fully acted and no other is.
+fn matrix(played: &[Played]) -> Matrix {
+    let Some(first) = played.first() else {
+        return Matrix::default();
+    };
+    let stem = |name: &str| {
+        let name = name
+            .strip_suffix("_L")
+            .or(name.strip_suffix("_R"))
+            .unwrap_or(name);
+        name.to_owned()
+    };
+    let mut stems: Vec<String> = first.expressions.iter().map(|name| stem(name)).collect();
+    stems.dedup();
+    let row = |of: &String| {
+        let mut sum = vec![0.0; first.columns.len()];
+        let mut count = 0.0;
+        for (one, seen) in played
+            .iter()
+            .flat_map(|one| one.seen.iter().map(move |s| (one, s)))
+        {
+            let (mut own, mut other) = (f32::INFINITY, 0.0f32);
+            for (name, &weight) in one.expressions.iter().zip(&seen.expressions) {
+                if stem(name) == *of {
+                    own = own.min(weight);
+                } else {
+                    other = other.max(weight);
+                }
+            }
+            if f64::from(own) > FULL && other < ALONE {
+                count += 1.0;
+                for (sum, weight) in sum.iter_mut().zip(&seen.weights) {
+                    *sum += weight;
+                }
+            }
+        }
+        (count > 0.0).then(|| (of.clone(), sum.iter().map(|s| s / count).collect()))
+    };
+    Matrix {
+        units: first.columns.clone(),
+        rows: stems.iter().filter_map(row).collect(),
+    }
+}
+
+impl Display for Matrix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "| acted alone | {} |", self.units.join(" | "))?;
+        writeln!(f, "|{}", " --- |".repeat(self.units.len() + 1))?;
+        for (name, weights) in &self.rows {
+            write!(f, "| `{name}` |")?;
+            for weight in weights {
+                // Nothing to see is left white.
+                if *weight < 0.05 {
+                    write!(f, " |")?;
+                } else {
+                    write!(f, " {weight:.2} |")?;
+                }
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+impl Table {
+    fn fmt_units(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "\n| unit | correlation of weight and act (worst person) | error of the weight | 95th percentile while nothing is acted | median while fully acted | mean while others are acted | measure | its correlation |\n| --- | --- | --- | --- | --- | --- | --- | --- |"
+        )?;
+        for one in &self.following {
+            writeln!(
+                f,
+                "| `{}` | {:.3} ({:.3}) | {:.3} | {:.3} | {:.2} | {:.3} | `m_{}` | {:.3} |",
+                one.unit,
+                one.correlation,
+                one.worst,
+                one.error,
+                one.quiet,
+                one.reach,
+                one.foreign,
+                one.measure.name(),
+                one.measured
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} people never trained on, {} frames; errors are mean / 95th percentile, with the worst person's mean in parentheses\n| what | figure (worst person) |\n| --- | --- |",
+            self.people, self.frames
+        )?;
+        let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
+        let lost = lost.map(|lost| Worst {
+            mean: 100.0 * (1.0 - lost.mean),
+            ..lost
+        });
+        let [turn, turn_rest] = self.rotation_deg;
+        let [shift, shift_rest] = self.translation_mm;
+        let [end_turn, end_points] = self.turned;
+        let [shut, open] = self.winks;
+        let out = "… after removing one offset per person";
+        let [yaw, pitch] = TURNED_DEG;
+        let tracked = format!("{:.2} % of frames", 100.0 * self.tracked);
+        let eyes = "of the outer-eye distance";
+        let rows = [
+            ("tracked", tracked, worst(lost, 2, " %")),
+            (
+                "head rotation",
+                format!("{turn:.2}°"),
+                worst(turned, 2, "°"),
+            ),
+            (out, format!("{turn_rest:.2}°"), worst(turned_rest, 2, "°")),
+            (
+                "head position",
+                format!("{shift:.1} mm"),
+                worst(moved, 1, " mm"),
+            ),
+            (
+                out,
+                format!("{shift_rest:.1} mm"),
+                worst(moved_rest, 1, " mm"),
+            ),
+            (
+                "landmarks, all 68",
+                format!("{:.2} % {eyes}", self.landmarks),
+                worst(points, 2, " %"),
+            ),
+            (
+                "landmarks without the jaw",
+                format!("{:.2} %", self.inner),
+                worst(inner, 2, " %"),
+            ),
+            (
+                &format!(
+                    "head turned by over {yaw}° or nodding by over {pitch}°: rotation after removing the offset, landmarks"
+                ),
+                format!("{end_turn:.2}°, {end_points:.2} %"),
+                String::new(),
+            ),
+            (
+                "weights while nothing is acted",
+                format!("{:.3}", self.rest),
+                String::new(),
+            ),
+            (
+                "winks: weight of the closed eye, of the open one",
+                format!("{:.2}, {open:.2}", shut.mean),
+                String::new(),
+            ),
+        ];
+        for (what, figure, worst) in rows {
+            writeln!(f, "| {what} | {figure}{worst} |")?;
+        }
+        self.fmt_units(f)?;
+        let all: Vec<f64> = self.following.iter().map(|one| one.correlation).collect();
+        let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
+        let (count, matrix) = (all.len(), &self.matrix);
+        writeln!(
+            f,
+            "\nmean correlation of {count} units {mean:.3}\n\n{matrix}"
+        )
+    }
+}

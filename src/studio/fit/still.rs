@@ -1,0 +1,266 @@
+//! One face in a still picture: a box takes the depth pose's place.
+//!
+//! The mean face fills the box, upright, at five guesses of yaw and pitch; each runs the cold and the warm stages, the most
+//! believed end is fitted once more in a window cut where it lies, and the better of the two is kept.
+
+use std::path::Path;
+
+use crate::base::capacity::LANDMARKS;
+use crate::base::geometry::{Point, Rotation, Vector, rotation_from_yaw_pitch_roll};
+use crate::face_model::{FaceModel, MAX_MODES};
+use crate::landmarks::cascade::{FaceFit, Solver, logistic};
+use crate::landmarks::features::OrientationMaps;
+use crate::landmarks::view::View;
+use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
+use crate::studio::train::dataset::{DatasetError, load_grey};
+use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
+
+/// Pictures are shrunk until a face is at most this many pixels wide: the window is 100.
+const MOST_FACE_PX: f32 = 150.0;
+/// Guesses of (yaw, pitch), degrees.
+const GUESSES_DEG: [(f32, f32); 5] = [
+    (0.0, 0.0),
+    (22.0, 0.0),
+    (-22.0, 0.0),
+    (0.0, 14.0),
+    (0.0, -14.0),
+];
+
+/// A box about the 68 points: left, top, width, height, pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaceBox {
+    /// Left edge.
+    pub x: f32,
+    /// Upper edge.
+    pub y: f32,
+    /// Width.
+    pub width: f32,
+    /// Height.
+    pub height: f32,
+}
+
+impl FaceBox {
+    /// The box of points.
+    #[must_use]
+    pub fn around(points: &[[f32; 2]; LANDMARKS]) -> Self {
+        let [[left, top], [right, bottom]] = ends(*points);
+        Self {
+            x: left,
+            y: top,
+            width: right - left,
+            height: bottom - top,
+        }
+    }
+}
+
+/// Least and greatest coordinates of points.
+fn ends(points: impl IntoIterator<Item = [f32; 2]>) -> [[f32; 2]; 2] {
+    let all = [[f32::MAX; 2], [f32::MIN; 2]];
+    points.into_iter().fold(all, |[low, high], p| {
+        [
+            [low[0].min(p[0]), low[1].min(p[1])],
+            [high[0].max(p[0]), high[1].max(p[1])],
+        ]
+    })
+}
+
+/// Box of points, disturbed by ±10 % of the width in place and ±7 % in size; and a roll within ±8°.
+pub(in crate::studio) fn disturbed_box(
+    points: &[[f32; 2]; LANDMARKS],
+    seed: u64,
+) -> (FaceBox, f32) {
+    let mut random = fastrand::Rng::with_seed(seed);
+    let mut about = |size: f32| size * (2.0 * random.f32() - 1.0);
+    let [low, high] = ends(*points);
+    let (w, h) = (high[0] - low[0], high[1] - low[1]);
+    let (dx, dy, grow) = (about(0.10) * w, about(0.10) * w, 1.0 + about(0.07));
+    let face_box = FaceBox {
+        x: low[0] + dx - 0.5 * w * (grow - 1.0),
+        y: low[1] + dy - 0.5 * h * (grow - 1.0),
+        width: w * grow,
+        height: h * grow,
+    };
+    (face_box, about(8f32.to_radians()))
+}
+
+/// One fitted face.
+#[derive(Clone, Debug)]
+pub struct FittedFace {
+    /// The 68 points, picture pixels.
+    pub points: [[f32; 2]; LANDMARKS],
+    /// The 68 points in the head frame at the model's size, metres.
+    pub head: [Point; LANDMARKS],
+    /// 0…1.
+    pub confidence: f32,
+    /// View in picture pixels (of the picture as it was fitted).
+    pub view: View,
+}
+
+/// Fits still pictures with one model.
+pub struct StillFitter<'a> {
+    model: &'a FaceModel,
+    window: Vec<f32>,
+    maps: OrientationMaps,
+    solver: Solver,
+}
+
+impl<'a> StillFitter<'a> {
+    /// A fitter.
+    #[must_use]
+    pub fn new(model: &'a FaceModel) -> Self {
+        Self {
+            model,
+            window: vec![0.0; WINDOW * WINDOW],
+            maps: OrientationMaps::default(),
+            solver: Solver::default(),
+        }
+    }
+
+    /// The view in which the mean face fills a box, turned by yaw, pitch and roll (radians).
+    fn view_in_box(&self, face_box: &FaceBox, yaw: f32, pitch: f32, roll: f32) -> View {
+        let mut view = View {
+            log_scale: 0.0,
+            rotation: rotation_from_yaw_pitch_roll(yaw, pitch, 0.0),
+            shift: [0.0, 0.0],
+            inverse_distance: STUDIO_INVERSE_DISTANCE,
+        };
+        let [low, high] = ends(self.model.shape.mean.iter().map(|p| view.project(p)));
+        let scale =
+            (face_box.width * face_box.height / ((high[0] - low[0]) * (high[1] - low[1]))).sqrt();
+        view.log_scale = scale.ln();
+        let off = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]) * scale);
+        let (sin, cos) = roll.sin_cos();
+        view.shift = [
+            face_box.x + 0.5 * face_box.width - (off[0] * cos - off[1] * sin),
+            face_box.y + 0.5 * face_box.height - (off[0] * sin + off[1] * cos),
+        ];
+        view.rotation = Rotation::from_axis_angle(&Vector::z_axis(), roll) * view.rotation;
+        view
+    }
+
+    /// Cold and warm stages in a window cut where the view says; log odds, fit in the window, placement.
+    fn run(&mut self, picture: &Picture, view: &View) -> (f32, FaceFit, Placement) {
+        let placement = Placement::of_view(view);
+        placement.resample(picture, &Region::WHOLE, &mut self.window);
+        self.maps.compute(&self.window, &Region::WHOLE);
+        let shape = &self.model.shape;
+        let start = FaceFit {
+            view: placement.start,
+            shape: [0.0; MAX_MODES],
+        };
+        let cold = self
+            .solver
+            .run(&self.model.cold, shape, &self.maps, &start, &start.view);
+        let fit = self
+            .solver
+            .run(&self.model.warm, shape, &self.maps, &cold, &start.view);
+        let belief = self
+            .solver
+            .belief(&self.model.confidence, shape, &self.maps, &fit);
+        (belief.log_odds, fit, placement)
+    }
+
+    /// The view of a fit in picture pixels.
+    fn in_picture(fit: &FaceFit, placement: &Placement) -> View {
+        let map = &placement.picture_from_window;
+        View {
+            log_scale: fit.view.log_scale + map[(0, 0)].hypot(map[(1, 0)]).ln(),
+            rotation: Rotation::from_axis_angle(&Vector::z_axis(), placement.roll)
+                * fit.view.rotation,
+            shift: placement.picture_pixel(fit.view.shift),
+            inverse_distance: fit.view.inverse_distance,
+        }
+    }
+
+    fn face(&self, log_odds: f32, fit: &FaceFit, placement: &Placement) -> FittedFace {
+        let mut head = [Point::origin(); LANDMARKS];
+        self.model.shape.shape(&fit.shape, &mut head);
+        FittedFace {
+            points: head.map(|p| placement.picture_pixel(fit.view.project(&p))),
+            head,
+            confidence: logistic(log_odds),
+            view: Self::in_picture(fit, placement),
+        }
+    }
+
+    /// Fits the next picture of a video from where the face was in the last one ([`FittedFace::view`]).
+    pub fn follow(&mut self, picture: &Picture, last: &View) -> FittedFace {
+        let (log_odds, fit, placement) = self.run(picture, last);
+        self.face(log_odds, &fit, &placement)
+    }
+
+    /// A short look at a box: one guess, upright and from in front, in a sixth of the time of [`Self::fit`].
+    pub fn glance(&mut self, picture: &Picture, face_box: &FaceBox) -> FittedFace {
+        self.follow(picture, &self.view_in_box(face_box, 0.0, 0.0, 0.0))
+    }
+
+    /// Fits the face in a box; `roll` in radians, clockwise in the picture.
+    pub fn fit(&mut self, picture: &Picture, face_box: &FaceBox, roll: f32) -> FittedFace {
+        let mut best: Option<(f32, FaceFit, Placement)> = None;
+        for (yaw, pitch) in GUESSES_DEG {
+            let view = self.view_in_box(face_box, yaw.to_radians(), pitch.to_radians(), roll);
+            let end = self.run(picture, &view);
+            if best.as_ref().is_none_or(|b| end.0 > b.0) {
+                best = Some(end);
+            }
+        }
+        let (mut log_odds, mut fit, mut placement) = best.expect("there are guesses");
+        // Once more where it lies: the second window is centred and upright.
+        let again = Self::in_picture(&fit, &placement);
+        let second = self.run(picture, &again);
+        if second.0 > log_odds {
+            (log_odds, fit, placement) = second;
+        }
+        self.face(log_odds, &fit, &placement)
+    }
+
+    /// Loads a picture of a data set and fits it; pixels are those of the file.
+    ///
+    /// # Errors
+    /// If the picture does not decode.
+    pub fn fit_file(
+        &mut self,
+        path: &Path,
+        face_box: &FaceBox,
+        roll: f32,
+    ) -> Result<FittedFace, DatasetError> {
+        let scale = (MOST_FACE_PX / face_box.width.max(face_box.height * 0.9)).min(1.0);
+        let grey = load_grey(path, scale)?;
+        let small = FaceBox {
+            x: (face_box.x + 0.5) * scale - 0.5,
+            y: (face_box.y + 0.5) * scale - 0.5,
+            width: face_box.width * scale,
+            height: face_box.height * scale,
+        };
+        let mut face = self.fit(&grey.picture(), &small, roll);
+        for p in face.points.iter_mut().flatten() {
+            *p = (*p + 0.5) / scale - 0.5;
+        }
+        Ok(face)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_face_fills_its_box() {
+        let model = FaceModel::shipped();
+        let fitter = StillFitter::new(&model);
+        let face_box = FaceBox {
+            x: 100.0,
+            y: 50.0,
+            width: 120.0,
+            height: 130.0,
+        };
+        let view = fitter.view_in_box(&face_box, 0.0, 0.0, 0.0);
+        let points: Vec<[f32; 2]> = model.shape.mean.iter().map(|p| view.project(p)).collect();
+        let middle = |axis: usize| {
+            let low = points.iter().map(|p| p[axis]).fold(f32::MAX, f32::min);
+            let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max);
+            0.5 * (low + high)
+        };
+        assert!((middle(0) - 160.0).abs() < 0.1 && (middle(1) - 115.0).abs() < 0.1);
+    }
+}

@@ -1,0 +1,88 @@
+//! The paper's active appearance model as the section of a model file: learned with the rest, taken from an earlier
+//! training, or put into a file that otherwise stays the same, byte for byte.
+
+use std::borrow::Cow;
+use std::path::Path;
+
+use super::args::{TrainArgs, write};
+use super::error::TrainError;
+use super::paper_aam::{PaperPractice, paper_aam_block};
+use super::person::learn_session;
+use crate::face_model::{SHIPPED, ShapeModel, file};
+use crate::studio::nrsfm::Tracks;
+
+/// Where the section comes from. Read before anything is trained, so that a wrong file is told of at once.
+pub(super) enum Source {
+    Kept(Cow<'static, [u8]>),
+    /// Learned; the 3D shape of the actor of these tracks, or of a drawn one.
+    Learned(Option<Tracks>),
+}
+
+impl Source {
+    pub(super) fn of(args: &TrainArgs) -> Result<Self, TrainError> {
+        if let Some(path) = &args.paper_of {
+            return Ok(Self::Kept(file::parse(&model_bytes(path)?)?.paper_aam));
+        }
+        let tracks = args.tracks.as_deref().map(Tracks::read).transpose()?;
+        Ok(Self::Learned(tracks))
+    }
+
+    /// The bytes of the section.
+    pub(super) fn section(
+        &self,
+        args: &TrainArgs,
+        shape: &ShapeModel,
+        say: &mut dyn FnMut(&str),
+    ) -> Result<Cow<'static, [u8]>, TrainError> {
+        let tracks = match self {
+            Self::Kept(bytes) => return Ok(bytes.clone()),
+            Self::Learned(tracks) => tracks.as_ref(),
+        };
+        let practice = PaperPractice {
+            seed: args.seed,
+            ..PaperPractice::default()
+        };
+        let block = paper_aam_block(&args.data.data, shape, tracks, &practice, say)?;
+        say(&format!(
+            "the paper's active appearance model: {} bytes",
+            block.len()
+        ));
+        Ok(block.into())
+    }
+}
+
+/// Trains the section alone, of everybody or of the one person of a recording, whom the default pipeline with the model
+/// of `args.paper_into` (the shipped one if absent) follows, and writes that model with it.
+///
+/// # Errors
+/// If the model, the data or the recording cannot be read or show too little, or the result cannot be written.
+pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainError> {
+    let bytes = match &args.paper_into {
+        Some(path) => model_bytes(path)?,
+        None => SHIPPED.to_vec(),
+    };
+    let model = file::parse(&bytes)?;
+    let block = match &args.person {
+        Some(session) => learn_session(session, &model, args.seed, say)?.into(),
+        None => Source::of(args)?.section(args, &model.shape, say)?,
+    };
+    let grafted = file::with_section(&bytes, *b"PAAM", &block)?;
+    write(&args.out, &grafted)?;
+    let kept = file::sections(&bytes)?
+        .zip(file::sections(&grafted)?)
+        .filter(|(before, after)| before == after)
+        .count();
+    say(&format!(
+        "wrote {}: {} bytes; {kept} other sections unchanged, byte for byte",
+        args.out.display(),
+        grafted.len()
+    ));
+    Ok(())
+}
+
+fn model_bytes(path: &Path) -> Result<Vec<u8>, TrainError> {
+    std::fs::read(path).map_err(|source| TrainError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
+}
