@@ -48,8 +48,6 @@ pub const UNITS: usize = 2 * LEARNT_MEASURES + 8;
 pub const PAPER_SAMPLES: usize = 128;
 /// Nodes kept per measure by the robust method (32 bytes each): 64, 128 and 256 do equally well.
 pub const RANGE_NODES: usize = 64;
-/// Pictures of one stream that may wait for their other half: they come in turn, so of two the newer one will get it.
-pub const UNPAIRED_PICTURES: usize = 1;
 /// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.
 pub const WAITING_FRAMES: usize = 2;
 /// USB transfers per stream, in flight or landed and not yet taken: 32 ms.

@@ -80,7 +80,7 @@ const MIXED: f32 = 0.75;
 
 struct Scratch {
     painter: HeadPainter,
-    bust: (Shape, ShapePainter),
+    bust: ShapePainter,
     canvas: Canvas,
     /// The same head with the other person's photograph.
     other: Canvas,
@@ -229,12 +229,12 @@ impl Renderer {
             mix_skins(&mut rng, &face, canvas, &scratch.other);
         }
         if rng.f32() < 0.75 {
-            let (shape, bust) = &mut scratch.bust;
-            bust.place(shape, &shoulders_below(&sensor_from_head));
+            let bust = &mut scratch.bust;
+            bust.place(&shoulders_below(&sensor_from_head));
             let mut clothes = light;
             let dye = rng.f32() * 2.2;
             clothes.tint = light.tint.map(|t| t * dye * (0.7 + 0.6 * rng.f32()));
-            bust.draw_colour(shape, &clothes, pixel, canvas);
+            bust.draw_colour(&clothes, pixel, canvas);
         }
         let points = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
         let mut visible = std::array::from_fn(|k| {
@@ -522,10 +522,9 @@ impl Act<'_> {
 impl Scratch {
     fn new(asset: &HeadAsset) -> Self {
         let shape = Shape::bust([110.0, 115.0, 120.0]);
-        let bust = ShapePainter::new(&shape);
         Self {
             painter: HeadPainter::new(asset),
-            bust: (shape, bust),
+            bust: ShapePainter::new(shape),
             canvas: Canvas::new(1, 1),
             other: Canvas::new(1, 1),
             neutral: asset.neutral.clone(),
