@@ -234,7 +234,7 @@ impl Source {
     #[must_use]
     pub fn frames(&self) -> usize {
         match self {
-            Self::Recording(recording) => recording.len(),
+            Self::Recording(recording) => recording.frames(),
             Self::Rgbd(recording) => recording.frames(),
             Self::Simulated(_) | Self::Kinect(_) => 0,
         }

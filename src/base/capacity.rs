@@ -50,8 +50,6 @@ pub const PAPER_SAMPLES: usize = 128;
 pub const RANGE_NODES: usize = 64;
 /// Gestures configured at most; a configuration with more is refused.
 pub const GESTURES: usize = 16;
-/// Pictures of one stream that may wait for their other half: they come in turn, so of two the newer one will get it.
-pub const UNPAIRED_PICTURES: usize = 1;
 /// Frames of the sensor that may wait for the stages, with the one being unpacked: a hiccup of 66 ms.
 pub const WAITING_FRAMES: usize = 2;
 /// USB transfers per stream, in flight or landed and not yet taken: 32 ms.

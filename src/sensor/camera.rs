@@ -104,17 +104,22 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Of a sensor whose raw depth is `far - near / z`, as a table of metres by raw value: 0 = none.
+    /// Of a sensor whose raw depth is `far - near / z`, and who tells the metres of raw values: 0 = none.
     #[must_use]
     pub fn new(
-        metres: Box<[f32; RAW_DEPTH_VALUES]>,
+        metres: impl Fn(f64) -> f64,
         raw: [f64; 2],
         depth: Pinhole,
         size: [usize; 2],
         picture: Picture,
     ) -> Self {
+        let mut table = vec![0.0; RAW_DEPTH_VALUES].into_boxed_slice();
+        // The last value means "none" and keeps its zero.
+        for (raw, slot) in table.iter_mut().enumerate().take(RAW_DEPTH_VALUES - 1) {
+            *slot = metres(raw as f64) as f32;
+        }
         Self {
-            metres,
+            metres: table.try_into().expect("a value each"),
             raw,
             depth,
             size,
@@ -128,12 +133,7 @@ impl Camera {
         let [near, far] = RANGE_M.map(|m| 1.0 / f64::from(m));
         let last = (RAW_DEPTH_VALUES - 2) as f64;
         let per = last / (near - far);
-        // The last value means "none" and keeps its zero.
-        let mut metres = vec![0.0; RAW_DEPTH_VALUES].into_boxed_slice();
-        for (raw, metres) in metres.iter_mut().enumerate().take(RAW_DEPTH_VALUES - 1) {
-            *metres = (per / (near * per - raw as f64)) as f32;
-        }
-        let metres = metres.try_into().expect("a value each");
+        let metres = |raw: f64| per / (near * per - raw);
         Self::new(metres, [near * per, per], depth, size, picture)
     }
 

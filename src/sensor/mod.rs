@@ -3,6 +3,8 @@
 pub mod camera;
 pub mod kinect;
 #[cfg(feature = "std")]
+mod picture_file;
+#[cfg(feature = "std")]
 pub mod rgbd;
 
 use crate::base::capacity::PIXELS;

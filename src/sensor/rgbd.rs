@@ -7,7 +7,7 @@
 //! | `camera.json` | size, focal lengths, centre and scale of both, and where one is from the other: [`calibration`] |
 //!
 //! Depth is 16 bit, 0 = none; pictures are grey of 8 or 16 bit or RGB of 8. Files are PGM or PPM, or PNG and JPEG where the program has
-//! decoders ([`picture`]). A depth picture goes with the other one nearest in time, at most half a period away; one without is
+//! decoders (`picture_file`). A depth picture goes with the other one nearest in time, at most half a period away; one without is
 //! a frame without a picture. Larger ones than [`WIDTH`] × [`HEIGHT`] are reduced by a whole number: depth is picked, so that no
 //! edge is smeared; brightness is averaged. A damaged frame is skipped with a warning and a count.
 //!
@@ -16,24 +16,23 @@
 
 mod calibration;
 mod index;
-mod picture;
 
 use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
+use super::picture_file::{Damage, PictureFile, Pixels, Skipped};
 use super::{Frame, NO_DEPTH};
 use crate::base::bounded_read;
 use crate::base::capacity::{HEIGHT, WIDTH};
 use crate::base::time::Timestamp;
 use calibration::{Calibration, View};
 use index::Index;
-use picture::{Damage, File, Pixels};
 
 /// Largest list of pictures and largest calibration, bytes.
 const LIST_MOST: usize = 1 << 26;
 const CALIBRATION_MOST: usize = 1 << 16;
-/// Up to this many skipped frames are logged in full; after that only when their number has doubled.
-const WARNINGS_IN_FULL: u64 = 10;
+const UNLISTED: Damage =
+    Damage::Listed("expected seconds and a file of this folder, later than the line before");
 
 /// Why a recording cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +73,7 @@ struct Stream {
     size: [usize; 2],
     /// Pixels of the file to one of the frame.
     reduced: usize,
-    file: File,
+    file: PictureFile,
 }
 
 impl Stream {
@@ -83,7 +82,7 @@ impl Stream {
         Self {
             size: view.size(),
             reduced: columns.div_ceil(WIDTH).max(rows.div_ceil(HEIGHT)),
-            file: File::new(view.size()),
+            file: PictureFile::new(columns * rows * 6),
         }
     }
 
@@ -106,12 +105,32 @@ impl Stream {
     }
 }
 
+fn text(path: &Path, most: usize) -> Result<String, RgbdError> {
+    match bounded_read::regular(path, most) {
+        Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
+        Err(source) => Err(RgbdError::File {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+/// Raw depth by what a file says.
+fn raw_values(camera: &Camera, metres_per_unit: f32) -> Box<[u16]> {
+    let metres = (0..=u16::MAX).map(|value| f32::from(value) * metres_per_unit);
+    let raw = metres.map(|z| match z {
+        _ if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
+        _ => NO_DEPTH,
+    });
+    raw.collect()
+}
+
 /// A recording that is played.
 pub struct Rgbd {
     folder: PathBuf,
     index: Index,
     next: usize,
-    skipped: u64,
+    skipped: Skipped,
     camera: Camera,
     depth: Stream,
     picture: Stream,
@@ -134,13 +153,7 @@ impl Rgbd {
     /// # Errors
     /// If there is no list of depth pictures, or the calibration is missing or unusable.
     pub fn open(folder: &Path) -> Result<Self, RgbdError> {
-        let text = |name: &str, most| {
-            let path = folder.join(name);
-            match bounded_read::regular(&path, most) {
-                Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
-                Err(source) => Err(RgbdError::File { path, source }),
-            }
-        };
+        let text = |name, most| text(&folder.join(name), most);
         let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
         let calibration = calibration.map_err(|problem| RgbdError::Calibration {
             path: folder.join("camera.json"),
@@ -180,12 +193,7 @@ impl Rgbd {
                 picture_from_sensor: colour_from_depth,
             },
         );
-        let metres = |value: u16| f32::from(value) * depth.metres_per_unit;
-        let raw = (0..=u16::MAX).map(|value| match metres(value) {
-            z if (RANGE_M[0]..=RANGE_M[1]).contains(&z) => camera.raw_from_m(z).round() as u16,
-            _ => NO_DEPTH,
-        });
-        let raw = raw.collect();
+        let raw = raw_values(&camera, depth.metres_per_unit);
         let [depth, of_picture] = streams;
         Ok(Self {
             // Long enough for any name, so that no frame makes it grow.
@@ -193,7 +201,7 @@ impl Rgbd {
             folder: folder.to_owned(),
             index,
             next: 0,
-            skipped: 0,
+            skipped: Skipped::default(),
             camera,
             depth,
             white: picture.white,
@@ -211,7 +219,7 @@ impl Rgbd {
     /// Frames skipped so far because a file of theirs is damaged or missing.
     #[must_use]
     pub fn skipped(&self) -> u64 {
-        self.skipped
+        self.skipped.count()
     }
 
     /// Depth pictures the list names, skipped ones included.
@@ -232,13 +240,7 @@ impl Rgbd {
             let Err(damage) = self.read(self.next - 1, frame) else {
                 return true;
             };
-            self.skipped += 1;
-            if self.skipped <= WARNINGS_IN_FULL || self.skipped.is_power_of_two() {
-                let (number, file, skipped) = (self.next - 1, self.path.display(), self.skipped);
-                tracing::warn!(
-                    "frame {number} skipped: {file}: {damage} ({skipped} skipped so far)"
-                );
-            }
+            self.skipped.add(self.next - 1, &self.path, &damage);
         }
         false
     }
@@ -253,12 +255,12 @@ impl Rgbd {
             path.push(name);
         };
         place(path, &entry.name);
-        let time_us = entry.time_us.ok_or(Damage::Order)?;
+        let time_us = entry.time_us.ok_or(UNLISTED)?;
         let ([columns, rows], reduced) = (self.depth.kept(), self.depth.reduced);
         let width = self.depth.size[0];
         let pixels = self.depth.read(path)?;
         if pixels.channels != 1 || !pixels.wide {
-            return Err(Damage::NotDepth);
+            return Err(Damage::Kind("grey of 16 bit, as depth is"));
         }
         frame.depth.fill(NO_DEPTH);
         for row in 0..rows {

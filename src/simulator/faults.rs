@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// How often what goes wrong. Rates are per packet; all zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,10 +43,19 @@ pub struct Injected {
 
 /// The wrapper.
 pub struct Faulty<S> {
-    inner: S,
-    rates: Rates,
+    /// The source inside.
+    pub inner: S,
+    /// What goes wrong.
+    pub faults: Faults,
+}
+
+/// What goes wrong, and what went wrong so far.
+pub struct Faults {
+    /// May change on the way: zero to let the last losses be noticed.
+    pub rates: Rates,
+    /// What was done so far, by stream.
+    pub injected: [Injected; 2],
     random: fastrand::Rng,
-    injected: [Injected; 2],
     /// Packets of a run of losses still to swallow, by stream.
     run: [u8; 2],
     stalled: [bool; 2],
@@ -56,31 +65,65 @@ impl<S: PacketSource> Faulty<S> {
     /// Wraps `inner`; the same seed gives the same faults.
     #[must_use]
     pub fn new(inner: S, rates: Rates, seed: u64) -> Self {
-        Self {
-            inner,
+        let faults = Faults {
             rates,
-            random: fastrand::Rng::with_seed(seed),
             injected: [Injected::default(); 2],
+            random: fastrand::Rng::with_seed(seed),
             run: [0; 2],
             stalled: [false; 2],
+        };
+        Self { inner, faults }
+    }
+}
+
+impl Faults {
+    /// Hands a packet on, or what becomes of it.
+    fn pass(&mut self, received: Received<'_>, sink: &mut dyn FnMut(Received<'_>)) {
+        let (i, rates, random) = (received.stream.index(), self.rates, &mut self.random);
+        let done = &mut self.injected[i];
+        if received.bytes.is_empty() || self.stalled[i] {
+            return;
         }
-    }
-
-    /// From now on other rates; zero to let the last losses be noticed.
-    pub const fn set_rates(&mut self, rates: Rates) {
-        self.rates = rates;
-    }
-
-    /// What was done so far, by stream.
-    #[must_use]
-    pub const fn injected(&self) -> &[Injected; 2] {
-        &self.injected
-    }
-
-    /// The source inside.
-    #[must_use]
-    pub const fn inner(&self) -> &S {
-        &self.inner
+        if self.run[i] > 0 {
+            self.run[i] -= 1;
+            done.lost += 1;
+            return;
+        }
+        let mut chance = random.f64();
+        let mut hit = |rate: f64| {
+            chance -= rate;
+            chance < 0.0
+        };
+        let mut bytes = received.bytes.to_vec();
+        let mut intact = received.intact;
+        if hit(rates.lost) {
+            self.run[i] = random.u8(0..rates.longest_run.max(1));
+            done.lost += 1;
+            return;
+        } else if hit(rates.repeated) {
+            done.repeated += 1;
+            sink(received);
+        } else if hit(rates.damaged) {
+            done.damaged += 1;
+            bytes[random.usize(..2)] ^= random.u8(1..);
+        } else if hit(rates.short) {
+            done.short += 1;
+            bytes.truncate(random.usize(1..received.bytes.len()));
+        } else if hit(rates.bus_error) {
+            done.bus_errors += 1;
+            intact = false;
+            bytes.clear();
+        } else if hit(rates.stall) {
+            done.stalls += 1;
+            self.stalled[i] = true;
+            return;
+        }
+        let (stream, bytes) = (received.stream, &bytes[..]);
+        sink(Received {
+            stream,
+            intact,
+            bytes,
+        });
     }
 }
 
@@ -90,70 +133,12 @@ impl<S: PacketSource> PacketSource for Faulty<S> {
         wait: Duration,
         sink: &mut dyn FnMut(Received<'_>),
     ) -> Result<(), DeviceError> {
-        let Self {
-            inner,
-            rates,
-            random,
-            injected,
-            run,
-            stalled,
-        } = self;
-        inner.poll(wait, &mut |received| {
-            let i = received.stream.index();
-            let done = &mut injected[i];
-            if received.bytes.is_empty() || stalled[i] {
-                return;
-            }
-            if run[i] > 0 {
-                run[i] -= 1;
-                done.lost += 1;
-                return;
-            }
-            let mut chance = random.f64();
-            let mut hit = |rate: f64| {
-                chance -= rate;
-                chance < 0.0
-            };
-            if hit(rates.lost) {
-                run[i] = random.u8(0..rates.longest_run.max(1));
-                done.lost += 1;
-            } else if hit(rates.repeated) {
-                done.repeated += 1;
-                sink(received);
-                sink(received);
-            } else if hit(rates.damaged) {
-                done.damaged += 1;
-                let mut bytes = received.bytes.to_vec();
-                bytes[random.usize(..2)] ^= random.u8(1..);
-                sink(Received {
-                    bytes: &bytes,
-                    ..received
-                });
-            } else if hit(rates.short) {
-                done.short += 1;
-                let n = random.usize(1..received.bytes.len());
-                sink(Received {
-                    bytes: &received.bytes[..n],
-                    ..received
-                });
-            } else if hit(rates.bus_error) {
-                done.bus_errors += 1;
-                sink(Received {
-                    intact: false,
-                    bytes: &[],
-                    ..received
-                });
-            } else if hit(rates.stall) {
-                done.stalls += 1;
-                stalled[i] = true;
-            } else {
-                sink(received);
-            }
-        })
+        let faults = &mut self.faults;
+        (self.inner).poll(wait, &mut |received| faults.pass(received, sink))
     }
 
     fn stop(&mut self, stream: Stream) {
-        self.stalled[stream.index()] = false;
+        self.faults.stalled[stream.index()] = false;
         self.inner.stop(stream);
     }
 
@@ -165,12 +150,8 @@ impl<S: PacketSource> PacketSource for Faulty<S> {
         self.inner.serial()
     }
 
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.inner.send(command)
-    }
-
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.inner.receive(reply)
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        self.inner.request(request)
     }
 
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
@@ -183,21 +164,5 @@ impl<S: PacketSource> PacketSource for Faulty<S> {
 
     fn sleep(&mut self, time: Duration) {
         self.inner.sleep(time);
-    }
-
-    fn motor_write(&mut self, request: u8, value: u16) -> Result<(), DeviceError> {
-        self.inner.motor_write(request, value)
-    }
-
-    fn motor_read(&mut self, request: u8, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.inner.motor_read(request, reply)
-    }
-
-    fn audio_write(&mut self, message: &[u8]) -> Result<(), DeviceError> {
-        self.inner.audio_write(message)
-    }
-
-    fn audio_read(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.inner.audio_read(reply)
     }
 }

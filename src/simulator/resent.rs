@@ -58,7 +58,7 @@ impl Resent {
     /// The frame that was cut last.
     #[must_use]
     pub fn sent(&self) -> &Frame {
-        self.player.frame()
+        &self.player.frame
     }
 
     /// Cuts the frame into packets.
@@ -82,7 +82,7 @@ impl Resent {
             let assembler = &mut self.assemblers[stream.index()];
             if let Some(ticks) = assembler.push(true, &bytes[..*length])
                 && let Some(paired) =
-                    (self.pairing).offer(*stream, number, ticks, assembler.picture())
+                    (self.pairing).offer(*stream, number, ticks, &mut assembler.picture)
             {
                 paired.swap_into(&mut self.pair);
             }

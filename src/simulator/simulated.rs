@@ -99,13 +99,13 @@ impl Simulated {
     #[must_use]
     pub fn truth(&self) -> Option<&Truth> {
         // The next frame is drawn only when its first packet is due.
-        self.kinect.source().view().truth.as_ref()
+        self.kinect.source.player.view.truth.as_ref()
     }
 
     /// What draws the frames.
     #[must_use]
     pub fn simulator(&self) -> &Simulator {
-        &self.kinect.source().view().simulator
+        &self.kinect.source.player.view.simulator
     }
 
     /// Geometry of the virtual Kinect.

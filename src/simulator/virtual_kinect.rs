@@ -12,7 +12,7 @@
 
 use core::time::Duration;
 
-use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 use crate::sensor::kinect::registration::Registration;
 
 mod camera;
@@ -26,8 +26,10 @@ pub use view::View;
 
 /// A whole Kinect in this process, in virtual time.
 pub struct VirtualKinect<D> {
-    camera: VirtualCamera,
-    player: Player<D>,
+    /// Registers and motor.
+    pub camera: VirtualCamera,
+    /// What is being sent.
+    pub player: Player<D>,
     serial: String,
     now: Duration,
     /// Transfers in flight, by stream.
@@ -51,54 +53,40 @@ impl<D: View> VirtualKinect<D> {
             polled: [false; 2],
         }
     }
-
-    /// One picture per `period` instead: slow hosts cannot carry 30 a second through a virtual machine.
-    #[must_use]
-    pub const fn with_period(mut self, period: Duration) -> Self {
-        self.player.period = period;
-        self
-    }
-
-    /// What it sees.
-    #[must_use]
-    pub const fn view(&self) -> &D {
-        &self.player.view
-    }
-
-    /// Registers and motor.
-    #[must_use]
-    pub const fn camera(&self) -> &VirtualCamera {
-        &self.camera
-    }
-
-    /// What is being sent.
-    #[must_use]
-    pub const fn player(&self) -> &Player<D> {
-        &self.player
-    }
 }
 
 impl<D: View> PacketSource for VirtualKinect<D> {
     fn model(&self) -> Model {
-        self.camera.model()
+        self.camera.model
     }
 
     fn serial(&self) -> &str {
         &self.serial
     }
 
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.camera
-            .command(command)
-            .then_some(())
-            .ok_or(DeviceError::Stall)
-    }
-
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        let bytes = self.camera.fetch();
-        let n = bytes.len().min(reply.len());
-        reply[..n].copy_from_slice(&bytes[..n]);
-        Ok(n)
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        let camera = &mut self.camera;
+        let has_motor = camera.model == Model::Xbox1414;
+        let answer = |answer: Vec<u8>, to: &mut [u8]| {
+            let n = answer.len().min(to.len());
+            to[..n].copy_from_slice(&answer[..n]);
+            n
+        };
+        match request {
+            Request::Command(bytes) if !camera.command(bytes) => return Err(DeviceError::Stall),
+            Request::Command(_) => {}
+            Request::Reply(to) => return Ok(answer(camera.fetch(), to)),
+            Request::Motor(request, value) if has_motor => {
+                camera.motor_write(request, value);
+            }
+            Request::Audio(message) if !has_motor => camera.audio_write(message),
+            Request::AudioAnswer(to) if !has_motor => {
+                let said = camera.audio_read().ok_or(DeviceError::TimedOut)?;
+                return Ok(answer(said, to));
+            }
+            _ => return Err(DeviceError::NoMotor),
+        }
+        Ok(0)
     }
 
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
@@ -130,40 +118,5 @@ impl<D: View> PacketSource for VirtualKinect<D> {
 
     fn sleep(&mut self, time: Duration) {
         self.now += time;
-    }
-
-    fn motor_write(&mut self, request: u8, value: u16) -> Result<(), DeviceError> {
-        if self.camera.model() != Model::Xbox1414 {
-            return Err(DeviceError::NoMotor);
-        }
-        self.camera
-            .motor_write(request, value)
-            .then_some(())
-            .ok_or(DeviceError::Stall)
-    }
-
-    fn motor_read(&mut self, request: u8, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        if self.camera.model() != Model::Xbox1414 {
-            return Err(DeviceError::NoMotor);
-        }
-        let bytes = self.camera.motor_read(request).ok_or(DeviceError::Stall)?;
-        let n = bytes.len().min(reply.len());
-        reply[..n].copy_from_slice(&bytes[..n]);
-        Ok(n)
-    }
-
-    fn audio_write(&mut self, message: &[u8]) -> Result<(), DeviceError> {
-        if self.camera.model() == Model::Xbox1414 {
-            return Err(DeviceError::NoMotor);
-        }
-        self.camera.audio_write(message);
-        Ok(())
-    }
-
-    fn audio_read(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        let bytes = self.camera.audio_read().ok_or(DeviceError::TimedOut)?;
-        let n = bytes.len().min(reply.len());
-        reply[..n].copy_from_slice(&bytes[..n]);
-        Ok(n)
     }
 }

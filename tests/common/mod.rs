@@ -7,6 +7,7 @@
 
 pub mod actors;
 pub mod data;
+pub mod drivers_table;
 pub mod paced;
 pub mod whole_run;
 

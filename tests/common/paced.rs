@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// A source that delivers no sooner than its own clock, so many times as fast as the world's, says.
 pub(crate) struct Paced<S> {
@@ -29,11 +29,8 @@ impl<S: PacketSource> PacketSource for Paced<S> {
     fn serial(&self) -> &str {
         self.source.serial()
     }
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.source.send(command)
-    }
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.source.receive(reply)
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        self.source.request(request)
     }
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
         self.source.start(stream)

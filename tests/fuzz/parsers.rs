@@ -25,7 +25,6 @@ use mien::sensor::kinect::device::{Model, Stream};
 use mien::sensor::kinect::stream::Assembler;
 use mien::simulator::virtual_head::HeadAsset;
 use mien::sensor::Frame;
-use mien::sensor::kinect::motor;
 use mien::appliance::source::Source;
 use mien::appliance::settings::Settings;
 use mien::studio::bake::glb::Glb;
@@ -113,7 +112,6 @@ fuzz_target!(init: {
             for model in [Model::Xbox1414, Model::Windows1517] {
                 let _ = black_box(calibration::parse_fixed(bytes, model));
             }
-            let _ = black_box(motor::parse_posture(bytes));
         }
         "packets" => {
             for stream in [Stream::Depth, Stream::Colour] {

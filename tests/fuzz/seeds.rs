@@ -14,7 +14,6 @@ use mien::sensor::kinect::calibration::{Block, emit_block, emit_fixed};
 use mien::sensor::kinect::registration::Registration;
 use mien::sensor::kinect::command::{Command, emit_command, emit_reply};
 use mien::sensor::kinect::device::{Model, Stream};
-use mien::sensor::kinect::motor::{self, Posture};
 use mien::sensor::kinect::packet::LONGEST;
 use mien::sensor::kinect::recording::Recorder;
 use mien::sensor::kinect::stream::Cutter;
@@ -207,7 +206,6 @@ fn usb(corpus: &Corpus) {
     let mut bytes = Vec::new();
     emit_command(Command::SetParameter, 1, &[6, 2], &mut bytes);
     corpus.add("usb_reply", "command", &bytes);
-    corpus.add("usb_reply", "posture", motor::emit_posture(&Posture::default()));
     for (name, stream) in [("depth", Stream::Depth), ("colour", Stream::Colour)] {
         let mut cutter = Cutter::new(stream, 7);
         let picture = vec![3; 640 * 480 * 2];

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::time::Duration;
 
 use mien::sensor::kinect::command::{Command, image_sensor, register};
-use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Stream};
+use mien::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 use mien::sensor::kinect::driver::{Kinect, KinectError, Settings, develop};
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::motor::Light;
@@ -13,7 +13,6 @@ use mien::sensor::kinect::pairing::{Paired, RawPair};
 use mien::sensor::kinect::picture_clock::PictureClock;
 use mien::sensor::kinect::picture_clock::timestamp_from_ticks;
 use mien::sensor::kinect::registration::Registration;
-use mien::sensor::kinect::table::RegistrationTable;
 use mien::simulator::faults::{Faulty, Rates};
 use mien::simulator::simulated::Simulated;
 use mien::simulator::virtual_head::{HeadAsset, Scene, Simulator};
@@ -51,14 +50,13 @@ fn starts_streams_and_stops_every_model() {
     for model in MODELS {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
         assert_eq!(*kinect.registration(), Registration::default());
-        let _ = RegistrationTable::new(kinect.registration());
         assert_eq!(pairs_in(&mut kinect, 100), Ok(0));
         kinect.start().unwrap();
-        let camera = kinect.source().camera();
+        let camera = &kinect.source.camera;
         assert!(camera.streams(Stream::Depth) && camera.streams(Stream::Colour));
         assert!((29..=31).contains(&pairs_in(&mut kinect, 1010).unwrap()));
         kinect.stop();
-        let camera = kinect.source().camera();
+        let camera = &kinect.source.camera;
         assert!(!camera.streams(Stream::Depth) && !camera.streams(Stream::Colour));
         // On again, as if nothing had been.
         kinect.start().unwrap();
@@ -79,7 +77,7 @@ fn near_mode_is_of_the_windows_model_only() {
         };
         let mut kinect = Kinect::open(virtual_kinect(model), settings).unwrap();
         kinect.start().unwrap();
-        let camera = kinect.source().camera();
+        let camera = &kinect.source.camera;
         assert_eq!(
             [register::DEPTH_GAIN, register::NEAR_MODE].map(|r| camera.register(r)),
             expected
@@ -97,8 +95,7 @@ fn exposure_is_held_while_a_face_is_tracked_if_asked() {
         };
         let mut kinect = Kinect::open(virtual_kinect(Model::Xbox1473), settings).unwrap();
         kinect.start().unwrap();
-        let automatic =
-            |kinect: &Kinect<VirtualKinect<_>>| kinect.source().camera().automatic() & BOTH;
+        let automatic = |kinect: &Kinect<VirtualKinect<_>>| kinect.source.camera.automatic & BOTH;
         assert_eq!(automatic(&kinect), BOTH);
         kinect.show_tracking(true);
         assert_eq!(automatic(&kinect), if freeze_exposure { 0 } else { BOTH });
@@ -108,7 +105,7 @@ fn exposure_is_held_while_a_face_is_tracked_if_asked() {
 }
 
 #[test]
-fn light_tilt_and_posture_of_both_kinds_of_motor() {
+fn light_and_tilt_of_both_kinds_of_motor() {
     for (model, [red, searching, tracking]) in [
         (Model::Xbox1414, [2, 4, 1]),
         (Model::Xbox1473, [4, 2, 3]),
@@ -116,18 +113,16 @@ fn light_tilt_and_posture_of_both_kinds_of_motor() {
     ] {
         let mut kinect = Kinect::open(virtual_kinect(model), Settings::default()).unwrap();
         kinect.set_light(Light::Red).unwrap();
-        assert_eq!(kinect.source().camera().light(), red);
+        assert_eq!(kinect.source.camera.light, red);
         // Searching blinks, tracking is steady.
         kinect.show_tracking(false);
-        assert_eq!(kinect.source().camera().light(), searching);
+        assert_eq!(kinect.source.camera.light, searching);
         kinect.show_tracking(true);
-        assert_eq!(kinect.source().camera().light(), tracking);
+        assert_eq!(kinect.source.camera.light, tracking);
         kinect.tilt(-12.0).unwrap();
-        let posture = kinect.posture().unwrap();
-        assert_eq!(posture.tilt_deg, Some(-12.0));
-        assert!((posture.acceleration_g[1] - 1.0).abs() < 1e-3);
+        assert_eq!(kinect.source.camera.tilt_deg, -12.0);
         kinect.tilt(80.0).unwrap();
-        assert_eq!(kinect.posture().unwrap().tilt_deg, Some(31.0));
+        assert_eq!(kinect.source.camera.tilt_deg, 31.0);
     }
 }
 
@@ -139,8 +134,8 @@ fn the_sensor_is_tilted_on_opening_if_asked() {
             tilt_deg: 8.0,
             ..Settings::default()
         };
-        let mut kinect = Kinect::open(virtual_kinect(Model::Xbox1414), settings).unwrap();
-        assert_eq!(kinect.posture().unwrap().tilt_deg, Some(expected));
+        let kinect = Kinect::open(virtual_kinect(Model::Xbox1414), settings).unwrap();
+        assert_eq!(kinect.source.camera.tilt_deg, expected);
     }
 }
 
@@ -155,8 +150,9 @@ fn a_stream_that_falls_silent_is_restarted() {
     kinect.start().unwrap();
     let pairs = pairs_in(&mut kinect, 60_000).unwrap();
     let stalls: u64 = kinect
-        .source()
-        .injected()
+        .source
+        .faults
+        .injected
         .iter()
         .map(|done| done.stalls)
         .sum();
@@ -187,11 +183,11 @@ impl<S: PacketSource> PacketSource for Sick<S> {
     fn serial(&self) -> &str {
         self.inner.serial()
     }
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.inner.send(command)
-    }
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        let n = self.inner.receive(reply)?;
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        let Request::Reply(reply) = request else {
+            return self.inner.request(request);
+        };
+        let n = self.inner.request(Request::Reply(reply))?;
         if self.mute {
             return Ok(0);
         }
@@ -359,7 +355,7 @@ fn a_dead_colour_stream_leaves_depth() {
     assert_eq!(kinect.health().restarts, 5);
     assert_eq!(kinect.health().alone, dead.len() as u64);
     // It comes back.
-    kinect.source_mut().colourless = false;
+    kinect.source.colourless = false;
     let back = delivered(&mut kinect, 3000);
     let alone = back.iter().filter(|(_, has_colour)| !has_colour).count();
     assert!(alone <= 2 && back.len() > 85, "{alone} of {}", back.len());

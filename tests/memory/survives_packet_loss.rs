@@ -71,7 +71,7 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
             before = MEMORY.requests();
         }
         if millisecond == milliseconds {
-            kinect.source_mut().set_rates(Rates::default());
+            kinect.source.faults.rates = Rates::default();
         }
         kinect
             .poll(Duration::from_millis(1), |paired| {
@@ -108,10 +108,10 @@ fn stream(model: Model, rates: Rates, seconds: u64, seed: u64) -> Outcome {
     // Numbered are the whole depth pictures, paired or not.
     assert!(index < Some(health.streams[Stream::Depth.index()].pictures));
     Outcome {
-        frames: kinect.source().inner().player().frames(),
+        frames: kinect.source.inner.player.frames,
         delivered,
         sent: health.streams,
-        injected: *kinect.source().injected(),
+        injected: kinect.source.faults.injected,
         unpaired: health.unpaired,
         allocations,
     }

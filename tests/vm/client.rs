@@ -14,9 +14,13 @@ use mien::sensor::kinect::driver::Settings;
 use mien::sensor::kinect::frame::KinectFrame;
 use mien::sensor::kinect::live::LiveKinect;
 use mien::sensor::kinect::registration::Registration;
-use mien::sensor::kinect::table::RegistrationTable;
 use mien::sensor::kinect::usb_devices;
 use mien::simulator::virtual_kinect::test_pattern;
+
+#[path = "../common/drivers_table.rs"]
+mod drivers_table;
+
+use drivers_table::{DriversTable, depth_mm};
 
 fn hash(h: u64, word: u32) -> u64 {
     (h ^ u64::from(word)).wrapping_mul(1_099_511_628_211)
@@ -25,8 +29,8 @@ fn hash(h: u64, word: u32) -> u64 {
 /// The same check values that `freenect_client.c` prints: raw depth to millimetres, depth pixels to colour pixels.
 fn tables(registration: &Registration) -> [u64; 2] {
     const START: u64 = 1_469_598_103_934_665_603;
-    let table = RegistrationTable::new(registration);
-    let distances = (0..1089).fold(START, |h, raw| hash(h, registration.depth_mm(raw).into()));
+    let table = DriversTable::new(registration);
+    let distances = (0..1089).fold(START, |h, raw| hash(h, depth_mm(registration, raw).into()));
     let mut places = START;
     for pixel in (0..PIXELS).step_by(97) {
         for z_mm in (450..4000).step_by(37) {

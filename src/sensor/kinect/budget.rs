@@ -11,12 +11,12 @@
 
 use super::packet::LONGEST;
 use super::pairing::RawPair;
-use crate::base::capacity::{PACKETS, TRANSFERS, UNPAIRED_PICTURES, WAITING_FRAMES};
+use crate::base::capacity::{PACKETS, TRANSFERS, WAITING_FRAMES};
 
 /// Frames between the sensor's thread and the stages.
 pub const WAITING: usize = WAITING_FRAMES * RawPair::BYTES;
 /// Pictures that wait for their other half, and those that are being assembled.
-pub const PICTURES: usize = (UNPAIRED_PICTURES + 1) * RawPair::BYTES;
+pub const PICTURES: usize = 2 * RawPair::BYTES;
 /// Transfers of both streams.
 pub const IN_FLIGHT: usize = 2 * TRANSFERS * PACKETS * LONGEST;
 /// The live sensor.

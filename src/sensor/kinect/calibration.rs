@@ -5,7 +5,7 @@
 //! devices store 2.3, and the registration was computed with 2.4.
 
 use super::device::Model;
-use super::registration::{Padding, Registration, RegistrationIntegers, ZeroPlane};
+use super::registration::{Padding, Registration, ZeroPlane};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
@@ -23,13 +23,17 @@ pub enum Block {
 impl Block {
     /// By number.
     #[must_use]
-    pub const fn of(number: u16) -> Option<Self> {
-        Some(match number {
-            0x00 => Self::ConstShift,
-            0x40 => Self::Registration,
-            0x41 => Self::Padding,
-            _ => return None,
-        })
+    pub fn of(number: u16) -> Option<Self> {
+        let all = [Self::ConstShift, Self::Registration, Self::Padding];
+        all.into_iter().find(|block| *block as u16 == number)
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::ConstShift => "constant shift",
+            Self::Registration => "registration",
+            Self::Padding => "padding",
+        }
     }
 
     /// Bytes of the block, without the status word before it.
@@ -80,14 +84,13 @@ pub enum CalibrationError {
 }
 
 fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), CalibrationError> {
-    if bytes.len() == expected {
-        return Ok(());
-    }
-    Err(CalibrationError::Length {
+    let found = bytes.len();
+    let problem = CalibrationError::Length {
         block,
         expected,
-        found: bytes.len(),
-    })
+        found,
+    };
+    (found == expected).then_some(()).ok_or(problem)
 }
 
 /// Reads the optics from the fixed parameters.
@@ -96,21 +99,16 @@ fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), C
 /// Wrong length for the model, or a value no Kinect has (limits are generous: a factor of ten about the usual).
 pub fn parse_fixed(block: &[u8], model: Model) -> Result<ZeroPlane, CalibrationError> {
     of_length("fixed parameters", block, model.fixed_parameters_len())?;
-    let float = |i: usize| {
-        let at = OPTICS + 4 * i;
-        f32::from_le_bytes([block[at], block[at + 1], block[at + 2], block[at + 3]])
-    };
-    let checked = |i, name, least, most| {
-        let found = float(i);
-        if (least..=most).contains(&found) {
-            return Ok(found);
-        }
-        Err(CalibrationError::Range {
+    let checked = |i: usize, name, least, most| {
+        let found = f32::from_le_bytes(block[OPTICS..].as_chunks().0[i]);
+        let problem = CalibrationError::Range {
             name,
             found,
             least,
             most,
-        })
+        };
+        let fits = (least..=most).contains(&found);
+        fits.then_some(found).ok_or(problem)
     };
     Ok(ZeroPlane {
         dcmos_emitter_distance: checked(0, "the emitter's distance (cm)", 0.75, 75.0)?,
@@ -129,14 +127,11 @@ pub fn parse_block(
     bytes: &[u8],
     registration: &mut Registration,
 ) -> Result<(), CalibrationError> {
+    of_length(block.name(), bytes, block.size())?;
     let short = |i: usize| u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
     match block {
-        Block::ConstShift => {
-            of_length("constant shift", bytes, block.size())?;
-            registration.const_shift = short(0);
-        }
+        Block::ConstShift => registration.const_shift = short(0),
         Block::Padding => {
-            of_length("padding", bytes, block.size())?;
             registration.padding = Padding {
                 start_lines: short(0),
                 end_lines: short(1),
@@ -144,11 +139,8 @@ pub fn parse_block(
             };
         }
         Block::Registration => {
-            of_length("registration", bytes, block.size())?;
-            for (name, bytes) in RegistrationIntegers::NAMES.iter().zip(bytes.as_chunks().0) {
-                if let Some(integer) = registration.integers.by_name(name) {
-                    *integer = i32::from_le_bytes(*bytes);
-                }
+            for (integer, bytes) in registration.integers.iter_mut().zip(bytes.as_chunks().0) {
+                *integer = i32::from_le_bytes(*bytes);
             }
         }
     }
@@ -176,23 +168,24 @@ pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
 /// One algorithm block, without its status word.
 #[must_use]
 pub fn emit_block(block: Block, registration: &Registration) -> Vec<u8> {
-    let padding = &registration.padding;
-    match block {
-        Block::ConstShift => registration.const_shift.to_le_bytes().to_vec(),
-        Block::Padding => [
-            padding.start_lines,
-            padding.end_lines,
-            padding.cropping_lines,
-        ]
-        .iter()
-        .flat_map(|lines| lines.to_le_bytes())
-        .collect(),
-        Block::Registration => registration
-            .integers
-            .to_array()
+    let Padding {
+        start_lines,
+        end_lines,
+        cropping_lines,
+    } = registration.padding;
+    let bytes = |shorts: &[u16]| {
+        shorts
             .iter()
-            .flat_map(|integer| integer.to_le_bytes())
-            .collect(),
+            .flat_map(|short| short.to_le_bytes())
+            .collect()
+    };
+    match block {
+        Block::ConstShift => bytes(&[registration.const_shift]),
+        Block::Padding => bytes(&[start_lines, end_lines, cropping_lines]),
+        Block::Registration => {
+            let integers = registration.integers.iter();
+            integers.flat_map(|integer| integer.to_le_bytes()).collect()
+        }
     }
 }
 
@@ -208,9 +201,7 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(4);
         for round in 0..2000 {
             let mut sent = Registration::default();
-            for name in RegistrationIntegers::NAMES {
-                *sent.integers.by_name(name).unwrap() = random.i32(..);
-            }
+            sent.integers = sent.integers.map(|_| random.i32(..));
             sent.const_shift = random.u16(..);
             sent.padding.end_lines = random.u16(..);
             sent.zero_plane.reference_distance = 100.0 + round as f32 * 0.01;

@@ -35,15 +35,15 @@ pub enum Command {
 impl Command {
     /// By number.
     #[must_use]
-    pub const fn of(number: u16) -> Option<Self> {
-        Some(match number {
-            0x02 => Self::GetParameter,
-            0x03 => Self::SetParameter,
-            0x04 => Self::FixedParameters,
-            0x16 => Self::AlgorithmParameters,
-            0x95 => Self::ImageSensor,
-            _ => return None,
-        })
+    pub fn of(number: u16) -> Option<Self> {
+        let all = [
+            Self::GetParameter,
+            Self::SetParameter,
+            Self::FixedParameters,
+            Self::AlgorithmParameters,
+            Self::ImageSensor,
+        ];
+        all.into_iter().find(|command| *command as u16 == number)
     }
 }
 
@@ -92,12 +92,6 @@ pub mod image_sensor {
 /// A reply that is not the answer to the question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadReply {
-    /// Shorter than its header.
-    #[error("{found} bytes, a reply has at least 8")]
-    Short {
-        /// Bytes there.
-        found: usize,
-    },
     /// Does not start with "RB".
     #[error("it starts with {found:02x?}, expected 52 42")]
     Magic {
@@ -118,18 +112,10 @@ pub enum BadReply {
         /// Tag found.
         found: u16,
     },
-    /// Length field and length differ.
-    #[error("it announces {said} words but has {found} bytes after the header")]
+    /// Not as long as its header says, or too short for one or for what was asked for.
+    #[error("it has {found} bytes, expected {expected}")]
     Length {
-        /// Words, by its header.
-        said: u16,
-        /// Bytes after the header.
-        found: usize,
-    },
-    /// Too short to hold what was asked for.
-    #[error("{found} bytes after the header, expected {expected}")]
-    Body {
-        /// Bytes that hold the answer.
+        /// Bytes that it should have.
         expected: usize,
         /// Bytes there.
         found: usize,
@@ -161,7 +147,10 @@ pub fn emit_command(command: Command, tag: u16, words: &[u16], out: &mut Vec<u8>
 /// It is not that reply.
 pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], BadReply> {
     if bytes.len() < HEADER {
-        return Err(BadReply::Short { found: bytes.len() });
+        return Err(BadReply::Length {
+            expected: HEADER,
+            found: bytes.len(),
+        });
     }
     let body = &bytes[HEADER..];
     if bytes[..2] != FROM_CAMERA {
@@ -180,10 +169,11 @@ pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], Ba
             found: word(bytes, 6),
         });
     }
-    if usize::from(word(bytes, 2)) * 2 != body.len() {
+    let expected = HEADER + usize::from(word(bytes, 2)) * 2;
+    if bytes.len() != expected {
         return Err(BadReply::Length {
-            said: word(bytes, 2),
-            found: body.len(),
+            expected,
+            found: bytes.len(),
         });
     }
     Ok(body)
@@ -235,7 +225,10 @@ mod tests {
         assert!(matches!(check(0, 0), BadReply::Magic { .. }));
         assert!(matches!(
             check(2, 2),
-            BadReply::Length { said: 2, found: 2 }
+            BadReply::Length {
+                expected: 12,
+                found: 10
+            }
         ));
         assert!(matches!(check(4, 2), BadReply::Command { found: 2 }));
         assert!(matches!(check(6, 0), BadReply::Tag { .. }));

@@ -81,16 +81,6 @@ impl Model {
             _ => 334,
         }
     }
-
-    /// Model number on the label.
-    #[must_use]
-    pub const fn number(self) -> &'static str {
-        match self {
-            Self::Xbox1414 => "1414",
-            Self::Xbox1473 => "1473",
-            Self::Windows1517 => "1517",
-        }
-    }
 }
 
 impl core::fmt::Display for Model {
@@ -114,6 +104,20 @@ pub struct Received<'a> {
     pub bytes: &'a [u8],
 }
 
+/// A request to one of a Kinect's devices: what is sent, or where to put what is read.
+pub enum Request<'a> {
+    /// Writes one command to the camera.
+    Command(&'a [u8]),
+    /// Reads the reply to the last command.
+    Reply(&'a mut [u8]),
+    /// Vendor request and its value to the motor device (first series only).
+    Motor(u8, u16),
+    /// Bulk message to the audio device (later models, if its firmware runs).
+    Audio(&'a [u8]),
+    /// Reads the audio device's bulk answer.
+    AudioAnswer(&'a mut [u8]),
+}
+
 /// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
 pub trait PacketSource {
     /// Which sensor it is.
@@ -122,17 +126,11 @@ pub trait PacketSource {
     /// Serial number of the unit, as printed by `mien devices`.
     fn serial(&self) -> &str;
 
-    /// Writes one command to the camera.
+    /// Makes a request. The length of what was read, or 0; a reply has none while it is not ready.
     ///
     /// # Errors
-    /// The transfer failed.
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError>;
-
-    /// Reads the reply to the last command; the length is 0 while it is not ready.
-    ///
-    /// # Errors
-    /// The transfer failed.
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError>;
+    /// No such device, or the transfer failed.
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError>;
 
     /// Puts transfers in flight on a stream, so that nothing of its first picture is missed.
     ///
@@ -158,38 +156,6 @@ pub trait PacketSource {
 
     /// Lets time pass.
     fn sleep(&mut self, time: Duration);
-
-    /// Vendor request without data to the motor device (first series only).
-    ///
-    /// # Errors
-    /// No such device, or the transfer failed.
-    fn motor_write(&mut self, _request: u8, _value: u16) -> Result<(), DeviceError> {
-        Err(DeviceError::NoMotor)
-    }
-
-    /// Vendor request that reads from the motor device (first series only). Returns the length.
-    ///
-    /// # Errors
-    /// No such device, or the transfer failed.
-    fn motor_read(&mut self, _request: u8, _reply: &mut [u8]) -> Result<usize, DeviceError> {
-        Err(DeviceError::NoMotor)
-    }
-
-    /// Bulk message to the audio device (later models, if its firmware runs).
-    ///
-    /// # Errors
-    /// No such device, or the transfer failed.
-    fn audio_write(&mut self, _message: &[u8]) -> Result<(), DeviceError> {
-        Err(DeviceError::NoMotor)
-    }
-
-    /// Bulk answer of the audio device. Returns the length.
-    ///
-    /// # Errors
-    /// No such device, or the transfer failed.
-    fn audio_read(&mut self, _reply: &mut [u8]) -> Result<usize, DeviceError> {
-        Err(DeviceError::NoMotor)
-    }
 }
 
 /// Why a Kinect cannot be reached. Each text is one sentence with the way out.
@@ -291,9 +257,9 @@ pub enum DeviceError {
     #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
     NoMotor,
     /// Anything else libusb reports.
-    #[error("USB error {code} from libusb; unplug the Kinect and plug it in again")]
+    #[error("USB: {problem} (libusb); unplug the Kinect and plug it in again")]
     Other {
-        /// libusb's number.
-        code: i32,
+        /// In its words.
+        problem: String,
     },
 }

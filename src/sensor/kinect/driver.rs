@@ -1,4 +1,4 @@
-//! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED, tilt and accelerometer.
+//! The camera over any [`PacketSource`]: calibration, start, pictures, watchdog, stop; LED and tilt.
 //!
 //! Every exchange is bounded: a reply is polled every millisecond for at most a second, and a failed exchange is retried
 //! twice with a new tag. A stream that delivers no packet for a second is stopped and restarted; if that fails twice in a
@@ -10,7 +10,6 @@
 //!
 //! Nothing inessential stops the pictures: LED, tilt and the automatic functions of the colour sensor report their
 //! errors and change nothing else. Memory: two pictures of each stream, 1.5 MB, allocated at opening.
-//! One file: one device from opening to closing, and what happens when a stream falls silent.
 
 use crate::base::defaults;
 use crate::sensor::Frame;
@@ -130,7 +129,8 @@ pub struct Health {
 
 /// An opened camera.
 pub struct Kinect<S> {
-    source: S,
+    /// The source below.
+    pub source: S,
     settings: Settings,
     registration: Registration,
     tag: u16,
@@ -205,23 +205,10 @@ impl<S: PacketSource> Kinect<S> {
     /// Counts so far.
     pub fn health(&self) -> Health {
         Health {
-            streams: self
-                .assemblers
-                .each_ref()
-                .map(|assembler| *assembler.tally()),
-            unpaired: self.pairing.unpaired(),
+            streams: self.assemblers.each_ref().map(|assembler| assembler.tally),
+            unpaired: self.pairing.unpaired,
             ..self.health
         }
-    }
-
-    /// The source below.
-    pub const fn source(&self) -> &S {
-        &self.source
-    }
-
-    /// The source below, to be changed: tests inject faults with it.
-    pub const fn source_mut(&mut self) -> &mut S {
-        &mut self.source
     }
 
     /// Starts both streams. All registers are written: some survive a former program.
@@ -319,8 +306,10 @@ impl<S: PacketSource> Kinect<S> {
             let Some(ticks) = assembler.push(received.intact, received.bytes) else {
                 return;
             };
-            let number = assembler.tally().pictures - 1;
-            if let Some(pair) = pairing.offer(received.stream, number, ticks, assembler.picture()) {
+            let number = assembler.tally.pictures - 1;
+            if let Some(pair) =
+                pairing.offer(received.stream, number, ticks, &mut assembler.picture)
+            {
                 let made = u64::from(pair.has_colour());
                 paired |= made > 0;
                 health.pairs += made;
@@ -346,14 +335,14 @@ impl<S: PacketSource> Kinect<S> {
 
     /// A pair was made, or waiting for one starts now.
     fn is_paired(&mut self, now: Duration) {
-        self.pairing.set_alone(false);
+        self.pairing.alone = false;
         self.paired = (now, self.pictures());
         (self.restart_at, self.patience) = (now + UNPAIRED, UNPAIRED);
     }
 
     /// Whole pictures so far, by stream.
     fn pictures(&self) -> [u64; 2] {
-        self.assemblers.each_ref().map(|one| one.tally().pictures)
+        self.assemblers.each_ref().map(|one| one.tally.pictures)
     }
 
     /// Whether a stream that came through badly is reason enough for there being no pairs.
@@ -368,12 +357,12 @@ impl<S: PacketSource> Kinect<S> {
             return Ok(());
         }
         let unpaired = now.saturating_sub(self.paired.0);
-        if unpaired >= ALONE && !self.pairing.is_alone() {
-            let [colour, depth] = self.pairing.unpaired();
+        if unpaired >= ALONE && !self.pairing.alone {
+            let [colour, depth] = self.pairing.unpaired;
             tracing::warn!(
                 "no colour picture has matched a depth picture for 1 s ({colour} colour and {depth} depth pictures unpaired so far); tracking continues without colour"
             );
-            self.pairing.set_alone(true);
+            self.pairing.alone = true;
         }
         let silent = |stream: &Stream| now.saturating_sub(self.heard[stream.index()]) >= SILENCE;
         let silent = [Stream::Depth, Stream::Colour].into_iter().find(silent);

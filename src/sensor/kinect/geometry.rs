@@ -2,19 +2,22 @@
 //!
 //! Method: the sensor's own factory calibration, as its drivers use it. Raw disparity to distance by triangulation
 //! against the reference plane; depth pixel to colour pixel by a cubic polynomial of column and row plus a shift along
-//! the row that depends on distance (the baseline between the cameras). The driver's fixed-point form is
-//! [`super::table::RegistrationTable`]; truncated to whole pixels this is that table.
+//! the row that depends on distance (the baseline between the cameras). The device has the polynomial as forward differences
+//! in fixed point, stepped with truncating shifts; truncated to whole pixels ours is the table that drivers make of them
+//! (`tests/it/maps_depth_to_colour.rs`).
 
-use super::optics::{DEVICE_OFFSET, FARTHEST_MM, Optics, boxed};
 use super::registration::Registration;
-use super::table::Axis;
-use crate::base::capacity::{HEIGHT, RAW_DEPTH_VALUES, WIDTH};
+use crate::base::capacity::{HEIGHT, WIDTH};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::sensor::camera::{Camera, Picture, Pinhole};
+use crate::sensor::camera::{Camera, Cubic, Picture, Pinhole};
 
 /// Columns without data at the right side of the depth picture.
 pub const BLANK_COLUMNS: usize = 8;
+/// Distances are delivered below this, millimetres; what lies farther is no measurement.
+const FARTHEST_MM: f64 = 10_000.0;
+/// Offset, in pixels, which the device's own arithmetic applies to raw values and to the colour shift.
+const DEVICE_OFFSET: f64 = 0.375;
 
 /// The usual optics and a real unit's registration block.
 #[must_use]
@@ -26,55 +29,97 @@ impl Registration {
     /// Both cameras, from the numbers read from a device.
     #[must_use]
     pub fn camera(&self) -> Camera {
-        let optics = Optics::new(self);
-        let mut metres = boxed(0.0f32);
-        // The last value means "none" and keeps its zero.
-        for raw in 0..RAW_DEPTH_VALUES - 1 {
-            if let Some(mm) = optics.millimetres(raw as f64)
-                && mm > 0.0
-                && mm < FARTHEST_MM
-            {
-                metres[raw] = (mm * 1e-3) as f32;
-            }
-        }
-        let far = 4.0 * (optics.emitter / optics.pixel + optics.shift + DEVICE_OFFSET);
-        let near = 4.0 * optics.emitter * optics.reference / (100.0 * optics.pixel);
-        let baseline = optics.baseline / (2.0 * optics.pixel);
+        let plane = &self.zero_plane;
+        let [emitter, between, reference, pixel] = [
+            plane.dcmos_emitter_distance,
+            plane.dcmos_rcmos_distance,
+            plane.reference_distance,
+            plane.reference_pixel_size,
+        ]
+        .map(f64::from);
+        let shift = f64::from(self.const_shift);
+        let metres = |raw: f64| {
+            let m = (raw / 4.0 - shift - DEVICE_OFFSET) * pixel;
+            let mm = 10.0 * (m * reference / (emitter - m) + reference);
+            // From m = emitter on the emitter's ray no longer meets the pixel's.
+            let is_measured = m < emitter && mm > 0.0 && mm < FARTHEST_MM;
+            if is_measured { mm * 1e-3 } else { 0.0 }
+        };
+        let far = 4.0 * (emitter / pixel + shift + DEVICE_OFFSET);
+        let near = 4.0 * emitter * reference / (100.0 * pixel);
+        let baseline = between / (2.0 * pixel);
         let depth = Pinhole {
-            focal: [(optics.reference / (2.0 * optics.pixel)) as f32; 2],
+            focal: [(reference / (2.0 * pixel)) as f32; 2],
             centre: [320.0, 240.0],
         };
         let picture = Picture::Polynomial {
-            displacement: Box::new(Axis::both(&self.integers).map(|axis| axis.polynomial())),
-            shift: [
-                baseline + DEVICE_OFFSET,
-                -baseline * optics.reference / 100.0,
-            ],
+            displacement: Box::new(displacement(&self.integers)),
+            shift: [baseline + DEVICE_OFFSET, -baseline * reference / 100.0],
         };
         let size = [WIDTH - BLANK_COLUMNS, HEIGHT];
         Camera::new(metres, [far, near], depth, size, picture)
     }
+}
 
-    /// Distance of a raw depth value in whole millimetres, truncated, at most 10 000: what the drivers deliver. 0 = none.
-    #[must_use]
-    pub fn depth_mm(&self, raw: u16) -> u16 {
-        let known = usize::from(raw) < RAW_DEPTH_VALUES - 1;
-        let mm = known.then(|| Optics::new(self).millimetres(raw.into()));
-        mm.flatten()
-            .map_or(0, |mm| mm.clamp(0.0, FARTHEST_MM) as u16)
+/// Displacement of column and row.
+fn displacement(r: &[i32; 29]) -> [Cubic; 2] {
+    [0, 1].map(|k| {
+        // ak, bk, ck, dk; dk_start, dxdk_start, dydk_start; dxdxdk_start, dydxdk_start, dydydk_start.
+        polynomial(
+            [1, 2, 3, 4].map(|n| r[n + 5 * k]),
+            [r[5 + 5 * k], r[17 + k], r[19 + k]],
+            [21, 22, 26].map(|n| r[n + 2 * k]),
+        )
+    })
+}
+
+/// The low `bits` of a number are signed; it counts units of 2^-`shift`.
+fn signed(value: i32, bits: u32, shift: u32) -> f64 {
+    f64::from(value << (32 - bits) >> (32 - bits)) * f64::from(1 << shift)
+}
+
+/// The polynomial behind one axis's forward differences: the third ones (along the row, along the column, and the two mixed);
+/// the value and the first ones; the second ones. Sums of differences are binomials: after n steps a constant third
+/// difference has added up to n(n−1)(n−2)/6, a second one to n(n−1)/2. Each truncating shift loses half a unit on
+/// average; taking that half out of the summand leaves a few thousandths of a pixel at the far corner.
+fn polynomial(third: [i32; 4], [v, vc, vr]: [i32; 3], second: [i32; 3]) -> Cubic {
+    let [a, b, c, d] = third.map(f64::from);
+    let v = signed(v, 19, 9);
+    let [vc, vr] = [vc, vr].map(|first| signed(first, 21, 8) - 32.0);
+    let [vcc, vrc, vrr] = second.map(|second| signed(second, 24, 8) - 128.0);
+    // Each level is kept with more fraction bits than the one it feeds: 2^6 for the first, 2^8 more for the others.
+    let (first, second) = (1.0 / 64.0, 1.0 / (64.0 * 256.0));
+    let unit = 1.0 / f64::from(1 << 17);
+    let binomial2 = |k: f64| [0.0, -0.5 * k, 0.5 * k, 0.0];
+    let binomial3 = |k: f64| [0.0, k / 3.0, -0.5 * k, k / 6.0];
+    let mut t = [[0.0; 4]; 4]; // t[i][j]: column^i, n^j
+    let mut add = |i: usize, j: [f64; 4]| {
+        for (to, from) in t[i].iter_mut().zip(j) {
+            *to += from * unit;
+        }
+    };
+    add(0, [v, vr * first, 0.0, 0.0]);
+    add(0, binomial2(vrr * second));
+    add(0, binomial3(b * second));
+    // Change per column, a quadratic of n.
+    add(1, [vc * first, vrc * second, 0.0, 0.0]);
+    add(1, binomial2(d * second));
+    // Second difference along the row, linear in n; binomial of the column.
+    add(1, [-0.5 * vcc * second, -0.5 * c * second, 0.0, 0.0]);
+    add(2, [0.5 * vcc * second, 0.5 * c * second, 0.0, 0.0]);
+    for (i, k) in binomial3(a * second).into_iter().enumerate().skip(1) {
+        add(i, [k, 0.0, 0.0, 0.0]);
     }
+    Cubic(t)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::registration::RegistrationIntegers;
-    use super::super::table::RegistrationTable;
     use super::*;
     use crate::base::geometry::Point;
 
     #[test]
     fn raw_values_are_the_reference_distances() {
-        let optics = Optics::new(&Registration::default());
         let camera = nominal();
         for (raw, mm) in [
             (300, 437.66),
@@ -85,13 +130,11 @@ mod tests {
             (800, 1193.78),
             (900, 1824.05),
             (1000, 3864.19),
+            (1050, 8767.0),
         ] {
-            let exact = optics.millimetres(f64::from(raw)).unwrap();
-            assert!((exact - mm).abs() < 0.006, "raw {raw}: {exact} mm");
-            assert_eq!(Registration::default().depth_mm(raw), mm as u16);
-            assert!((f64::from(camera.depth_m(raw)) - exact * 1e-3).abs() < 1e-6);
+            let found = 1e3 * camera.depth_m(raw);
+            assert!((found - mm).abs() < 0.06, "raw {raw}: {found} mm");
         }
-        assert!((optics.millimetres(1050.0).unwrap() - 8767.0).abs() < 0.06);
     }
 
     #[test]
@@ -99,13 +142,9 @@ mod tests {
         let camera = nominal();
         for raw in [1090, 1500, 2046, 2047, 2048, u16::MAX] {
             assert_eq!(camera.depth_m(raw), 0.0, "raw {raw}");
-            assert_eq!(Registration::default().depth_mm(raw), 0, "raw {raw}");
         }
         // Still a ray that meets, but too far to be delivered: the drivers cap it, we have no measurement.
-        assert_eq!(
-            (Registration::default().depth_mm(1080), camera.depth_m(1080)),
-            (10_000, 0.0)
-        );
+        assert_eq!(camera.depth_m(1080), 0.0);
     }
 
     #[test]
@@ -128,83 +167,5 @@ mod tests {
         let [col, row] = camera.depth_pixel(&p);
         assert!((col - 100.0).abs() < 1e-3 && (row - 50.0).abs() < 1e-3);
         assert!((camera.depth_focal_px() - 575.8).abs() < 0.05);
-    }
-
-    #[test]
-    fn every_entry_of_the_table_is_the_drivers() {
-        let table = RegistrationTable::new(&Registration::default());
-        for (col, row, x, y) in [
-            (0, 0, 6422, 26),
-            (639, 0, 160_281, 25),
-            (0, 479, 6788, 475),
-            (639, 479, 159_662, 476),
-            (320, 240, 83_099, 253),
-            (100, 50, 30_987, 76),
-            (500, 400, 125_591, 400),
-        ] {
-            let pixel = row * WIDTH + col;
-            assert_eq!(
-                (table.x[pixel], table.y[pixel]),
-                (x, y),
-                "pixel ({col}, {row})"
-            );
-        }
-        let hash = table
-            .x
-            .iter()
-            .zip(table.y.iter())
-            .flat_map(|(&x, &y)| [u64::from(x), u64::from(y as u32)])
-            .fold(1_469_598_103_934_665_603u64, |h, word| {
-                (h ^ word).wrapping_mul(1_099_511_628_211)
-            });
-        assert_eq!(hash, 0x27b9_268f_4482_7983);
-        for (z_mm, shift) in [
-            (500, -4031),
-            (600, -2852),
-            (800, -1378),
-            (1000, -493),
-            (1200, 96),
-            (2000, 1275),
-            (4000, 2159),
-        ] {
-            assert_eq!(table.shift[z_mm], shift, "shift at {z_mm} mm");
-        }
-    }
-
-    #[test]
-    fn the_smooth_form_is_the_table_within_truncation() {
-        let registration = Registration::default();
-        let (camera, table) = (registration.camera(), RegistrationTable::new(&registration));
-        let mut worst = [0.0f64; 2];
-        for row in (0..HEIGHT).step_by(3) {
-            for col in (0..WIDTH).step_by(3) {
-                let pixel = row * WIDTH + col;
-                for z_mm in [500u16, 800, 1700, 4000] {
-                    if table.x[pixel] == 1280 * 256 {
-                        continue;
-                    }
-                    let p = camera.point(col as f32, row as f32, f32::from(z_mm) * 1e-3);
-                    let [x, y] = camera.colour_pixel(&p).map(f64::from);
-                    let table_x =
-                        f64::from(table.x[pixel] as i32 + table.shift[usize::from(z_mm)]) / 256.0;
-                    worst[0] = worst[0].max((x - table_x).abs());
-                    // The table's rows are truncated: half a pixel lower on average, never more than one.
-                    worst[1] = worst[1].max((y - 0.5 - f64::from(table.y[pixel])).abs());
-                }
-            }
-        }
-        println!("worst column and row difference, px: {worst:?}");
-        assert!(worst[0] < 0.02, "columns differ by {} px", worst[0]);
-        assert!(worst[1] < 0.52, "rows differ by {} px", worst[1]);
-    }
-
-    #[test]
-    fn integers_are_found_by_their_names() {
-        let mut integers = RegistrationIntegers::zero();
-        for (i, name) in RegistrationIntegers::NAMES.iter().enumerate() {
-            *integers.by_name(name).unwrap() = i as i32;
-        }
-        assert_eq!(integers.to_array(), core::array::from_fn(|i| i as i32));
-        assert!(integers.by_name("nonsense").is_none());
     }
 }

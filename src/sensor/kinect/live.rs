@@ -18,8 +18,10 @@ use super::motor::Light;
 use super::pairing::{Paired, RawPair};
 use super::picture_clock::PictureClock;
 use super::registration::Registration;
+use super::stream::Tally;
 use super::usb::UsbKinect;
 use crate::base::capacity::WAITING_FRAMES as RING;
+use crate::base::defaults;
 use crate::sensor::camera::Camera;
 
 /// Between two looks for an absent device.
@@ -42,26 +44,34 @@ pub struct Status {
     pub overwritten: u64,
 }
 
+#[derive(Default)]
 struct Shared {
     inner: Mutex<Inner>,
     news: Condvar,
 }
 
-struct Inner {
-    /// Filled pairs, oldest first, each with the opening it belongs to and the time it was whole.
-    ring: VecDeque<(u64, Instant, RawPair)>,
-    free: Vec<RawPair>,
-    status: Status,
-    registration: Registration,
-    tracking: Option<bool>,
-    tilt_deg: Option<f32>,
-    end: bool,
+defaults! {
+    struct Inner {
+        /// Filled pairs, oldest first, each with the opening it belongs to and the time it was whole.
+        ring: VecDeque<(u64, Instant, RawPair)> = VecDeque::with_capacity(RING),
+        free: Vec<RawPair> = (0..RING).map(|_| RawPair::default()).collect(),
+        status: Status = Status::default(),
+        registration: Registration = Registration::default(),
+        tracking: bool = false,
+        end: bool = false,
+    }
 }
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // What is inside stays consistent at every step, even if a holder panicked.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits for what `is_over` looks for, until it is there or at most `wait`.
+    fn wait(&self, wait: Duration, is_over: impl Fn(&Inner) -> bool) -> MutexGuard<'_, Inner> {
+        let waited = (self.news).wait_timeout_while(self.lock(), wait, |inner| !is_over(inner));
+        waited.unwrap_or_else(PoisonError::into_inner).0
     }
 }
 
@@ -92,18 +102,7 @@ impl LiveKinect {
         open: impl FnMut() -> Result<S, DeviceError> + Send + 'static,
         settings: Settings,
     ) -> Self {
-        let shared = Arc::new(Shared {
-            inner: Mutex::new(Inner {
-                ring: VecDeque::with_capacity(RING),
-                free: (0..RING).map(|_| RawPair::default()).collect(),
-                status: Status::default(),
-                registration: Registration::default(),
-                tracking: None,
-                tilt_deg: None,
-                end: false,
-            }),
-            news: Condvar::new(),
-        });
+        let shared = Arc::<Shared>::default();
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name("kinect".to_owned())
@@ -123,24 +122,11 @@ impl LiveKinect {
 
     /// Fills `frame` with the oldest frame in the ring, waiting at most `wait` for one; false if none came.
     pub fn next_frame(&mut self, frame: &mut impl Developed, wait: Duration) -> bool {
-        let deadline = Instant::now() + wait;
-        let mut inner = self.shared.lock();
-        let (opening, mut pair) = loop {
-            if let Some((opening, arrived, pair)) = inner.ring.pop_front() {
-                self.arrived = Some(arrived);
-                break (opening, pair);
-            }
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return false;
-            }
-            let (guard, _) = self
-                .shared
-                .news
-                .wait_timeout(inner, left)
-                .unwrap_or_else(PoisonError::into_inner);
-            inner = guard;
+        let mut inner = self.shared.wait(wait, |inner| !inner.ring.is_empty());
+        let Some((opening, arrived, mut pair)) = inner.ring.pop_front() else {
+            return false;
         };
+        self.arrived = Some(arrived);
         let now = Instant::now();
         if let Some((former, at)) = self.last
             && former != opening
@@ -148,7 +134,7 @@ impl LiveKinect {
             self.clock.restart(now - at);
         }
         if self.last.is_none_or(|(former, _)| former != opening) {
-            Self::calibrate(
+            calibrate(
                 &mut self.registration,
                 &mut self.camera,
                 &inner.registration,
@@ -164,25 +150,21 @@ impl LiveKinect {
     /// Waits until a sensor has been opened or the first attempt has failed, at most `wait`.
     #[must_use]
     pub fn wait_for_first_attempt(&mut self, wait: Duration) -> Status {
-        let deadline = Instant::now() + wait;
-        let mut inner = self.shared.lock();
-        loop {
-            let left = deadline.saturating_duration_since(Instant::now());
-            if inner.status.openings > 0 || inner.status.waiting_for.is_some() || left.is_zero() {
-                Self::calibrate(
-                    &mut self.registration,
-                    &mut self.camera,
-                    &inner.registration,
-                );
-                return inner.status.clone();
-            }
-            let (guard, _) = self
-                .shared
-                .news
-                .wait_timeout(inner, left)
-                .unwrap_or_else(PoisonError::into_inner);
-            inner = guard;
-        }
+        let attempted = |inner: &Inner| {
+            let Status {
+                openings,
+                waiting_for,
+                ..
+            } = &inner.status;
+            *openings > 0 || waiting_for.is_some()
+        };
+        let inner = self.shared.wait(wait, attempted);
+        calibrate(
+            &mut self.registration,
+            &mut self.camera,
+            &inner.registration,
+        );
+        inner.status.clone()
     }
 
     /// State and counts.
@@ -203,13 +185,6 @@ impl LiveKinect {
         &self.camera
     }
 
-    fn calibrate(known: &mut Registration, camera: &mut Camera, read: &Registration) {
-        if known != read {
-            known.clone_from(read);
-            *camera = read.camera();
-        }
-    }
-
     /// When the last frame was whole in this machine's memory.
     #[must_use]
     pub fn arrived(&self) -> Option<Instant> {
@@ -218,12 +193,7 @@ impl LiveKinect {
 
     /// Tells the sensor whether a face is tracked: LED, and exposure if the settings say so. Cheap to call every frame.
     pub fn show_tracking(&self, tracking: bool) {
-        self.shared.lock().tracking = Some(tracking);
-    }
-
-    /// Tilts the sensor to `degrees` above the horizon, where it has a motor.
-    pub fn tilt(&self, degrees: f32) {
-        self.shared.lock().tilt_deg = Some(degrees);
+        self.shared.lock().tracking = tracking;
     }
 }
 
@@ -238,6 +208,13 @@ impl Drop for LiveKinect {
     }
 }
 
+fn calibrate(known: &mut Registration, camera: &mut Camera, read: &Registration) {
+    if known != read {
+        known.clone_from(read);
+        *camera = read.camera();
+    }
+}
+
 /// The thread: open, stream, and again.
 fn feed<S: PacketSource>(
     shared: &Shared,
@@ -248,19 +225,11 @@ fn feed<S: PacketSource>(
     // Whole depth pictures of former openings: numbering goes on.
     let mut pictures = 0;
     loop {
-        let problem = match open()
-            .map_err(KinectError::from)
-            .and_then(|source| Kinect::open(source, settings))
-        {
-            Ok(kinect) => {
-                attempted = true;
-                match stream(shared, kinect, &mut pictures) {
-                    Ok(()) => return,
-                    Err(problem) => problem,
-                }
-            }
-            Err(problem) => problem,
-        };
+        let opened = open().map_err(KinectError::from);
+        let opened = opened.and_then(|source| Kinect::open(source, settings));
+        attempted |= opened.is_ok();
+        let streamed = opened.and_then(|kinect| stream(shared, kinect, &mut pictures));
+        let Err(problem) = streamed else { return };
         let mut inner = shared.lock();
         if inner.status.waiting_for.as_ref() != Some(&problem) {
             // What became of the first attempt is for the one who asked for the sensor to say.
@@ -270,21 +239,10 @@ fn feed<S: PacketSource>(
             inner.status.waiting_for = Some(problem);
             shared.news.notify_all();
         }
+        drop(inner);
         attempted = true;
-        let deadline = Instant::now() + RETRY;
-        loop {
-            if inner.end {
-                return;
-            }
-            let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                break;
-            }
-            let (guard, _) = shared
-                .news
-                .wait_timeout(inner, left)
-                .unwrap_or_else(PoisonError::into_inner);
-            inner = guard;
+        if shared.wait(RETRY, |inner| inner.end).end {
+            return;
         }
     }
 }
@@ -295,84 +253,87 @@ fn stream<S: PacketSource>(
     mut kinect: Kinect<S>,
     pictures: &mut u64,
 ) -> Result<(), KinectError> {
-    let opening = {
-        let mut inner = shared.lock();
-        inner.status.sensor = Some((kinect.model(), kinect.serial().to_owned()));
-        inner.status.openings += 1;
-        inner.registration = kinect.registration().clone();
-        inner.status.openings
-    };
-    let result = kinect.start().and_then(|()| {
-        tracing::info!(
-            "streaming from {}, serial {}",
-            kinect.model(),
-            kinect.serial()
-        );
-        let mut shown = None;
-        loop {
-            let mut delivered = false;
-            kinect.poll(POLL, |pair| {
-                delivered = true;
-                hand_over(shared, opening, *pictures, pair);
-            })?;
-            let mut inner = shared.lock();
-            if inner.end {
-                return Ok(());
-            }
-            if delivered {
-                inner.status.health = kinect.health();
-                inner.status.waiting_for = None;
-            }
-            let tracking = Some(inner.tracking.unwrap_or(false));
-            let tilt = inner.tilt_deg.take();
-            drop(inner);
-            if shown != tracking {
-                shown = tracking;
-                kinect.show_tracking(tracking == Some(true));
-            }
-            if let Some(degrees) = tilt
-                && let Err(problem) = kinect.tilt(degrees)
-            {
-                tracing::warn!("tilt: {problem}");
-            }
-        }
-    });
-    let light = match &result {
-        Ok(()) => Light::Off,
-        Err(_) => Light::Red,
+    let mut inner = shared.lock();
+    inner.status.sensor = Some((kinect.model(), kinect.serial().to_owned()));
+    inner.status.openings += 1;
+    inner.registration = kinect.registration().clone();
+    drop(inner);
+    let result = deliver(shared, &mut kinect, *pictures);
+    let light = if result.is_ok() {
+        Light::Off
+    } else {
+        Light::Red
     };
     if let Err(problem) = kinect.set_light(light) {
         tracing::debug!("LED: {problem}");
     }
     kinect.stop();
-    *pictures += kinect.health().streams[Stream::Depth.index()].pictures;
-    let mut inner = shared.lock();
-    inner.status.health = kinect.health();
+    let health = kinect.health();
+    *pictures += health.streams[Stream::Depth.index()].pictures;
     for stream in Stream::BOTH {
-        let health = &inner.status.health;
-        let tally = health.streams[stream.index()];
+        let Health {
+            alone, restarts, ..
+        } = health;
+        let unpaired = health.unpaired[stream.index()];
+        let Tally {
+            pictures,
+            broken,
+            packets,
+            lost,
+            repeated,
+            damaged,
+            bus_errors,
+            wrong_length,
+            misplaced,
+            ..
+        } = health.streams[stream.index()];
         tracing::info!(
-            "{stream:?}: {} pictures whole, {} broken; packets {}, lost {}, repeated {}, damaged {}, bus errors {}, wrong length {}, misplaced {}; unpaired pictures {}, depth alone {}, restarts {}",
-            tally.pictures,
-            tally.broken,
-            tally.packets,
-            tally.lost,
-            tally.repeated,
-            tally.damaged,
-            tally.bus_errors,
-            tally.wrong_length,
-            tally.misplaced,
-            health.unpaired[stream.index()],
-            health.alone,
-            health.restarts,
+            "{stream:?}: {pictures} pictures whole, {broken} broken; packets {packets}, lost {lost}, repeated {repeated}, damaged {damaged}, bus errors {bus_errors}, wrong length {wrong_length}, misplaced {misplaced}; unpaired pictures {unpaired}, depth alone {alone}, restarts {restarts}"
         );
     }
+    shared.lock().status.health = health;
     result
 }
 
+/// Starts, and hands over what comes until asked to stop.
+fn deliver<S: PacketSource>(
+    shared: &Shared,
+    kinect: &mut Kinect<S>,
+    former: u64,
+) -> Result<(), KinectError> {
+    kinect.start()?;
+    tracing::info!(
+        "streaming from {}, serial {}",
+        kinect.model(),
+        kinect.serial()
+    );
+    let mut shown = None;
+    loop {
+        let mut delivered = false;
+        kinect.poll(POLL, |pair| {
+            delivered = true;
+            hand_over(shared, former, pair);
+        })?;
+        let mut inner = shared.lock();
+        if inner.end {
+            return Ok(());
+        }
+        if delivered {
+            inner.status.health = kinect.health();
+            inner.status.waiting_for = None;
+        }
+        let tracking = inner.tracking;
+        drop(inner);
+        if shown.replace(tracking) != Some(tracking) {
+            kinect.show_tracking(tracking);
+        }
+    }
+}
+
 /// Swaps a completed pair into the ring, numbered on from `former` pictures; the oldest in it gives way.
-fn hand_over(shared: &Shared, opening: u64, former: u64, pair: Paired<'_>) {
+fn hand_over(shared: &Shared, former: u64, pair: Paired<'_>) {
     let mut inner = shared.lock();
+    let opening = inner.status.openings;
     if inner.free.is_empty()
         && let Some((_, _, oldest)) = inner.ring.pop_front()
     {

@@ -14,7 +14,6 @@ pub mod geometry;
 #[cfg(feature = "std")]
 pub mod live;
 pub mod motor;
-mod optics;
 pub mod packet;
 pub mod pairing;
 pub mod picture_clock;
@@ -22,7 +21,6 @@ pub mod picture_clock;
 pub mod recording;
 pub mod registration;
 pub mod stream;
-pub mod table;
 pub mod unpack;
 #[cfg(feature = "std")]
 pub mod usb;

@@ -6,24 +6,27 @@
 //! of the two arrives, without waiting. The offset is learned slowly and kept within one period, so that jitter around half
 //! a period does not make the choice flip.
 //!
-//! While no colour comes ([`Pairing::set_alone`]) each depth picture that is replaced by the next is passed on alone, one
+//! While no colour comes ([`Pairing::alone`]) each depth picture that is replaced by the next is passed on alone, one
 //! period late, so that returning colour finds its partner.
 //!
-//! Memory: one picture per stream, allocated once; when full the oldest is dropped and counted. A pair stays in the
-//! buffers where its halves waited until it is swapped for free ones.
-//! One file: the rule and the cases it covers.
+//! Memory: one picture per stream, allocated once: they come in turn, so of two that wait the newer one will find its partner,
+//! and the older one is dropped and counted. A pair stays in the buffers where its halves waited until it is swapped for
+//! free ones.
 
 use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
 use super::stream::Layout;
-use crate::base::capacity::UNPAIRED_PICTURES as SLOTS;
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
-const HALF: i32 = (TICKS_PER_PICTURE / 2) as i32;
+const HALF: u32 = TICKS_PER_PICTURE / 2;
 /// The offset follows a difference by one part in this many: a second or so.
 const SLOWNESS: i32 = 16;
+
+fn pictures() -> [Box<[u8]>; 2] {
+    Stream::BOTH.map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice())
+}
 
 defaults! {
     /// A depth picture and the colour picture of the same moment, if there is one, as they came.
@@ -36,8 +39,19 @@ defaults! {
         /// Whether there is a colour picture; what its bytes and its stamp say is of no meaning if not.
         pub has_colour: bool = true,
         /// Picture bytes by stream: Bayer, packed depth.
-        pub pictures: [Box<[u8]>; 2] = Stream::BOTH
-            .map(|stream| vec![0; Layout::of(stream).bytes].into_boxed_slice()),
+        pub pictures: [Box<[u8]>; 2] = pictures(),
+    }
+
+    /// Holds the pictures that wait for their other half.
+    pub struct Pairing {
+        /// Number and stamp of the picture that waits, by stream.
+        waiting: [Option<(u64, u32)>; 2] = [None; 2],
+        pictures: [Box<[u8]>; 2] = pictures(),
+        offset: i32 = 0,
+        /// Pictures by stream that found no partner.
+        pub unpaired: [u64; 2] = [0; 2],
+        /// Whether depth pictures that find no partner are handed on by themselves.
+        pub alone: bool = false,
     }
 }
 
@@ -73,63 +87,11 @@ impl Paired<'_> {
     }
 }
 
-struct Slot {
-    /// Running number of arrival; `None` = free.
-    arrival: Option<u64>,
-    number: u64,
-    ticks: u32,
-    picture: Box<[u8]>,
-}
-
-defaults! {
-    /// Holds the pictures that wait for their other half.
-    pub struct Pairing {
-        slots: [[Slot; SLOTS]; 2] = Stream::BOTH.map(|stream| {
-            core::array::from_fn(|_| Slot {
-                arrival: None,
-                number: 0,
-                ticks: 0,
-                picture: vec![0; Layout::of(stream).bytes].into_boxed_slice(),
-            })
-        }),
-        arrivals: u64 = 0,
-        offset: i32 = 0,
-        unpaired: [u64; 2] = [0; 2],
-        alone: bool = false,
-    }
-}
-
 impl Pairing {
     /// Forgets what waits and the offset: after the camera's clock may have restarted.
     pub fn restart(&mut self) {
         self.offset = 0;
-        self.slots
-            .iter_mut()
-            .flatten()
-            .for_each(|slot| slot.arrival = None);
-    }
-
-    /// Whether depth pictures that find no partner are handed on by themselves.
-    pub const fn set_alone(&mut self, alone: bool) {
-        self.alone = alone;
-    }
-
-    /// Whether they are.
-    #[must_use]
-    pub const fn is_alone(&self) -> bool {
-        self.alone
-    }
-
-    /// Pictures by stream that found no partner.
-    #[must_use]
-    pub const fn unpaired(&self) -> [u64; 2] {
-        self.unpaired
-    }
-
-    /// Learned difference of the stamps, colour less depth, ticks.
-    #[must_use]
-    pub const fn offset(&self) -> i32 {
-        self.offset
+        self.waiting = [None; 2];
     }
 
     /// Takes picture `number` of a stream (its buffer is swapped for a free one). A pair if that made one; it is gone with
@@ -142,63 +104,35 @@ impl Pairing {
         picture: &'a mut Box<[u8]>,
     ) -> Option<Paired<'a>> {
         let own = stream.index();
-        let other = 1 - own;
-        self.arrivals += 1;
-        let slot = self.free_slot(own);
-        let taken = &mut self.slots[own][slot];
-        let waited = taken.arrival.replace(self.arrivals);
-        let before = (taken.number, taken.ticks);
-        taken.number = number;
-        taken.ticks = ticks;
-        core::mem::swap(&mut taken.picture, picture);
-
-        // Colour less depth, less what is usual; wraps with the counter.
-        let miss = |other_ticks: u32, offset: i32| {
-            let difference = match stream {
-                Stream::Colour => ticks.wrapping_sub(other_ticks),
-                Stream::Depth => other_ticks.wrapping_sub(ticks),
-            };
-            difference.cast_signed().wrapping_sub(offset)
-        };
-        let nearest = self.slots[other]
-            .iter()
-            .enumerate()
-            .filter(|(_, slot)| slot.arrival.is_some())
-            .map(|(i, slot)| (miss(slot.ticks, self.offset), i))
-            .min_by_key(|(miss, _)| miss.unsigned_abs());
-        let near = nearest.filter(|(miss, _)| (-HALF..=HALF).contains(miss));
-        let Some((miss, partner)) = near else {
-            let alone = self.alone && stream == Stream::Depth && waited.is_some();
-            return alone.then_some(Paired {
-                number: before.0,
-                ticks: [0, before.1],
-                colour: None,
-                depth: picture,
+        let before = self.waiting[own].replace((number, ticks));
+        self.unpaired[own] += u64::from(before.is_some());
+        core::mem::swap(&mut self.pictures[own], picture);
+        if let [Some((_, colour)), Some((number, depth))] = self.waiting
+            && let Some(miss) = self.miss(colour, depth)
+        {
+            self.learn(miss);
+            self.waiting = [None; 2];
+            let [of_colour, of_depth] = &mut self.pictures;
+            return Some(Paired {
+                number,
+                ticks: [colour, depth],
+                colour: Some(of_colour),
+                depth: of_depth,
             });
-        };
-        self.learn(miss);
-        let chosen = if own == 0 {
-            [slot, partner]
-        } else {
-            [partner, slot]
-        };
-        for side in 0..2 {
-            let arrival = self.slots[side][chosen[side]].arrival.take();
-            for older in &mut self.slots[side] {
-                if older.arrival.is_some() && older.arrival < arrival {
-                    older.arrival = None;
-                    self.unpaired[side] += 1;
-                }
-            }
         }
-        let [colour, depth] = &mut self.slots;
-        let (colour, depth) = (&mut colour[chosen[0]], &mut depth[chosen[1]]);
+        let (number, ticks) = before.filter(|_| self.alone && stream == Stream::Depth)?;
         Some(Paired {
-            number: depth.number,
-            ticks: [colour.ticks, depth.ticks],
-            colour: Some(&mut colour.picture),
-            depth: &mut depth.picture,
+            number,
+            ticks: [0, ticks],
+            colour: None,
+            depth: picture,
         })
+    }
+
+    /// The stamps' difference, less what is usual, if that is near enough.
+    fn miss(&self, colour: u32, depth: u32) -> Option<i32> {
+        let difference = colour.wrapping_sub(depth).cast_signed();
+        Some(difference.wrapping_sub(self.offset)).filter(|miss| miss.unsigned_abs() <= HALF)
     }
 
     fn learn(&mut self, miss: i32) {
@@ -209,21 +143,13 @@ impl Pairing {
             self.offset -= period * self.offset.signum();
         }
     }
-
-    /// A free slot, at need the oldest one.
-    fn free_slot(&mut self, side: usize) -> usize {
-        let slots = &self.slots[side];
-        let slot = (0..SLOTS)
-            .min_by_key(|&i| slots[i].arrival.unwrap_or(0))
-            .unwrap_or(0);
-        self.unpaired[side] += u64::from(slots[slot].arrival.is_some());
-        slot
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const HALF: i32 = super::HALF.cast_signed();
 
     struct Bench {
         pairing: Pairing,
@@ -310,7 +236,7 @@ mod tests {
     #[test]
     fn depth_alone_comes_one_picture_late_and_whole_until_colour_is_back() {
         let mut bench = Bench::new();
-        bench.pairing.set_alone(true);
+        bench.pairing.alone = true;
         let mut came = Vec::new();
         for number in 0..20u8 {
             let ticks = u32::from(number) * TICKS_PER_PICTURE;
@@ -333,7 +259,7 @@ mod tests {
                 .map(|number| (number, !(5..15).contains(&number)))
                 .collect::<Vec<_>>()
         );
-        assert_eq!(bench.pairing.unpaired(), [0, 10]);
+        assert_eq!(bench.pairing.unpaired, [0, 10]);
     }
 
     #[test]
@@ -343,12 +269,12 @@ mod tests {
             let ticks = u32::from(number) * TICKS_PER_PICTURE;
             assert_eq!(bench.offer(Stream::Depth, number, ticks), None);
         }
-        assert_eq!(bench.pairing.unpaired(), [0, 9]);
+        assert_eq!(bench.pairing.unpaired, [0, 9]);
         assert_eq!(
             bench.offer(Stream::Colour, 9, 9 * TICKS_PER_PICTURE),
             Some([9, 9])
         );
-        assert_eq!(bench.pairing.unpaired(), [0, 9]);
+        assert_eq!(bench.pairing.unpaired, [0, 9]);
     }
 
     #[test]
@@ -370,7 +296,7 @@ mod tests {
                 if let Some([colour, depth]) = bench.offer(stream, number, ticks) {
                     relations.push(i32::from(depth) - i32::from(colour));
                 }
-                let offset = bench.pairing.offset().abs();
+                let offset = bench.pairing.offset.abs();
                 assert!(offset <= period * 3 / 4, "{number}: {offset}");
             }
             let mut kinds = relations.clone();

@@ -2,55 +2,21 @@
 
 use crate::base::defaults;
 
-macro_rules! registration_integers {
-    ($($name:ident = $sample:literal),* $(,)?) => {
-        /// The 29 integers that describe the mapping from depth to colour pixels, as the device names them. The large
-        /// ones are negative numbers in fewer bits.
-        #[derive(Clone, Debug, PartialEq, Eq)]
-        pub struct RegistrationIntegers {
-            $(#[doc = concat!("`", stringify!($name), "` of the device's block.")] pub $name: i32,)*
-        }
+/// Names of the device's registration integers, in its order. `k` of x or y: `ak` … `dk`, `dk_start`, `dxdk_start` and so on are
+/// the polynomial of one axis; the large ones are negative numbers in fewer bits.
+const INTEGERS: &str = "dx_center ax bx cx dx dx_start ay by cy dy dy_start dx_beta_start dy_beta_start rollout_blank \
+    rollout_size dx_beta_inc dy_beta_inc dxdx_start dxdy_start dydx_start dydy_start dxdxdx_start dydxdx_start dxdxdy_start \
+    dydxdy_start back_comp1 dydydx_start back_comp2 dydydy_start";
+/// Those of one real unit.
+const SAMPLE: [i32; 29] = [
+    2048330528, 1964, 56, -26, 600, 6161, -13, 2825, 684, 5, 6434, 10062, 130801, 0, 0, 170, 136,
+    2095986, 890, 763, 2096378, 134215474, 134217093, 134216989, 134216925, 0, 134216984, 0,
+    134214659,
+];
 
-        impl RegistrationIntegers {
-            /// Names in the device's order.
-            pub const NAMES: [&'static str; 29] = [$(stringify!($name)),*];
-
-            /// All zero: what stands for the absent ones when a file names only some.
-            #[must_use]
-            pub const fn zero() -> Self {
-                Self { $($name: 0),* }
-            }
-
-            /// In the device's order.
-            #[must_use]
-            pub const fn to_array(&self) -> [i32; 29] {
-                [$(self.$name),*]
-            }
-
-            /// By name; `None` for a name that is not one of [`Self::NAMES`].
-            pub fn by_name(&mut self, name: &str) -> Option<&mut i32> {
-                match name {
-                    $(stringify!($name) => Some(&mut self.$name),)*
-                    _ => None,
-                }
-            }
-        }
-
-        impl Default for RegistrationIntegers {
-            /// The block of one real unit.
-            fn default() -> Self {
-                Self { $($name: $sample),* }
-            }
-        }
-    };
-}
-
-registration_integers! {
-    dx_center = 2_048_330_528, ax = 1964, bx = 56, cx = -26, dx = 600, dx_start = 6161, ay = -13, by = 2825, cy = 684,
-    dy = 5, dy_start = 6434, dx_beta_start = 10062, dy_beta_start = 130_801, rollout_blank = 0, rollout_size = 0,
-    dx_beta_inc = 170, dy_beta_inc = 136, dxdx_start = 2_095_986, dxdy_start = 890, dydx_start = 763,
-    dydy_start = 2_096_378, dxdxdx_start = 134_215_474, dydxdx_start = 134_217_093, dxdxdy_start = 134_216_989,
-    dydxdy_start = 134_216_925, back_comp1 = 0, dydydx_start = 134_216_984, back_comp2 = 0, dydydy_start = 134_214_659,
+/// Names of [`Registration::integers`].
+pub fn integer_names() -> impl Iterator<Item = &'static str> {
+    INTEGERS.split_whitespace()
 }
 
 /// Rows and columns the device cuts off; all zero on the sensors known.
@@ -81,8 +47,8 @@ defaults! {
     /// Calibration as read from the device. The default is a real unit's block with the usual optics.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Registration {
-        /// Depth pixel to colour pixel.
-        pub integers: RegistrationIntegers = RegistrationIntegers::default(),
+        /// Depth pixel to colour pixel: the device's integers, by [`integer_names`].
+        pub integers: [i32; 29] = SAMPLE,
         /// Rows cut off.
         pub padding: Padding = Padding::default(),
         /// Raw depth to distance.

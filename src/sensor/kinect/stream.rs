@@ -107,12 +107,14 @@ enum State {
 pub struct Assembler {
     stream: Stream,
     layout: Layout,
-    picture: Box<[u8]>,
+    /// The buffer behind the picture that [`Self::push`] has just completed; it may be swapped for another of the same length.
+    pub picture: Box<[u8]>,
     state: State,
     previous: Option<Header>,
     /// Packets since `previous` that came but could not be read: their numbers are missing without being lost.
     unreadable: u8,
-    tally: Tally,
+    /// Counts so far.
+    pub tally: Tally,
 }
 
 impl Assembler {
@@ -136,18 +138,6 @@ impl Assembler {
         self.state = State::Joining;
         self.previous = None;
         self.unreadable = 0;
-    }
-
-    /// Counts so far.
-    #[must_use]
-    pub const fn tally(&self) -> &Tally {
-        &self.tally
-    }
-
-    /// The buffer behind the picture that [`Self::push`] has just completed. The caller may swap it for another of the
-    /// same length.
-    pub const fn picture(&mut self) -> &mut Box<[u8]> {
-        &mut self.picture
     }
 
     /// Takes what came in one microframe. `Some(ticks)` if that completed a picture; it stays in [`Self::picture`] until
@@ -245,7 +235,8 @@ impl Assembler {
 #[derive(Clone, Debug)]
 pub struct Cutter {
     stream: Stream,
-    layout: Layout,
+    /// How pictures are cut.
+    pub layout: Layout,
     sequence: u8,
 }
 
@@ -258,12 +249,6 @@ impl Cutter {
             layout: Layout::of(stream),
             sequence,
         }
-    }
-
-    /// How pictures are cut.
-    #[must_use]
-    pub const fn layout(&self) -> &Layout {
-        &self.layout
     }
 
     /// Writes packet `number` of a picture into `packet` and returns its length.

@@ -9,7 +9,6 @@
 //!
 //! Memory: 0.5 MB per stream, allocated when it is started. Limitation: a device that does not return its cancelled
 //! transfers within two seconds leaks their memory (it is left to libusb on purpose).
-//! One file: it keeps the unsafe code of the driver in one place.
 #![expect(
     unsafe_code,
     reason = "isochronous transfers exist only in libusb's C interface"
@@ -21,39 +20,31 @@ use core::time::Duration;
 use std::collections::VecDeque;
 use std::time::Instant;
 
+use rusb::UsbContext;
 use rusb::ffi;
 use rusb::ffi::constants::{
     LIBUSB_ERROR_NO_DEVICE, LIBUSB_TRANSFER_CANCELLED, LIBUSB_TRANSFER_COMPLETED,
     LIBUSB_TRANSFER_NO_DEVICE,
 };
-use rusb::{Context, DeviceHandle, UsbContext};
 
-use super::device::{DeviceError, Model, PacketSource, Received, Stream};
+use super::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 use super::packet::LONGEST;
 use super::usb_devices::{self, Opened, REQUEST, plain};
 use crate::base::capacity::{PACKETS, TRANSFERS};
+use crate::base::defaults;
 
 /// Cancelled transfers come back within this.
 const DRAIN: Duration = Duration::from_secs(2);
 
-/// What the callback writes and [`UsbKinect`] reads.
-struct Inbox {
-    /// Landed transfers that hold packets, oldest first: room for all there are.
-    landed: VecDeque<(Stream, *mut ffi::libusb_transfer)>,
-    /// Transfers that libusb holds, by stream.
-    flying: [usize; 2],
-    stopping: [bool; 2],
-    gone: bool,
-}
-
-impl Inbox {
-    fn new() -> Self {
-        Self {
-            landed: VecDeque::with_capacity(2 * TRANSFERS),
-            flying: [0; 2],
-            stopping: [false; 2],
-            gone: false,
-        }
+defaults! {
+    /// What the callback writes and [`UsbKinect`] reads.
+    struct Inbox {
+        /// Landed transfers that hold packets, oldest first: room for all there are.
+        landed: VecDeque<(Stream, *mut ffi::libusb_transfer)> = VecDeque::with_capacity(2 * TRANSFERS),
+        /// Transfers that libusb holds, by stream.
+        flying: [usize; 2] = [0; 2],
+        stopping: [bool; 2] = [false; 2],
+        gone: bool = false,
     }
 }
 
@@ -66,16 +57,10 @@ struct Flight {
 
 /// A Kinect on USB, opened and claimed.
 pub struct UsbKinect {
-    model: Model,
-    serial: String,
     flights: [Option<Flight>; 2],
     inbox: Box<RefCell<Inbox>>,
-    opened: Instant,
-    // Handles before the context: they are closed first.
-    camera: DeviceHandle<Context>,
-    motor: Option<DeviceHandle<Context>>,
-    audio: Option<DeviceHandle<Context>>,
-    context: Context,
+    since: Instant,
+    opened: Opened,
 }
 
 impl UsbKinect {
@@ -84,30 +69,17 @@ impl UsbKinect {
     /// # Errors
     /// None there, or none that may be had; each with the way out.
     pub fn open(serial: Option<&str>, reset_audio: bool) -> Result<Self, DeviceError> {
-        let Opened {
-            model,
-            serial,
-            camera,
-            motor,
-            audio,
-            context,
-        } = usb_devices::open(serial, reset_audio)?;
         Ok(Self {
-            model,
-            serial,
             flights: [None, None],
-            inbox: Box::new(RefCell::new(Inbox::new())),
-            opened: Instant::now(),
-            camera,
-            motor,
-            audio,
-            context,
+            inbox: Box::default(),
+            since: Instant::now(),
+            opened: usb_devices::open(serial, reset_audio)?,
         })
     }
 
     /// Lets libusb work for at most `time`.
     fn events(&self, time: Duration) -> Result<(), DeviceError> {
-        match self.context.handle_events(Some(time)) {
+        match self.opened.context.handle_events(Some(time)) {
             Ok(()) | Err(rusb::Error::Interrupted) => {}
             Err(problem) => return Err(plain(problem)),
         }
@@ -120,7 +92,10 @@ impl UsbKinect {
     fn allocate(&self, stream: Stream) -> Result<Flight, DeviceError> {
         // SAFETY: the handle is open, hence so is its device; the function only reads descriptors.
         let found = unsafe {
-            ffi::libusb_get_max_iso_packet_size(self.camera.device().as_raw(), stream.endpoint())
+            ffi::libusb_get_max_iso_packet_size(
+                self.opened.camera.device().as_raw(),
+                stream.endpoint(),
+            )
         };
         let size = usize::try_from(found)
             .ok()
@@ -137,7 +112,7 @@ impl UsbKinect {
             let transfer = unsafe { ffi::libusb_alloc_transfer(PACKETS as c_int) };
             if transfer.is_null() {
                 free(&mut flight);
-                return Err(DeviceError::Other { code: -11 });
+                return Err(plain(rusb::Error::NoMem));
             }
             let user_data: *const RefCell<Inbox> = &raw const *self.inbox;
             // SAFETY: `transfer` is valid and not in flight. `buffer` lives in the flight, at a fixed address, until the
@@ -145,7 +120,7 @@ impl UsbKinect {
             unsafe {
                 ffi::libusb_fill_iso_transfer(
                     transfer,
-                    self.camera.as_raw(),
+                    self.opened.camera.as_raw(),
                     stream.endpoint(),
                     buffer.as_mut_ptr(),
                     buffer.len() as c_int,
@@ -272,24 +247,33 @@ extern "system" fn landed(transfer: *mut ffi::libusb_transfer) {
 
 impl PacketSource for UsbKinect {
     fn model(&self) -> Model {
-        self.model
+        self.opened.model
     }
 
     fn serial(&self) -> &str {
-        &self.serial
+        &self.opened.serial
     }
 
-    fn send(&mut self, command: &[u8]) -> Result<(), DeviceError> {
-        self.camera
-            .write_control(0x40, 0, 0, 0, command, REQUEST)
-            .map(|_| ())
-            .map_err(plain)
-    }
-
-    fn receive(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        self.camera
-            .read_control(0xc0, 0, 0, 0, reply, REQUEST)
-            .map_err(plain)
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError> {
+        let (camera, none) = (&self.opened.camera, DeviceError::NoMotor);
+        let (motor, audio) = (&self.opened.motor, &self.opened.audio);
+        let sent = match request {
+            Request::Command(bytes) => camera.write_control(0x40, 0, 0, 0, bytes, REQUEST),
+            Request::Reply(bytes) => camera.read_control(0xc0, 0, 0, 0, bytes, REQUEST),
+            Request::Motor(request, value) => {
+                let motor = motor.as_ref().ok_or(none)?;
+                motor.write_control(0x40, request, value, 0, &[], REQUEST)
+            }
+            Request::Audio(message) => {
+                let audio = audio.as_ref().ok_or(none)?;
+                audio.write_bulk(0x01, message, REQUEST)
+            }
+            Request::AudioAnswer(bytes) => {
+                let audio = audio.as_ref().ok_or(none)?;
+                audio.read_bulk(0x81, bytes, REQUEST)
+            }
+        };
+        sent.map_err(plain)
     }
 
     fn start(&mut self, stream: Stream) -> Result<(), DeviceError> {
@@ -369,7 +353,7 @@ impl PacketSource for UsbKinect {
     }
 
     fn clock(&self) -> Duration {
-        self.opened.elapsed()
+        self.since.elapsed()
     }
 
     fn sleep(&mut self, time: Duration) {
@@ -385,34 +369,6 @@ impl PacketSource for UsbKinect {
             }
         }
     }
-
-    fn motor_write(&mut self, request: u8, value: u16) -> Result<(), DeviceError> {
-        let motor = self.motor.as_ref().ok_or(DeviceError::NoMotor)?;
-        motor
-            .write_control(0x40, request, value, 0, &[], REQUEST)
-            .map(|_| ())
-            .map_err(plain)
-    }
-
-    fn motor_read(&mut self, request: u8, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        let motor = self.motor.as_ref().ok_or(DeviceError::NoMotor)?;
-        motor
-            .read_control(0xc0, request, 0, 0, reply, REQUEST)
-            .map_err(plain)
-    }
-
-    fn audio_write(&mut self, message: &[u8]) -> Result<(), DeviceError> {
-        let audio = self.audio.as_ref().ok_or(DeviceError::NoMotor)?;
-        audio
-            .write_bulk(0x01, message, REQUEST)
-            .map(|_| ())
-            .map_err(plain)
-    }
-
-    fn audio_read(&mut self, reply: &mut [u8]) -> Result<usize, DeviceError> {
-        let audio = self.audio.as_ref().ok_or(DeviceError::NoMotor)?;
-        audio.read_bulk(0x81, reply, REQUEST).map_err(plain)
-    }
 }
 
 impl Drop for UsbKinect {
@@ -422,8 +378,7 @@ impl Drop for UsbKinect {
         }
         if self.inbox.borrow().flying != [0; 2] {
             // See `stop`: a late callback would still write here.
-            let inbox = core::mem::replace(&mut self.inbox, Box::new(RefCell::new(Inbox::new())));
-            core::mem::forget(inbox);
+            core::mem::forget(core::mem::take(&mut self.inbox));
         }
     }
 }

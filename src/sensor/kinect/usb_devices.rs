@@ -4,7 +4,6 @@
 //! matched by their parent hub; else the only one on the same bus; else the only one there is. Cameras of later models
 //! all report the serial `0000000000000000`: the audio device's serial is then used, and if that cannot be read, the bus and
 //! port numbers, which identify a socket rather than a sensor.
-//! One file: listing, matching and claiming ask the same questions of a device.
 
 use std::path::Path;
 use std::time::Duration;
@@ -104,6 +103,7 @@ pub fn devices() -> Result<Vec<Listed>, DeviceError> {
 pub(super) struct Opened {
     pub(super) model: Model,
     pub(super) serial: String,
+    // Handles before the context: they are closed first.
     pub(super) camera: DeviceHandle<Context>,
     pub(super) motor: Option<DeviceHandle<Context>>,
     pub(super) audio: Option<DeviceHandle<Context>>,
@@ -114,20 +114,13 @@ pub(super) struct Opened {
 pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, DeviceError> {
     let bus = Bus::scan()?;
     let cameras: Vec<_> = bus.cameras().collect();
-    if cameras.is_empty() {
-        return Err(if bus.has_parts() {
-            DeviceError::NoPower
-        } else {
-            DeviceError::Absent
-        });
-    }
-    let found = cameras.len();
     let mut failure = match serial {
-        Some(wanted) => DeviceError::OtherSerial {
+        _ if cameras.is_empty() && bus.has_parts() => DeviceError::NoPower,
+        Some(wanted) if !cameras.is_empty() => DeviceError::OtherSerial {
             wanted: wanted.to_owned(),
-            found,
+            found: cameras.len(),
         },
-        None => DeviceError::Absent,
+        _ => DeviceError::Absent,
     };
     for (device, model) in cameras {
         let own = bus.serial(device, model);
@@ -139,22 +132,13 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
                 if reset_audio && model != Model::Xbox1414 {
                     bus.reset_audio(device);
                 }
-                let motor = bus
-                    .part(device, &[MOTOR])
-                    .and_then(|device| device.open().ok());
-                let audio = bus.audio_with_firmware(device).and_then(|device| {
-                    let handle = device.open().ok()?;
-                    // Fails on hosts without kernel drivers, where there is nothing to detach.
-                    let _ = handle.set_auto_detach_kernel_driver(true);
-                    handle.claim_interface(0).ok()?;
-                    Some(handle)
-                });
+                let motor = bus.part(device, &[MOTOR]);
                 return Ok(Opened {
                     model,
                     serial: own,
                     camera,
-                    motor,
-                    audio,
+                    motor: motor.and_then(|device| device.open().ok()),
+                    audio: (bus.audio_with_firmware(device)).and_then(|it| claimed(it).ok()),
                     context: bus.context.clone(),
                 });
             }
@@ -162,6 +146,15 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
         }
     }
     Err(failure)
+}
+
+/// Opens a device and claims its first interface, which the kernel's driver gets back at the end.
+fn claimed(device: &Device<Context>) -> rusb::Result<DeviceHandle<Context>> {
+    let handle = device.open()?;
+    // Fails on hosts without kernel drivers, where there is nothing to detach.
+    let _ = handle.set_auto_detach_kernel_driver(true);
+    handle.claim_interface(0)?;
+    Ok(handle)
 }
 
 struct Bus {
@@ -217,33 +210,23 @@ impl Bus {
 
     /// The device with one of these products that belongs to the camera.
     fn part(&self, camera: &Device<Context>, products: &[u16]) -> Option<&Device<Context>> {
-        let parts: Vec<_> = self
-            .devices
-            .iter()
-            .filter(|(_, product, _)| products.contains(product))
-            .map(|(device, ..)| device)
-            .collect();
+        let parts = self.devices.iter();
+        let parts = parts.filter(|(_, product, _)| products.contains(product));
+        let parts: Vec<_> = parts.map(|(device, ..)| device).collect();
         let hub = |device: &Device<Context>| {
-            device
-                .get_parent()
-                .map(|hub| (hub.bus_number(), hub.address()))
+            let hub = device.get_parent()?;
+            Some((hub.bus_number(), hub.address()))
         };
-        let only =
-            |parts: &[&Device<Context>]| -> Option<usize> { (parts.len() == 1).then_some(0) };
-        let same_hub = parts
-            .iter()
-            .position(|part| hub(camera).is_some() && hub(part) == hub(camera));
-        if let Some(i) = same_hub {
-            return Some(parts[i]);
-        }
-        let same_bus: Vec<_> = parts
-            .iter()
-            .copied()
-            .filter(|part| part.bus_number() == camera.bus_number())
-            .collect();
-        only(&same_bus)
-            .map(|i| same_bus[i])
-            .or_else(|| only(&parts).map(|i| parts[i]))
+        let only = |is_near: &dyn Fn(&Device<Context>) -> bool| {
+            let mut near = parts.iter().copied().filter(|part| is_near(part));
+            near.next().filter(|_| near.next().is_none())
+        };
+        let of_hub = parts.iter().copied();
+        let mut of_hub = of_hub.filter(|part| hub(camera).is_some() && hub(part) == hub(camera));
+        of_hub
+            .next()
+            .or_else(|| only(&|part| part.bus_number() == camera.bus_number()))
+            .or_else(|| only(&|_| true))
     }
 
     /// With firmware the audio device has two or more interfaces.
@@ -277,16 +260,10 @@ impl Bus {
             handle.read_serial_number_string_ascii(&descriptor).ok()
         };
         let read = |device: &Device<Context>| {
-            known(device)
-                .or_else(|| asked(device))
-                // What a device says of itself may end up on a terminal.
-                .map(|serial| {
-                    serial
-                        .chars()
-                        .filter(char::is_ascii_graphic)
-                        .collect::<String>()
-                })
-                .filter(|serial| serial.chars().any(|c| c != '0'))
+            let mut serial = known(device).or_else(|| asked(device))?;
+            // What a device says of itself may end up on a terminal.
+            serial.retain(|c| c.is_ascii_graphic());
+            Some(serial).filter(|serial| serial.chars().any(|c| c != '0'))
         };
         let own = match model {
             Model::Xbox1414 => read(camera),
@@ -324,14 +301,7 @@ impl Bus {
         model: Model,
     ) -> Result<DeviceHandle<Context>, DeviceError> {
         let (bus, address) = (device.bus_number(), device.address());
-        let handle = device
-            .open()
-            .map_err(|problem| opening(problem, bus, address))?;
-        // Detaches gspca_kinect now and attaches it again at the end. Fails on hosts without kernel drivers.
-        let _ = handle.set_auto_detach_kernel_driver(true);
-        handle
-            .claim_interface(0)
-            .map_err(|problem| opening(problem, bus, address))?;
+        let handle = claimed(device).map_err(|problem| opening(problem, bus, address))?;
         let alternate = fit(device, model)?;
         if alternate != 0 {
             handle
@@ -346,48 +316,37 @@ impl Bus {
     }
 }
 
-/// Whether the connection and the descriptors can carry the streams; the alternate setting to choose.
+/// Whether the connection and the descriptors can carry the streams; the alternate setting of interface 0 to choose, in which
+/// both have an isochronous endpoint: the model's usual one first.
 fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
     if matches!(device.speed(), Speed::Low | Speed::Full) {
         return Err(DeviceError::Slow {
             speed: speed(device.speed()),
         });
     }
-    alternate_with_streams(device, model)
-}
-
-/// The alternate setting of interface 0 in which both streams have an isochronous endpoint, the model's usual one first.
-fn alternate_with_streams(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
     let usual = model.alternate_setting();
-    let missing = DeviceError::NoEndpoint {
-        model,
-        endpoint: Stream::Depth.endpoint(),
-        alternate: usual,
-    };
-    let Ok(configuration) = device.active_config_descriptor() else {
-        return Err(DeviceError::NotConfigured {
-            bus: device.bus_number(),
-            address: device.address(),
-        });
-    };
-    let interface = configuration
-        .interfaces()
-        .find(|interface| interface.number() == 0);
-    let settings = interface
-        .iter()
-        .flat_map(rusb::Interface::descriptors)
-        .filter(|setting| {
-            Stream::BOTH.iter().all(|stream| {
-                setting.endpoint_descriptors().any(|endpoint| {
-                    endpoint.address() == stream.endpoint()
-                        && endpoint.transfer_type() == rusb::TransferType::Isochronous
-                })
-            })
+    let configuration = (device.active_config_descriptor()).map_err(|_| {
+        let (bus, address) = (device.bus_number(), device.address());
+        DeviceError::NotConfigured { bus, address }
+    })?;
+    let carries = |setting: &rusb::InterfaceDescriptor<'_>, stream: Stream| {
+        setting.endpoint_descriptors().any(|endpoint| {
+            endpoint.address() == stream.endpoint()
+                && endpoint.transfer_type() == rusb::TransferType::Isochronous
         })
-        .map(|setting| setting.setting_number());
+    };
+    let mut interfaces = configuration.interfaces();
+    let interface = interfaces.find(|interface| interface.number() == 0);
+    let settings = interface.iter().flat_map(rusb::Interface::descriptors);
     settings
+        .filter(|setting| (Stream::BOTH.iter()).all(|stream| carries(setting, *stream)))
+        .map(|setting| setting.setting_number())
         .min_by_key(|&setting| (setting != usual, setting))
-        .ok_or(missing)
+        .ok_or(DeviceError::NoEndpoint {
+            model,
+            endpoint: Stream::Depth.endpoint(),
+            alternate: usual,
+        })
 }
 
 /// Bus and ports, which name the socket a unit without a readable serial sits in.

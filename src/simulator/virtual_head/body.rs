@@ -13,38 +13,52 @@ pub(crate) struct Shape {
 }
 
 impl Shape {
+    /// Adds a grid of so many rows and columns of squares; `at(row, column)`: place, normal and colour of a corner.
+    fn grid(
+        &mut self,
+        [rows, columns]: [u32; 2],
+        around: bool,
+        at: impl Fn(u32, u32) -> (Point, Vector, [f32; 3]),
+    ) {
+        let (start, across) = (self.vertices.len() as u32, columns + u32::from(!around));
+        let place = |row: u32, column: u32| start + row * across + column % across;
+        for row in 0..=rows {
+            for column in 0..across {
+                let (vertex, normal, colour) = at(row, column);
+                self.vertices.push(vertex);
+                self.normals.push(normal);
+                self.colour.push(colour);
+            }
+        }
+        for row in 0..rows {
+            for column in 0..columns {
+                let (a, b) = (place(row, column), place(row, column + 1));
+                let (c, d) = (place(row + 1, column), place(row + 1, column + 1));
+                self.triangles.extend([[a, b, c], [b, d, c]]);
+            }
+        }
+    }
+
     /// Adds an ellipsoid.
     fn ellipsoid(&mut self, centre: [f32; 3], radii: [f32; 3], colour: [f32; 3]) {
         const RINGS: u32 = 14;
         const SEGMENTS: u32 = 24;
-        let start = self.vertices.len() as u32;
-        for ring in 0..=RINGS {
-            let (sin_r, cos_r) = (std::f32::consts::PI * ring as f32 / RINGS as f32).sin_cos();
-            for segment in 0..SEGMENTS {
-                let (sin_s, cos_s) =
-                    (std::f32::consts::TAU * segment as f32 / SEGMENTS as f32).sin_cos();
-                let unit = Vector::new(sin_r * cos_s, cos_r, sin_r * sin_s);
-                // Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
-                let [x, y, z] =
-                    [0, 1, 2].map(|k| ((centre[k] + radii[k] * unit[k]) * 1e4).round() * 1e-4);
-                self.vertices.push(Point::new(x, y, z));
-                let [u, v, w] = [0, 1, 2].map(|k| unit[k] / radii[k]);
-                let normal = Vector::new(u, v, w).normalize();
-                self.normals.push(normal.map(|c| (c * 1e3).round() * 1e-3));
-                // Stripes give the clothes an edge here and there.
-                let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
-                self.colour.push(colour.map(|c| c * shade));
-            }
-        }
-        let at = |ring: u32, segment: u32| start + ring * SEGMENTS + segment % SEGMENTS;
-        for ring in 0..RINGS {
-            for segment in 0..SEGMENTS {
-                let (a, b) = (at(ring, segment), at(ring, segment + 1));
-                let (c, d) = (at(ring + 1, segment), at(ring + 1, segment + 1));
-                self.triangles.push([a, b, c]);
-                self.triangles.push([b, d, c]);
-            }
-        }
+        let turn = |of_one: f32, k: u32, n: u32| (of_one * k as f32 / n as f32).sin_cos();
+        self.grid([RINGS, SEGMENTS], true, |ring, segment| {
+            let (sin_r, cos_r) = turn(std::f32::consts::PI, ring, RINGS);
+            let (sin_s, cos_s) = turn(std::f32::consts::TAU, segment, SEGMENTS);
+            let unit = Vector::new(sin_r * cos_s, cos_r, sin_r * sin_s);
+            // Whole tenths of a millimetre, so that the last digit of a sine cannot show in a picture.
+            let place = [0, 1, 2].map(|k| ((centre[k] + radii[k] * unit[k]) * 1e4).round() * 1e-4);
+            let normal = Vector::from([0, 1, 2].map(|k| unit[k] / radii[k])).normalize();
+            // Stripes give the clothes an edge here and there.
+            let shade = if ring % 4 == 0 { 0.8 } else { 1.0 };
+            (
+                place.into(),
+                normal.map(|c| (c * 1e3).round() * 1e-3),
+                colour.map(|c| c * shade),
+            )
+        });
     }
 
     /// Adds a flat grid facing −z, with a mottled pattern.
@@ -52,33 +66,22 @@ impl Shape {
         &mut self,
         centre: [f32; 3],
         half: [f32; 2],
-        cells: [u32; 2],
+        [columns, rows]: [u32; 2],
         colour: [f32; 3],
         seed: u64,
     ) {
-        let start = self.vertices.len() as u32;
-        let [columns, rows] = cells;
-        for row in 0..=rows {
-            for column in 0..=columns {
-                let x = centre[0] + half[0] * (2.0 * column as f32 / columns as f32 - 1.0);
-                let y = centre[1] + half[1] * (2.0 * row as f32 / rows as f32 - 1.0);
-                self.vertices.push(Point::new(x, y, centre[2]));
-                self.normals.push(Vector::new(0.0, 0.0, -1.0));
-                let coarse = super::random::uniform(seed, u64::from(row / 5 * 1009 + column / 5));
-                let fine = super::random::uniform(seed + 1, u64::from(row * 1009 + column));
-                self.colour
-                    .push(colour.map(|c| c * (1.0 + 0.12 * coarse + 0.05 * fine)));
-            }
-        }
-        let at = |row: u32, column: u32| start + row * (columns + 1) + column;
-        for row in 0..rows {
-            for column in 0..columns {
-                let (a, b) = (at(row, column), at(row, column + 1));
-                let (c, d) = (at(row + 1, column), at(row + 1, column + 1));
-                self.triangles.push([a, b, c]);
-                self.triangles.push([b, d, c]);
-            }
-        }
+        let along = |half: f32, k: u32, n: u32| half * (2.0 * k as f32 / n as f32 - 1.0);
+        self.grid([rows, columns], false, |row, column| {
+            let x = centre[0] + along(half[0], column, columns);
+            let y = centre[1] + along(half[1], row, rows);
+            let coarse = super::random::uniform(seed, u64::from(row / 5 * 1009 + column / 5));
+            let fine = super::random::uniform(seed + 1, u64::from(row * 1009 + column));
+            (
+                Point::new(x, y, centre[2]),
+                Vector::new(0.0, 0.0, -1.0),
+                colour.map(|c| c * (1.0 + 0.12 * coarse + 0.05 * fine)),
+            )
+        });
     }
 
     /// Shoulders, chest and upper arms. Origin and axes as of a head that looks straight ahead above them.

@@ -5,30 +5,22 @@
 
 use super::asset::{HeadAsset, Part};
 use super::body::Shape;
-use super::raster::{Corner, DepthBuffer, Window, project};
+use super::raster::{Corner, DepthBuffer, Window, mix, project, sum_normals};
+use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
 
-/// The light of a scene.
-#[derive(Clone, Copy, Debug)]
-pub struct Light {
-    /// Unit vector from the scene towards the light, sensor frame.
-    pub towards: Vector,
-    /// Share of the light that comes from everywhere, 0…1.
-    pub ambient: f32,
-    /// Gain of each channel: colour temperature.
-    pub tint: [f32; 3],
-    /// Gain of each [`Part`], by its number: how white teeth are, how dark a mouth is.
-    pub parts: [f32; Part::COUNT],
-}
-
-impl Default for Light {
-    fn default() -> Self {
-        Self {
-            towards: Vector::new(-0.35, -0.55, -0.76),
-            ambient: 0.62,
-            tint: [1.0; 3],
-            parts: [1.0; Part::COUNT],
-        }
+defaults! {
+    /// The light of a scene.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Light {
+        /// Unit vector from the scene towards the light, sensor frame.
+        pub towards: Vector = Vector::new(-0.35, -0.55, -0.76),
+        /// Share of the light that comes from everywhere, 0…1.
+        pub ambient: f32 = 0.62,
+        /// Gain of each channel: colour temperature.
+        pub tint: [f32; 3] = [1.0; 3],
+        /// Gain of each [`Part`], by its number: how white teeth are, how dark a mouth is.
+        pub parts: [f32; Part::COUNT] = [1.0; Part::COUNT],
     }
 }
 
@@ -68,6 +60,11 @@ impl Canvas {
 #[inline]
 fn grey(value: f32) -> u8 {
     (value + 0.5) as u8
+}
+
+fn turned(triangle: [u32; 3], mirrored: bool) -> [usize; 3] {
+    let [a, b, c] = triangle.map(|k| k as usize);
+    if mirrored { [a, c, b] } else { [a, b, c] }
 }
 
 /// Work space for one head.
@@ -126,27 +123,11 @@ impl HeadPainter {
 
     /// Lights the placed vertices.
     pub(crate) fn light(&mut self, asset: &HeadAsset, light: &Light) {
-        self.normals.fill(Vector::zeros());
-        for &triangle in asset.triangles.iter() {
-            let [a, b, c] = self.turned(triangle);
-            let p = self.placed[a];
-            // Clockwise in a picture whose y points down, and z away: outwards is this way round.
-            let normal = (self.placed[c] - p).cross(&(self.placed[b] - p));
-            self.normals[a] += normal;
-            self.normals[b] += normal;
-            self.normals[c] += normal;
-        }
+        let triangles = asset.triangles.iter().map(|t| turned(*t, self.mirrored));
+        sum_normals(triangles, &self.placed, &mut self.normals);
         for (bright, normal) in self.bright.iter_mut().zip(&self.normals) {
             let length = normal.norm_squared().sqrt();
             *bright = light.on(&(normal / length.max(1e-12)));
-        }
-    }
-
-    fn turned(&self, [a, b, c]: [u32; 3]) -> [usize; 3] {
-        if self.mirrored {
-            [a as usize, c as usize, b as usize]
-        } else {
-            [a as usize, b as usize, c as usize]
         }
     }
 
@@ -161,7 +142,7 @@ impl HeadPainter {
         project(&self.placed, pixel, &mut self.corners);
         let mut window = Window::NOTHING;
         for &triangle in asset.triangles.iter() {
-            let corners = self.turned(triangle).map(|k| self.corners[k]);
+            let corners = turned(triangle, self.mirrored).map(|k| self.corners[k]);
             window.include(buffer.triangle(corners, |pixel, _, _| drawn(pixel)));
         }
         window
@@ -183,45 +164,26 @@ impl HeadPainter {
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
         for (&triangle, &part) in asset.triangles.iter().zip(asset.parts.iter()) {
-            let [a, b, c] = self.turned(triangle);
-            let corners = [self.corners[a], self.corners[b], self.corners[c]];
-            let part = light.parts[part as usize];
-            let gain = [
-                light.tint[0] * part,
-                light.tint[1] * part,
-                light.tint[2] * part,
-            ];
-            let (ca, cb, cc) = (asset.colour[a], asset.colour[b], asset.colour[c]);
-            let (sa, sb, sc) = (
-                asset.photo_share[a],
-                asset.photo_share[b],
-                asset.photo_share[c],
-            );
-            let (ba, bb, bc) = (self.bright[a], self.bright[b], self.bright[c]);
-            let (pa, pb, pc) = (asset.photo[a], asset.photo[b], asset.photo[c]);
-            let photograph = texture.filter(|_| sa + sb + sc > 0.0);
+            let vertices = turned(triangle, self.mirrored);
+            let corners = vertices.map(|k| self.corners[k]);
+            let gain = light.tint.map(|tint| tint * light.parts[part as usize]);
+            let colours = vertices.map(|k| asset.colour[k]);
+            let shares = vertices.map(|k| asset.photo_share[k]);
+            let lights = vertices.map(|k| self.bright[k]);
+            let places = vertices.map(|k| asset.photo[k]);
+            let photograph = texture.filter(|_| shares.iter().any(|&share| share > 0.0));
             window.include(depth.triangle(corners, |index, u, v| {
-                let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
-                let bright = mix(ba, bb, bc);
-                let mut colour = [
-                    mix(ca[0], cb[0], cc[0]),
-                    mix(ca[1], cb[1], cc[1]),
-                    mix(ca[2], cb[2], cc[2]),
-                ];
+                let bright = mix(lights, u, v);
+                let mut colour = [0, 1, 2].map(|k| mix(colours.map(|c| c[k]), u, v));
                 if let Some(texture) = photograph {
-                    let share = mix(sa, sb, sc);
-                    let x = mix(pa[0], pb[0], pc[0]) * shrink + shift;
-                    let y = mix(pa[1], pb[1], pc[1]) * shrink + shift;
+                    let share = mix(shares, u, v);
+                    let [x, y] = [0, 1].map(|k| mix(places.map(|p| p[k]), u, v) * shrink + shift);
                     let photo = texture.at(x, y);
                     for k in 0..3 {
                         colour[k] += share * (photo[k] - colour[k]);
                     }
                 }
-                rgb[index] = [
-                    grey(colour[0] * bright * gain[0]),
-                    grey(colour[1] * bright * gain[1]),
-                    grey(colour[2] * bright * gain[2]),
-                ];
+                rgb[index] = [0, 1, 2].map(|k| grey(colour[k] * bright * gain[k]));
             }));
         }
         window
@@ -232,14 +194,9 @@ impl HeadPainter {
         let [Some(right), Some(left)] = [36, 45].map(|k| asset.landmarks.get(k)) else {
             return 0;
         };
-        let (p, q) = (
-            asset.photo[right.vertices[0] as usize],
-            asset.photo[left.vertices[0] as usize],
-        );
-        let (a, b) = (
-            self.corners[right.vertices[0] as usize],
-            self.corners[left.vertices[0] as usize],
-        );
+        let vertices = [right, left].map(|site| site.vertices[0] as usize);
+        let [p, q] = vertices.map(|v| asset.photo[v]);
+        let [a, b] = vertices.map(|v| self.corners[v]);
         let there = (p[0] - q[0]).hypot(p[1] - q[1]);
         let here = (a.x - b.x).hypot(a.y - b.y).max(1.0);
         match there / here {
@@ -267,48 +224,47 @@ pub(crate) fn shoulders_tilted(sensor_from_head: &Rigid, tilt: &Rotation) -> Rig
 
 /// Work space for one simple shape.
 pub(crate) struct ShapePainter {
+    shape: Shape,
     placed: Vec<Point>,
     corners: Vec<Corner>,
 }
 
 impl ShapePainter {
-    pub(crate) fn new(shape: &Shape) -> Self {
+    pub(crate) fn new(shape: Shape) -> Self {
         Self {
             placed: shape.vertices.clone(),
             corners: vec![Corner::default(); shape.vertices.len()],
+            shape,
         }
     }
 
-    pub(crate) fn place(&mut self, shape: &Shape, sensor_from_shape: &Rigid) {
-        for (placed, p) in self.placed.iter_mut().zip(&shape.vertices) {
+    pub(crate) fn place(&mut self, sensor_from_shape: &Rigid) {
+        for (placed, p) in self.placed.iter_mut().zip(&self.shape.vertices) {
             *placed = sensor_from_shape * p;
         }
     }
 
     pub(crate) fn draw_depth(
         &mut self,
-        shape: &Shape,
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
-    ) -> Window {
+    ) {
         project(&self.placed, pixel, &mut self.corners);
-        let mut window = Window::NOTHING;
-        for triangle in &shape.triangles {
+        for triangle in &self.shape.triangles {
             let corners = triangle.map(|k| self.corners[k as usize]);
-            window.include(buffer.triangle(corners, |_, _, _| {}));
+            buffer.triangle(corners, |_, _, _| {});
         }
-        window
     }
 
     /// The shape must not be turned: its normals are used as they are.
     pub(crate) fn draw_colour(
         &mut self,
-        shape: &Shape,
         light: &Light,
         pixel: impl Fn(&Point) -> [f32; 2],
         canvas: &mut Canvas,
     ) -> Window {
         project(&self.placed, pixel, &mut self.corners);
+        let shape = &self.shape;
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
         for triangle in &shape.triangles {
@@ -317,12 +273,9 @@ impl ShapePainter {
                 let bright = light.on(&shape.normals[k]);
                 [0, 1, 2].map(|ch| shape.colour[k][ch] * bright * light.tint[ch])
             });
-            let corners = [self.corners[a], self.corners[b], self.corners[c]];
+            let corners = [a, b, c].map(|k| self.corners[k]);
             window.include(depth.triangle(corners, |index, u, v| {
-                let mix = |k: usize| {
-                    grey(lit[0][k] + u * (lit[1][k] - lit[0][k]) + v * (lit[2][k] - lit[0][k]))
-                };
-                rgb[index] = [mix(0), mix(1), mix(2)];
+                rgb[index] = [0, 1, 2].map(|ch| grey(mix(lit.map(|c| c[ch]), u, v)));
             }));
         }
         window

@@ -5,16 +5,18 @@
 //! Places in steps of 10 µm, offsets of an expression in 1/127 of its largest, the photograph in bytes. The truth
 //! of a simulation comes from the head as read, so quantisation is no error. A file is believed only if its checksum is right,
 //! and even then every count and index is checked: any bytes give a head or one sentence.
-//! One file: what is written is read by the lines beside it.
+//! Reading and writing are the same lines, so that they cannot differ.
+
+use std::ops::RangeInclusive;
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::checksum::crc32;
 use crate::base::geometry::{Point, Vector};
 
 use super::asset::{Expression, HeadAsset, Part, Site, Texture};
-use super::range::Decoder;
 #[cfg(any(test, feature = "studio"))]
 use super::range::Encoder;
+use super::range::{Coder, Decoder};
 
 const MAGIC: &[u8; 8] = b"MIENHEAD";
 const VERSION: u32 = 2;
@@ -79,6 +81,8 @@ const SHORT: i32 = u16::MAX as i32;
 const LARGEST: i32 = 4096;
 /// Most expressions, and letters of a name.
 const MOST: i32 = 255;
+/// Values of a byte.
+const BYTE: RangeInclusive<i32> = 0..=255;
 
 fn rough(difference: i32, steps: [i32; ROUGH - 1]) -> usize {
     steps
@@ -117,67 +121,96 @@ fn predicted(rgb: &[i32], width: usize, at: usize, channel: usize) -> (i32, usiz
 /// Order of the channels: green first, since the others lean on it.
 const CHANNELS: [usize; 3] = [1, 0, 2];
 
-struct Reader<'a> {
-    numbers: Decoder<'a>,
+/// A file being read or written: each array is a function that hands every number of the head on to the coder, and keeps what
+/// the coder gives back.
+struct File<C> {
+    coder: C,
+    /// The array in work, for messages.
+    what: &'static str,
 }
 
-impl Reader<'_> {
-    fn number(&mut self, context: usize, what: &'static str) -> Result<i32, HeadFileError> {
-        let number = self.numbers.number(context);
-        if self.numbers.cut_short() {
-            Err(HeadFileError::Length { what })
-        } else {
-            Ok(number)
-        }
-    }
-
+impl<C: Coder> File<C> {
     /// A number that differs from the one before, and must be in a range.
     fn next(
         &mut self,
         context: usize,
+        number: i32,
         before: i32,
-        range: std::ops::RangeInclusive<i32>,
-        what: &'static str,
+        range: RangeInclusive<i32>,
     ) -> Result<i32, HeadFileError> {
-        let number = before + self.number(context, what)?;
-        if range.contains(&number) {
-            Ok(number)
-        } else {
-            Err(HeadFileError::Value { what })
+        let what = self.what;
+        let number = before + self.coder.number(context, number - before);
+        if self.coder.is_cut_short() {
+            return Err(HeadFileError::Length { what });
         }
+        let fits = range.contains(&number);
+        fits.then_some(number).ok_or(HeadFileError::Value { what })
     }
 
-    fn f32(&mut self, what: &'static str) -> Result<f32, HeadFileError> {
-        let mut bytes = [0; 4];
+    fn count(&mut self, count: usize, most: i32) -> Result<usize, HeadFileError> {
+        let count = i32::try_from(count).unwrap_or(i32::MAX);
+        Ok(self.next(context::COUNT, count, 0, 0..=most)? as usize)
+    }
+
+    /// A vertex of `n`, by its number.
+    fn vertex(
+        &mut self,
+        context: usize,
+        vertex: &mut u32,
+        before: i32,
+        n: usize,
+    ) -> Result<(), HeadFileError> {
+        let number = self.next(context, vertex.cast_signed(), before, 0..=n as i32 - 1)?;
+        *vertex = number.cast_unsigned();
+        Ok(())
+    }
+
+    fn f32(&mut self, value: &mut f32) -> Result<(), HeadFileError> {
+        let mut bytes = value.to_le_bytes();
         for byte in &mut bytes {
-            *byte = self.next(context::BYTE, 0, 0..=255, what)? as u8;
+            *byte = self.next(context::BYTE, (*byte).into(), 0, BYTE)? as u8;
         }
-        let value = f32::from_le_bytes(bytes);
-        if value.is_finite() {
-            Ok(value)
-        } else {
-            Err(HeadFileError::Value { what })
-        }
+        *value = f32::from_le_bytes(bytes);
+        let what = self.what;
+        let fits = value.is_finite();
+        fits.then_some(()).ok_or(HeadFileError::Value { what })
+    }
+
+    fn head(&mut self, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        let n = self.vertices(asset)?;
+        self.triangles(n, asset)?;
+        self.landmarks(n, asset)?;
+        self.expressions(n, asset)?;
+        self.photograph(asset)
     }
 
     /// The vertices; how many.
-    fn vertices(&mut self, asset: &mut HeadAsset) -> Result<i32, HeadFileError> {
-        let what = "vertices";
-        let n = self.next(context::COUNT, 0, 0..=SHORT, what)?;
-        let (mut photo, mut share, mut colour) = (Vec::new(), Vec::new(), Vec::new());
+    fn vertices(&mut self, asset: &mut HeadAsset) -> Result<usize, HeadFileError> {
+        self.what = "vertices";
+        let n = self.count(asset.neutral.len(), SHORT)?;
+        let (mut photo, mut share) = (asset.photo.to_vec(), asset.photo_share.to_vec());
+        let mut colour = asset.colour.to_vec();
+        asset.neutral.resize(n, Point::origin());
+        photo.resize(n, [0.0; 2]);
+        share.resize(n, 0.0);
+        colour.resize(n, [0.0; 3]);
+        let step = |value: f32| value.round().clamp(-32768.0, 32767.0) as i32;
+        let byte = |value: f32| i32::from((value + 0.5).clamp(0.0, 255.0) as u8);
         let mut before = [0; 9];
-        for _ in 0..n {
-            for (k, slot) in before.iter_mut().enumerate() {
-                let range = if k < 5 { -32768..=32767 } else { 0..=255 };
-                *slot = self.next(context::VERTEX + k, *slot, range, what)?;
+        for v in 0..n {
+            let [x, y, z] = asset.neutral[v].coords.map(|c| step(c / STEP_M)).into();
+            let [left, top] = photo[v].map(|c| step(c / STEP_PX));
+            let [r, g, b] = colour[v].map(byte);
+            let now = [x, y, z, left, top, byte(share[v] * 255.0), r, g, b];
+            for (k, (before, now)) in before.iter_mut().zip(now).enumerate() {
+                let range = if k < 5 { -32768..=32767 } else { BYTE };
+                *before = self.next(context::VERTEX + k, now, *before, range)?;
             }
-            let [x, y, z, u, v, s, r, g, b] = before.map(|step| step as f32);
-            asset
-                .neutral
-                .push(Point::new(x * STEP_M, y * STEP_M, z * STEP_M));
-            photo.push([u * STEP_PX, v * STEP_PX]);
-            share.push(s / 255.0);
-            colour.push([r, g, b]);
+            let [x, y, z, left, top, s, r, g, b] = before.map(|step| step as f32);
+            asset.neutral[v] = Point::new(x * STEP_M, y * STEP_M, z * STEP_M);
+            photo[v] = [left * STEP_PX, top * STEP_PX];
+            share[v] = s / 255.0;
+            colour[v] = [r, g, b];
         }
         asset.photo = photo.into();
         asset.photo_share = share.into();
@@ -186,21 +219,23 @@ impl Reader<'_> {
     }
 
     /// Triangles of `n` vertices, and what each is part of.
-    fn triangles(&mut self, n: i32, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
-        let what = "triangles";
-        let (mut triangles, mut parts) = (Vec::new(), Vec::new());
-        let (mut corner, mut part) = (0, 0);
-        for _ in 0..self.next(context::COUNT, 0, 0..=SHORT, what)? {
-            let mut corners = [0; 3];
-            let mut before = corner;
-            for (k, slot) in corners.iter_mut().enumerate() {
-                before = self.next(context::CORNER + k, before, 0..=n - 1, what)?;
-                *slot = before.cast_unsigned();
+    fn triangles(&mut self, n: usize, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        self.what = "triangles";
+        let (mut triangles, mut parts) = (asset.triangles.to_vec(), asset.parts.to_vec());
+        let count = self.count(triangles.len(), SHORT)?;
+        triangles.resize(count, [0; 3]);
+        parts.resize(count, Part::Skin);
+        let (mut first, mut kind) = (0, 0);
+        for (corners, part) in triangles.iter_mut().zip(&mut parts) {
+            let mut before = first;
+            for (k, vertex) in corners.iter_mut().enumerate() {
+                self.vertex(context::CORNER + k, vertex, before, n)?;
+                before = vertex.cast_signed();
             }
-            corner = corners[0].cast_signed();
-            triangles.push(corners);
-            part = self.next(context::PART, part, 0..=255, what)?;
-            parts.push(Part::from_index(part as u8).ok_or(HeadFileError::Value { what })?);
+            first = corners[0].cast_signed();
+            kind = self.next(context::PART, *part as i32, kind, BYTE)?;
+            let what = self.what;
+            *part = Part::from_index(kind as u8).ok_or(HeadFileError::Value { what })?;
         }
         asset.triangles = triangles.into();
         asset.parts = parts.into();
@@ -208,76 +243,94 @@ impl Reader<'_> {
     }
 
     /// Where the landmarks are on `n` vertices.
-    fn landmarks(&mut self, n: i32) -> Result<Vec<Site>, HeadFileError> {
-        let what = "landmarks";
-        let mut landmarks = Vec::new();
-        for _ in 0..LANDMARKS {
-            let mut site = Site::vertex(0);
-            for v in &mut site.vertices {
-                *v = self
-                    .next(context::SITE, 0, 0..=n - 1, what)?
-                    .cast_unsigned();
+    fn landmarks(&mut self, n: usize, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        self.what = "landmarks";
+        let mut landmarks = asset.landmarks.to_vec();
+        landmarks.resize(LANDMARKS, Site::vertex(0));
+        for site in &mut landmarks {
+            for vertex in &mut site.vertices {
+                self.vertex(context::SITE, vertex, 0, n)?;
             }
             for share in &mut site.shares {
-                *share = self.f32(what)?;
+                self.f32(share)?;
             }
-            landmarks.push(site);
         }
-        Ok(landmarks)
+        asset.landmarks = landmarks.into();
+        Ok(())
     }
 
     /// How expressions move some of `n` vertices.
-    fn expressions(&mut self, n: i32) -> Result<Vec<Expression>, HeadFileError> {
-        let what = "expressions";
-        let mut expressions = Vec::new();
-        for _ in 0..self.next(context::COUNT, 0, 0..=MOST, what)? {
-            let mut name = Vec::new();
-            for _ in 0..self.next(context::COUNT, 0, 0..=MOST, what)? {
-                name.push(self.next(context::BYTE, 0, 0..=255, what)? as u8);
-            }
-            let name = String::from_utf8(name).map_err(|_| HeadFileError::Value { what })?;
-            let step = self.f32(what)?;
-            let (mut vertices, mut offsets) = (Vec::new(), Vec::new());
-            let (mut vertex, mut offset, mut changes) = (-1, [0; 3], [0; 3]);
-            for _ in 0..self.next(context::COUNT, 0, 0..=n, what)? {
-                vertex = self.next(context::GAP, vertex + 1, 0..=n - 1, what)?;
-                vertices.push(vertex.cast_unsigned());
-                for (k, slot) in offset.iter_mut().enumerate() {
-                    let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
-                    let next = self.next(context, *slot, -128..=127, what)?;
-                    changes[k] = next - *slot;
-                    *slot = next;
-                }
-                let [x, y, z] = offset.map(|o| o as f32 * step);
-                offsets.push(Vector::new(x, y, z));
-            }
-            expressions.push(Expression {
-                name,
-                vertices,
-                offsets,
-            });
+    fn expressions(&mut self, n: usize, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        self.what = "expressions";
+        let mut expressions = asset.expressions.to_vec();
+        let none = || Expression {
+            name: String::new(),
+            vertices: Vec::new(),
+            offsets: Vec::new(),
+        };
+        expressions.resize_with(self.count(expressions.len(), MOST)?, none);
+        for expression in &mut expressions {
+            self.expression(n, expression)?;
         }
-        Ok(expressions)
+        asset.expressions = expressions.into();
+        Ok(())
+    }
+
+    fn expression(&mut self, n: usize, expression: &mut Expression) -> Result<(), HeadFileError> {
+        let mut name = std::mem::take(&mut expression.name).into_bytes();
+        name.resize(self.count(name.len(), MOST)?, 0);
+        for letter in &mut name {
+            *letter = self.next(context::BYTE, (*letter).into(), 0, BYTE)? as u8;
+        }
+        let what = self.what;
+        expression.name = String::from_utf8(name).map_err(|_| HeadFileError::Value { what })?;
+        let largest = expression.offsets.iter().map(Vector::amax);
+        let mut unit = largest.fold(1e-9, f32::max) / 127.0;
+        self.f32(&mut unit)?;
+        let steps = expression.vertices.iter().zip(&expression.offsets);
+        let steps = steps.map(|(&v, o)| (v, [0, 1, 2].map(|k| (o[k] / unit).round() as i32)));
+        let mut moved: Vec<(u32, [i32; 3])> = steps.filter(|(_, o)| *o != [0; 3]).collect();
+        moved.resize(self.count(moved.len(), n as i32)?, (0, [0; 3]));
+        let (mut vertex, mut before, mut changes) = (-1, [0; 3], [0; 3]);
+        for (v, offset) in &mut moved {
+            self.vertex(context::GAP, v, vertex + 1, n)?;
+            vertex = v.cast_signed();
+            for k in 0..3 {
+                let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
+                offset[k] = self.next(context, offset[k], before[k], -128..=127)?;
+                changes[k] = offset[k] - before[k];
+            }
+            before = *offset;
+        }
+        expression.vertices = moved.iter().map(|&(v, _)| v).collect();
+        let offsets = moved.iter();
+        let offsets = offsets.map(|(_, o)| Vector::from(o.map(|step| step as f32 * unit)));
+        expression.offsets = offsets.collect();
+        Ok(())
     }
 
     /// The photograph, level by level from what is left of and above it.
-    fn photograph(&mut self) -> Result<Texture, HeadFileError> {
-        let what = "photograph";
-        let width = self.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
-        let height = self.next(context::COUNT, 0, 0..=LARGEST, what)? as usize;
-        let mut levels = Vec::new();
+    fn photograph(&mut self, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
+        self.what = "photograph";
+        let photograph = asset.texture.first().cloned().unwrap_or_default();
+        let width = self.count(photograph.width, LARGEST)?;
+        let height = self.count(photograph.height, LARGEST)?;
+        let mut levels: Vec<i32> = Vec::new();
         for at in 0..width * height {
             // Grown as it is read, so that a false size is found out before it costs memory.
             levels.resize(3 * (at + 1), 0);
             for channel in CHANNELS {
+                let k = 3 * at + channel;
+                let level = photograph.rgb.get(k).copied().unwrap_or_default();
                 let (guess, rough) = predicted(&levels, width, at, channel);
                 let base = if channel == 1 { 0 } else { levels[3 * at + 1] };
                 let context = context::PIXEL + ROUGH * channel + rough;
-                levels[3 * at + channel] = self.next(context, base + guess, 0..=255, what)?;
+                levels[k] = self.next(context, level.into(), base + guess, BYTE)?;
             }
         }
         let rgb = levels.into_iter().map(|level| level as u8).collect();
-        Ok(Texture { width, height, rgb })
+        asset.texture = Texture { width, height, rgb }.levels().into();
+        Ok(())
     }
 }
 
@@ -310,152 +363,36 @@ impl HeadAsset {
     /// # Errors
     /// If the bytes are not a whole, undamaged head.
     pub fn parse(bytes: &[u8]) -> Result<Self, HeadFileError> {
-        let mut reader = Reader {
-            numbers: Decoder::new(checked(bytes)?),
+        let mut file = File {
+            coder: Decoder::new(checked(bytes)?),
+            what: "header",
         };
         let mut asset = Self::default();
-        let n = reader.vertices(&mut asset)?;
-        reader.triangles(n, &mut asset)?;
-        asset.landmarks = reader.landmarks(n)?.into();
-        asset.expressions = reader.expressions(n)?.into();
-        let photograph = reader.photograph()?;
-        if !reader.numbers.finished() {
-            return Err(HeadFileError::Length { what: "photograph" });
-        }
-        asset.texture = photograph.levels().into();
-        Ok(asset)
+        file.head(&mut asset)?;
+        let whole = file.coder.is_finished();
+        let what = file.what;
+        whole.then_some(asset).ok_or(HeadFileError::Length { what })
     }
 
-    /// The bytes of the file, quantised. At most 65 535 vertices and triangles are written, places within ±0.32 m.
+    /// The bytes of the file, quantised; places within ±0.32 m.
+    ///
+    /// # Panics
+    /// With more than 65 535 vertices or triangles, 255 expressions or 4096 columns or rows of the photograph.
     #[cfg(any(test, feature = "studio"))]
     #[must_use]
     pub fn emit(&self) -> Vec<u8> {
-        let mut out = Encoder::new();
-        self.emit_vertices(&mut out);
-        self.emit_triangles(&mut out);
-        for site in self.landmarks.iter() {
-            for v in site.vertices {
-                out.number(context::SITE, short(v as usize));
-            }
-            for share in site.shares {
-                float(&mut out, share);
-            }
-        }
-        out.number(context::COUNT, short(self.expressions.len()));
-        for expression in self.expressions.iter() {
-            emit_expression(expression, &mut out);
-        }
-        self.emit_photograph(&mut out);
-        let body = out.finish();
+        let mut file = File {
+            coder: Encoder::new(),
+            what: "header",
+        };
+        let written = file.head(&mut self.clone());
+        written.expect("a head that the file has room for");
+        let body = file.coder.finish();
         let mut bytes = MAGIC.to_vec();
         bytes.extend(VERSION.to_le_bytes());
         bytes.extend(crc32(&body).to_le_bytes());
         bytes.extend(body);
         bytes
-    }
-
-    #[cfg(any(test, feature = "studio"))]
-    fn emit_vertices(&self, out: &mut Encoder) {
-        let step = |value: f32| value.round().clamp(-32768.0, 32767.0) as i32;
-        let byte = |value: f32| i32::from((value + 0.5).clamp(0.0, 255.0) as u8);
-        out.number(context::COUNT, short(self.neutral.len()));
-        let mut before = [0; 9];
-        for (v, p) in self.neutral.iter().enumerate() {
-            let [place, photo] = [
-                [p.x, p.y, p.z].map(|c| step(c / STEP_M)),
-                [self.photo[v][0], self.photo[v][1], 0.0].map(|c| step(c / STEP_PX)),
-            ];
-            let [r, g, b] = self.colour[v].map(byte);
-            let share = byte(self.photo_share[v] * 255.0);
-            let now = [
-                place[0], place[1], place[2], photo[0], photo[1], share, r, g, b,
-            ];
-            for (k, (now, before)) in now.iter().zip(before).enumerate() {
-                out.number(context::VERTEX + k, now - before);
-            }
-            before = now;
-        }
-    }
-
-    #[cfg(any(test, feature = "studio"))]
-    fn emit_triangles(&self, out: &mut Encoder) {
-        out.number(context::COUNT, short(self.triangles.len()));
-        let (mut corner, mut kind) = (0, 0);
-        for (triangle, &part) in self.triangles.iter().zip(self.parts.iter()) {
-            let mut before = corner;
-            for (k, &v) in triangle.iter().enumerate() {
-                out.number(context::CORNER + k, short(v as usize) - before);
-                before = short(v as usize);
-            }
-            corner = short(triangle[0] as usize);
-            out.number(context::PART, part as i32 - kind);
-            kind = part as i32;
-        }
-    }
-
-    #[cfg(any(test, feature = "studio"))]
-    fn emit_photograph(&self, out: &mut Encoder) {
-        let empty = Texture::default();
-        let photograph = self.texture.first().unwrap_or(&empty);
-        out.number(context::COUNT, photograph.width as i32);
-        out.number(context::COUNT, photograph.height as i32);
-        let levels: Vec<i32> = photograph.rgb.iter().map(|&level| level.into()).collect();
-        for at in 0..photograph.width * photograph.height {
-            for channel in CHANNELS {
-                let (guess, rough) = predicted(&levels, photograph.width, at, channel);
-                let base = if channel == 1 { 0 } else { levels[3 * at + 1] };
-                let context = context::PIXEL + ROUGH * channel + rough;
-                out.number(context, levels[3 * at + channel] - base - guess);
-            }
-        }
-    }
-}
-
-/// A count or an index, of as many as can be written.
-#[cfg(any(test, feature = "studio"))]
-fn short(value: usize) -> i32 {
-    value.min(usize::from(u16::MAX)) as i32
-}
-
-#[cfg(any(test, feature = "studio"))]
-fn float(out: &mut Encoder, value: f32) {
-    for byte in value.to_le_bytes() {
-        out.number(context::BYTE, byte.into());
-    }
-}
-
-#[cfg(any(test, feature = "studio"))]
-fn emit_expression(expression: &Expression, out: &mut Encoder) {
-    let name: Vec<u8> = expression.name.bytes().take(MOST as usize).collect();
-    out.number(context::COUNT, short(name.len()));
-    for letter in name {
-        out.number(context::BYTE, letter.into());
-    }
-    let largest = expression
-        .offsets
-        .iter()
-        .map(Vector::amax)
-        .fold(1e-9, f32::max);
-    let unit = largest / 127.0;
-    float(out, unit);
-    let moved: Vec<(i32, [i32; 3])> = expression
-        .vertices
-        .iter()
-        .zip(&expression.offsets)
-        .map(|(&v, o)| (v as i32, [0, 1, 2].map(|k| (o[k] / unit).round() as i32)))
-        .filter(|(_, o)| *o != [0; 3])
-        .collect();
-    out.number(context::COUNT, short(moved.len()));
-    let (mut vertex, mut before, mut changes) = (-1, [0; 3], [0; 3]);
-    for (v, offset) in moved {
-        out.number(context::GAP, v - (vertex + 1));
-        vertex = v;
-        for k in 0..3 {
-            let context = context::OFFSET + ROUGH * k + rough(changes[k], [0, 2, 8]);
-            changes[k] = offset[k] - before[k];
-            out.number(context, changes[k]);
-        }
-        before = offset;
     }
 }
 

@@ -11,7 +11,6 @@
 //!
 //! Memory: the heads, their work space and 12 MB of buffers, all made at construction. Limitations: no cast shadows of the
 //! room's light, hair that does not swing, eyes that do not turn, shoulders that stay upright, one hand.
-//! One file: what is drawn of a scene, in which order.
 
 mod appearance;
 mod asset;
@@ -19,119 +18,39 @@ pub(crate) mod body;
 pub(crate) mod draw;
 mod file;
 mod noise;
-mod random;
+mod person;
+pub(crate) mod random;
 mod range;
 pub(crate) mod raster;
+mod real_noise;
 mod script;
+mod sensor;
 
 pub use appearance::{Beard, HairStyle, Headgear, Held, Look, Neck};
 pub use asset::{Expression, HeadAsset, Part, Site, Texture};
 pub use draw::Light;
 pub use file::HeadFileError;
+pub use person::{EXPRESSIONS, Truth};
 pub use script::Scene;
+pub use sensor::Sensor;
 
-use crate::base::capacity::{HEIGHT, LANDMARKS, PIXELS, USERS, WIDTH};
-use crate::base::geometry::{Point, Rigid, Rotation, Vector};
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::base::geometry::{Point, Rigid};
 use crate::base::time::Timestamp;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::{Developed, Original};
-use appearance::{Outfit, OutfitPainter, Stuff};
+use appearance::{OutfitPainter, Stuff};
 use body::Shape;
-use draw::{Canvas, HeadPainter, ShapePainter};
-use noise::{DepthReading, RealReading, Tiles};
+use draw::{Canvas, ShapePainter};
+use noise::{DepthReading, Tiles};
+use person::{CLOTHES, OTHERS, Person};
 use raster::{DepthBuffer, Window};
+use real_noise::RealReading;
 
-/// Expressions a head may have.
-pub const EXPRESSIONS: usize = 64;
 /// Distance of the wall, metres.
 const WALL_M: f32 = 2.2;
-/// Grey levels of the colour sensor's noise, one standard deviation.
-const COLOUR_SIGMA: f32 = 2.0;
-
-/// What was drawn.
-#[derive(Clone, Debug)]
-pub struct Truth {
-    /// Pose of the head.
-    pub sensor_from_head: Rigid,
-    /// The 68 points in the head frame, metres, expression included.
-    pub landmarks_head: [Point; LANDMARKS],
-    /// The 68 points in colour pixels, hidden ones included.
-    pub landmarks_px: [[f32; 2]; LANDMARKS],
-    /// Weight of each expression of the asset, in its order.
-    pub activations: heapless::Vec<f32, EXPRESSIONS>,
-}
-
-/// How far the cameras are from perfect ones; [`Sensor::default`] is what all scenes had from the beginning.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensor {
-    /// Faults of the depth reading: 0 as from the beginning, 1 as a real Kinect's.
-    pub faults: f32,
-    /// The colour picture is taken so much later than the depth picture, seconds.
-    pub colour_late_s: f32,
-    /// Error of the registration: the colour picture lies so far off, pixels.
-    pub colour_shift_px: [f32; 2],
-    /// Radial distortion of the colour lens, of the square and the fourth power of the distance from its axis.
-    pub distortion: [f32; 2],
-    /// White balance: gain of red, green and blue.
-    pub balance: [f32; 3],
-    /// Noise of the colour sensor, grey levels.
-    pub colour_sigma: f32,
-    /// Pitch of the sensor about the person, radians: above 0 it stands higher and looks down.
-    pub above: f32,
-}
-
-impl Default for Sensor {
-    fn default() -> Self {
-        Self {
-            faults: 0.0,
-            colour_late_s: 0.0,
-            colour_shift_px: [0.0; 2],
-            distortion: [0.0; 2],
-            balance: [1.0; 3],
-            colour_sigma: COLOUR_SIGMA,
-            above: 0.0,
-        }
-    }
-}
-
-impl Sensor {
-    /// Where the lens and the registration put what a perfect colour camera sees at a pixel.
-    fn seen_at(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        if *self == Self::default() {
-            return [x, y];
-        }
-        let (dx, dy) = (x - 0.5 * WIDTH as f32, y - 0.5 * HEIGHT as f32);
-        // Beyond the picture's corners the polynomial has no meaning.
-        let r2 = ((dx * dx + dy * dy) / (COLOUR_FOCAL_PX * COLOUR_FOCAL_PX)).min(0.7);
-        let [k1, k2] = self.distortion;
-        let bend = r2 * (k1 + r2 * k2);
-        let [sx, sy] = self.colour_shift_px;
-        [x + dx * bend + sx, y + dy * bend + sy]
-    }
-
-    /// The world as this sensor sees it, from as a level one does: turned about where people sit.
-    fn viewpoint(&self) -> Rigid {
-        let turn = Rotation::from_axis_angle(&Vector::x_axis(), self.above);
-        let seat = Vector::new(0.0, -0.02, 0.8);
-        Rigid::from_parts((seat - turn * seat).into(), turn)
-    }
-}
-
-/// Focal length of the colour camera, pixels: only for its distortion.
-pub(crate) const COLOUR_FOCAL_PX: f32 = 525.0;
-
-/// Raw depth as a function of 1/z, which it is linear in: the simulator needs no more of the camera's tables.
-fn depth_reading(camera: &Camera) -> DepthReading {
-    let (near, far) = (0.5, 4.0);
-    let (a, b) = (camera.raw_from_m(near), camera.raw_from_m(far));
-    let raw_per_inverse = (a - b) / (1.0 / near - 1.0 / far);
-    DepthReading {
-        raw_far: b - raw_per_inverse / far,
-        raw_per_inverse,
-    }
-}
 
 /// Draws frames of one scene.
 ///
@@ -156,7 +75,7 @@ pub struct Simulator {
     people: Vec<Person>,
     /// Stand behind, and are nobody's truth.
     bystanders: Vec<Person>,
-    hand: (Shape, ShapePainter),
+    hand: ShapePainter,
     sensor: Sensor,
     real: Option<RealReading>,
     /// The room is furnished and people wear clothes and hair.
@@ -174,55 +93,6 @@ pub struct Simulator {
     drawn: u64,
 }
 
-/// One who can be drawn, and what was drawn of them last.
-struct Person {
-    asset: HeadAsset,
-    head: HeadPainter,
-    bust: (Shape, ShapePainter),
-    /// Instead of the bust.
-    worn: Option<(Outfit, OutfitPainter)>,
-    /// What a hand holds, and whether it is there now.
-    #[cfg(feature = "studio")]
-    held: Option<(Held, Outfit, OutfitPainter, bool)>,
-    weights: heapless::Vec<f32, EXPRESSIONS>,
-    pose: Rigid,
-    truth: Option<Truth>,
-}
-
-impl Person {
-    fn new(asset: HeadAsset, clothes: [f32; 3]) -> Self {
-        let bust = Shape::bust(clothes);
-        let painter = ShapePainter::new(&bust);
-        let expressions = asset.expressions.len().min(EXPRESSIONS);
-        Self {
-            head: HeadPainter::new(&asset),
-            bust: (bust, painter),
-            worn: None,
-            #[cfg(feature = "studio")]
-            held: None,
-            weights: std::iter::repeat_n(0.0, expressions).collect(),
-            pose: Rigid::identity(),
-            truth: None,
-            asset,
-        }
-    }
-}
-
-/// Colours of the clothes, by person.
-const CLOTHES: [[f32; 3]; USERS] = [
-    [70.0, 85.0, 120.0],
-    [130.0, 80.0, 70.0],
-    [80.0, 110.0, 75.0],
-    [105.0, 95.0, 60.0],
-];
-/// How the shipped head is stretched to be somebody else: width, height, depth.
-const OTHERS: [[f32; 3]; USERS] = [
-    [1.0; 3],
-    [0.94, 1.05, 0.98],
-    [1.06, 0.97, 1.04],
-    [0.96, 0.95, 1.02],
-];
-
 impl Simulator {
     /// Prepares a scene with the nominal camera. Expressions of the asset beyond [`EXPRESSIONS`] stay at 0. Where a scene has
     /// several people, the others have the same head, stretched; see [`Simulator::joined_by`].
@@ -236,13 +106,11 @@ impl Simulator {
             scene == Scene::Furnished,
             seed,
         );
-        let mut painter = ShapePainter::new(&room);
+        let mut painter = ShapePainter::new(room);
         let mut depth = DepthBuffer::new(WIDTH, HEIGHT);
         let mut canvas = Canvas::new(WIDTH, HEIGHT);
-        painter.draw_depth(&room, |p| camera.depth_pixel(p), &mut depth);
-        painter.draw_colour(&room, &light, |p| camera.colour_pixel(p), &mut canvas);
-        let hand = Shape::hand([205.0, 160.0, 135.0]);
-        let hand_painter = ShapePainter::new(&hand);
+        painter.draw_depth(|p| camera.depth_pixel(p), &mut depth);
+        painter.draw_colour(&light, |p| camera.colour_pixel(p), &mut canvas);
         let people = (0..scene.people())
             .map(|k| match k {
                 0 => Person::new(asset.clone(), CLOTHES[0]),
@@ -256,9 +124,9 @@ impl Simulator {
             seed,
             light,
             exposure: 1.0,
-            reading: depth_reading(&camera),
+            reading: DepthReading::of(&camera),
             tiles: Tiles::new(seed),
-            hand: (hand, hand_painter),
+            hand: ShapePainter::new(Shape::hand([205.0, 160.0, 135.0])),
             sensor: Sensor::default(),
             real: None,
             dressed: false,
@@ -323,21 +191,17 @@ impl Simulator {
     fn furnish(&mut self) {
         let (camera, sensor) = (&self.camera, self.sensor);
         let room = appearance::room(self.seed);
-        let mut painter = OutfitPainter::new(&room);
+        let mut painter = OutfitPainter::new(room);
         let view = sensor.viewpoint();
-        painter.place(&room, &[], &view, &view);
+        painter.place(&[], &view, &view);
         self.depth.inverse.fill(0.0);
         self.stuff.fill(Stuff::Matt);
-        painter.draw_depth(
-            &room,
-            |p| camera.depth_pixel(p),
-            &mut self.depth,
-            &mut self.stuff,
-        );
+        let depth_pixel = |p: &Point| camera.depth_pixel(p);
+        painter.draw_depth(depth_pixel, &mut self.depth, &mut self.stuff);
         self.canvas.depth.inverse.fill(0.0);
         self.canvas.rgb.fill([0; 3]);
         let seen = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
-        painter.draw_colour(&room, &self.light, seen, &mut self.canvas);
+        painter.draw_colour(&self.light, seen, &mut self.canvas);
         self.room_depth.copy_from_slice(&self.depth.inverse);
         self.room_stuff.copy_from_slice(&self.stuff);
         self.room_rgb.copy_from_slice(&self.canvas.rgb);
@@ -399,16 +263,16 @@ impl Simulator {
         for (number, person) in self.people.iter_mut().enumerate() {
             person.weights.fill(0.0);
             let (asset, weights) = (&person.asset, &mut person.weights);
-            let instant = scene.play_person(number, seed, t, |name, weight| {
+            let pose = scene.play_person(number, seed, t, |name, weight| {
                 if let Some(slot) = asset.expression(name).and_then(|k| weights.get_mut(k)) {
                     *slot = slot.max(weight);
                 }
             });
-            if let Some(instant) = instant {
+            if let Some(pose) = pose {
                 let pose = if self.sensor.above == 0.0 {
-                    instant.sensor_from_head
+                    pose
                 } else {
-                    view * instant.sensor_from_head
+                    view * pose
                 };
                 if truth {
                     person.place(&pose, &view.rotation);
@@ -460,27 +324,13 @@ impl Simulator {
         self.depth.inverse.copy_from_slice(&self.room_depth);
         self.stuff.copy_from_slice(&self.room_stuff);
         let depth_pixel = |p: &Point| camera.depth_pixel(p);
-        let stuff = &mut self.stuff;
         let all = self.people.iter_mut().chain(&mut self.bystanders);
         for person in all.filter(|one| one.truth.is_some()) {
-            let skin = |pixel| stuff[pixel] = Stuff::Skin;
-            let head = &mut person.head;
-            head.draw_depth(&person.asset, depth_pixel, &mut self.depth, skin);
-            if let Some((outfit, painter)) = &mut person.worn {
-                painter.draw_depth(outfit, depth_pixel, &mut self.depth, stuff);
-                #[cfg(feature = "studio")]
-                if let Some((_, outfit, painter, true)) = &mut person.held {
-                    painter.draw_depth(outfit, depth_pixel, &mut self.depth, stuff);
-                }
-            } else {
-                let (shape, painter) = &mut person.bust;
-                painter.draw_depth(shape, depth_pixel, &mut self.depth);
-            }
+            person.draw_depth(depth_pixel, &mut self.depth, &mut self.stuff);
         }
         if let Some(hand) = hand {
-            let (shape, painter) = &mut self.hand;
-            painter.place(shape, &Rigid::translation(hand.x, hand.y, hand.z));
-            painter.draw_depth(shape, depth_pixel, &mut self.depth);
+            (self.hand).place(&Rigid::translation(hand.x, hand.y, hand.z));
+            self.hand.draw_depth(depth_pixel, &mut self.depth);
         }
         let seed = random::hash(self.seed, at.as_us());
         let (reading, seen) = (&self.reading, &self.depth.inverse);
@@ -507,38 +357,13 @@ impl Simulator {
         let mut window = Window::NOTHING;
         let colour_pixel = |p: &Point| sensor.seen_at(camera.colour_pixel(p));
         for person in self.people.iter_mut().chain(&mut self.bystanders) {
-            let (asset, head) = (&person.asset, &mut person.head);
-            let Some(truth) = &mut person.truth else {
-                continue;
-            };
-            head.light(asset, &self.light);
-            window.include(head.draw_colour(asset, &self.light, colour_pixel, &mut self.canvas));
-            window.include(if let Some((outfit, painter)) = &mut person.worn {
-                painter.draw_colour(outfit, &self.light, colour_pixel, &mut self.canvas)
-            } else {
-                let (shape, painter) = &mut person.bust;
-                painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas)
-            });
-            #[cfg(feature = "studio")]
-            if let Some((_, outfit, painter, true)) = &mut person.held {
-                let (light, canvas) = (&self.light, &mut self.canvas);
-                window.include(painter.draw_colour(outfit, light, colour_pixel, canvas));
-            }
-            truth.landmarks_px = asset
-                .landmarks_on(&head.deformed)
-                .map(|p| colour_pixel(&(person.pose * p)));
+            window.include(person.draw_colour(&self.light, colour_pixel, &mut self.canvas));
         }
         if hand.is_some() {
-            let (shape, painter) = &mut self.hand;
-            window.include(painter.draw_colour(shape, &self.light, colour_pixel, &mut self.canvas));
+            window.include((self.hand).draw_colour(&self.light, colour_pixel, &mut self.canvas));
         }
         if self.dressed {
-            window = Window {
-                left: 0,
-                top: 0,
-                right: WIDTH,
-                bottom: HEIGHT,
-            };
+            window = Window::ALL;
         }
         blur(&mut self.canvas.rgb, window, &mut self.blurred);
         let seed = random::hash(self.seed, at.as_us());
@@ -557,67 +382,6 @@ impl Simulator {
     }
 }
 
-impl Person {
-    /// Puts on clothes, hair and things.
-    fn wear(&mut self, look: &Look) {
-        let outfit = Outfit::worn(&self.asset, look);
-        let painter = OutfitPainter::new(&outfit);
-        self.worn = Some((outfit, painter));
-        #[cfg(feature = "studio")]
-        if look.held != Held::None {
-            let held = Outfit::held(look);
-            let painter = OutfitPainter::new(&held);
-            self.held = Some((look.held, held, painter, false));
-        }
-    }
-
-    /// Brings the hand to where it is at `t` seconds.
-    #[cfg(feature = "studio")]
-    fn reach(&mut self, t: f32, tilt: &Rotation) {
-        if let Some((held, outfit, painter, there)) = &mut self.held {
-            let place = held.at(t);
-            *there = place.is_some();
-            if let Some(place) = place {
-                let turn = self.pose.rotation;
-                // It meets the face wherever that is turned, but comes from below.
-                let up = Vector::new(place.x, place.y.min(0.15), place.z);
-                let rest = Vector::new(0.0, place.y - up.y, 0.0);
-                let at = self.pose.translation.vector + turn * up + tilt * rest;
-                let pose = Rigid::from_parts(at.into(), *tilt);
-                painter.place(outfit, &[], &pose, &pose);
-            }
-        }
-    }
-
-    /// Sets the pose, and notes it as the truth; the expression is in `weights`.
-    fn place(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
-        self.pose(sensor_from_head, tilt);
-        self.truth = Some(Truth {
-            sensor_from_head: *sensor_from_head,
-            landmarks_head: self.asset.landmarks_on(&self.head.deformed),
-            landmarks_px: [[0.0; 2]; LANDMARKS],
-            activations: self.weights.clone(),
-        });
-    }
-
-    fn pose(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
-        self.pose = *sensor_from_head;
-        let torso = if *tilt == Rotation::identity() {
-            draw::shoulders_below(sensor_from_head)
-        } else {
-            draw::shoulders_tilted(sensor_from_head, tilt)
-        };
-        self.asset.deform(&self.weights, &mut self.head.deformed);
-        self.head.place_above(sensor_from_head, &torso);
-        if let Some((outfit, painter)) = &mut self.worn {
-            painter.place(outfit, &self.head.deformed, sensor_from_head, &torso);
-        } else {
-            let (shape, painter) = &mut self.bust;
-            painter.place(shape, &torso);
-        }
-    }
-}
-
 /// The lens's softness: a 3 × 3 binomial over the window, through `scratch`.
 fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
     let (left, right) = (window.left.max(1), window.right.min(WIDTH - 1));
@@ -633,28 +397,15 @@ fn blur(rgb: &mut [[u8; 3]], window: Window, scratch: &mut [[u8; 3]]) {
         let at = row * WIDTH + left;
         let line = &rgb[at - 1..at + count + 1];
         for (out, near) in scratch[at..at + count].iter_mut().zip(line.windows(3)) {
-            let (a, b, c) = (near[0], near[1], near[2]);
-            *out = [
-                sum(a[0], b[0], c[0], 0),
-                sum(a[1], b[1], c[1], 0),
-                sum(a[2], b[2], c[2], 0),
-            ];
+            *out = [0, 1, 2].map(|ch| sum(near[0][ch], near[1][ch], near[2][ch], 0));
         }
     }
     for row in top..bottom {
         let at = row * WIDTH + left;
-        let (above, here, below) = (
-            &scratch[at - WIDTH..][..count],
-            &scratch[at..][..count],
-            &scratch[at + WIDTH..][..count],
-        );
+        let [above, here, below] =
+            [at - WIDTH, at, at + WIDTH].map(|from| &scratch[from..from + count]);
         for (k, out) in rgb[at..at + count].iter_mut().enumerate() {
-            let (a, b, c) = (above[k], here[k], below[k]);
-            *out = [
-                sum(a[0], b[0], c[0], 2),
-                sum(a[1], b[1], c[1], 2),
-                sum(a[2], b[2], c[2], 2),
-            ];
+            *out = [0, 1, 2].map(|ch| sum(above[k][ch], here[k][ch], below[k][ch], 2));
         }
     }
 }

@@ -6,7 +6,7 @@
 //! Pixel centres are integers. Cost: set-up of about 30 operations per triangle, then one row at a time. A triangle
 //! seen edge-on, beyond the picture or behind the camera draws nothing.
 
-use crate::base::geometry::Point;
+use crate::base::geometry::{Point, Vector};
 
 /// A corner on the screen.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,6 +31,29 @@ pub(crate) fn project(
     }
 }
 
+/// Between three corners, at shares of the second and the third.
+#[inline]
+pub(crate) fn mix([a, b, c]: [f32; 3], u: f32, v: f32) -> f32 {
+    a + u * (b - a) + v * (c - a)
+}
+
+/// The sums of the normals of the triangles around each vertex. Corners are clockwise in a picture whose y points down, and z
+/// away: outwards is this way round.
+pub(crate) fn sum_normals(
+    triangles: impl Iterator<Item = [usize; 3]>,
+    vertices: &[Point],
+    normals: &mut [Vector],
+) {
+    normals.fill(Vector::zeros());
+    for corners in triangles {
+        let [p, q, r] = corners.map(|k| vertices[k]);
+        let normal = (r - p).cross(&(q - p));
+        for k in corners {
+            normals[k] += normal;
+        }
+    }
+}
+
 /// Part of a picture that was drawn to: columns and rows, upper ends exclusive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Window {
@@ -46,6 +69,13 @@ impl Window {
         top: usize::MAX,
         right: 0,
         bottom: 0,
+    };
+
+    pub(crate) const ALL: Self = Self {
+        left: 0,
+        top: 0,
+        right: usize::MAX,
+        bottom: usize::MAX,
     };
 
     pub(crate) fn include(&mut self, other: Self) {

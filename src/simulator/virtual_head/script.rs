@@ -2,7 +2,7 @@
 //!
 //! Nothing is remembered from frame to frame, so any instant can be drawn without those before it. Curves are values
 //! hashed per interval and joined by Hermite splines (value noise): smooth in position and speed.
-//! One file: what is acted in all scenes.
+//! Acts and seats are tables; what moves besides is in [`Scene::play_person`].
 
 use super::random::uniform;
 use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
@@ -99,93 +99,49 @@ const ACT_S: f32 = 1.8;
 /// Blinks come once in each interval this long, seconds.
 const BLINK_EVERY_S: f32 = 3.4;
 
-/// One act: expressions and their weights at its height. `speech` moves the jaw as in talking.
-type Act = &'static [(&'static str, f32)];
-const ACTS: [Act; 24] = [
-    &[],
-    &[("mouthSmile_L", 1.0), ("mouthSmile_R", 1.0)],
-    &[("jawOpen", 0.8)],
-    &[
-        ("browInnerUp_L", 1.0),
-        ("browInnerUp_R", 1.0),
-        ("browOuterUp_L", 1.0),
-        ("browOuterUp_R", 1.0),
-    ],
-    &[("browDown_L", 1.0), ("browDown_R", 1.0)],
-    &[("speech", 1.0)],
-    &[("mouthFunnel", 1.0)],
-    &[("mouthStretch_L", 1.0), ("mouthStretch_R", 1.0)],
-    &[("eyeBlink_L", 1.0)],
-    &[("eyeBlink_R", 1.0)],
-    &[("eyeWide_L", 1.0), ("eyeWide_R", 1.0)],
-    &[("noseSneer_L", 1.0), ("noseSneer_R", 1.0)],
-    &[("speech", 1.0)],
-    &[("jawLeft", 1.0)],
-    &[("jawRight", 1.0)],
-    &[("jawForward", 1.0)],
-    &[("mouthPucker", 1.0)],
-    &[("cheekPuff_L", 1.0), ("cheekPuff_R", 1.0)],
-    &[
-        ("eyeSquint_L", 1.0),
-        ("eyeSquint_R", 1.0),
-        ("cheekRaiser_L", 0.7),
-        ("cheekRaiser_R", 0.7),
-    ],
-    &[("mouthShrugLower", 0.8), ("mouthShrugUpper", 0.5)],
-    &[
-        ("mouthUpperUp_L", 0.7),
-        ("mouthUpperUp_R", 0.7),
-        ("mouthLowerDown_L", 0.8),
-        ("mouthLowerDown_R", 0.8),
-    ],
-    &[("browInnerUp_L", 0.9), ("browOuterUp_L", 1.0)],
-    &[("mouthSmile_R", 0.9)],
-    &[
-        ("jawOpen", 0.5),
-        ("mouthSmile_L", 0.6),
-        ("mouthSmile_R", 0.6),
-    ],
+/// Acts: expressions and their weights at the height of it, 1 unless said. `_LR` is both sides, `speech` moves the jaw as in
+/// talking.
+const ACTS: [&str; 24] = [
+    "",
+    "mouthSmile_LR",
+    "jawOpen 0.8",
+    "browInnerUp_LR, browOuterUp_LR",
+    "browDown_LR",
+    "speech",
+    "mouthFunnel",
+    "mouthStretch_LR",
+    "eyeBlink_L",
+    "eyeBlink_R",
+    "eyeWide_LR",
+    "noseSneer_LR",
+    "speech",
+    "jawLeft",
+    "jawRight",
+    "jawForward",
+    "mouthPucker",
+    "cheekPuff_LR",
+    "eyeSquint_LR, cheekRaiser_LR 0.7",
+    "mouthShrugLower 0.8, mouthShrugUpper 0.5",
+    "mouthUpperUp_LR 0.7, mouthLowerDown_LR 0.8",
+    "browInnerUp_L 0.9, browOuterUp_L",
+    "mouthSmile_R 0.9",
+    "jawOpen 0.5, mouthSmile_LR 0.6",
 ];
 /// What each mood of [`Scene::Moods`] looks like, as far as the head's expressions go (its mouth corners do not go down).
 #[cfg(feature = "studio")]
-const MOODS: [Act; 4] = [
-    &[
-        ("mouthSmile_L", 1.0),
-        ("mouthSmile_R", 1.0),
-        ("cheekRaiser_L", 0.8),
-        ("cheekRaiser_R", 0.8),
-        ("mouthUpperUp_L", 0.4),
-        ("mouthUpperUp_R", 0.4),
-        ("jawOpen", 0.15),
-    ],
-    &[
-        ("browInnerUp_L", 1.0),
-        ("browInnerUp_R", 1.0),
-        ("mouthShrugLower", 0.9),
-        ("mouthShrugUpper", 0.3),
-        ("eyeBlink_L", 0.3),
-        ("eyeBlink_R", 0.3),
-    ],
-    &[
-        ("browDown_L", 1.0),
-        ("browDown_R", 1.0),
-        ("noseSneer_L", 0.8),
-        ("noseSneer_R", 0.8),
-        ("mouthUpperUp_L", 0.5),
-        ("mouthUpperUp_R", 0.5),
-        ("mouthStretch_L", 0.4),
-        ("mouthStretch_R", 0.4),
-    ],
-    &[
-        ("browInnerUp_L", 1.0),
-        ("browInnerUp_R", 1.0),
-        ("browOuterUp_L", 1.0),
-        ("browOuterUp_R", 1.0),
-        ("eyeWide_L", 1.0),
-        ("eyeWide_R", 1.0),
-        ("jawOpen", 0.8),
-    ],
+const MOODS: [&str; 4] = [
+    "mouthSmile_LR, cheekRaiser_LR 0.8, mouthUpperUp_LR 0.4, jawOpen 0.15",
+    "browInnerUp_LR, mouthShrugLower 0.9, mouthShrugUpper 0.3, eyeBlink_LR 0.3",
+    "browDown_LR, noseSneer_LR 0.8, mouthUpperUp_LR 0.5, mouthStretch_LR 0.4",
+    "browInnerUp_LR, browOuterUp_LR, eyeWide_LR, jawOpen 0.8",
 ];
+/// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
+const MIXED: &str = "mouthSmile_LR, mouthStretch_LR, mouthUpperUp_LR, mouthLowerDown_LR, noseSneer_LR, browDown_LR, \
+    browInnerUp_LR, browOuterUp_LR, eyeSquint_LR, eyeWide_LR, cheekRaiser_LR, cheekPuff_LR, mouthFrown_LR, \
+    mouthDimple_LR, mouthPress_LR, cheekSquint_LR, jawOpen, jawLeft, jawRight, jawForward, mouthFunnel, mouthPucker, \
+    mouthShrugLower, mouthShrugUpper, mouthRollLower, mouthRollUpper, mouthRoll, mouthLeft, mouthRight";
+/// Both lips rolled in at once, which is no expression of the head's own.
+const ROLL: (&str, [&str; 2]) = ("mouthRoll", ["mouthRollLower", "mouthRollUpper"]);
 /// Duration of one mood, seconds.
 #[cfg(feature = "studio")]
 const MOOD_S: f32 = 3.0;
@@ -218,12 +174,6 @@ fn envelope(t: f32) -> f32 {
     ramp(t, 0.15, 0.55) * (1.0 - ramp(t, 1.1, 1.55))
 }
 
-/// The person at one instant.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Instant {
-    pub(crate) sensor_from_head: Rigid,
-}
-
 /// There and back: 0 at the start, 1 after a quarter of the period, −1 after three, smooth at both ends.
 fn swing(t: f32, period: f32) -> f32 {
     let f = (t / period + 0.25).fract();
@@ -232,12 +182,10 @@ fn swing(t: f32, period: f32) -> f32 {
 }
 
 /// Head turned by degrees of yaw, pitch and roll at a place in metres.
-fn placed([yaw, pitch, roll]: [f32; 3], [x, y, z]: [f32; 3]) -> Option<Instant> {
-    let rotation =
-        rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), roll.to_radians());
-    Some(Instant {
-        sensor_from_head: Rigid::from_parts(nalgebra::Translation3::new(x, y, z), rotation),
-    })
+fn placed(angles: [f32; 3], [x, y, z]: [f32; 3]) -> Rigid {
+    let [yaw, pitch, roll] = angles.map(f32::to_radians);
+    let rotation = rotation_from_yaw_pitch_roll(yaw, pitch, roll);
+    Rigid::from_parts(nalgebra::Translation3::new(x, y, z), rotation)
 }
 
 /// Where somebody stands who looks over the shoulder from behind, turned away by about 40°.
@@ -264,132 +212,128 @@ const HAND_STAYS_S: [f32; 3] = [0.3, 0.9, 1.8];
 /// Way of the hand up or down, seconds.
 const HAND_MOVES_S: f32 = 0.25;
 
+/// How somebody sits: turning within degrees of yaw and pitch, at a place, swaying by so much; metres.
+type Seat = ([f32; 2], [f32; 3], [f32; 3]);
+
 impl Scene {
-    /// Where the first person is at `t` seconds, see [`Scene::play_person`].
+    /// As [`Self::play_person`], of the first person.
     #[cfg(any(test, feature = "studio"))]
-    pub(crate) fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Instant> {
+    pub(crate) fn play(self, seed: u64, t: f32, set: impl FnMut(&str, f32)) -> Option<Rigid> {
         self.play_person(0, seed, t, set)
     }
 
-    /// Where a person is at `t` seconds; `set(name, weight)` is called for every expression above 0, perhaps twice for one
-    /// name: the larger counts. `None`: they are not there.
-    ///
-    /// Long because it is the table of the scenes: an arm for each, in numbers.
+    /// Where a head is at `t` seconds, in the sensor's frame; `set(name, weight)` is called for every expression above 0, perhaps
+    /// twice for one name: the larger counts. `None`: they are not there.
     pub(crate) fn play_person(
         self,
         person: usize,
         seed: u64,
         t: f32,
         mut set: impl FnMut(&str, f32),
-    ) -> Option<Instant> {
+    ) -> Option<Rigid> {
         let seed = seed ^ (person as u64).wrapping_mul(0xa076_1d64_78bd_642f);
+        let (turned, [x, y, z], sway) = self.seat(person)?;
+        let aside = self.aside(person, t)?;
+        self.express(seed, t, &mut set);
         let calm = ramp(t, 1.0, 3.0);
         let walk = |channel, period, range: f32| {
             (wander(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
         };
-        let turned = |yaw, pitch| [walk(1, 2.3, yaw), walk(2, 2.9, pitch), walk(3, 3.1, 8.0)];
-        match self {
-            Self::Empty | Self::Furnished => None,
-            Self::Still => placed([0.0; 3], [0.0, -0.02, 0.7]),
+        let [yaw, pitch] = turned;
+        let wandering = [walk(1, 2.3, yaw), walk(2, 2.9, pitch), walk(3, 3.1, 8.0)];
+        let angles = match self {
+            Self::Still => [0.0; 3],
             // A Lissajous walk through the range.
-            Self::Turning => placed(
-                [
-                    25.0 * swing(t, 8.0),
-                    15.0 * swing(t, 5.3),
-                    6.0 * swing(t, 11.0),
-                ],
-                [0.0, -0.02, 0.8],
-            ),
-            Self::Acted | Self::Demo | Self::Leaving | Self::Wide | Self::Mixed => {
-                let mut aside = 0.0;
-                if self == Self::Leaving {
-                    let phase = t % 20.0;
-                    if (8.0..13.0).contains(&phase) {
-                        return None;
-                    }
-                    aside = ramp(phase, 6.0, 8.0) - ramp(phase, 13.0, 15.0);
-                }
-                if self == Self::Mixed {
-                    mix(seed, t, &mut set);
-                } else {
-                    Self::act(seed, t, &mut set);
-                }
-                let angles = if self == Self::Wide {
-                    turned(45.0, 30.0)
-                } else {
-                    turned(25.0, 15.0)
-                };
-                let x = walk(4, 3.7, 0.07) + aside * 1.1;
-                placed(
-                    angles,
-                    [x, -0.02 + walk(5, 4.1, 0.04), 0.8 + walk(6, 4.7, 0.2)],
-                )
+            Self::Turning => [
+                yaw * swing(t, 8.0),
+                pitch * swing(t, 5.3),
+                6.0 * swing(t, 11.0),
+            ],
+            Self::Hand => [yaw * swing(t, 7.0), pitch * swing(t, 5.3), 0.0],
+            Self::Fast => {
+                // 64° in 0.48 s, at most half as fast again as on average; then a rest.
+                let phase = t % 2.4;
+                let side = 2.0 * (ramp(phase, 0.6, 1.08) - ramp(phase, 1.8, 2.28)) - 1.0;
+                [yaw * side * ramp(t, 0.0, 0.5), 0.0, 0.0]
             }
+            Self::Behind => [180.0 + wandering[0], wandering[1], wandering[2]],
+            _ => wandering,
+        };
+        let sways = [
+            walk(4, 3.7, sway[0]),
+            walk(5, 4.1, sway[1]),
+            walk(6, 4.7, sway[2]),
+        ];
+        Some(placed(
+            angles,
+            [x + sways[0] + aside, y + sways[1], z + sways[2]],
+        ))
+    }
+
+    fn seat(self, person: usize) -> Option<Seat> {
+        Some(match self {
+            Self::Empty | Self::Furnished => return None,
+            Self::Still => ([0.0; 2], [0.0, -0.02, 0.7], [0.0; 3]),
+            Self::Turning => ([25.0, 15.0], [0.0, -0.02, 0.8], [0.0; 3]),
+            Self::Fast => ([32.0, 0.0], [0.0, -0.02, 0.75], [0.0; 3]),
+            Self::Hand => ([5.0, 3.0], [0.0, -0.02, 0.8], [0.0; 3]),
+            Self::Wide => ([45.0, 30.0], [0.0, -0.02, 0.8], [0.07, 0.04, 0.2]),
+            Self::Acted | Self::Demo | Self::Leaving | Self::Mixed => {
+                ([25.0, 15.0], [0.0, -0.02, 0.8], [0.07, 0.04, 0.2])
+            }
+            #[cfg(feature = "studio")]
+            Self::Moods => ([12.0, 7.0], [0.0, -0.02, 0.75], [0.0; 3]),
+            Self::Two => {
+                let places = [[-0.25, -0.02, 0.95 - 0.1], [0.25, -0.02, 0.95 + 0.1]];
+                ([20.0, 12.0], places[person % 2], [0.04, 0.03, 0.06])
+            }
+            Self::Four => {
+                let [x, z] = [[-0.51, 1.35], [-0.15, 1.15], [0.16, 1.4], [0.5, 1.2]][person % 4];
+                ([15.0, 10.0], [x, -0.03, z], [0.03, 0.02, 0.0])
+            }
+            Self::Crossing => {
+                let [y, z] = [[-0.02, 0.85], [-0.05, 1.3]][person % 2];
+                ([15.0, 8.0], [0.0, y, z], [0.0; 3])
+            }
+            Self::Swap => ([18.0, 10.0], [0.0, -0.02, 0.8], [0.03, 0.0, 0.0]),
+            Self::Behind => {
+                let places = [[-0.35, -0.03, 1.3], [0.0, -0.1, 1.6], [0.3, 0.02, 1.1]];
+                ([25.0, 10.0], places[person % 3], [0.03, 0.0, 0.0])
+            }
+        })
+    }
+
+    /// How far somebody is beside their seat, metres; `None`: out of the picture.
+    fn aside(self, person: usize, t: f32) -> Option<f32> {
+        let phase = t % 20.0;
+        Some(match self {
+            Self::Leaving if (8.0..13.0).contains(&phase) => return None,
+            Self::Leaving => (ramp(phase, 6.0, 8.0) - ramp(phase, 13.0, 15.0)) * 1.1,
+            Self::Hand => 0.01 * swing(t, 6.1),
+            Self::Crossing => [0.33, -0.40][person % 2] * swing(t, 10.0),
+            Self::Swap => {
+                let (side, away) = match person {
+                    0 => (-1.0, ramp(phase, 4.5, 6.0) - ramp(phase, 14.0, 15.5)),
+                    _ => (1.0, 1.0 - ramp(phase, 7.0, 8.5) + ramp(phase, 11.5, 13.0)),
+                };
+                return (away < 1.0).then_some(side * away);
+            }
+            _ => 0.0,
+        })
+    }
+
+    fn express(self, seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
+        match self {
+            Self::Mixed => mix(seed, t, set),
             #[cfg(feature = "studio")]
             Self::Moods => {
                 let (mood, within) = ((t / MOOD_S) as usize % MOODS.len(), t % MOOD_S);
                 let height = ramp(within, 0.3, 0.9) * (1.0 - ramp(within, 2.2, 2.8));
-                for (name, weight) in MOODS[mood] {
-                    set(name, weight * height);
-                }
-                placed(turned(12.0, 7.0), [0.0, -0.02, 0.75])
+                play(MOODS[mood], height, set);
             }
-            Self::Fast => {
-                // 64° in 0.48 s, at most half as fast again as on average; then a rest.
-                let phase = t % 2.4;
-                let yaw = 32.0 * (2.0 * (ramp(phase, 0.6, 1.08) - ramp(phase, 1.8, 2.28)) - 1.0);
-                placed([yaw * ramp(t, 0.0, 0.5), 0.0, 0.0], [0.0, -0.02, 0.75])
-            }
-            Self::Hand => placed(
-                [5.0 * swing(t, 7.0), 3.0 * swing(t, 5.3), 0.0],
-                [0.01 * swing(t, 6.1), -0.02, 0.8],
-            ),
-            Self::Two => {
-                Self::act(seed, t, &mut set);
-                let side = if person == 0 { -1.0 } else { 1.0 };
-                placed(
-                    turned(20.0, 12.0),
-                    [
-                        side * 0.25 + walk(4, 3.7, 0.04),
-                        -0.02 + walk(5, 4.1, 0.03),
-                        0.95 + 0.1 * side + walk(6, 4.7, 0.06),
-                    ],
-                )
-            }
-            Self::Four => {
-                Self::act(seed, t, &mut set);
-                let [x, z] = [[-0.51, 1.35], [-0.15, 1.15], [0.16, 1.4], [0.5, 1.2]][person % 4];
-                placed(
-                    turned(15.0, 10.0),
-                    [x + walk(4, 3.7, 0.03), -0.03 + walk(5, 4.1, 0.02), z],
-                )
-            }
-            Self::Crossing => {
-                Self::act(seed, t, &mut set);
-                let [x, y, z] = [[0.33, -0.02, 0.85], [-0.40, -0.05, 1.3]][person % 2];
-                placed(turned(15.0, 8.0), [x * swing(t, 10.0), y, z])
-            }
-            Self::Swap => {
-                let phase = t % 20.0;
-                let away = if person == 0 {
-                    ramp(phase, 4.5, 6.0) - ramp(phase, 14.0, 15.5)
-                } else {
-                    1.0 - ramp(phase, 7.0, 8.5) + ramp(phase, 11.5, 13.0)
-                };
-                if away >= 1.0 {
-                    return None;
-                }
-                Self::act(seed, t, &mut set);
-                let side = if person == 0 { -1.0 } else { 1.0 };
-                let angles = turned(18.0, 10.0);
-                placed(angles, [side * away * 1.0 + walk(4, 3.7, 0.03), -0.02, 0.8])
-            }
-            Self::Behind => {
-                let [x, y, z] =
-                    [[-0.35, -0.03, 1.3], [0.0, -0.1, 1.6], [0.3, 0.02, 1.1]][person % 3];
-                let [yaw, pitch, roll] = turned(25.0, 10.0);
-                placed([180.0 + yaw, pitch, roll], [x + walk(4, 3.7, 0.03), y, z])
-            }
+            Self::Acted | Self::Demo | Self::Leaving | Self::Wide => act(seed, t, set),
+            Self::Two | Self::Four | Self::Crossing | Self::Swap => act(seed, t, set),
+            _ => {}
         }
     }
 
@@ -404,81 +348,66 @@ impl Scene {
         let up = ramp(phase, comes, comes + HAND_MOVES_S) - ramp(phase, goes, goes + HAND_MOVES_S);
         (up > 0.0).then(|| Point::new(0.0, 0.02 + 0.5 * (1.0 - up), 0.66))
     }
+}
 
-    fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
-        let (slot, within) = ((t / ACT_S) as u64, t % ACT_S);
-        let turn = ACTS.len() as u64 + MIXTURES;
-        let height = 0.85 + 0.15 * uniform(seed ^ 0x51, slot);
-        let mut play = |act: Act, strength: f32| {
-            for &(name, weight) in act {
-                if name == "speech" {
-                    let loud = ramp(within, 0.0, 0.25) * (1.0 - ramp(within, 1.5, 1.8));
-                    let talk = |channel, period| {
-                        (0.5 + 0.6 * wander(seed, channel, t, period)).clamp(0.0, 1.0)
-                    };
-                    set("jawOpen", 0.4 * loud * talk(11, 0.13));
-                    set("mouthFunnel", 0.5 * loud * talk(12, 0.23));
-                    set("mouthLowerDown_L", 0.4 * loud * talk(13, 0.19));
-                    set("mouthLowerDown_R", 0.4 * loud * talk(13, 0.19));
-                } else {
-                    set(name, weight * strength);
-                }
-            }
-        };
-        let pick =
-            |channel| (uniform(seed ^ channel, slot) * 0.5 + 0.5) * (ACTS.len() as f32 - 0.01);
-        if slot % turn < ACTS.len() as u64 {
-            play(ACTS[(slot % turn) as usize], height * envelope(within));
-        } else {
-            play(ACTS[pick(0x52) as usize], height * envelope(within));
-            play(ACTS[pick(0x53) as usize], 0.8 * envelope(within + 0.2));
-        }
-        let (blink, since) = ((t / BLINK_EVERY_S) as u64, t % BLINK_EVERY_S);
-        let since = since - 1.4 - uniform(seed ^ 0x54, blink);
-        let closed = ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32));
-        if closed > 0.0 {
-            set("eyeBlink_L", closed);
-            set("eyeBlink_R", closed);
+/// Sets an expression, or both sides of one, left and right.
+fn set_sides(name: &str, [left, right]: [f32; 2], set: &mut impl FnMut(&str, f32)) {
+    let Some(stem) = name.strip_suffix("_LR") else {
+        return set(name, left);
+    };
+    for (side, weight) in [("_L", left), ("_R", right)] {
+        let mut name = heapless::String::<24>::new();
+        // Names of the tables fit.
+        if name.push_str(stem).is_ok() && name.push_str(side).is_ok() {
+            set(&name, weight);
         }
     }
 }
 
-/// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
-const SIDED: [&str; 16] = [
-    "mouthSmile",
-    "mouthStretch",
-    "mouthUpperUp",
-    "mouthLowerDown",
-    "noseSneer",
-    "browDown",
-    "browInnerUp",
-    "browOuterUp",
-    "eyeSquint",
-    "eyeWide",
-    "cheekRaiser",
-    "cheekPuff",
-    "mouthFrown",
-    "mouthDimple",
-    "mouthPress",
-    "cheekSquint",
-];
-const WHOLE: [&str; 13] = [
-    "jawOpen",
-    "jawLeft",
-    "jawRight",
-    "jawForward",
-    "mouthFunnel",
-    "mouthPucker",
-    "mouthShrugLower",
-    "mouthShrugUpper",
-    "mouthRollLower",
-    "mouthRollUpper",
-    "mouthRoll",
-    "mouthLeft",
-    "mouthRight",
-];
-/// Both lips rolled in at once, which is no expression of the head's own.
-const ROLL: (&str, [&str; 2]) = ("mouthRoll", ["mouthRollLower", "mouthRollUpper"]);
+/// Plays an act of a table, but for its speech.
+fn play(act: &str, strength: f32, set: &mut impl FnMut(&str, f32)) {
+    for part in act.split(", ").filter(|part| !part.is_empty()) {
+        let (name, weight) = part.split_once(' ').unwrap_or((part, "1"));
+        let weight = weight.parse().unwrap_or(1.0) * strength;
+        set_sides(name, [weight; 2], set);
+    }
+}
+
+fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
+    let (slot, within) = ((t / ACT_S) as u64, t % ACT_S);
+    let turn = ACTS.len() as u64 + MIXTURES;
+    let height = 0.85 + 0.15 * uniform(seed ^ 0x51, slot);
+    let mut go = |act: &str, strength: f32| {
+        if act == "speech" {
+            let loud = ramp(within, 0.0, 0.25) * (1.0 - ramp(within, 1.5, 1.8));
+            let talk =
+                |channel, period| (0.5 + 0.6 * wander(seed, channel, t, period)).clamp(0.0, 1.0);
+            set("jawOpen", 0.4 * loud * talk(11, 0.13));
+            set("mouthFunnel", 0.5 * loud * talk(12, 0.23));
+            set_sides("mouthLowerDown_LR", [0.4 * loud * talk(13, 0.19); 2], set);
+        } else {
+            play(act, strength, set);
+        }
+    };
+    let pick = |channel| (uniform(seed ^ channel, slot) * 0.5 + 0.5) * (ACTS.len() as f32 - 0.01);
+    if slot % turn < ACTS.len() as u64 {
+        go(ACTS[(slot % turn) as usize], height * envelope(within));
+    } else {
+        go(ACTS[pick(0x52) as usize], height * envelope(within));
+        go(ACTS[pick(0x53) as usize], 0.8 * envelope(within + 0.2));
+    }
+    let (blink, since) = ((t / BLINK_EVERY_S) as u64, t % BLINK_EVERY_S);
+    let closed = blink_of(since - 1.4 - uniform(seed ^ 0x54, blink));
+    if closed > 0.0 {
+        set_sides("eyeBlink_LR", [closed; 2], set);
+    }
+}
+
+/// How far lids are closed, seconds after a blink began.
+fn blink_of(since: f32) -> f32 {
+    ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32))
+}
+
 /// Voices of [`mix`] that come and go by themselves, and how long each holds an expression, seconds.
 const VOICES: u64 = 3;
 const VOICE_S: f32 = 1.7;
@@ -492,18 +421,7 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
         (1, 0.5)
     };
     let share = |channel: u64, index: u64| uniform(seed ^ channel, index) * 0.5 + 0.5;
-    let mut name = heapless::String::<24>::new();
-    let mut sided = |stem: &str, side: &str, weight: f32, set: &mut dyn FnMut(&str, f32)| {
-        name.clear();
-        // Names of the list fit.
-        if name
-            .push_str(stem)
-            .and_then(|()| name.push_str(side))
-            .is_ok()
-        {
-            set(&name, weight);
-        }
-    };
+    let count = MIXED.split(", ").count();
     for voice in 0..voices {
         let t = t + VOICE_S * voice as f32 / VOICES as f32;
         let slot = (t / VOICE_S) as u64 * VOICES + voice;
@@ -511,32 +429,30 @@ fn mix(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
         if weight <= 0.0 || share(0x62, slot) < silence {
             continue;
         }
-        let pick = (share(0x63, slot) * (SIDED.len() + WHOLE.len()) as f32) as usize;
-        if let Some(stem) = SIDED.get(pick) {
-            let lean = uniform(seed ^ 0x64, slot);
-            let (left, right) = match lean {
-                l if l > 0.6 => (1.0, 0.0),
-                l if l < -0.6 => (0.0, 1.0),
-                l => (1.0 + 0.3 * l.min(0.0), 1.0 - 0.3 * l.max(0.0)),
-            };
-            sided(stem, "_L", weight * left, set);
-            sided(stem, "_R", weight * right, set);
-        } else if let Some(stem) = WHOLE.get(pick - SIDED.len()) {
-            if *stem == ROLL.0 {
-                ROLL.1.iter().for_each(|part| set(part, weight));
-            } else {
-                set(stem, weight);
-            }
+        let pick = (share(0x63, slot) * count as f32) as usize;
+        let Some(name) = MIXED.split(", ").nth(pick) else {
+            continue;
+        };
+        let sides = match uniform(seed ^ 0x64, slot) {
+            _ if !name.ends_with("_LR") => [1.0; 2],
+            l if l > 0.6 => [1.0, 0.0],
+            l if l < -0.6 => [0.0, 1.0],
+            l => [1.0 + 0.3 * l.min(0.0), 1.0 - 0.3 * l.max(0.0)],
+        };
+        if name == ROLL.0 {
+            ROLL.1.iter().for_each(|part| set(part, weight));
+        } else {
+            set_sides(name, sides.map(|side| weight * side), set);
         }
     }
     gaze(seed, t, set);
     let blink = (t / 1.9) as u64;
-    let since = t % 1.9 - 0.3 - 1.2 * share(0x65, blink);
-    let closed = ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32));
+    let closed = blink_of(t % 1.9 - 0.3 - 1.2 * share(0x65, blink));
     let lean = uniform(seed ^ 0x66, blink);
     if closed > 0.0 {
-        set("eyeBlink_L", if lean < -0.5 { 0.0 } else { closed });
-        set("eyeBlink_R", if lean > 0.5 { 0.0 } else { closed });
+        let left = if lean < -0.5 { 0.0 } else { closed };
+        let right = if lean > 0.5 { 0.0 } else { closed };
+        set_sides("eyeBlink_LR", [left, right], set);
     }
 }
 
@@ -552,16 +468,11 @@ fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
         let [from, to] = [glance, glance + 1].map(|k| far * uniform(seed ^ channel, k));
         from + (to - from) * there
     });
-    set("eyeLookOut_L", left.max(0.0));
-    set("eyeLookIn_R", left.max(0.0));
-    set("eyeLookOut_R", (-left).max(0.0));
-    set("eyeLookIn_L", (-left).max(0.0));
-    for side in ["eyeLookUp_L", "eyeLookUp_R"] {
-        set(side, up.max(0.0));
-    }
-    for side in ["eyeLookDown_L", "eyeLookDown_R"] {
-        set(side, (-up).max(0.0));
-    }
+    let [to_left, to_right] = [left.max(0.0), (-left).max(0.0)];
+    set_sides("eyeLookOut_LR", [to_left, to_right], set);
+    set_sides("eyeLookIn_LR", [to_right, to_left], set);
+    set_sides("eyeLookUp_LR", [up.max(0.0); 2], set);
+    set_sides("eyeLookDown_LR", [(-up).max(0.0); 2], set);
 }
 
 #[cfg(test)]
@@ -571,7 +482,7 @@ mod tests {
 
     #[test]
     fn an_acted_minute_covers_the_range_smoothly() {
-        let mut before: Option<Instant> = None;
+        let mut before: Option<Rigid> = None;
         let (mut widest, mut near, mut far) = (0.0f32, 9.0f32, 0.0f32);
         for frame in 0..3600 {
             let t = frame as f32 / 60.0;
@@ -580,18 +491,14 @@ mod tests {
                 .play(5, t, |_, w| largest = largest.max(w))
                 .expect("somebody");
             assert!(largest <= 1.0);
-            let (yaw, pitch, _) = yaw_pitch_roll(&now.sensor_from_head.rotation);
+            let (yaw, pitch, _) = yaw_pitch_roll(&now.rotation);
             assert!(yaw.abs() <= 25.01f32.to_radians() && pitch.abs() <= 15.01f32.to_radians());
             widest = widest.max(yaw.abs());
-            let z = now.sensor_from_head.translation.z;
+            let z = now.translation.z;
             (near, far) = (near.min(z), far.max(z));
             if let Some(before) = before {
-                let turned = before
-                    .sensor_from_head
-                    .rotation
-                    .angle_to(&now.sensor_from_head.rotation);
-                let moved = before.sensor_from_head.translation.vector
-                    - now.sensor_from_head.translation.vector;
+                let turned = before.rotation.angle_to(&now.rotation);
+                let moved = before.translation.vector - now.translation.vector;
                 assert!(turned < 0.04 && moved.norm() < 0.01, "at {t} s");
             }
             before = Some(now);
@@ -617,7 +524,10 @@ mod tests {
             both += usize::from(on > 2);
         }
         // Both lids more, four directions of each eye, and the rolled lips are two others of the list.
-        assert_eq!(most.len(), 2 * SIDED.len() + WHOLE.len() + 2 + 8 - 1);
+        assert_eq!(
+            most.len(),
+            MIXED.split(", ").count() + MIXED.matches("_LR").count() + 2 + 8 - 1
+        );
         let far = |(name, w): (&String, &f32)| {
             *w > if name.starts_with("eyeLook") {
                 0.3

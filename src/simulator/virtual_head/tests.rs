@@ -3,7 +3,7 @@
 use nalgebra::Translation3;
 
 use super::*;
-use crate::base::geometry::rotation_from_yaw_pitch_roll;
+use crate::base::geometry::{Vector, rotation_from_yaw_pitch_roll};
 use crate::sensor::NO_DEPTH;
 use crate::sensor::kinect::frame::KinectFrame;
 

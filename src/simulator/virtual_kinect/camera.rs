@@ -3,22 +3,25 @@
 use crate::sensor::kinect::calibration::{Block, emit_block, emit_fixed};
 use crate::sensor::kinect::command::{self, Command, image_sensor, register};
 use crate::sensor::kinect::device::{Model, Stream};
-use crate::sensor::kinect::motor::{self, Posture, audio};
+use crate::sensor::kinect::motor::{self, audio};
 use crate::sensor::kinect::registration::Registration;
 
 /// Registers, calibration and motor of a camera, and the reply that waits.
 #[derive(Clone, Debug)]
 pub struct VirtualCamera {
-    model: Model,
+    /// Which sensor it plays.
+    pub model: Model,
     registration: Registration,
     registers: Vec<u16>,
-    automatic: u16,
+    /// Automatic functions of the colour sensor.
+    pub automatic: u16,
     reply: Option<Vec<u8>>,
     /// The next fetch finds the reply not ready.
     busy: bool,
     /// Value of the last LED request.
-    light: u16,
-    posture: Posture,
+    pub light: u16,
+    /// Degrees above the horizon it was tilted to.
+    pub tilt_deg: f32,
     /// What the audio device has to say, oldest first.
     audio: std::collections::VecDeque<Vec<u8>>,
 }
@@ -35,56 +38,35 @@ impl VirtualCamera {
             reply: None,
             busy: false,
             light: 0,
-            posture: Posture {
-                acceleration_g: [0.0, 1.0, 0.0],
-                tilt_deg: Some(0.0),
-            },
+            tilt_deg: 0.0,
             audio: std::collections::VecDeque::new(),
         }
-    }
-
-    /// Which sensor it plays.
-    #[must_use]
-    pub const fn model(&self) -> Model {
-        self.model
     }
 
     /// Content of a register.
     #[must_use]
     pub fn register(&self, number: u16) -> u16 {
-        self.registers
-            .get(usize::from(number))
-            .copied()
-            .unwrap_or(0)
-    }
-
-    /// Automatic functions of the colour sensor.
-    #[must_use]
-    pub const fn automatic(&self) -> u16 {
-        self.automatic
-    }
-
-    /// Value of the last LED request.
-    #[must_use]
-    pub const fn light(&self) -> u16 {
-        self.light
+        let value = self.registers.get(usize::from(number));
+        value.copied().unwrap_or_default()
     }
 
     /// True if the registers switch the stream on in the format that `Player` sends.
     #[must_use]
     pub fn streams(&self, stream: Stream) -> bool {
-        match stream {
-            Stream::Colour => {
-                self.register(register::COLOUR_STREAM) == 1
-                    && self.register(register::COLOUR_FORMAT) == 0
-                    && self.register(register::COLOUR_RESOLUTION) == 1
-            }
-            Stream::Depth => {
-                self.register(register::DEPTH_STREAM) == 2
-                    && self.register(register::DEPTH_FORMAT) == 3
-                    && self.register(register::DEPTH_RESOLUTION) == 1
-            }
-        }
+        let settings = match stream {
+            Stream::Colour => [
+                (register::COLOUR_STREAM, 1),
+                (register::COLOUR_FORMAT, 0),
+                (register::COLOUR_RESOLUTION, 1),
+            ],
+            Stream::Depth => [
+                (register::DEPTH_STREAM, 2),
+                (register::DEPTH_FORMAT, 3),
+                (register::DEPTH_RESOLUTION, 1),
+            ],
+        };
+        let mut settings = settings.iter();
+        settings.all(|(number, value)| self.register(*number) == *value)
     }
 
     /// A command arrives. False = stall.
@@ -144,23 +126,12 @@ impl VirtualCamera {
         self.reply.take().unwrap_or_default()
     }
 
-    /// A vendor request without data to the motor device. False = stall.
-    pub fn motor_write(&mut self, request: u8, value: u16) -> bool {
+    /// A vendor request without data to the motor device.
+    pub fn motor_write(&mut self, request: u8, value: u16) {
         match request {
             motor::SET_LIGHT => self.light = value,
-            motor::SET_TILT => self.posture.tilt_deg = Some(f32::from(value.cast_signed()) / 2.0),
-            _ => return false,
-        }
-        true
-    }
-
-    /// A vendor request that reads from the motor device; `None` = stall.
-    #[must_use]
-    pub fn motor_read(&self, request: u8) -> Option<Vec<u8>> {
-        match request {
-            0x10 => Some(vec![0x22]),
-            motor::GET_POSTURE => Some(motor::emit_posture(&self.posture).to_vec()),
-            _ => None,
+            motor::SET_TILT => self.tilt_deg = f32::from(value.cast_signed()) / 2.0,
+            _ => {}
         }
     }
 
@@ -170,14 +141,7 @@ impl VirtualCamera {
         let word = |i: usize| words.get(i).map_or(0, |word| u32::from_le_bytes(*word));
         match word(3) {
             0x10 => self.light = word(4) as u16,
-            0x803b => self.posture.tilt_deg = Some(word(4).cast_signed() as f32),
-            0x8032 => {
-                let mut state = vec![0; audio::POSTURE];
-                let tilt = self.posture.tilt_deg.unwrap_or(0.0) as i32;
-                state[20..24].copy_from_slice(&819i32.to_le_bytes());
-                state[28..32].copy_from_slice(&tilt.to_le_bytes());
-                self.audio.push_back(state);
-            }
+            0x803b => self.tilt_deg = word(4).cast_signed() as f32,
             _ => {}
         }
         self.audio.push_back(audio::status(word(1)));

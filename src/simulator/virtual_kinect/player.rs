@@ -16,15 +16,19 @@ const SLIP: Duration = Duration::from_millis(50);
 
 /// Cuts the frames of a scene into packets, on time.
 pub struct Player<D> {
-    pub(in crate::simulator) view: D,
-    frame: Box<KinectFrame>,
+    /// What it plays.
+    pub view: D,
+    /// The frame whose packets are going out.
+    pub frame: Box<KinectFrame>,
     packed: Box<[u8; PACKED_DEPTH]>,
     cutters: [Cutter; 2],
     /// Packets of the present picture already sent, by stream.
     sent: [usize; 2],
     began: Option<Duration>,
-    pub(super) period: Duration,
-    frames: u64,
+    /// Time of a picture: slow hosts cannot carry 30 a second through a virtual machine.
+    pub period: Duration,
+    /// Frames begun.
+    pub frames: u64,
 }
 
 impl<D: View> Player<D> {
@@ -34,31 +38,13 @@ impl<D: View> Player<D> {
         Self {
             view,
             frame: Box::default(),
-            packed: vec![0; PACKED_DEPTH]
-                .into_boxed_slice()
-                .try_into()
-                .expect("PACKED_DEPTH long"),
-            cutters: [
-                Cutter::new(Stream::Colour, 0),
-                Cutter::new(Stream::Depth, 0),
-            ],
+            packed: vec![0; PACKED_DEPTH].try_into().expect("as long"),
+            cutters: Stream::BOTH.map(|stream| Cutter::new(stream, 0)),
             sent: [0; 2],
             began: None,
             period,
             frames: 0,
         }
-    }
-
-    /// The frame whose packets are going out.
-    #[must_use]
-    pub const fn frame(&self) -> &KinectFrame {
-        &self.frame
-    }
-
-    /// Frames begun.
-    #[must_use]
-    pub const fn frames(&self) -> u64 {
-        self.frames
     }
 
     fn next_frame(&mut self) -> bool {
@@ -87,7 +73,7 @@ impl<D: View> Player<D> {
         let total = self
             .cutters
             .each_ref()
-            .map(|cutter| cutter.layout().packets());
+            .map(|cutter| cutter.layout.packets());
         loop {
             if self.began.is_none() && !self.next_frame() {
                 return false;
@@ -101,12 +87,10 @@ impl<D: View> Player<D> {
                     self.sent[i] = total[i];
                 }
                 let due = ((share * total[i] as f64) as usize).min(total[i]);
-                let (picture, ticks): (&[u8], u32) = match stream {
-                    Stream::Colour => (
-                        self.frame.original.bayer.as_slice(),
-                        self.frame.original.colour_ticks,
-                    ),
-                    Stream::Depth => (self.packed.as_slice(), self.frame.original.ticks),
+                let original = &self.frame.original;
+                let (picture, ticks) = match stream {
+                    Stream::Colour => (&original.bayer[..], original.colour_ticks),
+                    Stream::Depth => (&self.packed[..], original.ticks),
                 };
                 let mut packet = [0; LONGEST];
                 while self.sent[i] < due {

@@ -70,7 +70,7 @@ const MIXED: f32 = 0.75;
 
 struct Scratch {
     painter: HeadPainter,
-    bust: (Shape, ShapePainter),
+    bust: ShapePainter,
     canvas: Canvas,
     /// The same head with the other person's photograph.
     other: Canvas,
@@ -303,10 +303,9 @@ impl Renderer {
 impl Scratch {
     fn new(asset: &HeadAsset) -> Self {
         let shape = Shape::bust([110.0, 115.0, 120.0]);
-        let bust = ShapePainter::new(&shape);
         Self {
             painter: HeadPainter::new(asset),
-            bust: (shape, bust),
+            bust: ShapePainter::new(shape),
             canvas: Canvas::new(1, 1),
             other: Canvas::new(1, 1),
             neutral: asset.neutral.clone(),
@@ -334,18 +333,18 @@ fn visible(
 /// The shoulders below a head, now and then, in clothes of some colour.
 fn shoulders(
     rng: &mut Rng,
-    (shape, bust): &mut (Shape, ShapePainter),
+    bust: &mut ShapePainter,
     sensor_from_head: &Rigid,
     light: &Light,
     pixel: impl Fn(&Point) -> [f32; 2],
     canvas: &mut Canvas,
 ) {
     if rng.f32() < 0.75 {
-        bust.place(shape, &shoulders_below(sensor_from_head));
+        bust.place(&shoulders_below(sensor_from_head));
         let mut clothes = *light;
         let dye = rng.f32() * 2.2;
         clothes.tint = light.tint.map(|t| t * dye * (0.7 + 0.6 * rng.f32()));
-        bust.draw_colour(shape, &clothes, pixel, canvas);
+        bust.draw_colour(&clothes, pixel, canvas);
     }
 }
 

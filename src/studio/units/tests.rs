@@ -168,12 +168,12 @@ fn play(head: &IctHead, person: u64) -> Vec<Vec<[f64; 2]>> {
     let mut pairs = vec![Vec::new(); FOLLOWS.len()];
     for n in 0..3600u64 {
         let mut weights = vec![0f32; head.expressions.len()];
-        let instant = Scene::Acted.play(person, n as f32 / 30.0, |name, w| {
+        let pose = Scene::Acted.play(person, n as f32 / 30.0, |name, w| {
             if let Some(k) = head.expression(name) {
                 weights[k] = weights[k].max(w);
             }
         });
-        let pose = instant.expect("somebody acts").sensor_from_head;
+        let pose = pose.expect("somebody acts");
         let mut points = neutral;
         for (expression, &w) in head.expressions.iter().zip(&weights) {
             for (point, &v) in points.iter_mut().zip(&head.landmarks) {

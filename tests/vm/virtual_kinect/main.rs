@@ -120,9 +120,9 @@ fn serve(
             }
         }
         let mut device = device.lock().expect("no holder panics");
-        let frames = device.inner().player().frames();
+        let frames = device.inner.player.frames;
         if frames >= clean_after {
-            device.set_rates(Rates::default());
+            device.faults.rates = Rates::default();
         }
         if let Some(plan) = unplug.take_if(|plan| frames >= plan.at) {
             Stream::BOTH
@@ -189,7 +189,8 @@ fn main() -> Result<()> {
         })
         .transpose()?;
     let scene = scene(option("--scene").as_deref().unwrap_or("pattern"))?;
-    let kinect = VirtualKinect::new(model, "V1414", scene).with_period(period);
+    let mut kinect = VirtualKinect::new(model, "V1414", scene);
+    kinect.player.period = period;
     let device = Arc::new(Mutex::new(Faulty::new(kinect, rates, 1)));
 
     for (name, function) in [("--motor", Function::Motor), ("--audio", Function::Audio)] {
@@ -228,14 +229,13 @@ fn main() -> Result<()> {
         powered,
     );
     let device = device.lock().expect("no holder panics");
-    let camera = device.inner().camera();
+    let camera = &device.inner.camera;
     println!(
         "frames {} light {}",
-        device.inner().player().frames(),
-        camera.light()
+        device.inner.player.frames, camera.light
     );
     for stream in Stream::BOTH {
-        let done = device.injected()[stream.index()];
+        let done = device.faults.injected[stream.index()];
         println!(
             "injected {stream:?}: lost {} repeated {} damaged {} short {} bus errors {}",
             done.lost, done.repeated, done.damaged, done.short, done.bus_errors

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Duration;
 
-use mien::sensor::kinect::device::{Model, PacketSource, Stream};
+use mien::sensor::kinect::device::{Model, PacketSource, Request, Stream};
 
 use crate::Device;
 use crate::descriptors::{Descriptors, Function};
@@ -68,19 +68,18 @@ impl Session<'_> {
         let answer: Option<Vec<u8>> = match (kind, self.descriptors.function) {
             (0x80..=0x82, _) => self.descriptors.answer(request, value),
             (0x00..=0x02, _) => Some(vec![]),
-            (0x40, Function::Camera) => device.send(data).ok().map(|()| vec![]),
+            (0x40, Function::Camera) => device.request(Request::Command(data)).ok().map(|_| vec![]),
             (0xc0, Function::Camera) => {
                 let mut reply = [0; 512];
-                device.receive(&mut reply).ok().map(|n| reply[..n].to_vec())
+                let n = device.request(Request::Reply(&mut reply));
+                n.ok().map(|n| reply[..n].to_vec())
             }
-            (0x40, Function::Motor) => device.motor_write(request, value).ok().map(|()| vec![]),
-            (0xc0, Function::Motor) => {
-                let mut reply = [0; 64];
-                device
-                    .motor_read(request, &mut reply)
-                    .ok()
-                    .map(|n| reply[..n].to_vec())
+            (0x40, Function::Motor) => {
+                let moved = device.request(Request::Motor(request, value));
+                moved.ok().map(|_| vec![])
             }
+            // "Ready?", which is all that its clients ask.
+            (0xc0, Function::Motor) => (request == 0x10).then(|| vec![0x22]),
             _ => None,
         };
         drop(device);

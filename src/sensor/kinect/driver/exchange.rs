@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::{Kinect, KinectError};
 use crate::sensor::kinect::calibration::{Block, parse_block, parse_fixed};
 use crate::sensor::kinect::command::{self, BadReply, Command, image_sensor};
-use crate::sensor::kinect::device::{DeviceError, PacketSource};
+use crate::sensor::kinect::device::{DeviceError, PacketSource, Request};
 use crate::sensor::kinect::registration::Registration;
 
 /// Between two looks for a reply.
@@ -67,8 +67,8 @@ impl<S: PacketSource> Kinect<S> {
             // A new tag for every try: a late reply to the last one cannot be taken for this one's.
             self.tag = self.tag.wrapping_add(1);
             command::emit_command(command, tag, words, &mut self.command);
-            match self.source.send(&self.command) {
-                Ok(()) => {}
+            match self.source.request(Request::Command(&self.command)) {
+                Ok(_) => {}
                 Err(problem @ (DeviceError::Stall | DeviceError::TimedOut)) => {
                     failure = problem.into();
                     continue;
@@ -98,7 +98,8 @@ impl<S: PacketSource> Kinect<S> {
         };
         loop {
             let mut buffer = [0; command::REPLY];
-            let n = self.source.receive(&mut buffer)?.min(buffer.len());
+            let reply = Request::Reply(&mut buffer);
+            let n = self.source.request(reply)?.min(command::REPLY);
             if n != 0 && n != command::REPLY {
                 match command::parse_reply(&buffer[..n], command, tag).and_then(&mut *read) {
                     Ok(value) => return Ok(value),
@@ -142,11 +143,15 @@ impl<S: PacketSource> Kinect<S> {
         };
         self.exchange(Command::ImageSensor, &words, |body| match *body {
             [_, _, _, _, low, high, ..] => Ok(u16::from_le_bytes([low, high])),
-            _ => Err(BadReply::Body {
-                expected: 6,
-                found: body.len(),
-            }),
+            _ => Err(short(body, 6)),
         })
+    }
+}
+
+fn short(body: &[u8], expected: usize) -> BadReply {
+    BadReply::Length {
+        expected: command::HEADER + expected,
+        found: command::HEADER + body.len(),
     }
 }
 
@@ -154,10 +159,7 @@ impl<S: PacketSource> Kinect<S> {
 fn status_of(body: &[u8]) -> Result<(u16, &[u8]), BadReply> {
     match body {
         [low, high, rest @ ..] => Ok((u16::from_le_bytes([*low, *high]), rest)),
-        _ => Err(BadReply::Body {
-            expected: 2,
-            found: body.len(),
-        }),
+        _ => Err(short(body, 2)),
     }
 }
 

@@ -1,8 +1,8 @@
-//! LED, tilt and accelerometer: of the motor device, or through the audio device of the later models.
+//! LED and tilt: of the motor device, or through the audio device of the later models.
 
 use super::Kinect;
-use crate::sensor::kinect::device::{DeviceError, Model, PacketSource};
-use crate::sensor::kinect::motor::{self, Light, Posture, audio};
+use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Request};
+use crate::sensor::kinect::motor::{self, Light, audio};
 
 impl<S: PacketSource> Kinect<S> {
     /// Sets the LED.
@@ -10,14 +10,8 @@ impl<S: PacketSource> Kinect<S> {
     /// # Errors
     /// This Kinect has no reachable motor device; the pictures go on.
     pub fn set_light(&mut self, light: Light) -> Result<(), DeviceError> {
-        if self.model() == Model::Xbox1414 {
-            return self
-                .source
-                .motor_write(motor::SET_LIGHT, motor::light_value(light));
-        }
-        let tag = self.next_audio_tag();
-        self.source.audio_write(&audio::light(tag, light))?;
-        self.audio_done(tag)
+        let value = light.values().0;
+        self.move_or_tell(motor::SET_LIGHT, value, |tag| audio::light(tag, light))
     }
 
     /// Tilts to `degrees` above the horizon, limited to ±31. Not more often than once a second.
@@ -25,46 +19,27 @@ impl<S: PacketSource> Kinect<S> {
     /// # Errors
     /// This Kinect has no reachable motor device; the pictures go on.
     pub fn tilt(&mut self, degrees: f32) -> Result<(), DeviceError> {
+        let value = motor::tilt_value(degrees);
+        self.move_or_tell(motor::SET_TILT, value, |tag| audio::tilt(tag, degrees))
+    }
+
+    /// Sends the motor device a request, or the audio device the `message` that does the same.
+    fn move_or_tell(
+        &mut self,
+        request: u8,
+        value: u16,
+        message: impl FnOnce(u32) -> Vec<u8>,
+    ) -> Result<(), DeviceError> {
         if self.model() == Model::Xbox1414 {
-            return self
-                .source
-                .motor_write(motor::SET_TILT, motor::tilt_value(degrees));
-        }
-        let tag = self.next_audio_tag();
-        self.source.audio_write(&audio::tilt(tag, degrees))?;
-        self.audio_done(tag)
-    }
-
-    /// Reads accelerometer and tilt.
-    ///
-    /// # Errors
-    /// This Kinect has no reachable motor device; the pictures go on.
-    pub fn posture(&mut self) -> Result<Posture, DeviceError> {
-        if self.model() == Model::Xbox1414 {
-            let mut bytes = [0; 10];
-            let n = self.source.motor_read(motor::GET_POSTURE, &mut bytes)?;
-            return motor::parse_posture(&bytes[..n]).ok_or(DeviceError::TimedOut);
-        }
-        let tag = self.next_audio_tag();
-        self.source.audio_write(&audio::ask_posture(tag))?;
-        let mut bytes = [0; 512];
-        let n = self.source.audio_read(&mut bytes)?.min(bytes.len());
-        let posture = audio::parse_posture(&bytes[..n]).ok_or(DeviceError::TimedOut)?;
-        self.audio_done(tag)?;
-        Ok(posture)
-    }
-
-    fn next_audio_tag(&mut self) -> u32 {
-        self.audio_tag = self.audio_tag.wrapping_add(1);
-        self.audio_tag
-    }
-
-    fn audio_done(&mut self, tag: u32) -> Result<(), DeviceError> {
-        let mut bytes = [0; 512];
-        let n = self.source.audio_read(&mut bytes)?.min(bytes.len());
-        if audio::is_done(&bytes[..n], tag) {
+            self.source.request(Request::Motor(request, value))?;
             return Ok(());
         }
-        Err(DeviceError::TimedOut)
+        self.audio_tag = self.audio_tag.wrapping_add(1);
+        let message = message(self.audio_tag);
+        self.source.request(Request::Audio(&message))?;
+        let mut answer = [0; 512];
+        let n = self.source.request(Request::AudioAnswer(&mut answer))?;
+        let is_done = audio::is_done(&answer[..n.min(answer.len())], self.audio_tag);
+        is_done.then_some(()).ok_or(DeviceError::TimedOut)
     }
 }

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::error::RecordingError;
 use crate::base::bounded_read;
-use crate::sensor::kinect::registration::{Registration, RegistrationIntegers};
+use crate::sensor::kinect::registration::{Registration, integer_names};
 
 /// Larger files are no calibration.
 const LARGEST_BYTES: usize = 64 * 1024;
@@ -57,11 +57,9 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
     if block.is_null() {
         return Ok(registration);
     }
-    registration.integers = RegistrationIntegers::zero();
-    for name in RegistrationIntegers::NAMES {
-        if let Some(field) = registration.integers.by_name(name) {
-            whole(block, name, field)?;
-        }
+    registration.integers = [0; 29];
+    for (name, integer) in integer_names().zip(&mut registration.integers) {
+        whole(block, name, integer)?;
     }
     let (padding, from) = (&mut registration.padding, &block["pad_info"]);
     whole(from, "start_lines", &mut padding.start_lines)?;
@@ -110,8 +108,7 @@ fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(),
 pub fn to_json(registration: &Registration) -> String {
     use std::fmt::Write;
     let mut text = String::from("{\n  \"reg_info\": {\n");
-    let integers = registration.integers.to_array();
-    for (name, value) in RegistrationIntegers::NAMES.iter().zip(integers) {
+    for (name, value) in integer_names().zip(registration.integers) {
         writeln!(text, "    \"{name}\": {value},").expect("a String takes everything");
     }
     let (padding, plane) = (&registration.padding, &registration.zero_plane);
@@ -140,7 +137,7 @@ mod tests {
     #[test]
     fn a_calibration_survives_the_file() {
         let mut registration = Registration::default();
-        registration.integers.ax = -17;
+        registration.integers[1] = -17;
         registration.padding.end_lines = 3;
         registration.zero_plane.dcmos_rcmos_distance = 2.3;
         registration.const_shift = 187;
@@ -155,8 +152,8 @@ mod tests {
         let text =
             br#" {"other": [1, {"x": "a\"}"}, true, null, -1e3], "reg_info": {"ax": 5, "bx": 7}} "#;
         let registration = from_json(text).unwrap();
-        assert_eq!((registration.integers.ax, registration.integers.bx), (5, 7));
-        assert_eq!(registration.integers.dx_start, 0);
+        // dx_center, ax, bx, cx, dx, dx_start.
+        assert_eq!(registration.integers[..6], [0, 5, 7, 0, 0, 0]);
         assert_eq!(registration.zero_plane, Registration::default().zero_plane);
         assert_eq!(registration.const_shift, 200);
         assert_eq!(from_json(b"{}"), Ok(Registration::default()));

@@ -1,6 +1,11 @@
-//! Why a recording cannot be opened or written.
+//! What reading and writing a recording share: the names of its files, and why one cannot be opened or written.
 
 use std::path::PathBuf;
+
+/// Name of the file that lists a recording's pictures.
+pub(super) const INDEX_NAME: &str = "INDEX.txt";
+/// Name of the file with the sensor's calibration.
+pub(super) const DEVICE_NAME: &str = "device.json";
 
 /// Why a recording cannot be opened or written.
 #[derive(Debug, thiserror::Error)]

@@ -14,7 +14,6 @@
 //! Degenerate: ticks that step back by more than a second mean that the sensor was restarted, and time continues one frame
 //! period later; a gap of more than half the counter's range (35.8 s) cannot be told from that. A depth picture that is not
 //! later than the one before is marked to be skipped.
-//! One file: order, time and pairing are one decision.
 
 use std::collections::BinaryHeap;
 
@@ -107,15 +106,9 @@ impl Index {
             order(list);
             mark_strays(list);
         }
-        let mut clock = Unwrapped::leading();
-        for entry in depth.iter_mut().filter(|entry| !entry.stray) {
-            entry.time = entry.ticks.map(|ticks| clock.unwrap(ticks));
-        }
+        let starts = unwrap(depth, &[]);
         if !time_by_walls(colour, depth) {
-            let mut clock = Unwrapped::following(clock);
-            for entry in colour.iter_mut().filter(|entry| !entry.stray) {
-                entry.time = entry.ticks.map(|ticks| clock.unwrap(ticks));
-            }
+            unwrap(colour, &starts);
         }
         colour.retain(|entry| entry.time.is_some());
         sort(colour, |entry| entry.time);
@@ -280,56 +273,27 @@ fn nearest(colour: &[Entry], time: i64, reach: i64) -> Option<usize> {
         .min_by_key(|&i| distance(i))
 }
 
-/// Unwraps the counter of one stream of pictures.
-struct Unwrapped {
-    last: Option<u32>,
-    total: i64,
-    /// Where each run of the sensor began: counter and unwrapped ticks. The depth stream makes them; colour follows them,
-    /// so that both streams keep one time over a restart, in whatever order the index lists them.
-    starts: Vec<(u32, i64)>,
-    follows: bool,
-    runs: usize,
-}
-
-impl Unwrapped {
-    /// The stream that makes the time, from 0.
-    fn leading() -> Self {
-        Self {
-            last: None,
-            total: 0,
-            starts: Vec::new(),
-            follows: false,
-            runs: 0,
-        }
-    }
-
-    /// A stream that keeps the time of `leader`.
-    fn following(leader: Self) -> Self {
-        Self {
-            starts: leader.starts,
-            follows: true,
-            ..Self::leading()
-        }
-    }
-
-    fn unwrap(&mut self, ticks: u32) -> i64 {
-        let since = |earlier: u32| step(earlier, ticks);
-        match self.last.map(since) {
-            Some(step) if step >= -RESTART_TICKS => self.total += step,
+/// Unwraps the counter of one stream of pictures. What comes back is where each run of the sensor began: counter and unwrapped
+/// ticks. The depth stream makes them, from 0; colour follows them as its `leader`, so that both streams keep one time over a
+/// restart, in whatever order the index lists them.
+fn unwrap(list: &mut [Entry], leader: &[(u32, i64)]) -> Vec<(u32, i64)> {
+    let (mut last, mut total, mut starts) = (None, 0, Vec::new());
+    for entry in list.iter_mut().filter(|entry| !entry.stray) {
+        let Some(ticks) = entry.ticks else { continue };
+        match last.map(|last| step(last, ticks)) {
+            Some(step) if step >= -RESTART_TICKS => total += step,
             other => {
                 // A new run: the first one, or one after a step back.
                 let gap = if other.is_some() { FRAME_TICKS } else { 0 };
-                let start = self.starts.get(self.runs).filter(|_| self.follows);
-                self.total = start.map_or(self.total + gap, |&(first, total)| total + since(first));
-                self.runs += 1;
-                if !self.follows {
-                    self.starts.push((ticks, self.total));
-                }
+                let start = leader.get(starts.len());
+                total = start.map_or(total + gap, |&(first, at)| at + step(first, ticks));
+                starts.push((ticks, total));
             }
         }
-        self.last = Some(ticks);
-        self.total
+        last = Some(ticks);
+        entry.time = Some(total);
     }
+    starts
 }
 
 #[cfg(test)]

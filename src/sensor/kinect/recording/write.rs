@@ -7,9 +7,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::device;
-use super::error::RecordingError;
-use super::files::{DEVICE_NAME, INDEX_NAME};
-use crate::base::capacity::{PIXELS, RAW_DEPTH_VALUES};
+use super::error::{DEVICE_NAME, INDEX_NAME, RecordingError};
+use crate::base::capacity::PIXELS;
 use crate::sensor::NO_DEPTH;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
@@ -78,52 +77,38 @@ impl Recorder {
         if frame.has_colour && self.last_colour != Some(frame.original.colour_ticks) {
             colour::rgb_from_bayer(&frame.original.bayer, &mut self.rgb);
             let name = format!("r-{wall:.6}-{}.ppm", frame.original.colour_ticks);
-            write_picture(
-                &self.directory,
-                &mut self.index,
-                &name,
-                "P6 640 480 255\n",
-                &self.rgb,
-            )?;
+            self.add(&name, "P6 640 480 255\n", |recorder| &recorder.rgb)?;
             self.last_colour = Some(frame.original.colour_ticks);
         }
-        for (bytes, &raw) in self.depth.chunks_exact_mut(2).zip(frame.depth.iter()) {
-            let raw = if usize::from(raw) < RAW_DEPTH_VALUES {
-                raw
-            } else {
-                NO_DEPTH
-            };
-            bytes.copy_from_slice(&raw.to_le_bytes());
+        let (depth, _) = self.depth.as_chunks_mut();
+        for (bytes, &raw) in depth.iter_mut().zip(frame.depth.iter()) {
+            // Whatever else has no distance either.
+            *bytes = raw.min(NO_DEPTH).to_le_bytes();
         }
         let name = format!("d-{wall:.6}-{}.pgm", frame.original.ticks);
-        write_picture(
-            &self.directory,
-            &mut self.index,
-            &name,
-            "P5 640 480 65535\n",
-            &self.depth,
-        )?;
+        self.add(&name, "P5 640 480 65535\n", |recorder| &recorder.depth)?;
         self.frames += 1;
         Ok(())
     }
-}
 
-fn write_picture(
-    directory: &Path,
-    index: &mut File,
-    name: &str,
-    header: &str,
-    body: &[u8],
-) -> Result<(), RecordingError> {
-    let path = directory.join(name);
-    let written = File::create(&path).and_then(|mut file| {
-        file.write_all(header.as_bytes())?;
-        file.write_all(body)
-    });
-    let written = written.and_then(|()| index.write_all(format!("{name}\n").as_bytes()));
-    written.map_err(|source| {
-        // Not being able to remove it adds nothing to what the user must already do.
-        std::fs::remove_file(&path).ok();
-        RecordingError::File { path, source }
-    })
+    /// Writes a picture, and its name into the index.
+    fn add(
+        &mut self,
+        name: &str,
+        header: &str,
+        body: impl Fn(&Self) -> &[u8],
+    ) -> Result<(), RecordingError> {
+        let path = self.directory.join(name);
+        let written = File::create(&path).and_then(|mut file| {
+            file.write_all(header.as_bytes())?;
+            file.write_all(body(self))
+        });
+        let line = format!("{name}\n");
+        let written = written.and_then(|()| self.index.write_all(line.as_bytes()));
+        written.map_err(|source| {
+            // Not being able to remove it adds nothing to what the user must already do.
+            std::fs::remove_file(&path).ok();
+            RecordingError::File { path, source }
+        })
+    }
 }

@@ -18,25 +18,8 @@ pub(in crate::sensor) fn plain(problem: rusb::Error) -> DeviceError {
         rusb::Error::NoDevice => DeviceError::Gone,
         rusb::Error::Pipe => DeviceError::Stall,
         rusb::Error::Timeout => DeviceError::TimedOut,
-        other => DeviceError::Other { code: code(other) },
-    }
-}
-
-/// libusb's number of an error.
-fn code(problem: rusb::Error) -> i32 {
-    match problem {
-        rusb::Error::Io => -1,
-        rusb::Error::InvalidParam => -2,
-        rusb::Error::Access => -3,
-        rusb::Error::NoDevice => -4,
-        rusb::Error::NotFound => -5,
-        rusb::Error::Busy => -6,
-        rusb::Error::Timeout => -7,
-        rusb::Error::Overflow => -8,
-        rusb::Error::Pipe => -9,
-        rusb::Error::Interrupted => -10,
-        rusb::Error::NoMem => -11,
-        rusb::Error::NotSupported => -12,
-        _ => -99,
+        other => DeviceError::Other {
+            problem: other.to_string(),
+        },
     }
 }

@@ -3,7 +3,7 @@
 use super::look::{HairStyle, Headgear, Look};
 use super::outfit::{Cloth, FREE, Knot, Outfit};
 use super::skull::{HANGS, Skull};
-use super::stuff::{Stuff, grain, part, share, slope};
+use super::stuff::{along, grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
 
 /// Height of the hairline (y, metres) by angle from the face: forehead, temples, before the ear, above it, behind, nape.
@@ -25,18 +25,6 @@ const LINE_OVER_EARS: [[f32; 2]; 5] = [
     [62.0, 0.02],
     [90.0, 0.06],
 ];
-
-fn line(table: &[[f32; 2]], degrees: f32) -> f32 {
-    let after = table.iter().position(|k| k[0] > degrees);
-    match after {
-        Some(0) => table[0][1],
-        Some(k) => {
-            let ([x, y], [p, q]) = (table[k - 1], table[k]);
-            y + (q - y) * (degrees - x) / (p - x)
-        }
-        None => table[table.len() - 1][1],
-    }
-}
 
 /// Degrees from the face, 0…180.
 fn aside(phi: f32) -> f32 {
@@ -61,9 +49,8 @@ impl Outfit {
         match look.hair {
             HairStyle::Bald => return,
             HairStyle::Cropped => shell(0.005 * flat, false, 0.0),
-            HairStyle::Short => shell(0.012 * flat, false, 0.0),
+            HairStyle::Short | HairStyle::Fringe => shell(0.012 * flat, false, 0.0),
             HairStyle::Bushy => shell(0.042 * flat, true, 0.5),
-            HairStyle::Fringe => shell(0.012 * flat, false, 0.0),
             HairStyle::Long | HairStyle::LongFringe => shell(0.010 * flat, true, 0.0),
             HairStyle::Curly => shell(0.022 * flat, true, 0.35),
             HairStyle::Bun => shell(0.006, false, 0.0),
@@ -73,13 +60,13 @@ impl Outfit {
         }
         let long = 0.10 + 0.16 * share(seed, 1);
         match look.hair {
-            HairStyle::Long => self.locks(skull, &cloth, long, 0.0, seed),
-            HairStyle::LongFringe => self.locks(skull, &cloth, long, 0.0, seed),
+            HairStyle::Long | HairStyle::LongFringe => {
+                self.locks(skull, &cloth, long, 0.0, seed);
+            }
             HairStyle::Curly => self.locks(skull, &cloth, 0.8 * long, 0.012, seed),
             HairStyle::Bun => {
-                let behind = Cloth { ..cloth };
                 let up = skull.point(0.75, std::f32::consts::PI, 0.018);
-                self.ball([up.x, up.y, up.z], [0.038, 0.034, 0.034], &behind);
+                self.ball(up.into(), [0.038, 0.034, 0.034], &cloth);
             }
             _ => {}
         }
@@ -115,7 +102,7 @@ impl Outfit {
                 let d = super::skull::direction(theta, phi) * 4.0;
                 let clump = grain(d.x * 1.7 + d.z + shift, d.y * 1.7 + d.z * 0.6);
                 let tuft = grain(d.x * 4.3 + d.z * 2.7 - shift, d.y * 4.1 - d.z * 1.9);
-                let edge = line(table, aside(phi)) - receding + 0.006 * tuft;
+                let edge = along(table, aside(phi)) - receding + 0.006 * tuft;
                 let within = (edge - foot.y) / 0.006 + 0.5;
                 // Thin at its edge, thickest on top.
                 let body = slope(edge - foot.y, -0.004, 0.03).sqrt();
@@ -154,7 +141,7 @@ impl Outfit {
                 })
                 .collect();
             let end = path[STEPS - 1];
-            if end.y < line(&LINE, aside(phi)) + 0.004 {
+            if end.y < along(&LINE, aside(phi)) + 0.004 {
                 let wide = 0.005 + 0.004 * chance(4);
                 self.lock(&path, wide, 0.78 + 0.4 * chance(5), cloth, k as f32 * 3.0);
             }
@@ -213,16 +200,12 @@ impl Outfit {
             let end = lowest + 0.010 * (chance(1) - 0.5) + 0.012 * turn * turn;
             let mut path = Vec::with_capacity(12);
             for i in 0..60 {
-                let p = skull.point(0.42 + 0.025 * i as f32, phi * (0.8 + 0.006 * i as f32), 0.0);
+                let (down, across) = (0.42 + 0.025 * i as f32, 0.8 + 0.006 * i as f32);
                 if i % 4 == 0 {
                     let rise = 0.012 + 0.004 * chance(2);
-                    path.push(skull.point(
-                        0.42 + 0.025 * i as f32,
-                        phi * (0.8 + 0.006 * i as f32),
-                        rise,
-                    ));
+                    path.push(skull.point(down, phi * across, rise));
                 }
-                if p.y > end {
+                if skull.point(down, phi * across, 0.0).y > end {
                     break;
                 }
             }
@@ -236,7 +219,6 @@ impl Outfit {
     fn lock(&mut self, path: &[Point], wide: f32, shade: f32, cloth: &Cloth, weave: f32) {
         let steps = path.len();
         let middle = Vector::new(0.0, 0.0, 0.085);
-        let stuff: Stuff = cloth.stuff;
         self.tube(
             path,
             |i| {
@@ -250,7 +232,7 @@ impl Outfit {
                 [wide * thin, 0.45 * wide * thin]
             },
             6,
-            stuff,
+            cloth.stuff,
             |i, p, turn| {
                 let t = i as f32 / (steps - 1) as f32;
                 Knot {

@@ -195,6 +195,15 @@ impl Look {
         }
     }
 
+    /// Stuff of the clothes: black answers badly.
+    pub(super) fn clothes_stuff(&self) -> Stuff {
+        if self.clothes.iter().sum::<f32>() < 150.0 {
+            Stuff::Dark
+        } else {
+            Stuff::Cloth
+        }
+    }
+
     /// Stuff of the hair: dark swallows more light.
     pub(super) fn hair_stuff(&self) -> Stuff {
         if self.hair_colour.iter().sum::<f32>() < 140.0 {
@@ -205,41 +214,49 @@ impl Look {
     }
 }
 
+/// In the order of [`Held`].
+#[cfg(feature = "studio")]
+const HELD: [&str; 6] = [
+    "",
+    "hand at the chin",
+    "sheet of paper",
+    "cup",
+    "phone",
+    "hand over the mouth",
+];
+
 #[cfg(feature = "studio")]
 impl std::fmt::Display for Look {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let shade = match self.hair_stuff() {
-            Stuff::DarkHair => "dark ",
+            Stuff::DarkHair if self.hair != HairStyle::Bald => "dark ",
             _ => "",
         };
-        match self.hair {
-            HairStyle::Bald => write!(f, "bald")?,
-            HairStyle::Fringe => write!(f, "{shade}fringe")?,
-            HairStyle::LongFringe => write!(f, "{shade}long hair and fringe")?,
-            HairStyle::Bun => write!(f, "{shade}bun")?,
-            style => write!(f, "{shade}{} hair", format!("{style:?}").to_lowercase())?,
-        }
-        let things: [(bool, &str); 14] = [
-            (self.beard == Beard::Stubble, "stubble"),
-            (self.beard == Beard::Full, "full beard"),
-            (self.rims_m > 0.0, "glasses"),
-            (self.headgear == Headgear::Cap, "cap"),
-            (self.headgear == Headgear::Hood, "hood"),
-            (self.headgear == Headgear::Headphones, "headphones"),
-            (self.neck == Neck::Scarf, "scarf"),
-            (self.neck == Neck::Collar, "collar"),
-            (self.held == Held::Chin, "hand at the chin"),
-            (self.held == Held::Paper, "sheet of paper"),
-            (self.held == Held::Cup, "cup"),
-            (self.held == Held::Phone, "phone"),
-            (self.held == Held::Mouth, "hand over the mouth"),
-            (self.chair, "chair"),
-        ];
-        for (_, thing) in things.iter().filter(|(worn, _)| *worn) {
-            write!(f, ", {thing}")?;
-        }
-        if self.bystander {
-            write!(f, ", somebody behind")?;
+        let hair = match self.hair {
+            HairStyle::Bald => "bald",
+            HairStyle::Cropped => "cropped hair",
+            HairStyle::Short => "short hair",
+            HairStyle::Bushy => "bushy hair",
+            HairStyle::Long => "long hair",
+            HairStyle::Fringe => "fringe",
+            HairStyle::LongFringe => "long hair and fringe",
+            HairStyle::Curly => "curly hair",
+            HairStyle::Bun => "bun",
+        };
+        write!(f, "{shade}{hair}")?;
+        let if_so = |so: bool, thing| if so { thing } else { "" };
+        for thing in [
+            ["", "stubble", "full beard"][self.beard as usize],
+            if_so(self.rims_m > 0.0, "glasses"),
+            ["", "cap", "hood", "headphones"][self.headgear as usize],
+            ["", "scarf", "collar"][self.neck as usize],
+            HELD[self.held as usize],
+            if_so(self.chair, "chair"),
+            if_so(self.bystander, "somebody behind"),
+        ] {
+            if !thing.is_empty() {
+                write!(f, ", {thing}")?;
+            }
         }
         Ok(())
     }

@@ -3,9 +3,11 @@
 //! An [`Outfit`] is one mesh with procedural texture, made from a head once. Its vertices are points of the head frame, or
 //! stand off a vertex of the face and move with it (a beard); each stays with the shoulders by its own share (the ends of
 //! long hair, a scarf). Strands are cut out of surfaces pixel by pixel, by value noise over texture coordinates, so that
-//! edges are ragged in both cameras alike. One file: the words for looks, the mesh, and how it is drawn. Units and frames: metres, head frame; texture coordinates in cells of noise.
+//! edges are ragged in both cameras alike. Units and frames: metres, head frame; texture coordinates in cells of noise.
 
 mod hair;
+#[cfg(feature = "studio")]
+mod held;
 mod look;
 mod outfit;
 mod painter;

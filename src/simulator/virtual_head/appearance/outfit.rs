@@ -103,13 +103,28 @@ impl Outfit {
             let theta = std::f32::consts::PI * row as f32 / (ROWS - 1) as f32;
             let phi = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
             let d = skull::direction(theta, phi);
-            let p = Point::new(
-                centre[0] + radii[0] * d.x,
-                centre[1] + radii[1] * d.y,
-                centre[2] + radii[2] * d.z,
-            );
+            let p = [0, 1, 2].map(|k| centre[k] + radii[k] * d[k]).into();
             cloth.knot(p, [phi * radii[0] * 10.0, row as f32 * radii[1] * 3.0], 1.0)
         });
+    }
+
+    /// Adds a flat or bent sheet, seen from both sides: `at` of two numbers in 0…1.
+    #[cfg(feature = "studio")]
+    pub(super) fn sheet(
+        &mut self,
+        cells: [usize; 2],
+        cloth: &Cloth,
+        at: impl Fn(f32, f32) -> Point,
+    ) {
+        let [rows, columns] = cells;
+        for back in [false, true] {
+            self.grid(cells, false, cloth.stuff, |row, column| {
+                let v = row as f32 / (rows - 1) as f32;
+                let u = column as f32 / (columns - 1) as f32;
+                let u = if back { 1.0 - u } else { u };
+                cloth.knot(at(u, v), [u, v], 1.0)
+            });
+        }
     }
 
     /// Adds a tube along a path; `outward(i)`: its thick side; `radii(i)`: half width across and along that.
@@ -131,11 +146,8 @@ impl Outfit {
             let turn = j as f32 / sides as f32;
             let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
             let [wide, thick] = radii(i);
-            knot(
-                i,
-                path[i] + across * (wide * cos) + out * (thick * sin),
-                turn,
-            )
+            let p = path[i] + across * (wide * cos) + out * (thick * sin);
+            knot(i, p, turn)
         });
     }
 }

@@ -4,10 +4,13 @@ use super::outfit::{Knot, Outfit};
 use super::stuff::{Stuff, grain};
 use crate::base::geometry::{Point, Rigid, Vector};
 use crate::simulator::virtual_head::draw::{Canvas, Light};
-use crate::simulator::virtual_head::raster::{Corner, DepthBuffer, Window, project};
+use crate::simulator::virtual_head::raster::{
+    Corner, DepthBuffer, Window, mix, project, sum_normals,
+};
 
 /// Work space for one outfit.
 pub(crate) struct OutfitPainter {
+    outfit: Outfit,
     placed: Vec<Point>,
     normals: Vec<Vector>,
     lit: Vec<[f32; 3]>,
@@ -15,25 +18,25 @@ pub(crate) struct OutfitPainter {
 }
 
 impl OutfitPainter {
-    pub(crate) fn new(outfit: &Outfit) -> Self {
+    pub(crate) fn new(outfit: Outfit) -> Self {
         let n = outfit.knots.len();
         Self {
             placed: outfit.knots.iter().map(|k| Point::from(k.offset)).collect(),
             normals: vec![Vector::zeros(); n],
             lit: vec![[0.0; 3]; n],
             corners: vec![Corner::default(); n],
+            outfit,
         }
     }
 
     /// Puts it on; `face`: the deformed vertices of the head, head frame.
     pub(crate) fn place(
         &mut self,
-        outfit: &Outfit,
         face: &[Point],
         sensor_from_head: &Rigid,
         sensor_from_torso: &Rigid,
     ) {
-        for (placed, knot) in self.placed.iter_mut().zip(&outfit.knots) {
+        for (placed, knot) in self.placed.iter_mut().zip(&self.outfit.knots) {
             let p = match face.get(knot.base as usize) {
                 Some(vertex) => vertex + knot.offset,
                 None => Point::from(knot.offset),
@@ -46,18 +49,16 @@ impl OutfitPainter {
     /// Draws depth, and what is there into `stuff`, one per pixel.
     pub(crate) fn draw_depth(
         &mut self,
-        outfit: &Outfit,
         pixel: impl Fn(&Point) -> [f32; 2],
         buffer: &mut DepthBuffer,
         stuff: &mut [Stuff],
     ) {
         project(&self.placed, pixel, &mut self.corners);
-        for &(triangle, made) in &outfit.triangles {
-            let [a, b, c] = triangle.map(|k| k as usize);
-            let corners = [self.corners[a], self.corners[b], self.corners[c]];
-            let [p, q, r] = [a, b, c].map(|k| &outfit.knots[k]);
+        for &(triangle, made) in &self.outfit.triangles {
+            let corners = triangle.map(|k| self.corners[k as usize]);
+            let knots = triangle.map(|k| &self.outfit.knots[k as usize]);
             buffer.triangle_where(corners, |index, u, v| {
-                let kept = made != Stuff::Glass && cut(p, q, r, u, v);
+                let kept = made != Stuff::Glass && is_there(knots, u, v);
                 // Glass lets what is behind be measured, badly.
                 if kept || made == Stuff::Glass {
                     stuff[index] = made;
@@ -70,32 +71,27 @@ impl OutfitPainter {
     /// Draws colour.
     pub(crate) fn draw_colour(
         &mut self,
-        outfit: &Outfit,
         light: &Light,
         pixel: impl Fn(&Point) -> [f32; 2],
         canvas: &mut Canvas,
     ) -> Window {
         project(&self.placed, pixel, &mut self.corners);
-        self.light(outfit, light);
+        self.light(light);
         let mut window = Window::NOTHING;
         let Canvas { depth, rgb } = canvas;
-        for &(triangle, made) in &outfit.triangles {
-            let [a, b, c] = triangle.map(|k| k as usize);
-            let corners = [self.corners[a], self.corners[b], self.corners[c]];
-            let [p, q, r] = [a, b, c].map(|k| &outfit.knots[k]);
-            let (la, lb, lc) = (self.lit[a], self.lit[b], self.lit[c]);
+        for &(triangle, made) in &self.outfit.triangles {
+            let corners = triangle.map(|k| self.corners[k as usize]);
+            let knots = triangle.map(|k| &self.outfit.knots[k as usize]);
+            let lit = triangle.map(|k| self.lit[k as usize]);
             let contrast = made.contrast();
             // Stubble on the skin, the glint on glass: one looks through.
             let thin = matches!(made, Stuff::Skin | Stuff::Glass);
             window.include(depth.triangle_where(corners, |index, u, v| {
-                let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
-                let cover = mix(p.cover, q.cover, r.cover);
-                let kept = cover >= 0.99 || (!thin && cut(p, q, r, u, v));
+                let cover = mix(knots.map(|knot| knot.cover), u, v);
+                let kept = cover >= 0.99 || (!thin && is_there(knots, u, v));
                 if kept || thin {
-                    let fine = grain(
-                        mix(p.weave[0], q.weave[0], r.weave[0]),
-                        mix(p.weave[1], q.weave[1], r.weave[1]),
-                    );
+                    let [x, y] = [0, 1].map(|k| mix(knots.map(|knot| knot.weave[k]), u, v));
+                    let fine = grain(x, y);
                     let gain = 1.0 + contrast * fine;
                     let share = if kept {
                         1.0
@@ -104,7 +100,7 @@ impl OutfitPainter {
                     };
                     for (k, level) in rgb[index].iter_mut().enumerate() {
                         let behind = f32::from(*level);
-                        let own = mix(la[k], lb[k], lc[k]) * gain;
+                        let own = mix(lit.map(|lit| lit[k]), u, v) * gain;
                         *level = (behind + share * (own - behind) + 0.5) as u8;
                     }
                 }
@@ -115,22 +111,16 @@ impl OutfitPainter {
     }
 
     /// Light at each knot.
-    fn light(&mut self, outfit: &Outfit, light: &Light) {
-        self.normals.fill(Vector::zeros());
-        for &(triangle, _) in &outfit.triangles {
-            let [a, b, c] = triangle.map(|k| k as usize);
-            let p = self.placed[a];
-            let normal = (self.placed[c] - p).cross(&(self.placed[b] - p));
-            for k in [a, b, c] {
-                self.normals[k] += normal;
-            }
-        }
-        for &(triangle, made) in &outfit.triangles {
+    fn light(&mut self, light: &Light) {
+        let triangles = self.outfit.triangles.iter();
+        let triangles = triangles.map(|(corners, _)| corners.map(|k| k as usize));
+        sum_normals(triangles, &self.placed, &mut self.normals);
+        for &(triangle, made) in &self.outfit.triangles {
             for k in triangle.map(|k| k as usize) {
                 let normal = self.normals[k] / self.normals[k].norm().max(1e-12);
                 let shine = normal.dot(&light.towards).max(0.0).powi(6) * made.sheen();
                 let bright = light.on(&normal) + shine;
-                let colour = outfit.knots[k].colour;
+                let colour = self.outfit.knots[k].colour;
                 self.lit[k] = [0, 1, 2].map(|ch| colour[ch] * bright * light.tint[ch]);
             }
         }
@@ -138,15 +128,8 @@ impl OutfitPainter {
 }
 
 /// Whether the surface is there at these shares of its second and third corner.
-fn cut(a: &Knot, b: &Knot, c: &Knot, u: f32, v: f32) -> bool {
-    let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
-    let cover = mix(a.cover, b.cover, c.cover);
-    cover >= 0.99
-        || cover
-            > 0.5
-                + 0.5
-                    * grain(
-                        mix(a.weave[0], b.weave[0], c.weave[0]) + 0.37,
-                        mix(a.weave[1], b.weave[1], c.weave[1]),
-                    )
+fn is_there(knots: [&Knot; 3], u: f32, v: f32) -> bool {
+    let cover = mix(knots.map(|knot| knot.cover), u, v);
+    let weave = |k: usize| mix(knots.map(|knot| knot.weave[k]), u, v);
+    cover >= 0.99 || cover > 0.5 + 0.5 * grain(weave(0) + 0.37, weave(1))
 }

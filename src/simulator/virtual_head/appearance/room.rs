@@ -13,6 +13,48 @@ impl Outfit {
             cloth.knot(p, [u * (right - left), v * (bottom - top)], 1.0)
         });
     }
+
+    fn pictures(&mut self, chance: impl Fn(u64) -> f32, wall_m: f32) {
+        for k in 0..3u64 {
+            let at = |channel| chance(10 + 5 * k + channel);
+            let (x, y) = (-1.0 + 0.8 * k as f32 + 0.4 * at(0), -0.7 + 0.6 * at(1));
+            let (w, h) = (0.2 + 0.3 * at(2), 0.2 + 0.3 * at(3));
+            let mut paper = Cloth::new(Stuff::Matt, [215.0, 213.0, 205.0], 0.0);
+            self.board([x, y, x + w, y + h, wall_m - 0.015], &paper);
+            let hue = [(95.0, 4), (90.0, 0), (85.0, 1)];
+            paper.colour = hue.map(|(least, k)| least + 60.0 * at(k) + 40.0 * at(2));
+            paper.cells = [14.0, 14.0];
+            let (right, bottom) = (x + w - 0.03, y + h - 0.03);
+            self.board([x + 0.03, y + 0.03, right, bottom, wall_m - 0.02], &paper);
+        }
+    }
+
+    /// A shelf, with books whose backs differ.
+    fn shelf(&mut self, chance: impl Fn(u64) -> f32, level: u64, [left, right]: [f32; 2], z: f32) {
+        let foot = -0.75 + 0.42 * level as f32 + 0.32;
+        let wood = Cloth::new(Stuff::Matt, [92.0, 70.0, 50.0], 0.0);
+        self.board(
+            [left, foot, right, -0.75 + 0.42 * level as f32 + 0.35, z],
+            &wood,
+        );
+        let mut x = left;
+        let mut k = 0;
+        while x < right - 0.08 {
+            let at = |channel| chance(1000 + 200 * level + 4 * k + channel);
+            let wide = 0.02 + 0.05 * at(0);
+            if at(1) > 0.25 {
+                let back = [(45.0, 70.0, 2), (42.0, 55.0, 3), (38.0, 55.0, 1)];
+                let colour = back.map(|(least, range, k)| least + range * at(k) + 60.0 * at(0));
+                let is_dark = at(2) < 0.3;
+                let stuff = if is_dark { Stuff::Dark } else { Stuff::Matt };
+                let top = foot - (0.17 + 0.11 * at(3));
+                let book = Cloth::new(stuff, colour, 0.0);
+                self.board([x, top, x + wide, foot, z + 0.04], &book);
+            }
+            x += wide;
+            k += 1;
+        }
+    }
 }
 
 /// The room; no head is in it, its frame is the sensor's.
@@ -32,66 +74,15 @@ pub(crate) fn room(seed: u64) -> Outfit {
     // Floorboards or a skirting: darker below.
     wall.colour = paint.map(|c| 0.45 * c);
     room.board([-3.2, 0.75, 3.2, 2.6, wall_m], &wall);
-    // Pictures on the wall.
-    for k in 0..3u64 {
-        let at = |channel| chance(10 + 5 * k + channel);
-        let (x, y) = (-1.0 + 0.8 * k as f32 + 0.4 * at(0), -0.7 + 0.6 * at(1));
-        let (w, h) = (0.2 + 0.3 * at(2), 0.2 + 0.3 * at(3));
-        let hue = [
-            95.0 + 60.0 * at(4) + 40.0 * at(2),
-            90.0 + 60.0 * at(0) + 40.0 * at(2),
-            85.0 + 60.0 * at(1) + 40.0 * at(2),
-        ];
-        let mut paper = Cloth::new(Stuff::Matt, [215.0, 213.0, 205.0], 0.0);
-        room.board([x, y, x + w, y + h, wall_m - 0.015], &paper);
-        paper.colour = hue;
-        paper.cells = [14.0, 14.0];
-        room.board(
-            [
-                x + 0.03,
-                y + 0.03,
-                x + w - 0.03,
-                y + h - 0.03,
-                wall_m - 0.02,
-            ],
-            &paper,
-        );
-    }
-    // A shelf at one side, with books whose backs differ.
-    let side: f32 = if chance(2) < 0.5 { -1.0 } else { 1.0 };
-    let z = wall_m - 0.3;
-    for level in 0..3u64 {
-        let top = -0.75 + 0.42 * level as f32;
-        let wood = Cloth::new(Stuff::Matt, [92.0, 70.0, 50.0], 0.0);
-        let (near, far) = (0.42 * side, 1.35 * side);
-        let (left, right) = (near.min(far), near.max(far));
-        room.board([left, top + 0.32, right, top + 0.35, z], &wood);
-        let mut x = left;
-        let mut k = 0;
-        while x < right - 0.08 {
-            let at = |channel| chance(1000 + 200 * level + 4 * k + channel);
-            let wide = 0.02 + 0.05 * at(0);
-            if at(1) > 0.25 {
-                let colour = [
-                    45.0 + 70.0 * at(2) + 60.0 * at(0),
-                    42.0 + 55.0 * at(3) + 60.0 * at(0),
-                    38.0 + 55.0 * at(1) + 60.0 * at(0),
-                ];
-                let stuff = if at(2) < 0.3 {
-                    Stuff::Dark
-                } else {
-                    Stuff::Matt
-                };
-                let book = Cloth::new(stuff, colour, 0.0);
-                let height = 0.17 + 0.11 * at(3);
-                room.board(
-                    [x, top + 0.32 - height, x + wide, top + 0.32, z + 0.04],
-                    &book,
-                );
-            }
-            x += wide;
-            k += 1;
-        }
+    room.pictures(chance, wall_m);
+    // Shelves at one side.
+    let sides = if chance(2) < 0.5 {
+        [-1.35, -0.42]
+    } else {
+        [0.42, 1.35]
+    };
+    for level in 0..3 {
+        room.shelf(chance, level, sides, wall_m - 0.3);
     }
     room
 }

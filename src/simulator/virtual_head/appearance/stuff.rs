@@ -70,6 +70,18 @@ pub(super) fn slope(x: f32, from: f32, to: f32) -> f32 {
     ((x - from) / (to - from)).clamp(0.0, 1.0)
 }
 
+/// A line through the points of a table, by x ascending, level beyond its ends.
+pub(super) fn along(table: &[[f32; 2]], at: f32) -> f32 {
+    match table.iter().position(|[x, _]| *x > at) {
+        Some(0) => table[0][1],
+        Some(k) => {
+            let ([x, y], [p, q]) = (table[k - 1], table[k]);
+            y + (q - y) * (at - x) / (p - x)
+        }
+        None => table[table.len() - 1][1],
+    }
+}
+
 /// A seed for one part of a look.
 pub(super) fn part(seed: u64, part: u64) -> u64 {
     hash(seed, 0x5ea7 + part)

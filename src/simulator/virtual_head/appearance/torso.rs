@@ -2,7 +2,7 @@
 
 use super::look::Look;
 use super::outfit::{Cloth, Outfit};
-use super::stuff::{Stuff, grain, part, share, slope};
+use super::stuff::{grain, part, share, slope};
 use crate::base::geometry::{Point, Vector};
 
 /// Half width, half depth and height (y) of the trunk, from the neck down, metres, head frame.
@@ -18,13 +18,16 @@ const TRUNK: [[f32; 3]; 10] = [
     [0.178, 0.124, 0.540],
     [0.180, 0.124, 1.250],
 ];
+/// Half width of an arm, from the shoulder down, metres.
+const ARM: [f32; 10] = [
+    0.012, 0.045, 0.056, 0.06, 0.06, 0.058, 0.056, 0.054, 0.052, 0.05,
+];
 /// Middle of the trunk behind the eyes, metres.
 const BACK_M: f32 = 0.105;
 
 impl Outfit {
     pub(super) fn torso(&mut self, look: &Look) {
-        let dark = look.clothes.iter().sum::<f32>() < 150.0;
-        let stuff = if dark { Stuff::Dark } else { Stuff::Cloth };
+        let stuff = look.clothes_stuff();
         let mut cloth = Cloth::new(stuff, look.clothes, 1.0);
         cloth.cells = [2400.0, 420.0];
         let seed = part(look.seed, 2);
@@ -74,12 +77,7 @@ impl Outfit {
             self.tube(
                 &path,
                 |_| Vector::new(0.0, 0.0, -1.0),
-                |i| {
-                    let r = [
-                        0.012, 0.045, 0.056, 0.06, 0.06, 0.058, 0.056, 0.054, 0.052, 0.05,
-                    ][i];
-                    [r, r]
-                },
+                |i| [ARM[i]; 2],
                 16,
                 stuff,
                 |i, p, turn| cloth.knot(p, [turn * 0.4, 0.04 * i as f32], 1.0),

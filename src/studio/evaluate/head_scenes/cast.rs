@@ -94,12 +94,12 @@ impl Cast<'_> {
         for n in 0..self.frames {
             let mut weights = vec![0.0f32; asset.expressions.len()];
             let t = (at(n).as_us() as f64 * 1e-6) as f32;
-            let instant = Scene::Acted.play(self.seed + k as u64, t, |name, weight| {
+            let pose = Scene::Acted.play(self.seed + k as u64, t, |name, weight| {
                 if let Some(slot) = asset.expression(name) {
                     weights[slot] = weights[slot].max(weight);
                 }
             });
-            let mut pose = instant.expect("somebody acts").sensor_from_head;
+            let mut pose = pose.expect("somebody acts");
             pose.translation.vector.z = 0.85 + (pose.translation.vector.z - 0.8) * 1.75;
             let truth = simulator.draw_pose(&pose, &weights, at(n), &mut frame);
             pipeline.follow(&frame);

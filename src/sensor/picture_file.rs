@@ -1,5 +1,5 @@
-//! A picture file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has decoders: the workstation's
-//! build, `--features studio`.
+//! The pictures of a recording. A file to numbers: PGM (P5) and PPM (P6) by 8 or 16 bit, and PNG and JPEG where the program has
+//! decoders: the workstation's build, `--features studio`. Why a frame is skipped, and how that is told.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -9,29 +9,53 @@ use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
 
 /// Bytes of a file besides its pixels.
 const HEADER_MOST: usize = 4096;
+/// Up to this many skipped frames are logged in full; after that only when their number has doubled.
+const WARNINGS_IN_FULL: u64 = 10;
 
 /// Why one frame was skipped.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Damage {
-    #[error("expected seconds and a file of this folder, later than the line before")]
-    Order,
+    #[error("{0}")]
+    Listed(&'static str),
     #[error("cannot be read ({0})")]
-    Unreadable(ErrorKind),
+    Unreadable(#[from] std::io::Error),
     #[error("is no whole PGM, PPM, PNG or JPEG")]
     Format,
-    #[error("has {found:?} pixels, camera.json says {expected:?}")]
+    #[error("has {found:?} pixels, expected {expected:?}")]
     Size {
         expected: [usize; 2],
         found: [usize; 2],
     },
     #[error("ends before its last pixel")]
     Short,
-    #[error("expected grey of 16 bit, as depth is")]
-    NotDepth,
+    #[error("expected {0}")]
+    Kind(&'static str),
+    #[error("holds the depth value {0}, expected raw values up to 2047, little endian")]
+    Value(u16),
+}
+
+/// Counts the frames that are skipped.
+#[derive(Default)]
+pub(super) struct Skipped(u64);
+
+impl Skipped {
+    /// One more, because of the file last touched.
+    pub(super) fn add(&mut self, frame: usize, file: &Path, damage: &Damage) {
+        self.0 += 1;
+        let Self(skipped) = self;
+        if *skipped <= WARNINGS_IN_FULL || skipped.is_power_of_two() {
+            let file = file.display();
+            tracing::warn!("frame {frame} skipped: {file}: {damage} ({skipped} skipped so far)");
+        }
+    }
+
+    pub(super) fn count(&self) -> u64 {
+        self.0
+    }
 }
 
 /// A file's bytes.
-pub(super) struct File {
+pub(super) struct PictureFile {
     bytes: Box<[u8]>,
     #[cfg(feature = "studio")]
     decoded: Vec<u8>,
@@ -44,7 +68,7 @@ pub(super) struct Pixels<'a> {
     pub(super) channels: usize,
     /// 16 bit, the upper byte first.
     pub(super) wide: bool,
-    body: &'a [u8],
+    pub(super) body: &'a [u8],
 }
 
 impl Pixels<'_> {
@@ -96,27 +120,26 @@ impl Pixels<'_> {
     }
 }
 
-impl File {
-    /// For pictures of a size.
-    pub(super) fn new([columns, rows]: [usize; 2]) -> Self {
+impl PictureFile {
+    /// For pictures of so many bytes.
+    pub(super) fn new(bytes: usize) -> Self {
         Self {
-            bytes: vec![0; columns * rows * 6 + HEADER_MOST].into_boxed_slice(),
+            bytes: vec![0; bytes + HEADER_MOST].into_boxed_slice(),
             #[cfg(feature = "studio")]
             decoded: Vec::new(),
         }
     }
 
-    /// Reads a picture of a size.
+    /// Reads a picture of a size. What follows its last pixel is ignored, as fakenect does.
     pub(super) fn read(&mut self, path: &Path, size: [usize; 2]) -> Result<Pixels<'_>, Damage> {
-        let unreadable = |error: std::io::Error| Damage::Unreadable(error.kind());
-        let mut file = bounded_read::open_regular(path).map_err(unreadable)?;
+        let mut file = bounded_read::open_regular(path)?;
         let mut got = 0;
         while got < self.bytes.len() {
             match file.read(&mut self.bytes[got..]) {
                 Ok(0) => break,
                 Ok(more) => got += more,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(unreadable(error)),
+                Err(error) => return Err(error.into()),
             }
         }
         #[cfg(feature = "studio")]
@@ -151,27 +174,24 @@ impl File {
         reader.limits(limits);
         let picture = reader.decode().map_err(|_| Damage::Format)?;
         let found = [picture.width(), picture.height()].map(|n| n as usize);
-        let (wide, channels) = (
-            picture.color().bytes_per_pixel() > 4,
-            picture.color().has_color(),
-        );
         self.decoded.clear();
-        let wide = wide
-            || matches!(
-                picture,
-                DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_)
-            );
-        match (channels, wide) {
-            (true, _) => self.decoded.extend_from_slice(&picture.into_rgb8()),
-            (false, true) => {
-                let values = picture.into_luma16();
-                self.decoded
-                    .extend(values.iter().flat_map(|value| value.to_be_bytes()));
+        let (channels, wide) = match picture {
+            _ if picture.color().has_color() => {
+                self.decoded.extend_from_slice(&picture.into_rgb8());
+                (3, false)
             }
-            (false, false) => self.decoded.extend_from_slice(&picture.into_luma8()),
-        }
-        let number = if channels { 3 } else { 1 };
-        pixels(&self.decoded, number, wide && !channels, found, size)
+            DynamicImage::ImageLuma16(_) | DynamicImage::ImageLumaA16(_) => {
+                let values = picture.into_luma16();
+                let values = values.iter().flat_map(|value| value.to_be_bytes());
+                self.decoded.extend(values);
+                (1, true)
+            }
+            _ => {
+                self.decoded.extend_from_slice(&picture.into_luma8());
+                (1, false)
+            }
+        };
+        pixels(&self.decoded, channels, wide, found, size)
     }
 }
 

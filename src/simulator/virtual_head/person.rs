@@ -1,0 +1,174 @@
+//! People of a scene: who can be drawn, where they are, and how they are drawn.
+
+#[cfg(feature = "studio")]
+use super::appearance::Held;
+use super::appearance::{Look, Outfit, OutfitPainter, Stuff};
+use super::asset::HeadAsset;
+use super::body::Shape;
+use super::draw::{self, Canvas, HeadPainter, Light, ShapePainter};
+use super::raster::{DepthBuffer, Window};
+use crate::base::capacity::{LANDMARKS, USERS};
+#[cfg(feature = "studio")]
+use crate::base::geometry::Vector;
+use crate::base::geometry::{Point, Rigid, Rotation};
+
+/// Expressions a head may have.
+pub const EXPRESSIONS: usize = 64;
+/// Colours of the clothes, by person.
+pub(super) const CLOTHES: [[f32; 3]; USERS] = [
+    [70.0, 85.0, 120.0],
+    [130.0, 80.0, 70.0],
+    [80.0, 110.0, 75.0],
+    [105.0, 95.0, 60.0],
+];
+/// How the shipped head is stretched to be somebody else: width, height, depth.
+pub(super) const OTHERS: [[f32; 3]; USERS] = [
+    [1.0; 3],
+    [0.94, 1.05, 0.98],
+    [1.06, 0.97, 1.04],
+    [0.96, 0.95, 1.02],
+];
+
+/// What was drawn.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Pose of the head.
+    pub sensor_from_head: Rigid,
+    /// The 68 points in the head frame, metres, expression included.
+    pub landmarks_head: [Point; LANDMARKS],
+    /// The 68 points in colour pixels, hidden ones included.
+    pub landmarks_px: [[f32; 2]; LANDMARKS],
+    /// Weight of each expression of the asset, in its order.
+    pub activations: heapless::Vec<f32, EXPRESSIONS>,
+}
+
+/// One who can be drawn, and what was drawn of them last.
+pub(super) struct Person {
+    pub(super) asset: HeadAsset,
+    head: HeadPainter,
+    bust: ShapePainter,
+    /// Instead of the bust.
+    worn: Option<OutfitPainter>,
+    /// What a hand holds, and whether it is there now.
+    #[cfg(feature = "studio")]
+    held: Option<(Held, OutfitPainter, bool)>,
+    pub(super) weights: heapless::Vec<f32, EXPRESSIONS>,
+    pose: Rigid,
+    pub(super) truth: Option<Truth>,
+}
+
+impl Person {
+    pub(super) fn new(asset: HeadAsset, clothes: [f32; 3]) -> Self {
+        let expressions = asset.expressions.len().min(EXPRESSIONS);
+        Self {
+            head: HeadPainter::new(&asset),
+            bust: ShapePainter::new(Shape::bust(clothes)),
+            worn: None,
+            #[cfg(feature = "studio")]
+            held: None,
+            weights: std::iter::repeat_n(0.0, expressions).collect(),
+            pose: Rigid::identity(),
+            truth: None,
+            asset,
+        }
+    }
+
+    /// Puts on clothes, hair and things.
+    pub(super) fn wear(&mut self, look: &Look) {
+        self.worn = Some(OutfitPainter::new(Outfit::worn(&self.asset, look)));
+        #[cfg(feature = "studio")]
+        if look.held != Held::None {
+            self.held = Some((look.held, OutfitPainter::new(Outfit::held(look)), false));
+        }
+    }
+
+    /// Brings the hand to where it is at `t` seconds.
+    #[cfg(feature = "studio")]
+    pub(super) fn reach(&mut self, t: f32, tilt: &Rotation) {
+        if let Some((held, painter, there)) = &mut self.held {
+            let place = held.at(t);
+            *there = place.is_some();
+            if let Some(place) = place {
+                let turn = self.pose.rotation;
+                // It meets the face wherever that is turned, but comes from below.
+                let up = Vector::new(place.x, place.y.min(0.15), place.z);
+                let rest = Vector::new(0.0, place.y - up.y, 0.0);
+                let at = self.pose.translation.vector + turn * up + tilt * rest;
+                let pose = Rigid::from_parts(at.into(), *tilt);
+                painter.place(&[], &pose, &pose);
+            }
+        }
+    }
+
+    /// Sets the pose, and notes it as the truth; the expression is in `weights`.
+    pub(super) fn place(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
+        self.pose(sensor_from_head, tilt);
+        self.truth = Some(Truth {
+            sensor_from_head: *sensor_from_head,
+            landmarks_head: self.asset.landmarks_on(&self.head.deformed),
+            landmarks_px: [[0.0; 2]; LANDMARKS],
+            activations: self.weights.clone(),
+        });
+    }
+
+    pub(super) fn pose(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
+        self.pose = *sensor_from_head;
+        let torso = if *tilt == Rotation::identity() {
+            draw::shoulders_below(sensor_from_head)
+        } else {
+            draw::shoulders_tilted(sensor_from_head, tilt)
+        };
+        self.asset.deform(&self.weights, &mut self.head.deformed);
+        self.head.place_above(sensor_from_head, &torso);
+        match &mut self.worn {
+            Some(worn) => worn.place(&self.head.deformed, sensor_from_head, &torso),
+            None => self.bust.place(&torso),
+        }
+    }
+
+    /// Draws what the depth camera sees, and notes in `stuff` what that is made of.
+    pub(super) fn draw_depth(
+        &mut self,
+        pixel: impl Fn(&Point) -> [f32; 2] + Copy,
+        depth: &mut DepthBuffer,
+        stuff: &mut [Stuff],
+    ) {
+        let skin = |pixel| stuff[pixel] = Stuff::Skin;
+        self.head.draw_depth(&self.asset, pixel, depth, skin);
+        match &mut self.worn {
+            Some(worn) => worn.draw_depth(pixel, depth, stuff),
+            None => self.bust.draw_depth(pixel, depth),
+        }
+        #[cfg(feature = "studio")]
+        if let Some((_, held, true)) = &mut self.held {
+            held.draw_depth(pixel, depth, stuff);
+        }
+    }
+
+    /// Draws what the colour camera sees of somebody who is there, notes in the truth where their landmarks are, and tells where
+    /// it drew.
+    pub(super) fn draw_colour(
+        &mut self,
+        light: &Light,
+        pixel: impl Fn(&Point) -> [f32; 2] + Copy,
+        canvas: &mut Canvas,
+    ) -> Window {
+        let (asset, head) = (&self.asset, &mut self.head);
+        let Some(truth) = &mut self.truth else {
+            return Window::NOTHING;
+        };
+        head.light(asset, light);
+        let mut window = head.draw_colour(asset, light, pixel, canvas);
+        window.include(match &mut self.worn {
+            Some(worn) => worn.draw_colour(light, pixel, canvas),
+            None => self.bust.draw_colour(light, pixel, canvas),
+        });
+        #[cfg(feature = "studio")]
+        if let Some((_, held, true)) = &mut self.held {
+            window.include(held.draw_colour(light, pixel, canvas));
+        }
+        let landmarks = asset.landmarks_on(&head.deformed);
+        truth.landmarks_px = landmarks.map(|p| pixel(&(self.pose * p)));
+        window
+    }
+}

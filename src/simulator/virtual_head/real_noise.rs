@@ -1,0 +1,473 @@
+//! What real recordings show beyond the errors of [`DepthReading::read`], which every scene had from the beginning, as measured
+//! on three of public origin:
+//!
+//! | what | `kinect.webm` of three.js, a man at 0.7 to 1 m | OpenISS `test-recording`, two men at 0.8 to 1 m | PCL `five_people`, 1.8 to 4 m |
+//! | --- | --- | --- | --- |
+//! | no reading within hair; within 3 px of its outline | 0.9 %; 18 % | dark 2.2 % | brown 2 %, black 10, 11, 30 % with outline |
+//! | … on the face; face and beard | 0.25 % | 1.6 % | |
+//! | … on cloth | 0 % | jacket 0 %, sweater 1.3 %, black trousers 3.8 % | |
+//! | size of such a hole | median 6 px, by area 32 px | | lobes of 5 to 10 px |
+//! | outline of face and cloth against a smooth one | 0.6 to 1.4 px | 0.8 to 1.2 px, alike over 2 px | 0.8 to 1.4 px |
+//! | … of hair | | 1.9 to 2.5 px | |
+//! | … from frame to frame | | 0.9 px | |
+//! | readings between both sides of a step | | 5 to 9 in 100 steps | |
+//! | change from frame to frame, raw units | | 0.45 to 0.60; correlation 0.58, 0.39, 0.18 after 1, 3, 8 px | |
+//! | relief that stands still, raw units | | 0.62, of it columns 0.17 | |
+//! | pixels that come and go | | 7.5 % of those with a reading | |
+//!
+//! The window's size is what makes all of it: detail below some 7 px is not there, an outline is that of the dots that happened
+//! to fall there. The first recording went through a video codec; only its holes and outlines are used.
+
+use super::appearance::Stuff;
+use super::noise::{
+    BLANK_COLUMNS, DISPARITY_SIGMA, DepthReading, FARTHEST_RAW, GRAZING_SLOPE, GRAZING_SPAN,
+    NEAREST_RAW, SIDE, Tiles, blurred,
+};
+use super::random::{hash, uniform};
+use crate::base::capacity::{HEIGHT, PIXELS, WIDTH};
+use crate::sensor::NO_DEPTH;
+
+/// What a real sensor does to a surface: shares of readings that fail at 1 m, within it and within [`RIM_PX`] of its edge,
+/// and how far its edge is ragged, pixels (one standard deviation).
+const fn answer(stuff: Stuff) -> [f32; 3] {
+    match stuff {
+        Stuff::Matt => [0.0004, 0.05, 1.0],
+        Stuff::Skin => [0.003, 0.05, 1.0],
+        Stuff::Cloth => [0.0006, 0.05, 1.0],
+        Stuff::Dark => [0.006, 0.07, 1.1],
+        Stuff::Hair => [0.009, 0.16, 1.8],
+        Stuff::DarkHair => [0.022, 0.20, 2.4],
+        Stuff::Glass => [0.12, 0.30, 1.0],
+        #[cfg(feature = "studio")]
+        Stuff::Gloss => [0.85, 0.95, 1.5],
+    }
+}
+
+/// Width of the rim in which readings fail more often.
+const RIM_PX: usize = 3;
+/// Step between neighbours that is an edge, raw units.
+const STEP_RAW: f32 = 18.0;
+/// Share of the readings beside an edge that lie between its two sides.
+const BETWEEN: f32 = 0.035;
+/// Standard deviations of a surface's relief that is not there, raw units: of the pattern, of the columns; and of the
+/// change from frame to frame.
+const RELIEF_SIGMA: f32 = 0.34;
+const STRIPE_SIGMA: f32 = 0.17;
+const CHANGE_SIGMA: f32 = 0.42;
+/// Strength from which outlines are those of the window.
+const HALF: f32 = 0.5;
+/// Where the correlation window is looked into, pixels from its middle.
+const TAPS: [(isize, isize); 9] = [
+    (0, 0),
+    (-3, 0),
+    (3, 0),
+    (0, -3),
+    (0, 3),
+    (-2, -2),
+    (2, 2),
+    (-2, 2),
+    (2, -2),
+];
+/// Surfaces closer than this are one for the correlation window, raw units.
+const WINDOW_RAW: f32 = 12.0;
+
+/// The depth camera's errors in full: work space for [`RealReading::read`].
+pub(crate) struct RealReading {
+    /// Alike within about five pixels, standard normal.
+    lobes: Vec<f32>,
+    /// Alike within about eight pixels, as ranks in 0…1.
+    ranks: Vec<f32>,
+    stripes: Vec<f32>,
+    edge: Vec<bool>,
+    rim: Vec<bool>,
+    dark: Vec<bool>,
+}
+
+/// A tile blurred so many times, again standard normal.
+fn softened(tile: &[f32], times: usize) -> Vec<f32> {
+    (0..times).fold(tile.to_vec(), |tile, _| {
+        let mut soft = blurred(&tile);
+        let power = soft.iter().map(|v| v * v).sum::<f32>() / soft.len() as f32;
+        let scale = 1.0 / power.sqrt();
+        soft.iter_mut().for_each(|v| *v *= scale);
+        soft
+    })
+}
+
+impl RealReading {
+    /// `seed`: of the one sensor, whose pattern is always the same.
+    pub(crate) fn new(tiles: &Tiles, seed: u64) -> Self {
+        let lobes = softened(&tiles.white, 2);
+        let broad = softened(&tiles.white, 7);
+        let mut order: Vec<usize> = (0..broad.len()).collect();
+        order.sort_by(|&a, &b| broad[a].total_cmp(&broad[b]));
+        let mut ranks = vec![0.0; broad.len()];
+        for (rank, &i) in order.iter().enumerate() {
+            ranks[i] = rank as f32 / order.len() as f32;
+        }
+        let column = |col: usize| {
+            let k = |c: usize| uniform(seed ^ 0x57e1, c as u64);
+            // Root of the mean square of this sum: √(1.5 · ⅓).
+            (k(col) + 0.5 * k(col + 1) + 0.5 * k(col + 2)) * std::f32::consts::SQRT_2
+        };
+        Self {
+            lobes,
+            ranks,
+            stripes: (0..WIDTH).map(column).collect(),
+            edge: vec![false; PIXELS],
+            rim: vec![false; PIXELS],
+            dark: vec![false; PIXELS],
+        }
+    }
+
+    /// Reads a perfect picture and what it shows as a real sensor would; `strength`: how much of its faults.
+    pub(crate) fn read(
+        &mut self,
+        reading: &DepthReading,
+        strength: f32,
+        inverse: &[f32],
+        stuff: &[Stuff],
+        tiles: &Tiles,
+        seed: u64,
+        depth: &mut [u16; PIXELS],
+    ) {
+        self.find_edges(reading, inverse);
+        let mut seen = Seen {
+            real: self,
+            reading,
+            strength,
+            inverse,
+            stuff,
+            tiles,
+            offsets: [1, 2, 3, 4].map(|k| (hash(seed, k) as usize) % SIDE),
+            row: 0,
+            col: 0,
+        };
+        for (here, out) in depth.iter_mut().enumerate() {
+            (seen.row, seen.col) = (here / WIDTH, here % WIDTH);
+            *out = if seen.col < WIDTH - BLANK_COLUMNS {
+                seen.raw().unwrap_or(NO_DEPTH)
+            } else {
+                NO_DEPTH
+            };
+        }
+    }
+
+    /// Finds steps, what is near them, and what the projector does not light.
+    fn find_edges(&mut self, reading: &DepthReading, inverse: &[f32]) {
+        let step = STEP_RAW / -reading.raw_per_inverse;
+        for row in 0..HEIGHT {
+            let start = row * WIDTH;
+            let line = inverse[start..].first_chunk::<WIDTH>().expect("a row");
+            let dark = self.dark[start..].first_chunk_mut().expect("a row");
+            reading.shade(line, dark);
+            for col in 0..WIDTH {
+                let here = start + col;
+                let right = if col + 1 < WIDTH { here + 1 } else { here };
+                let left = if col > 0 { here - 1 } else { here };
+                let below = if row + 1 < HEIGHT { here + WIDTH } else { here };
+                let above = if row > 0 { here - WIDTH } else { here };
+                self.edge[here] = [right, left, below, above]
+                    .iter()
+                    .any(|&k| (inverse[k] - inverse[here]).abs() > step);
+            }
+        }
+        // Along rows and along columns.
+        self.rim.fill(false);
+        for (here, _) in self.edge.iter().enumerate().filter(|(_, edge)| **edge) {
+            let (row, col) = (here / WIDTH, here % WIDTH);
+            let around =
+                |at: usize, size: usize| at.saturating_sub(RIM_PX - 1)..(at + RIM_PX).min(size);
+            around(col, WIDTH).for_each(|col| self.rim[row * WIDTH + col] = true);
+            around(row, HEIGHT).for_each(|row| self.rim[row * WIDTH + col] = true);
+        }
+    }
+}
+
+/// A pixel of what a real sensor sees, and what its faults are looked up in.
+struct Seen<'a> {
+    real: &'a RealReading,
+    reading: &'a DepthReading,
+    strength: f32,
+    inverse: &'a [f32],
+    stuff: &'a [Stuff],
+    tiles: &'a Tiles,
+    offsets: [usize; 4],
+    row: usize,
+    col: usize,
+}
+
+impl Seen<'_> {
+    /// What the sensor says: the pixel goes through all faults in the order of the sensor, each using what those before it have
+    /// made.
+    fn raw(&self) -> Option<u16> {
+        let (offset, mut is_read) = (self.frayed(), true);
+        let mut value = self.matched(offset, &mut is_read);
+        self.fails_at_a_slope(&mut value, &mut is_read);
+        let [dr, dc] = offset;
+        is_read &= self.comes_back(self.stuff[self.near(dr, dc)], value);
+        let reading = self.reading;
+        let raw = reading.raw_far + reading.raw_per_inverse * value + self.noise();
+        let is_read = is_read && (NEAREST_RAW..FARTHEST_RAW).contains(&raw);
+        is_read.then_some((raw + 0.5) as u16)
+    }
+
+    fn near(&self, rows: isize, columns: isize) -> usize {
+        let row = self.row.saturating_add_signed(rows).min(HEIGHT - 1);
+        let col = self.col.saturating_add_signed(columns).min(WIDTH - 1);
+        row * WIDTH + col
+    }
+
+    /// A number of a tile that stays, or one that is another in every frame.
+    fn still(&self, tile: &[f32], by: usize) -> f32 {
+        tile[(self.row + 37 * by) % SIDE * SIDE + (self.col + 91 * by) % SIDE]
+    }
+
+    fn moving(&self, tile: &[f32], k: usize) -> f32 {
+        let by = self.offsets[k];
+        tile[(self.row + by) % SIDE * SIDE + (self.col + by / 3) % SIDE]
+    }
+
+    fn is_at_rim(&self) -> bool {
+        self.real.rim[self.near(0, 0)]
+    }
+
+    /// Raw values between two distances.
+    fn step(&self, one: f32, other: f32) -> f32 {
+        (other - one).abs() * -self.reading.raw_per_inverse
+    }
+
+    /// Where the window's best match really lies, rows and columns off: hair frays what is beside it, too.
+    fn frayed(&self) -> [isize; 2] {
+        if !self.is_at_rim() {
+            return [0; 2];
+        }
+        let around = [(0, 0), (0, -3), (0, 3), (-3, 0), (3, 0)];
+        let ragged = around.map(|(dr, dc)| answer(self.stuff[self.near(dr, dc)])[2]);
+        let reach = ragged.into_iter().fold(0.0, f32::max) * self.strength;
+        [0, 1].map(|k| {
+            let (still, moving) = (
+                self.still(&self.real.lobes, k + 1),
+                self.moving(&self.real.lobes, k),
+            );
+            (reach * (0.72 * still + 0.69 * moving)).round() as isize
+        })
+    }
+
+    /// What the window takes in around there: near an edge what most of it shows, everywhere a mean of that.
+    fn matched(&self, [dy, dx]: [isize; 2], is_read: &mut bool) -> f32 {
+        let at = self.near(dy, dx);
+        let mut value = self.inverse[at];
+        *is_read = !self.real.dark[at] && value > 0.0;
+        let around = TAPS.map(|(dr, dc)| self.near(dy + dr, dx + dc));
+        let values = around.map(|at| self.inverse[at]);
+        if self.is_at_rim() && self.strength > HALF {
+            let mut sorted = values;
+            sorted.sort_unstable_by(f32::total_cmp);
+            value = sorted[TAPS.len() / 2];
+            let agree = around
+                .iter()
+                .filter(|&&at| self.step(value, self.inverse[at]) < WINDOW_RAW);
+            let count =
+                |(all, unlit), &at: &usize| (all + 1, unlit + usize::from(self.real.dark[at]));
+            let (all, unlit) = agree.fold((0, 0), count);
+            *is_read = value > 0.0 && 2 * unlit < all;
+        }
+        let (mut sum, mut count) = (0.0, 0.0);
+        for other in values {
+            if self.step(value, other) < WINDOW_RAW {
+                sum += other;
+                count += 1.0;
+            }
+        }
+        if count > 0.0 {
+            value += self.strength * (sum / count - value);
+        }
+        value
+    }
+
+    /// Readings fail on what is seen at a grazing angle; some beside an edge lie between its sides.
+    fn fails_at_a_slope(&self, value: &mut f32, is_read: &mut bool) {
+        let [right, left, below, above] =
+            [(0, 1), (0, -1), (1, 0), (-1, 0)].map(|(dr, dc)| self.inverse[self.near(dr, dc)]);
+        let steep = (right - left).abs().max((below - above).abs());
+        let steep = steep * 0.5 * -self.reading.raw_per_inverse;
+        let is_edge = self.real.edge[self.near(0, 0)];
+        if steep > GRAZING_SLOPE && !is_edge {
+            let fails = ((steep - GRAZING_SLOPE) / GRAZING_SPAN).min(1.0) * 0.8;
+            *is_read &= self.still(&self.real.ranks, 3) > fails;
+        } else if is_edge
+            && self.still(&self.tiles.white, self.offsets[2]).abs() < 1.25 * BETWEEN * self.strength
+        {
+            *value = 0.5 * (right + left);
+        }
+    }
+
+    /// Whether enough of the light comes back: less from farther away, and from some stuff.
+    fn comes_back(&self, stuff: Stuff, value: f32) -> bool {
+        let [within, at_rim, _] = answer(stuff);
+        let far = 1.0 / value.max(0.2);
+        let mut fails = within * far * far;
+        if self.is_at_rim() {
+            fails = fails.max(at_rim * far);
+        }
+        let fails = (fails * self.strength).min(0.95);
+        self.still(&self.real.ranks, 4) >= 0.65 * fails
+            && self.moving(&self.real.ranks, 3) >= 0.35 * fails / (1.0 - 0.65 * fails)
+    }
+
+    fn noise(&self) -> f32 {
+        let (smooth, lobes) = (&self.tiles.smooth, &self.real.lobes);
+        let relief = 0.8 * self.still(smooth, 5) + 0.6 * self.still(lobes, 6);
+        let change = 0.6 * self.moving(smooth, 1) + 0.8 * self.moving(lobes, 2);
+        let stripe = self.real.stripes[self.col];
+        self.strength * (RELIEF_SIGMA * relief + STRIPE_SIGMA * stripe)
+            + (DISPARITY_SIGMA + self.strength * (CHANGE_SIGMA - DISPARITY_SIGMA)) * change
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading() -> DepthReading {
+        DepthReading::of(&crate::sensor::kinect::geometry::nominal())
+    }
+
+    fn boxed() -> Box<[u16; PIXELS]> {
+        vec![0; PIXELS].try_into().expect("PIXELS long")
+    }
+
+    /// A plane of some stuff as the real sensor sees it, frame by frame.
+    fn real_plane(stuff: Stuff, z: f32, frames: u64) -> Vec<Box<[u16; PIXELS]>> {
+        let tiles = Tiles::new(7);
+        let mut real = RealReading::new(&tiles, 7);
+        let (inverse, stuff) = (vec![1.0 / z; PIXELS], vec![stuff; PIXELS]);
+        (0..frames)
+            .map(|k| {
+                let mut depth = boxed();
+                let seed = hash(3, k);
+                real.read(&reading(), 1.0, &inverse, &stuff, &tiles, seed, &mut depth);
+                depth
+            })
+            .collect()
+    }
+
+    fn holes(depth: &[u16; PIXELS], keep: impl Fn(usize, usize) -> bool) -> f64 {
+        let (mut holes, mut all) = (0, 0);
+        for (k, &raw) in depth.iter().enumerate() {
+            if keep(k / WIDTH, k % WIDTH) {
+                holes += usize::from(raw == NO_DEPTH);
+                all += 1;
+            }
+        }
+        f64::from(holes as u32) / f64::from(all as u32)
+    }
+
+    #[test]
+    fn as_many_readings_fail_as_on_real_hair_faces_and_cloth() {
+        for (stuff, z, [least, most]) in [
+            (Stuff::Skin, 0.85, [0.0015, 0.005]),
+            (Stuff::Hair, 0.85, [0.005, 0.012]),
+            (Stuff::DarkHair, 1.0, [0.015, 0.03]),
+            (Stuff::DarkHair, 1.8, [0.05, 0.12]),
+            (Stuff::Dark, 0.85, [0.0, 0.01]),
+            (Stuff::Cloth, 0.85, [0.0, 0.003]),
+        ] {
+            let frames = real_plane(stuff, z, 8);
+            let blank = |_, col| col < WIDTH - BLANK_COLUMNS;
+            let share = frames.iter().map(|depth| holes(depth, blank)).sum::<f64>() / 8.0;
+            assert!(
+                (least..most).contains(&share),
+                "{stuff:?} at {z} m: {share:.4} fail"
+            );
+        }
+    }
+
+    #[test]
+    fn a_real_reading_changes_from_frame_to_frame_and_has_relief_as_measured() {
+        let frames = real_plane(Stuff::Skin, 0.9, 30);
+        let (mut change, mut relief, mut count) = (0.0, 0.0, 0.0);
+        let mut means = vec![0.0f64; PIXELS];
+        for (k, mean) in means.iter_mut().enumerate() {
+            let values: Vec<f64> = frames.iter().map(|depth| f64::from(depth[k])).collect();
+            *mean = values.iter().sum::<f64>() / 30.0;
+            if values.iter().all(|&raw| raw < 2000.0) {
+                change += values.iter().map(|v| (v - *mean).powi(2)).sum::<f64>() / 29.0;
+                count += 1.0;
+            } else {
+                *mean = f64::NAN;
+            }
+        }
+        let level = means.iter().filter(|m| m.is_finite()).sum::<f64>() / count;
+        relief += means
+            .iter()
+            .filter(|m| m.is_finite())
+            .map(|m| (m - level).powi(2))
+            .sum::<f64>();
+        let (change, relief) = ((change / count).sqrt(), (relief / count).sqrt());
+        assert!(
+            (0.45..0.60).contains(&change),
+            "{change} raw units from frame to frame"
+        );
+        // The measured 0.62 holds the relief of the things that were seen as well.
+        assert!(
+            (0.3..0.62).contains(&relief),
+            "{relief} raw units of relief"
+        );
+    }
+
+    /// Standard deviation of a straight upright outline, and the share of failed readings within 3 px inside it.
+    fn outline(stuff: Stuff) -> (f64, f64) {
+        let tiles = Tiles::new(5);
+        let mut real = RealReading::new(&tiles, 5);
+        let (mut inverse, mut made) = (vec![1.0 / 2.0; PIXELS], vec![Stuff::Matt; PIXELS]);
+        for row in 0..HEIGHT {
+            inverse[row * WIDTH + 300..row * WIDTH + 500].fill(1.0 / 0.85);
+            made[row * WIDTH + 300..row * WIDTH + 500].fill(stuff);
+        }
+        let near = reading().raw_far + reading().raw_per_inverse / 0.85 + 20.0;
+        let (mut squares, mut count, mut failed) = (0.0, 0.0, 0.0);
+        for k in 0..4 {
+            let mut depth = boxed();
+            real.read(
+                &reading(),
+                1.0,
+                &inverse,
+                &made,
+                &tiles,
+                hash(9, k),
+                &mut depth,
+            );
+            let edges: Vec<f64> = (10..HEIGHT - 10)
+                .map(|row| {
+                    let line = &depth[row * WIDTH..(row + 1) * WIDTH];
+                    let last = (400..560).rev().find(|&col| f32::from(line[col]) < near);
+                    last.unwrap_or(400) as f64
+                })
+                .collect();
+            let mean = edges.iter().sum::<f64>() / edges.len() as f64;
+            for edge in &edges {
+                squares += (edge - mean).powi(2);
+                count += 1.0;
+            }
+            failed += holes(&depth, |row, col| {
+                row > 10 && row < HEIGHT - 10 && (497..500).contains(&col)
+            });
+        }
+        ((squares / count).sqrt(), failed / 4.0)
+    }
+
+    #[test]
+    fn outlines_are_as_ragged_as_real_ones() {
+        let (cloth, cloth_fails) = outline(Stuff::Cloth);
+        let (hair, hair_fails) = outline(Stuff::DarkHair);
+        assert!((0.6..1.5).contains(&cloth), "cloth {cloth:.2} px");
+        assert!((1.6..2.8).contains(&hair), "hair {hair:.2} px");
+        assert!(
+            (0.02..0.10).contains(&cloth_fails),
+            "cloth {cloth_fails:.3}"
+        );
+        assert!((0.12..0.26).contains(&hair_fails), "hair {hair_fails:.3}");
+    }
+}
