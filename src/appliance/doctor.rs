@@ -61,22 +61,11 @@ impl Lines {
 #[must_use]
 pub fn report(config: Option<&Path>) -> (String, u8) {
     let mut lines = Lines::default();
-    let mut configured = true;
-    let settings = match service::settings(config) {
-        Ok(settings) => {
-            lines.say(
-                Verdict::Ok,
-                "configuration",
-                "all keys are known and in range",
-            );
-            settings
-        }
-        Err(problem) => {
-            configured = false;
-            lines.say(Verdict::Fail, "configuration", problem);
-            Settings::default()
-        }
-    };
+    let found = service::settings(config);
+    let mut configured = found.is_ok();
+    let known = found.as_ref().map(|_| "all keys are known and in range");
+    lines.judge(Verdict::Fail, "configuration", known);
+    let settings = found.unwrap_or_default();
     let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
     let model = service::model(named).map(|model| format!("{:08x}", model.id));
     lines.judge(Verdict::Fail, "face model", model);
@@ -147,43 +136,38 @@ fn sensor(
 }
 
 fn serial(lines: &mut Lines, port: &str) {
-    if port.is_empty() {
-        return lines.say(Verdict::Ok, "serial port", "none configured");
-    }
-    if port.starts_with("tcp:") {
-        return lines.say(
-            Verdict::Ok,
-            "serial port",
-            format_args!("{port}, not tested; a run connects to it"),
-        );
-    }
-    // Opened as a plain file, which neither raises DTR nor locks.
-    let opened = std::fs::OpenOptions::new().write(true).open(port);
-    let (verdict, advice) = match opened.as_ref().err().map(std::io::Error::kind) {
-        None => {
-            return lines.say(
-                Verdict::Ok,
-                "serial port",
-                format_args!("{port} is writable"),
-            );
+    let (verdict, text) = match port {
+        "" => (Verdict::Ok, "none configured".to_owned()),
+        _ if port.starts_with("tcp:") => {
+            let text = format!("{port}, not tested; a run connects to it");
+            (Verdict::Ok, text)
         }
-        Some(std::io::ErrorKind::NotFound) => (
+        // Opened as a plain file, which neither raises DTR nor locks.
+        _ => match std::fs::OpenOptions::new().write(true).open(port) {
+            Ok(_) => (Verdict::Ok, format!("{port} is writable")),
+            Err(problem) => {
+                let (verdict, advice) = remedy(problem.kind());
+                let text = format!("{port} cannot be opened ({problem}); {advice}");
+                (verdict, text)
+            }
+        },
+    };
+    lines.say(verdict, "serial port", text);
+}
+
+/// What to do about a port that cannot be opened.
+fn remedy(problem: std::io::ErrorKind) -> (Verdict, &'static str) {
+    match problem {
+        std::io::ErrorKind::NotFound => (
             Verdict::Warn,
             "plug it in, a run waits for it; `mien devices` lists what is connected",
         ),
-        Some(std::io::ErrorKind::PermissionDenied) => (
+        std::io::ErrorKind::PermissionDenied => (
             Verdict::Fail,
             "add the user to the group dialout and log in again",
         ),
-        Some(_) => (Verdict::Fail, "stop the other program that uses it"),
-    };
-    let problem = opened.err().map(|problem| problem.to_string());
-    let problem = problem.unwrap_or_default();
-    lines.say(
-        verdict,
-        "serial port",
-        format_args!("{port} cannot be opened ({problem}); {advice}"),
-    );
+        _ => (Verdict::Fail, "stop the other program that uses it"),
+    }
 }
 
 fn targets(lines: &mut Lines, settings: &Settings) {

@@ -21,6 +21,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 
 use crate::appliance::pipe::Pipe;
 use crate::appliance::terminal::OVER;
+use crate::output::limits::Allowance;
 
 /// Longest line; longer ones are truncated, so that a line's memory is bounded.
 const LINE: usize = 512;
@@ -34,43 +35,24 @@ const PLACES: usize = 64;
 /// Those that write without bound: a person asked for each line, on a terminal.
 const UNBOUNDED: [&str; 1] = ["mien::appliance::send_test"];
 
-/// What one place in the program may still write.
-struct Bucket<Place> {
-    place: Place,
-    left: u32,
-    /// When it was last filled.
-    filled: Duration,
-    left_out: u32,
-}
-
-/// The buckets of all places; those that came when it was full share the last one.
-struct Limits<Place>(heapless::Vec<Bucket<Place>, PLACES>);
+/// What each place in the program may still write, and how many of its lines were left out; those that came when it was full
+/// share the last one.
+struct Limits<Place>(heapless::Vec<(Place, Allowance, u32), PLACES>);
 
 impl<Place: PartialEq> Limits<Place> {
-    /// Whether the place may write now, `now` after the start: `Some` with how many like it were left out.
-    fn admit(&mut self, place: Place, now: Duration) -> Option<u32> {
-        let found = self.0.iter().position(|bucket| bucket.place == place);
+    /// Whether the place may write now: `Some` with how many like it were left out.
+    fn admit(&mut self, place: Place, now: Instant) -> Option<u32> {
+        let found = self.0.iter().position(|known| known.0 == place);
         let found = found.unwrap_or_else(|| {
-            let _ = self.0.push(Bucket {
-                place,
-                left: BURST,
-                filled: now,
-                left_out: 0,
-            });
+            let _ = self.0.push((place, Allowance::new(BURST, REFILL, now), 0));
             self.0.len() - 1
         });
-        let bucket = &mut self.0[found];
-        let minutes = now.saturating_sub(bucket.filled).as_secs() / REFILL.as_secs();
-        if minutes > 0 {
-            bucket.left = BURST.min(bucket.left.saturating_add(minutes as u32));
-            bucket.filled = now;
+        let (_, allowance, left_out) = &mut self.0[found];
+        if allowance.take(now) {
+            return Some(std::mem::take(left_out));
         }
-        if bucket.left == 0 {
-            bucket.left_out = bucket.left_out.saturating_add(1);
-            return None;
-        }
-        bucket.left -= 1;
-        Some(std::mem::take(&mut bucket.left_out))
+        *left_out = left_out.saturating_add(1);
+        None
     }
 }
 
@@ -83,7 +65,6 @@ struct Lines {
     /// Lines dropped since the last one.
     left_out: AtomicU32,
     limits: Mutex<Limits<Identifier>>,
-    started: Instant,
 }
 
 impl Lines {
@@ -94,7 +75,7 @@ impl Lines {
         }
         // Held for a look at a short list.
         let mut limits = self.limits.lock().unwrap_or_else(PoisonError::into_inner);
-        limits.admit(metadata.callsite(), self.started.elapsed())
+        limits.admit(metadata.callsite(), Instant::now())
     }
 }
 
@@ -108,7 +89,6 @@ pub fn start(level: Level) {
         error: Pipe::of(stderr()).ok(),
         left_out: AtomicU32::new(0),
         limits: Mutex::new(Limits(heapless::Vec::new())),
-        started: Instant::now(),
     };
     // Fails only if logging was started before; the first one stays.
     let _ = tracing::subscriber::set_global_default(lines);
@@ -239,13 +219,15 @@ mod tests {
 
     #[test]
     fn what_happens_over_and_over_fills_no_log() {
-        let mut limits = Limits(heapless::Vec::new());
+        let (start, mut limits) = (Instant::now(), Limits(heapless::Vec::new()));
         // A thousand times a second for ten minutes, from more places than are told apart.
         for places in [1, 2 * PLACES] {
             let (mut written, mut left_out) = (0, 0);
             for millisecond in 0..600_000_u64 {
                 let place = millisecond as usize % places;
-                if let Some(before) = limits.admit(place, Duration::from_millis(millisecond)) {
+                if let Some(before) =
+                    limits.admit(place, start + Duration::from_millis(millisecond))
+                {
                     written += 1;
                     left_out += before;
                 }
@@ -258,8 +240,8 @@ mod tests {
 
     #[test]
     fn a_place_that_is_silent_for_a_while_may_write_at_once_again() {
-        let mut limits = Limits(heapless::Vec::new());
-        let mut at = |seconds| limits.admit("broker", Duration::from_secs(seconds));
+        let (start, mut limits) = (Instant::now(), Limits(heapless::Vec::new()));
+        let mut at = |seconds| limits.admit("broker", start + Duration::from_secs(seconds));
         let first: Vec<_> = (0..10).map(&mut at).collect();
         assert_eq!(first[..8], [Some(0); 8]);
         assert_eq!(first[8..], [None, None]);

@@ -117,24 +117,18 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         }
         let name = shown.name(unit);
         let of = units.len();
-        let words = unit_words::of(unit);
-        let (plain, side) = words.map_or(("", ""), |(words, side)| {
-            (
-                words.plain,
-                if side.is_empty() {
-                    ""
-                } else if side == "L" {
-                    "left "
-                } else {
-                    "right "
-                },
-            )
-        });
-        if name == *unit {
-            tracing::info!("{unit} {plain} {side}({} of {of})", i + 1);
+        let plain = match unit_words::of(unit) {
+            Some((words, "L")) => format!("{} left ", words.plain),
+            Some((words, "R")) => format!("{} right ", words.plain),
+            Some((words, _)) => format!("{} ", words.plain),
+            None => String::new(),
+        };
+        let renamed = if name == *unit {
+            String::new()
         } else {
-            tracing::info!("{unit} {plain} {side}as {name} ({} of {of})", i + 1);
-        }
+            format!("as {name} ")
+        };
+        tracing::info!("{unit} {plain}{renamed}({} of {of})", i + 1);
         for step in 1..=SWEEP {
             weights[i] = 1.0 - (2.0 * step as f32 / SWEEP as f32 - 1.0).abs();
             sender.send(&weights, unit)?;

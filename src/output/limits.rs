@@ -6,39 +6,35 @@ use std::time::{Duration, Instant};
 pub(super) struct BackOff {
     first: Duration,
     longest: Duration,
-    next: Duration,
+    /// Pauses so far.
+    pub(super) tries: u32,
 }
 
 impl BackOff {
-    pub(super) const fn new(first: Duration, longest: Duration) -> Self {
+    pub(super) const fn new([first, longest]: [Duration; 2]) -> Self {
         Self {
             first,
             longest,
-            next: first,
+            tries: 0,
         }
     }
 
     /// How long to wait now.
     pub(super) fn pause(&mut self) -> Duration {
-        let pause = self.next;
-        self.next = (2 * pause).min(self.longest);
-        pause
-    }
-
-    /// Whether the next pause is the first one.
-    pub(super) fn is_fresh(&self) -> bool {
-        self.next == self.first
+        let doubled = self.first * (1 << self.tries.min(16));
+        self.tries = self.tries.saturating_add(1);
+        doubled.min(self.longest)
     }
 
     /// It has worked: the next pause is the first one again.
     pub(super) fn reset(&mut self) {
-        self.next = self.first;
+        self.tries = 0;
     }
 }
 
 /// A token bucket: so many at once, then one more every `each`.
 #[derive(Clone, Copy)]
-pub(super) struct Allowance {
+pub(crate) struct Allowance {
     at_once: u32,
     each: Duration,
     /// When it is full again.
@@ -46,7 +42,7 @@ pub(super) struct Allowance {
 }
 
 impl Allowance {
-    pub(super) const fn new(at_once: u32, each: Duration, now: Instant) -> Self {
+    pub(crate) const fn new(at_once: u32, each: Duration, now: Instant) -> Self {
         Self {
             at_once,
             each,
@@ -65,7 +61,7 @@ impl Allowance {
     }
 
     /// Takes one; whether there was one.
-    pub(super) fn take(&mut self, now: Instant) -> bool {
+    pub(crate) fn take(&mut self, now: Instant) -> bool {
         let left = self.is_left(now);
         if left {
             self.full = self.full.max(now) + self.each;
@@ -80,12 +76,11 @@ mod tests {
 
     #[test]
     fn pauses_double_up_to_the_longest_and_start_again() {
-        let mut back_off = BackOff::new(Duration::from_secs(1), Duration::from_secs(30));
+        let mut back_off = BackOff::new([1, 30].map(Duration::from_secs));
         let pauses: Vec<u64> = (0..7).map(|_| back_off.pause().as_secs()).collect();
         assert_eq!(pauses, [1, 2, 4, 8, 16, 30, 30]);
-        assert!(!back_off.is_fresh());
         back_off.reset();
-        assert!(back_off.is_fresh() && back_off.pause().as_secs() == 1);
+        assert_eq!(back_off.pause().as_secs(), 1);
     }
 
     #[test]

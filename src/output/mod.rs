@@ -22,7 +22,7 @@ pub mod keys;
 #[cfg(feature = "wires")]
 pub mod lights;
 #[cfg(feature = "std")]
-mod limits;
+pub(crate) mod limits;
 #[cfg(feature = "wires")]
 pub mod live_link;
 #[cfg(feature = "wires")]

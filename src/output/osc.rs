@@ -52,6 +52,7 @@ use listener::Listener;
 use packet::Argument;
 #[cfg(feature = "studio")]
 pub use receive::Receiver;
+#[cfg(feature = "wires")]
 pub(super) use wire::Sender;
 use wire::Wire;
 pub use wire::{Datagrams, Targets};

@@ -2,13 +2,9 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Args, Parser, Subcommand};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::flag;
 
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
@@ -371,17 +367,6 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     }
 }
 
-/// What the first Ctrl-C sets; the second ends the program at once.
-fn stop_on_signals() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        // Without them a signal ends the program at once, as it does elsewhere.
-        let _ = flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop));
-        let _ = flag::register(signal, Arc::clone(&stop));
-    }
-    stop
-}
-
 #[expect(clippy::print_stdout, reason = "the command's output")]
 fn say(line: &str) {
     println!("{line}");
@@ -393,7 +378,7 @@ fn run_record(args: &record::Args) -> Result<(), Fault> {
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0.0, |since| since.as_secs_f64());
-    let stop = stop_on_signals();
+    let stop = stopped::flag_on_signals();
     let done = record::record(&mut source, &args.out, args.seconds, now, &stop)?;
     say(&format!("{} frames in {}", done.frames, args.out.display()));
     eprintln!("{done}");

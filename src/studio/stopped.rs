@@ -6,10 +6,10 @@ use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::SystemTime;
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use signal_hook::low_level::{emulate_default_handler, pipe};
 
@@ -82,6 +82,18 @@ fn listen(result: Goes) -> std::io::Result<()> {
         .name("stopped".into())
         .spawn(wait)?;
     Ok(())
+}
+
+/// What the first Ctrl-C sets; the second ends the program at once.
+#[must_use]
+pub fn flag_on_signals() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // Without them a signal ends the program at once, as it does elsewhere.
+        let _ = flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop));
+        let _ = flag::register(signal, Arc::clone(&stop));
+    }
+    stop
 }
 
 #[cfg(test)]

@@ -14,9 +14,10 @@ pub struct Columns {
     frame: Option<usize>,
     state: Option<usize>,
     confidence: Option<usize>,
-    pose: Option<[usize; 7]>,
-    points: Option<Vec<usize>>,
-    head_box: Option<[usize; 4]>,
+    /// Empty where not all of them are there.
+    pose: Vec<usize>,
+    points: Vec<usize>,
+    head_box: Vec<usize>,
     units: Vec<(String, usize)>,
     rows: u64,
 }
@@ -35,11 +36,9 @@ impl Columns {
         else {
             return None;
         };
-        let all = |names: Vec<String>| {
-            names
-                .iter()
-                .map(|name| find(name))
-                .collect::<Option<Vec<_>>>()
+        let all = |names: &[String]| {
+            let found: Option<Vec<_>> = names.iter().map(|name| find(name)).collect();
+            found.unwrap_or_default()
         };
         let pose = ["tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"].map(str::to_owned);
         let points = (0..LANDMARKS).flat_map(|k| [format!("x{k}"), format!("y{k}")]);
@@ -50,10 +49,9 @@ impl Columns {
             frame: find("frame"),
             state: find("state"),
             confidence: find("confidence"),
-            pose: all(pose.to_vec()).and_then(|columns| columns.try_into().ok()),
-            points: all(points.collect()),
-            head_box: all(BOX.map(|side| format!("head_{side}")).to_vec())
-                .and_then(|columns| columns.try_into().ok()),
+            pose: all(&pose),
+            points: all(&points.collect::<Vec<_>>()),
+            head_box: all(&BOX.map(|side| format!("head_{side}"))),
             units,
             rows: 0,
         })
@@ -99,21 +97,15 @@ impl Columns {
         for weight in &mut weights {
             *weight = if weight.is_nan() { 0.0 } else { *weight };
         }
-        let pose = match &self.pose {
-            Some(columns) => several(columns)?.try_into().ok(),
-            None => None,
+        // All of a group of columns, if each has a number.
+        let whole = |columns: &[usize]| {
+            let is_whole = |values: &Vec<f32>| values.iter().all(|value| value.is_finite());
+            Some(Some(several(columns)?).filter(is_whole).unwrap_or_default())
         };
-        let points = match &self.points {
-            Some(columns) => several(columns)?,
-            None => Vec::new(),
-        };
-        let head_box = match &self.head_box {
-            Some(columns) => several(columns)?.try_into().ok(),
-            None => None,
-        };
+        let points = whole(&self.points)?;
+        let head_box: Option<[f32; 4]> = whole(&self.head_box)?.try_into().ok();
         let is_there = |sides: &[f32; 4]| sides.iter().all(|side| (0.0..=65535.0).contains(side));
         let head_box = head_box.filter(is_there);
-        let whole = points.iter().all(|value| value.is_finite());
         self.rows += 1;
         let frame = self.frame.and_then(|at| cells[at].parse().ok());
         Some(Sample {
@@ -122,14 +114,10 @@ impl Columns {
             seconds: micros as f64 * 1e-6,
             state,
             confidence: self.confidence.map_or(Some(f32::NAN), number)?,
-            pose: pose.filter(|pose: &[f32; 7]| pose.iter().all(|value| value.is_finite())),
-            head_box: head_box.map(|sides: [f32; 4]| sides.map(|side| side as u16)),
+            pose: whole(&self.pose)?.try_into().ok(),
+            head_box: head_box.map(|sides| sides.map(|side| side as u16)),
             weights,
-            points: if whole {
-                points.chunks_exact(2).map(|p| [p[0], p[1]]).collect()
-            } else {
-                Vec::new()
-            },
+            points: points.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
             ..Sample::default()
         })
     }

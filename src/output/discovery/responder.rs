@@ -88,12 +88,12 @@ struct Claim {
 impl Claim {
     const FIRST: Self = Self {
         number: 1,
-        pauses: BackOff::new(PAUSES[0], PAUSES[1]),
+        pauses: BackOff::new(PAUSES),
     };
 
     /// The name is another's: chooses the next, and says how long to wait before it is probed.
     fn lost(&mut self) -> Duration {
-        if self.number < NAMES && self.pauses.is_fresh() {
+        if self.number < NAMES && self.pauses.tries == 0 {
             self.number += 1;
             return Duration::ZERO;
         }

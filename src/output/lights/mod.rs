@@ -130,6 +130,19 @@ enum Driver {
     Turn(usize),
 }
 
+impl Driver {
+    /// By its name in a row; `None` if there is no such unit.
+    fn named(name: &str, units: &[&str]) -> Option<Self> {
+        Some(match name {
+            "present" => Self::Present,
+            "yaw" => Self::Turn(0),
+            "pitch" => Self::Turn(1),
+            "roll" => Self::Turn(2),
+            unit => Self::Unit(units.iter().position(|known| *known == unit)?),
+        })
+    }
+}
+
 /// The universes of a protocol, in numbers and words.
 struct Universes {
     valid: std::ops::RangeInclusive<u16>,
@@ -173,17 +186,8 @@ impl Desk {
                     "UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]",
                 )
             })?;
-            let driver = match unit {
-                "present" => Driver::Present,
-                "yaw" => Driver::Turn(0),
-                "pitch" => Driver::Turn(1),
-                "roll" => Driver::Turn(2),
-                unit => {
-                    Driver::Unit(units.iter().position(|known| *known == unit).ok_or_else(
-                        || refuse(text, "a unit that is measured with these settings"),
-                    )?)
-                }
-            };
+            let driver = Driver::named(unit, units)
+                .ok_or_else(|| refuse(text, "a unit that is measured with these settings"))?;
             if !universes_of.valid.contains(&row.universe) {
                 return Err(refuse(text, universes_of.expected));
             }

@@ -8,13 +8,11 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::home_assistant;
 use super::packet::{self, Hello, LONGEST, Message, Nonsense, Told};
-use super::stream::{Stream, Trust};
+use super::stream::Stream;
+use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
 use crate::base::capacity::USERS;
-use crate::output::Command;
-use crate::output::features::MqttSettings;
 use crate::output::limits::{Allowance, BackOff};
 use crate::output::worker::{Bell, Shared, count};
 
@@ -31,67 +29,6 @@ const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 /// Reads in a row, and the rest after as many.
 const READS: usize = 4;
 const REST: Duration = Duration::from_millis(10);
-
-/// What is published, and to which broker.
-pub(super) struct Talk {
-    broker: String,
-    trust: Trust,
-    client: String,
-    user: Option<String>,
-    password: Option<String>,
-    /// Prefix and name.
-    base: String,
-    presence: String,
-    /// Output names of the units.
-    units: Box<[String]>,
-    gestures: Box<[String]>,
-    /// Topics and payloads for Home Assistant.
-    entities: Box<[(String, String)]>,
-    /// Topic of the commands, if any are accepted.
-    commands: Option<String>,
-    weights_each: Option<Duration>,
-    health_each: Duration,
-}
-
-impl Talk {
-    pub(super) fn new(
-        settings: &MqttSettings,
-        name: &str,
-        trust: Trust,
-        password: Option<String>,
-        [units, gestures]: [&[&str]; 2],
-    ) -> Self {
-        let base = format!("{}/{name}", settings.prefix);
-        let entities = settings
-            .home_assistant
-            .then(|| home_assistant::entities(&base, name, settings.commands, gestures));
-        let names = units.iter().map(|unit| settings.view.name(unit).to_owned());
-        Self {
-            broker: settings.broker.clone(),
-            trust,
-            client: format!("mien-{name}"),
-            user: Some(settings.user.clone()).filter(|user| !user.is_empty()),
-            password,
-            presence: format!("{base}/presence"),
-            units: names.collect(),
-            gestures: gestures.iter().map(|&name| name.to_owned()).collect(),
-            entities: entities.unwrap_or_default(),
-            commands: settings.commands.then(|| format!("{base}/cmd/+")),
-            base,
-            weights_each: (settings.rate_hz > 0.0)
-                .then(|| Duration::from_secs_f32(1.0 / settings.rate_hz)),
-            health_each: Duration::from_secs_f32(settings.health_s),
-        }
-    }
-
-    /// The command in a message on one of our topics.
-    fn command(&self, topic: &[u8], payload: &[u8]) -> Option<Command> {
-        let topic = std::str::from_utf8(topic).ok()?;
-        let what = topic.strip_prefix(&self.base)?.strip_prefix("/cmd/")?;
-        let payload = std::str::from_utf8(payload).ok()?;
-        Command::of_words(what, payload.split_whitespace())
-    }
-}
 
 /// Why a connection ended.
 #[derive(Debug, thiserror::Error)]
@@ -119,7 +56,7 @@ pub(super) fn run(talk: Talk, shared: &Arc<Shared>, mut bell: Bell) {
             payload: String::with_capacity(4096),
         },
     };
-    let (mut back_off, mut told) = (BackOff::new(PAUSES[0], PAUSES[1]), false);
+    let (mut back_off, mut told) = (BackOff::new(PAUSES), false);
     loop {
         let end = match Stream::connect(&talk.broker, &talk.trust) {
             Ok(stream) => {

@@ -22,6 +22,7 @@ mod client;
 mod home_assistant;
 mod packet;
 mod stream;
+mod talk;
 mod watch;
 
 use super::board::Front;
@@ -41,7 +42,7 @@ pub fn open(
 ) -> Result<Front, OutputError> {
     let trust = stream::trust(settings)?;
     let password = password(&settings.password_file)?;
-    let talk = client::Talk::new(
+    let talk = talk::Talk::new(
         settings,
         &identity::name(name),
         trust,

@@ -70,7 +70,7 @@ impl Listener {
             socket: bind(address).ok(),
             address,
             again: Instant::now(),
-            back_off: BackOff::new(PAUSES[0], PAUSES[1]),
+            back_off: BackOff::new(PAUSES),
             prefix: prefix.to_owned(),
             waiting: heapless::Deque::new(),
             senders: Senders::default(),
@@ -93,7 +93,7 @@ impl Listener {
             match bind(self.address) {
                 Ok(socket) => self.socket = Some(socket),
                 Err(error) => {
-                    if self.back_off.is_fresh() {
+                    if self.back_off.tries == 0 {
                         let address = self.address;
                         tracing::warn!(
                             "cannot listen for OSC commands at {address} ({error}), retrying until it is free"

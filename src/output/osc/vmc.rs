@@ -120,7 +120,7 @@ impl Vmc {
         if self.role == Role::Performer {
             let [state, mode] = CALIBRATED;
             let ok = [1, state, mode, tracked.into()].map(Argument::Int);
-            wire.message(format_args!("/OK"), ok.into_iter());
+            wire.message(format_args!("/OK"), ok);
             wire.message(format_args!("/T"), [Argument::Float(self.seconds)]);
             wire.message(
                 format_args!("/Root/Pos"),

@@ -15,6 +15,7 @@ use super::budget;
 use super::line::Line;
 use super::settings::{Settings, Style};
 use crate::output::OutputError;
+use crate::output::limits::BackOff;
 
 /// Interval at which the names of the units are repeated.
 const HEADER_PERIOD: Duration = Duration::from_secs(budget::HEADER_PERIOD_S as u64);
@@ -160,7 +161,7 @@ pub(super) fn feed(
     let thread = std::thread::Builder::new().name("serial".to_owned());
     thread
         .spawn(move || {
-            let mut pause = PAUSES[0];
+            let mut back_off = BackOff::new(PAUSES);
             // The first failure is not told: before a reload the port is still this program's own for a moment.
             let (mut failures, mut cut) = (0_u32, false);
             loop {
@@ -182,7 +183,7 @@ pub(super) fn feed(
                         failures = 2;
                         // One that opens and fails at once is not tried without a pause.
                         if opened.elapsed() > PAUSES[1] {
-                            pause = PAUSES[0];
+                            back_off.reset();
                         }
                     }
                     Err(error) => {
@@ -192,10 +193,9 @@ pub(super) fn feed(
                         }
                     }
                 }
-                if shared.pause(pause) {
+                if shared.pause(back_off.pause()) {
                     return;
                 }
-                pause = (2 * pause).min(PAUSES[1]);
             }
         })
         .map_err(|source| OutputError::Thread { source })

@@ -260,7 +260,7 @@ pub(super) fn serve<S: Service>(
         address,
         listener: None,
         again: Instant::now(),
-        back_off: BackOff::new(PAUSES[0], PAUSES[1]),
+        back_off: BackOff::new(PAUSES),
     };
     loop {
         server.open();
@@ -302,7 +302,7 @@ impl<S: Service> Server<S> {
             .and_then(|one| one.set_nonblocking(true).map(|()| one))
             .inspect_err(|error| {
                 // Not the first failure: before a reload the address is still this program's own for a moment.
-                if !self.back_off.is_fresh() {
+                if self.back_off.tries == 1 {
                     let address = self.address;
                     tracing::warn!(
                         "cannot listen at {address} ({error}), retrying until it is free"

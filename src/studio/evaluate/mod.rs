@@ -4,7 +4,7 @@
 //! acted              what each weight should be while a drawn head acts
 //! sessions           who plays, and how what is found is compared
 //! played, table      people never trained on act before the simulated sensor: pose, points, weights
-//! head_scenes        one and several heads, hands, rooms: pose, ids, loss, time
+//! head_scenes        one and several heads, hands, rooms: pose, ids, loss
 //! landmark_accuracy  the face model alone, under every condition and on photographs
 //! paper              the paper's experiments: its own system beside the default
 //! ```

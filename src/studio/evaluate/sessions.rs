@@ -9,7 +9,6 @@ use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Rigid, Vector};
 use crate::pipeline::PipelineError;
 use crate::simulator::virtual_head::{Light, Truth};
-use crate::studio::fit::FitError;
 use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::DatasetError;
@@ -26,9 +25,6 @@ pub enum SessionsError {
     /// Still pictures.
     #[error(transparent)]
     Pictures(#[from] DatasetError),
-    /// Fitting them.
-    #[error(transparent)]
-    Fit(#[from] FitError),
     /// Kept examples.
     #[error("cannot read or write {path}: {source}; give another place with --examples")]
     Examples {
@@ -132,7 +128,7 @@ pub(super) fn mean(values: &[f64]) -> f64 {
 }
 
 /// The middle one, the upper of two; not a number if there are none.
-pub(super) fn median(values: &[f64]) -> f64 {
+pub(crate) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)

@@ -363,6 +363,50 @@ impl Display for Matrix {
 }
 
 impl Table {
+    /// What is measured, its figure and the worst person.
+    fn rows(&self) -> [String; 10] {
+        let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
+        let lost = lost.map(|lost| Worst {
+            mean: 100.0 * (1.0 - lost.mean),
+            ..lost
+        });
+        let [turn, turn_rest] = self.rotation_deg;
+        let [shift, shift_rest] = self.translation_mm;
+        let [end_turn, end_points] = self.turned;
+        let [shut, open] = self.winks;
+        let out = "… after removing one offset per person";
+        let [yaw, pitch] = TURNED_DEG;
+        [
+            format!(
+                "tracked | {:.2} % of frames{}",
+                100.0 * self.tracked,
+                worst(lost, 2, " %")
+            ),
+            format!("head rotation | {turn:.2}°{}", worst(turned, 2, "°")),
+            format!("{out} | {turn_rest:.2}°{}", worst(turned_rest, 2, "°")),
+            format!("head position | {shift:.1} mm{}", worst(moved, 1, " mm")),
+            format!("{out} | {shift_rest:.1} mm{}", worst(moved_rest, 1, " mm")),
+            format!(
+                "landmarks, all 68 | {:.2} % of the outer-eye distance{}",
+                self.landmarks,
+                worst(points, 2, " %")
+            ),
+            format!(
+                "landmarks without the jaw | {:.2} %{}",
+                self.inner,
+                worst(inner, 2, " %")
+            ),
+            format!(
+                "head turned by over {yaw}° or nodding by over {pitch}°: rotation after removing the offset, landmarks | {end_turn:.2}°, {end_points:.2} %"
+            ),
+            format!("weights while nothing is acted | {:.3}", self.rest),
+            format!(
+                "winks: weight of the closed eye, of the open one | {:.2}, {open:.2}",
+                shut.mean
+            ),
+        ]
+    }
+
     fn fmt_units(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -394,67 +438,8 @@ impl Display for Table {
             "{} people never trained on, {} frames; errors are mean / 95th percentile, with the worst person's mean in parentheses\n| what | figure (worst person) |\n| --- | --- |",
             self.people, self.frames
         )?;
-        let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
-        let lost = lost.map(|lost| Worst {
-            mean: 100.0 * (1.0 - lost.mean),
-            ..lost
-        });
-        let [turn, turn_rest] = self.rotation_deg;
-        let [shift, shift_rest] = self.translation_mm;
-        let [end_turn, end_points] = self.turned;
-        let [shut, open] = self.winks;
-        let out = "… after removing one offset per person";
-        let [yaw, pitch] = TURNED_DEG;
-        let tracked = format!("{:.2} % of frames", 100.0 * self.tracked);
-        let eyes = "of the outer-eye distance";
-        let rows = [
-            ("tracked", tracked, worst(lost, 2, " %")),
-            (
-                "head rotation",
-                format!("{turn:.2}°"),
-                worst(turned, 2, "°"),
-            ),
-            (out, format!("{turn_rest:.2}°"), worst(turned_rest, 2, "°")),
-            (
-                "head position",
-                format!("{shift:.1} mm"),
-                worst(moved, 1, " mm"),
-            ),
-            (
-                out,
-                format!("{shift_rest:.1} mm"),
-                worst(moved_rest, 1, " mm"),
-            ),
-            (
-                "landmarks, all 68",
-                format!("{:.2} % {eyes}", self.landmarks),
-                worst(points, 2, " %"),
-            ),
-            (
-                "landmarks without the jaw",
-                format!("{:.2} %", self.inner),
-                worst(inner, 2, " %"),
-            ),
-            (
-                &format!(
-                    "head turned by over {yaw}° or nodding by over {pitch}°: rotation after removing the offset, landmarks"
-                ),
-                format!("{end_turn:.2}°, {end_points:.2} %"),
-                String::new(),
-            ),
-            (
-                "weights while nothing is acted",
-                format!("{:.3}", self.rest),
-                String::new(),
-            ),
-            (
-                "winks: weight of the closed eye, of the open one",
-                format!("{:.2}, {open:.2}", shut.mean),
-                String::new(),
-            ),
-        ];
-        for (what, figure, worst) in rows {
-            writeln!(f, "| {what} | {figure}{worst} |")?;
+        for row in self.rows() {
+            writeln!(f, "| {row} |")?;
         }
         self.fmt_units(f)?;
         let all: Vec<f64> = self.following.iter().map(|one| one.correlation).collect();

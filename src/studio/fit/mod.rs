@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use crate::appliance::service;
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::{FaceModel, ModelError};
+use crate::face_model::FaceModel;
 use crate::studio::atomic_write;
 use crate::studio::progress::Progress;
-use crate::studio::text_files;
-use crate::studio::train::dataset::{DatasetError, Entry, read_folder};
+use crate::studio::train::dataset::{DatasetError, Entry, read, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
 use still::{FaceBox, FittedFace, StillFitter, disturbed_box};
 
@@ -50,21 +50,8 @@ pub enum FitError {
     #[error(transparent)]
     Dataset(#[from] DatasetError),
     /// The model.
-    #[error("{path}: {source}")]
-    Model {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: ModelError,
-    },
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Model(#[from] service::Failure),
     /// A file cannot be written.
     #[error("cannot write {path}: {source}; give another place")]
     Unwritable {
@@ -72,18 +59,6 @@ pub enum FitError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
-    },
-    /// A table is wrong.
-    #[error("{path}, line {line}: expected {expected}, found {found:?}; correct the line")]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
     },
     /// A picture without a box.
     #[error(
@@ -112,21 +87,14 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
     })
 }
 
-fn unreadable(path: &Path) -> impl FnOnce(std::io::Error) -> FitError + '_ {
-    |source| FitError::Unreadable {
-        path: path.into(),
-        source,
-    }
-}
-
 /// What the lines of a table say; `header` begins one that says nothing.
 fn rows<T, C: FromIterator<T>>(
     path: &Path,
     header: &str,
     expected: &'static str,
     row: impl Fn(&str) -> Option<T>,
-) -> Result<C, FitError> {
-    let text = text_files::read(path).map_err(unreadable(path))?;
+) -> Result<C, DatasetError> {
+    let text = read(path)?;
     let lines = (1..).zip(text.lines());
     lines
         .filter(|(line, text)| {
@@ -134,7 +102,7 @@ fn rows<T, C: FromIterator<T>>(
             !is_header && !text.trim().is_empty()
         })
         .map(|(line, text)| {
-            row(text).ok_or_else(|| FitError::Malformed {
+            row(text).ok_or_else(|| DatasetError::Malformed {
                 path: path.into(),
                 line,
                 expected,
@@ -145,7 +113,7 @@ fn rows<T, C: FromIterator<T>>(
 }
 
 /// The faces' boxes by file.
-fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, FitError> {
+fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, DatasetError> {
     rows(path, "file", "file,x,y,w,h with a positive size", |line| {
         let (file, face_box) = line.split_once(',')?;
         Some((file.trim().to_owned(), parse_box(face_box)?))
@@ -153,7 +121,7 @@ fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, FitError> {
 }
 
 /// Reads offsets: CSV `landmark,dx,dy`, face axes, in outer eye distances.
-fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], FitError> {
+fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {
     let given: Vec<(usize, [f32; 2])> = rows(path, "landmark", "landmark,dx,dy", |line| {
         let numbers = line.split(',').map(|word| word.trim().parse().ok());
         match numbers.collect::<Option<Vec<f32>>>()?[..] {
@@ -186,16 +154,7 @@ type Numbered<'a> = (usize, &'a Entry);
 /// # Errors
 /// If something cannot be read, a picture has no box, or the CSV cannot be written.
 pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
-    let model = match &args.model {
-        None => FaceModel::shipped(),
-        Some(path) => {
-            let bytes = std::fs::read(path).map_err(unreadable(path))?;
-            FaceModel::read(&bytes).map_err(|source| FitError::Model {
-                path: path.clone(),
-                source,
-            })?
-        }
-    };
+    let model = service::model(args.model.as_deref())?;
     let offsets = args.offsets.as_deref().map(read_offsets).transpose()?;
     let boxes = args.boxes.as_deref().map(read_boxes).transpose()?;
     let entries = read_folder(&args.images)?;

@@ -178,18 +178,7 @@ pub(crate) fn trajectory_cameras(
     let mut damping = 1e-3;
     for _ in 0..METRIC_STEPS {
         let rows = &left * &q;
-        let mut jacobian = DMatrix::zeros(3 * frames, 3 * columns);
-        for t in 0..frames {
-            for c in 0..3 {
-                let (a, b) = (rows[(2 * t, c)], rows[(2 * t + 1, c)]);
-                for r in 0..columns {
-                    let (pa, pb) = (left[(2 * t, r)], left[(2 * t + 1, r)]);
-                    jacobian[(3 * t, 3 * r + c)] = 2.0 * a * pa;
-                    jacobian[(3 * t + 1, 3 * r + c)] = 2.0 * b * pb;
-                    jacobian[(3 * t + 2, 3 * r + c)] = 2.0 * (a * pb + b * pa);
-                }
-            }
-        }
+        let jacobian = slopes(&left, &rows);
         let normal = jacobian.tr_mul(&jacobian);
         let slope = jacobian.tr_mul(&now);
         let mean = normal.trace() / normal.nrows() as f64;
@@ -218,6 +207,24 @@ pub(crate) fn trajectory_cameras(
         }
     }
     cameras_from(&(left * q))
+}
+
+/// How the rows' lengths and products change with the entries of Q, row by row; `rows` is Π Q.
+fn slopes(left: &DMatrix<f64>, rows: &DMatrix<f64>) -> DMatrix<f64> {
+    let (frames, columns) = (left.nrows() / 2, left.ncols());
+    let mut jacobian = DMatrix::zeros(3 * frames, 3 * columns);
+    for t in 0..frames {
+        for c in 0..3 {
+            let (a, b) = (rows[(2 * t, c)], rows[(2 * t + 1, c)]);
+            for r in 0..columns {
+                let (pa, pb) = (left[(2 * t, r)], left[(2 * t + 1, r)]);
+                jacobian[(3 * t, 3 * r + c)] = 2.0 * a * pa;
+                jacobian[(3 * t + 1, 3 * r + c)] = 2.0 * b * pb;
+                jacobian[(3 * t + 2, 3 * r + c)] = 2.0 * (a * pb + b * pa);
+            }
+        }
+    }
+    jacobian
 }
 
 /// The rotation whose first two rows are nearest to each pair of rows.

@@ -16,11 +16,11 @@
 //! Units: the tracks', divided by their spread (the caller does that). Cost of a sweep: F (P K² + K³) + P (3K + 3)³ / 6
 //! operations, the last term only with missing points. Memory: 10 F K² + 3 P K numbers.
 //! Degenerate: a camera that never turns leaves depth undetermined; the tiny ridge of the basis then keeps it small.
-//! One file: the two steps of one iteration share all their terms.
 
 use super::cameras::leading;
+use super::solve::{inverse_of, restandardise, root_of, turned};
 use super::tracks::{Tracks, mean_positions};
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// Everything the EM estimates. Image units are the tracks' as given.
 #[derive(Clone, Debug)]
@@ -144,7 +144,7 @@ impl Model {
     /// One EM sweep; `floor` is the least noise variance allowed in it.
     pub(crate) fn sweep(&mut self, tracks: &Tracks, floor: f64) {
         self.estimate_coefficients(tracks);
-        self.restandardise();
+        restandardise(&mut self.mean, &mut self.covariance, &mut self.basis);
         self.fit_basis(tracks);
         self.fit_cameras(tracks);
         self.fit_shifts(tracks);
@@ -260,52 +260,6 @@ impl Model {
         }
         if k > 0 && squared > 0.0 {
             self.alpha = (lagged / squared).clamp(0.0, ALPHA_LARGEST);
-        }
-    }
-
-    /// Parameter expansion: coefficients back to zero mean and unit covariance, the basis takes the factor.
-    fn restandardise(&mut self) {
-        let (frames, k) = (self.mean.len(), self.rank);
-        if k == 0 {
-            return;
-        }
-        let mean = self.mean.iter().fold(DVector::zeros(k), |s, m| s + m) / frames as f64;
-        let mut second = DMatrix::zeros(k, k);
-        for (m, c) in self.mean.iter_mut().zip(&self.covariance) {
-            *m -= &mean;
-            second += c;
-            second.ger(1.0, m, m, 1.0);
-        }
-        second /= frames as f64;
-        for i in 0..k {
-            second[(i, i)] += 1e-12;
-        }
-        let Some(factor) = Cholesky::new(second) else {
-            return;
-        };
-        let l = factor.l();
-        let Some(l_inverse) = l.clone().try_inverse() else {
-            return;
-        };
-        let mut taken = vec![Vector3::zeros(); k + 1];
-        for mut column in self.basis.column_iter_mut() {
-            let (block, _) = column.as_mut_slice().as_chunks_mut::<3>();
-            taken.fill(Vector3::zeros());
-            taken[0] += Vector3::from(block[0]);
-            for (m, b) in block[1..].iter().enumerate() {
-                let b = Vector3::from(*b);
-                taken[0] += b * mean[m];
-                for (c, taken) in taken[1..=m + 1].iter_mut().enumerate() {
-                    *taken += b * l[(m, c)];
-                }
-            }
-            for (b, taken) in block.iter_mut().zip(&taken) {
-                *b = (*taken).into();
-            }
-        }
-        for (m, c) in self.mean.iter_mut().zip(&mut self.covariance) {
-            *m = &l_inverse * &*m;
-            *c = &l_inverse * &*c * l_inverse.transpose();
         }
     }
 
@@ -479,64 +433,4 @@ impl Model {
             self.noise_variance = (squares / count).max(floor);
         }
     }
-}
-
-/// Rotation that lowers `|c R L − …|²` for second moments `a` (3x3) of the shape and mixed moments `b` (2x3): a few
-/// Gauss-Newton steps from `start`, each kept only if the cost falls.
-fn turned(start: Matrix3<f64>, scale: f64, a: &Matrix3<f64>, b: &Matrix2x3<f64>) -> Matrix3<f64> {
-    let cost = |r: &Matrix3<f64>| {
-        let rows = r.fixed_rows::<2>(0);
-        scale * (rows * a * rows.transpose()).trace() - 2.0 * (rows * b.transpose()).trace()
-    };
-    let (mut rotation, mut best) = (start, cost(&start));
-    for _ in 0..3 {
-        let rows = rotation.fixed_rows::<2>(0).into_owned();
-        // d(R) = R [ω]×; derivative of the cost along each axis, and the Gauss-Newton matrix.
-        let along: [Matrix2x3<f64>; 3] =
-            std::array::from_fn(|i| rows * Vector3::ith(i, 1.0).cross_matrix());
-        let slope_at = rows * a * scale - b;
-        let gradient = Vector3::from_fn(|i, _| along[i].dot(&slope_at));
-        let mut hessian = Matrix3::from_fn(|i, k| scale * (along[i] * a).dot(&along[k]));
-        let damping = 1e-9 * hessian.trace().max(f64::MIN_POSITIVE);
-        hessian += Matrix3::identity() * damping;
-        let Some(factor) = Cholesky::new(hessian) else {
-            break;
-        };
-        let mut step = -factor.solve(&gradient);
-        let mut improved = false;
-        for _ in 0..5 {
-            let candidate = rotation * Rotation3::new(step).matrix();
-            let value = cost(&candidate);
-            if value < best {
-                (rotation, best, improved) = (candidate, value, true);
-                break;
-            }
-            step *= 0.3;
-        }
-        if !improved || step.norm() < 1e-9 {
-            break;
-        }
-    }
-    // Products of many rotations drift off SO(3) by rounding only; one renormalisation is enough.
-    let mut rotation = Rotation3::from_matrix_unchecked(rotation);
-    rotation.renormalize();
-    rotation.into_inner()
-}
-
-/// Inverse of a symmetric positive definite matrix and the logarithm of its determinant; the identity's if rounding made it
-/// indefinite.
-fn inverse_of(m: DMatrix<f64>) -> (DMatrix<f64>, f64) {
-    let size = m.nrows();
-    Cholesky::new(m).map_or_else(
-        || (DMatrix::identity(size, size), 0.0),
-        |c| {
-            let log = 2.0 * c.l_dirty().diagonal().map(f64::ln).sum();
-            (c.inverse(), log)
-        },
-    )
-}
-
-/// Lower triangle L with L Lᵀ = m; zero if rounding made it indefinite.
-fn root_of(m: &DMatrix<f64>) -> DMatrix<f64> {
-    Cholesky::new(m.clone()).map_or_else(|| DMatrix::zeros(m.nrows(), m.ncols()), |c| c.l())
 }

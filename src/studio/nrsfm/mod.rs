@@ -3,7 +3,7 @@
 //! ```text
 //! tracks          2D tracks and 3D shapes, as CSV
 //! cameras         first cameras to try, from factorisations
-//! em              shapes, modes and cameras by EM with a low-rank Gaussian prior
+//! em              shapes, modes and cameras by EM with a low-rank Gaussian prior; solve: the problems of one step
 //! reconstruction  tracks ─► cameras ─► short EM from each ─► the likeliest, to the end ─► shapes
 //! align           shapes laid on each other, and the error the literature states
 //! shape_model     base shape and shape bases: the shapes of several sequences, and PCA
@@ -18,6 +18,7 @@ mod error;
 mod reconstruction;
 mod run;
 mod shape_model;
+mod solve;
 mod tracks;
 
 pub use align::{rigid_mean_shape, shape_error};

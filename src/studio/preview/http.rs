@@ -21,6 +21,8 @@ const CONNECTIONS: usize = 64;
 const STREAMS: usize = 32;
 /// Longest request, bytes.
 const LONGEST: usize = 8192;
+/// Most headers of a request.
+const HEADERS: usize = 48;
 /// How long a request may take to arrive, from its first letter to its last, and an event to be taken.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How long a whole answer may take to be taken: that of the largest head on a slow network.
@@ -278,22 +280,21 @@ fn write_answer(
 /// If it is none that is answered.
 pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     let bad = "400 Bad Request";
-    let text = std::str::from_utf8(bytes).map_err(|_| bad)?;
-    let mut lines = text.split("\r\n");
-    let mut words = lines.next().unwrap_or_default().split(' ');
-    let (method, target, version) = (words.next(), words.next(), words.next());
-    if words.next().is_some() || !version.is_some_and(|version| version.starts_with("HTTP/1.")) {
-        return Err(bad);
-    }
-    let post = method == Some("POST");
-    if !post && method != Some("GET") {
+    let mut headers = [httparse::EMPTY_HEADER; HEADERS];
+    let mut request = httparse::Request::new(&mut headers);
+    let whole = request.parse(bytes).is_ok_and(|read| read.is_complete());
+    let target = request
+        .path
+        .filter(|target| whole && target.starts_with('/'));
+    let target = target.ok_or(bad)?;
+    let post = request.method == Some("POST");
+    if !post && request.method != Some("GET") {
         return Err("405 Method Not Allowed");
     }
-    let target = target.filter(|target| target.starts_with('/')).ok_or(bad)?;
-    let headers: Vec<(&str, &str)> = lines.filter_map(|line| line.split_once(':')).collect();
     let header = |wanted: &str| {
-        let found = headers.iter().filter(|h| h.0.eq_ignore_ascii_case(wanted));
-        let mut values = found.map(|(_, value)| value.trim());
+        let named = request.headers.iter();
+        let found = named.filter(|header| header.name.eq_ignore_ascii_case(wanted));
+        let mut values = found.map(|header| std::str::from_utf8(header.value).unwrap_or_default());
         (values.next(), values.next())
     };
     // Two would mean two things to two readers.

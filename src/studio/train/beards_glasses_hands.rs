@@ -5,7 +5,7 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::{Points, inside};
+use super::grey_picture::{Picture, Points, inside};
 use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
 
@@ -19,18 +19,46 @@ fn face_width(points: &Points) -> f32 {
 }
 
 /// A beard or stubble between jaw and lips, sometimes only on the upper lip or on the chin, sometimes well below the jaw.
-pub(super) fn beard(
-    rng: &mut Rng,
-    points: &Points,
-    width: usize,
-    height: usize,
-    grey: &mut [f32],
-    mask: &mut Vec<f32>,
-) {
+pub(super) fn beard(rng: &mut Rng, points: &Points, picture: &mut Picture) {
+    let outline = beard_outline(rng, points);
+    let (width, height) = (picture.width, picture.height);
+    let face = face_width(points);
+    let soft = (face * 0.025).max(1.0) as usize;
+    let mut mask = vec![0.0; width * height];
+    for row in 0..height {
+        for column in 0..width {
+            let (x, y) = (column as f32, row as f32);
+            if inside(&outline, x, y) && !inside(&points[48..60], x, y) {
+                mask[row * width + column] = 1.0;
+            }
+        }
+    }
+    // Soft edges: a running mean along rows, twice as long along none; beards fade sideways more than their grain.
+    for row in mask.chunks_exact_mut(width) {
+        let line = row.to_vec();
+        for (column, value) in row.iter_mut().enumerate() {
+            let from = column.saturating_sub(soft);
+            let to = (column + soft + 1).min(width);
+            *value = line[from..to].iter().sum::<f32>() / (to - from) as f32;
+        }
+    }
+    let dense = 0.2 + 0.7 * rng.f32();
+    let shade = 15.0 + 110.0 * rng.f32() * rng.f32();
+    let grain = 0.5 * rng.f32();
+    for (value, share) in picture.grey.iter_mut().zip(mask.iter()) {
+        if *share > 0.0 {
+            let share = (share * dense * (1.0 + grain * either(rng))).clamp(0.0, 1.0);
+            *value += share * (shade - *value);
+        }
+    }
+}
+
+/// Where a beard grows.
+fn beard_outline(rng: &mut Rng, points: &Points) -> Vec<[f32; 2]> {
     let between = |a: usize, b: usize, t: f32| {
         [0, 1].map(|k| points[a][k] + t * (points[b][k] - points[a][k]))
     };
-    let outline: Vec<[f32; 2]> = match rng.u8(..4) {
+    match rng.u8(..4) {
         // Upper lip.
         0 => vec![
             between(48, 31, 0.25),
@@ -65,47 +93,12 @@ pub(super) fn beard(
             outline.push(between(3, 48, 0.35));
             outline
         }
-    };
-    let face = face_width(points);
-    let soft = (face * 0.025).max(1.0) as usize;
-    mask.clear();
-    mask.resize(width * height, 0.0);
-    for row in 0..height {
-        for column in 0..width {
-            let (x, y) = (column as f32, row as f32);
-            if inside(&outline, x, y) && !inside(&points[48..60], x, y) {
-                mask[row * width + column] = 1.0;
-            }
-        }
-    }
-    // Soft edges: a running mean along rows, twice as long along none; beards fade sideways more than their grain.
-    for row in mask.chunks_exact_mut(width) {
-        let line = row.to_vec();
-        for (column, value) in row.iter_mut().enumerate() {
-            let from = column.saturating_sub(soft);
-            let to = (column + soft + 1).min(width);
-            *value = line[from..to].iter().sum::<f32>() / (to - from) as f32;
-        }
-    }
-    let dense = 0.2 + 0.7 * rng.f32();
-    let shade = 15.0 + 110.0 * rng.f32() * rng.f32();
-    let grain = 0.5 * rng.f32();
-    for (value, share) in grey.iter_mut().zip(mask.iter()) {
-        if *share > 0.0 {
-            let share = (share * dense * (1.0 + grain * either(rng))).clamp(0.0, 1.0);
-            *value += share * (shade - *value);
-        }
     }
 }
 
 /// Glasses: two rims, a bridge, the start of the temples, sometimes a sheen or tinted glass.
-pub(super) fn glasses(
-    rng: &mut Rng,
-    points: &Points,
-    width: usize,
-    height: usize,
-    grey: &mut [f32],
-) {
+pub(super) fn glasses(rng: &mut Rng, points: &Points, picture: &mut Picture) {
+    let (width, height) = (picture.width, picture.height);
     let middle = |range: std::ops::Range<usize>| {
         let n = range.len() as f32;
         range.fold([0.0, 0.0], |s, k| {
@@ -131,7 +124,7 @@ pub(super) fn glasses(
     let radius = wide.map(|w| [w * grow, between * tall]);
     for row in 0..height {
         for column in 0..width {
-            let value = &mut grey[row * width + column];
+            let value = &mut picture.grey[row * width + column];
             let mut frame = false;
             for side in 0..2 {
                 let off = [column as f32 - eyes[side][0], row as f32 - eyes[side][1]];
@@ -164,19 +157,12 @@ pub(super) fn glasses(
 }
 
 /// Fingers before the face: rounded strips of about the skin's grey, shaded across.
-pub(super) fn hand(
-    rng: &mut Rng,
-    points: &Points,
-    width: usize,
-    height: usize,
-    grey: &mut [f32],
-    visible: &mut [bool; LANDMARKS],
-) {
+pub(super) fn hand(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let face = face_width(points);
     let at = points[rng.usize(..LANDMARKS)];
     let cheek = |[x, y]: [f32; 2]| {
         let (x, y) = (x.max(0.0) as usize, y.max(0.0) as usize);
-        grey[y.min(height - 1) * width + x.min(width - 1)]
+        picture.grey[y.min(picture.height - 1) * picture.width + x.min(picture.width - 1)]
     };
     let skin = cheek(points[30]) * (1.0 + 0.2 * normal(rng));
     let (sin, cos) = (std::f32::consts::TAU * rng.f32()).sin_cos();
@@ -202,15 +188,8 @@ pub(super) fn hand(
             })
             .fold(f32::INFINITY, f32::min)
     };
-    for row in 0..height {
-        for column in 0..width {
-            let far = cover(column as f32, row as f32);
-            if far < 1.0 {
-                grey[row * width + column] = skin * (1.05 - 0.45 * far * far);
-            }
-        }
-    }
-    for (point, visible) in points.iter().zip(visible) {
-        *visible &= cover(point[0], point[1]) >= 1.0;
-    }
+    picture.paint(points, |x, y| {
+        let far = cover(x, y);
+        (far < 1.0).then(|| skin * (1.05 - 0.45 * far * far))
+    });
 }

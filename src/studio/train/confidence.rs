@@ -64,29 +64,7 @@ pub fn learn(
     shape: &ShapeModel,
     cell_px: f32,
 ) -> ConfidenceModel {
-    // Errors per landmark in per cent of the eye distance; infinite where there is no face, and where it is covered.
-    let (errors, faces): (Vec<[f32; LANDMARKS]>, Vec<f32>) = ends
-        .par_iter()
-        .map_init(Solver::default, |solver, end| {
-            if faceless(end.sample) {
-                return ([f32::INFINITY; LANDMARKS], f32::INFINITY);
-            }
-            solver.project(shape, &end.fit);
-            let points = &samples[end.sample].points;
-            let eye = scheme::outer_eye_distance(points);
-            let mut errors = std::array::from_fn(|i| {
-                let (a, b) = (solver.window[i], points[i]);
-                100.0 * (a[0] - b[0]).hypot(a[1] - b[1]) / eye
-            });
-            let face = errors.iter().sum::<f32>() / LANDMARKS as f32;
-            for (error, visible) in errors.iter_mut().zip(samples[end.sample].visible) {
-                if !visible {
-                    *error = f32::INFINITY;
-                }
-            }
-            (errors, face)
-        })
-        .unzip();
+    let (errors, faces) = errors_of(samples, ends, faceless, shape);
     let features: Vec<Vec<f32>> = ends
         .par_iter()
         .map_init(<(Solver, Eye)>::default, |(solver, eye), end| {
@@ -130,6 +108,37 @@ pub fn learn(
     let weights: Vec<f64> = ends.iter().map(|end| weight(end.sample)).collect();
     model.face = regressed(&signs, &good, &weights);
     model
+}
+
+/// Errors per landmark in per cent of the eye distance, infinite where there is no face and where it is covered, and their
+/// means over a face, covered points included.
+fn errors_of(
+    samples: &[Sample],
+    ends: &[Progress],
+    faceless: &(dyn Fn(usize) -> bool + Sync),
+    shape: &ShapeModel,
+) -> (Vec<[f32; LANDMARKS]>, Vec<f32>) {
+    ends.par_iter()
+        .map_init(Solver::default, |solver, end| {
+            if faceless(end.sample) {
+                return ([f32::INFINITY; LANDMARKS], f32::INFINITY);
+            }
+            solver.project(shape, &end.fit);
+            let points = &samples[end.sample].points;
+            let eye = scheme::outer_eye_distance(points);
+            let mut errors = std::array::from_fn(|i| {
+                let (a, b) = (solver.window[i], points[i]);
+                100.0 * (a[0] - b[0]).hypot(a[1] - b[1]) / eye
+            });
+            let face = errors.iter().sum::<f32>() / LANDMARKS as f32;
+            for (error, visible) in errors.iter_mut().zip(samples[end.sample].visible) {
+                if !visible {
+                    *error = f32::INFINITY;
+                }
+            }
+            (errors, face)
+        })
+        .unzip()
 }
 
 /// Mean and direction of the discriminant of one landmark's patch.

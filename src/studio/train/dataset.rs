@@ -16,7 +16,7 @@ use crate::studio::csv;
 pub enum DatasetError {
     /// A file or folder is not readable.
     #[error(
-        "cannot read {path}: {source}; expected a folder of pictures with landmarks68.csv or .pts files"
+        "cannot read {path}: {source}; expected a folder of pictures with landmarks68.csv or .pts files, or a table"
     )]
     Unreadable {
         /// The file.
@@ -117,7 +117,8 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
     })
 }
 
-fn read(path: &Path) -> Result<String, DatasetError> {
+/// The text of a table.
+pub(in crate::studio) fn read(path: &Path) -> Result<String, DatasetError> {
     crate::studio::text_files::read(path).map_err(|source| DatasetError::Unreadable {
         path: path.into(),
         source,
@@ -127,77 +128,65 @@ fn read(path: &Path) -> Result<String, DatasetError> {
 fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
     let text = read(path)?;
     let table = csv::Table::new(&text);
-    let column = |name: &str| table.find(name);
-    let missing = |expected, found: &str| DatasetError::Malformed {
+    let malformed = |line, expected, found: String| DatasetError::Malformed {
         path: path.into(),
-        line: 1,
+        line,
         expected,
-        found: found.into(),
+        found,
     };
-    let file =
-        column("file").ok_or_else(|| missing("a column named file", &table.columns().join(",")))?;
-    let mut xy = Vec::with_capacity(2 * LANDMARKS);
-    for i in 0..LANDMARKS {
-        for axis in ["x", "y"] {
-            xy.push(
-                column(&format!("{axis}{i}"))
-                    .ok_or_else(|| missing("columns x0,y0 to x67,y67", &format!("no {axis}{i}")))?,
-            );
-        }
-    }
-    let (set, person, expression) = (column("set"), column("person"), column("expression"));
-    let folder_of = |file: &str| {
-        let inner = folder.join("img").join(file);
-        if inner.exists() {
-            inner
-        } else {
-            folder.join(file)
-        }
-    };
+    let column = |name: &str| table.find(name);
+    let file = column("file")
+        .ok_or_else(|| malformed(1, "a column named file", table.columns().join(",")))?;
+    let names = (0..LANDMARKS).flat_map(|i| [format!("x{i}"), format!("y{i}")]);
+    let xy = names.map(|name| {
+        column(&name).ok_or_else(|| malformed(1, "columns x0,y0 to x67,y67", format!("no {name}")))
+    });
+    let xy: Vec<usize> = xy.collect::<Result<_, _>>()?;
+    let [set, person, expression] = ["set", "person", "expression"].map(column);
     let mut entries = Vec::new();
     for csv::Row { line, cells, .. } in table.rows() {
         let text = |at: Option<usize>| {
-            at.and_then(|at| cells.get(at))
-                .map_or(String::new(), |s| (*s).to_owned())
+            let cell = at.and_then(|at| cells.get(at));
+            cell.map_or(String::new(), |s| (*s).to_owned())
         };
-        let name = text(Some(file));
-        let values: Vec<&str> = xy
-            .iter()
-            .map(|&at| cells.get(at).copied().unwrap_or(""))
-            .collect();
-        let points = if values.iter().all(|v| v.is_empty()) {
-            None
-        } else {
-            let mut points = [[0.0; 2]; LANDMARKS];
-            for (k, value) in values.iter().enumerate() {
-                points[k / 2][k % 2] = value
-                    .parse()
-                    .ok()
-                    .filter(|v: &f32| v.is_finite())
-                    .ok_or_else(|| DatasetError::Malformed {
-                        path: path.into(),
-                        line,
-                        expected: "136 numbers or none",
-                        found: (*value).to_owned(),
-                    })?;
-            }
-            Some(points)
-        };
-        let person = text(person);
+        let values = xy.iter().map(|&at| cells.get(at).copied().unwrap_or(""));
+        let points = points_in(values)
+            .map_err(|found| malformed(line, "136 numbers or none", found.to_owned()))?;
+        let (file, person) = (text(Some(file)), text(person));
+        let inside = folder.join("img").join(&file);
         entries.push(Entry {
-            path: folder_of(&name),
+            path: if inside.exists() {
+                inside
+            } else {
+                folder.join(&file)
+            },
             set: text(set),
             person: if person.is_empty() {
-                name.clone()
+                file.clone()
             } else {
                 person
             },
             expression: text(expression),
             points,
-            file: name,
+            file,
         });
     }
     Ok(entries)
+}
+
+/// The points of a row, none if all of its cells are empty; the first cell that is no number instead.
+fn points_in<'a>(
+    cells: impl Iterator<Item = &'a str> + Clone,
+) -> Result<Option<[[f32; 2]; LANDMARKS]>, &'a str> {
+    if cells.clone().all(str::is_empty) {
+        return Ok(None);
+    }
+    let mut points = [[0.0; 2]; LANDMARKS];
+    for (slot, cell) in points.as_flattened_mut().iter_mut().zip(cells) {
+        let number = cell.parse().ok().filter(|v: &f32| v.is_finite());
+        *slot = number.ok_or(cell)?;
+    }
+    Ok(Some(points))
 }
 
 fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {

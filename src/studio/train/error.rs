@@ -25,9 +25,6 @@ pub enum TrainError {
     /// The 3D shape of the paper's model.
     #[error(transparent)]
     Nrsfm(#[from] nrsfm::Error),
-    /// A picture of the page.
-    #[error(transparent)]
-    Picture(#[from] image::ImageError),
     /// Too little to learn from.
     #[error(
         "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"

@@ -4,19 +4,20 @@
 //! shape            a population of 3D faces, and its principal components
 //! standard_head    the head that depth poses are measured on
 //! dataset, points  annotated portraits, and the 3D faces fitted to them
-//! render           drawn faces with known truth; what they wear and hold:
+//! render           drawn faces with known truth: acting, worn, and as a camera's photograph;
 //!                  hair_and_headwear, beards_glasses_hands on a grey_picture, varied by random
 //! samples          head windows with disturbed starts
 //! cascade          update matrices by ridge regression (ridge), where the stage before really ends
 //! refine           lids and lips from depth
 //! confidence       what a fitted face looks like
-//! paper_aam        the paper's active appearance model; person: the same of one person, from seen_face to seen_face
+//! paper_aam        the paper's active appearance model, paper_aam_fits: what it reaches; person: the same of one person, from seen_face to seen_face
 //! args             what to train from
 //! schedule         all of this in order; paper_section: the paper's model in its model file
 //! evaluate         errors of people who were not trained on
 //! error            why training cannot be done
 //! ```
 
+mod acting;
 mod args;
 mod beards_glasses_hands;
 pub mod cascade;
@@ -27,8 +28,10 @@ pub mod evaluate;
 mod grey_picture;
 mod hair_and_headwear;
 pub mod paper_aam;
+mod paper_aam_fits;
 mod paper_section;
 pub mod person;
+mod photograph;
 pub mod points;
 mod random;
 pub mod refine;
@@ -39,6 +42,7 @@ pub mod schedule;
 mod seen_face;
 pub mod shape;
 pub mod standard_head;
+mod worn;
 
 pub use args::TrainArgs;
 pub use error::TrainError;

@@ -10,7 +10,6 @@
 //! How far a residual is believed is learnt from fits of people not trained on. Window pixels, metres. Seeded.
 //! Cost: drawing the pictures, two runs of structure from motion, a subspace iteration. Limit: orthographic recovery of
 //! perspective pictures.
-//! One file: what is drawn, learnt and reported for one section of the model.
 
 use std::path::Path;
 
@@ -18,23 +17,22 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::error::TrainError;
+use super::paper_aam_fits::{Figures, Known, belief, cut, fits, told};
 use super::render::{Renderer, TrainingSample};
-use super::samples::{Disturbance, NEAR, TruePicture};
+use super::samples::{NEAR, TruePicture};
 use super::seen_face::Seen;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
-use crate::expression::measures::{self, Measure};
 use crate::face_model::ShapeModel;
-use crate::face_model::scheme::{OUTER_EYE_CORNERS, STABLE};
+use crate::face_model::scheme::STABLE;
 use crate::landmarks::paper_aam::warp::{Shape2, base_pixels, triangulate};
-use crate::landmarks::paper_aam::{AamFit, PaperAam, Solver, normalised, sample};
+use crate::landmarks::paper_aam::{PaperAam, normalised, sample};
 use crate::landmarks::view::View;
-use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Placement, Region, WINDOW};
+use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, WINDOW};
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
-use crate::studio::correlation::correlation;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
@@ -124,19 +122,7 @@ pub fn paper_aam_block(
         }
     };
     let people = people_tracks(&drawn, &camera)?;
-    let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
-    let settings = nrsfm::Settings {
-        rank: Some(RANK),
-        sweeps: SWEEPS,
-        ..nrsfm::Settings::default()
-    };
-    let bases = shape_model_from_sequences(
-        &[acted, people],
-        &reference,
-        &STABLE,
-        practice.shape_modes,
-        &settings,
-    )?;
+    let bases = shape_bases(shape, &[acted, people], practice.shape_modes)?;
     say(&format!(
         "{} shape bases, deviations {:.1} to {:.1} mm per point",
         bases.modes.len(),
@@ -160,9 +146,24 @@ pub fn paper_aam_block(
     let strangers = pictures_of(&strangers, shape, &camera);
     let fits = fits(&model, &strangers, NEAR, practice.seed);
     model.belief = belief(&fits);
-    let figures = PaperAamFigures::of(&model, &fits, &strangers);
+    let figures = Figures::of(&model, &fits, &strangers);
     say(&format!("strangers, drawn: {figures}"));
     Ok(model.to_bytes())
+}
+
+/// Bases of the shapes behind the tracks, in the frame and the unit of `shape`.
+fn shape_bases(
+    shape: &ShapeModel,
+    tracks: &[Tracks],
+    modes: usize,
+) -> Result<ShapeBases, nrsfm::Error> {
+    let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
+    let settings = nrsfm::Settings {
+        rank: Some(RANK),
+        sweeps: SWEEPS,
+        ..nrsfm::Settings::default()
+    };
+    shape_model_from_sequences(tracks, &reference, &STABLE, modes, &settings)
 }
 
 /// A model with these bases that has not seen a picture yet.
@@ -254,27 +255,6 @@ fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, nr
     Tracks::new(few.len(), LANDMARKS, positions)
 }
 
-/// A picture, and its points in the head frame of the shape model.
-struct Known {
-    picture: TruePicture,
-    measures: [f32; TOLD.len()],
-}
-
-/// Measures whose correlation is reported.
-const TOLD: [Measure; 6] = [
-    Measure::LipGap,
-    Measure::JawDrop,
-    Measure::MouthWidth,
-    Measure::BrowL,
-    Measure::LidL,
-    Measure::CornerL,
-];
-
-fn told(head: &[Point; LANDMARKS]) -> [f32; TOLD.len()] {
-    let raw = measures::raw(head);
-    TOLD.map(|m| raw[m as usize] / raw[Measure::EyeDistance as usize])
-}
-
 fn pictures_of(samples: &[TrainingSample], shape: &ShapeModel, camera: &Camera) -> Vec<Known> {
     let known = samples.par_iter().filter_map(|sample| {
         Some(Known {
@@ -285,22 +265,12 @@ fn pictures_of(samples: &[TrainingSample], shape: &ShapeModel, camera: &Camera) 
     known.collect()
 }
 
-/// Head window of a view of the picture, and the true points there.
-fn cut(picture: &TruePicture, view: &View) -> (Vec<f32>, Shape2, View) {
-    let placement = Placement::of_view(view);
-    let mut window = vec![0.0; WINDOW * WINDOW];
-    placement.resample(&picture.grey.picture(), &Region::WHOLE, &mut window);
-    let points = picture.points.map(|p| placement.window_pixel(p));
-    (window, points, placement.start)
-}
-
-/// Equation 2: mean, modes and deviations of appearance, trust and the noise they leave.
-fn learn_appearance<T: Sync>(
-    model: &mut PaperAam,
+/// Grey values of the base shape's pixels, a column for each face that is seen well enough.
+fn appearances<T: Sync>(
+    model: &PaperAam,
     drawn: &[T],
     as_true: impl Fn(&T) -> Option<TruePicture> + Sync,
-    practice: &PaperPractice,
-) {
+) -> DMatrix<f32> {
     let count = model.trust.len();
     let progress = Progress::new("train: appearance", drawn.len());
     let read = |one: &T| -> Option<Vec<f32>> {
@@ -318,10 +288,19 @@ fn learn_appearance<T: Sync>(
         Some(values)
     };
     let read: Vec<Vec<f32>> = drawn.par_iter().filter_map(read).collect();
-    let people = read.len();
-    let mut columns = DMatrix::from_fn(count, people, |i, c| read[c][i]);
-    drop(read);
-    drop(progress);
+    DMatrix::from_fn(count, read.len(), |i, c| read[c][i])
+}
+
+/// Equation 2: mean, modes and deviations of appearance, trust and the noise they leave.
+fn learn_appearance<T: Sync>(
+    model: &mut PaperAam,
+    drawn: &[T],
+    as_true: impl Fn(&T) -> Option<TruePicture> + Sync,
+    practice: &PaperPractice,
+) {
+    let count = model.trust.len();
+    let columns = appearances(model, drawn, as_true);
+    let people = columns.ncols();
     let mean = columns.column_mean();
     // First without trust, to see what the modes cannot explain; then with it.
     let mut trust = vec![1.0_f32; count];
@@ -366,8 +345,6 @@ fn learn_appearance<T: Sync>(
             .collect();
         model.appearance = mean.as_slice().to_vec();
     }
-    columns = DMatrix::zeros(0, 0);
-    drop(columns);
     model.trust = trust;
 }
 
@@ -393,41 +370,6 @@ fn leading(columns: &DMatrix<f32>, most: usize, seed: u64) -> DMatrix<f32> {
     q * turn
 }
 
-/// A fit with the mean distance of its points from the truth at its start and its end, in outer-eye distances.
-struct Ended {
-    fit: AamFit,
-    errors: [f32; 2],
-}
-
-/// Fits from disturbed views.
-fn fits(model: &PaperAam, pictures: &[Known], range: Disturbance, seed: u64) -> Vec<Ended> {
-    let progress = Progress::new("train: fits", pictures.len());
-    let one = |solver: &mut Solver, (k, known): (usize, &Known)| {
-        progress.step();
-        let picture = &known.picture;
-        let mut rng = fastrand::Rng::with_seed(seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9));
-        let view = range.of(&picture.truth.view, &mut rng);
-        let (window, points, start) = cut(picture, &view);
-        let first = solver.cold(&start);
-        let started = first.shape;
-        let fit = solver.run(&window, first, &start, 20);
-        let eyes = OUTER_EYE_CORNERS.map(|i| points[i]);
-        let size = (eyes[0][0] - eyes[1][0]).hypot(eyes[0][1] - eyes[1][1]);
-        let off = |shape: &Shape2| {
-            let apart = points.iter().zip(shape);
-            let sum: f32 = apart.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum();
-            sum / LANDMARKS as f32 / size
-        };
-        let errors = [off(&started), off(&fit.shape)];
-        Ended { fit, errors }
-    };
-    pictures
-        .par_iter()
-        .enumerate()
-        .map_init(|| Solver::new(model.clone()), one)
-        .collect()
-}
-
 /// The model of one person from what the default pipeline saw of them: bases from `tracks`, appearance from every second
 /// picture, belief from the others. Returns its bytes for the model file.
 ///
@@ -440,14 +382,7 @@ pub(super) fn person_block(
     practice: &PaperPractice,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<u8>, TrainError> {
-    let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
-    let settings = nrsfm::Settings {
-        rank: Some(RANK),
-        sweeps: SWEEPS,
-        ..nrsfm::Settings::default()
-    };
-    let modes = practice.shape_modes;
-    let bases = shape_model_from_sequences(&[tracks], &reference, &STABLE, modes, &settings)?;
+    let bases = shape_bases(shape, &[tracks], practice.shape_modes)?;
     let mut model = unlearnt(&bases);
     let of = |odd: usize| -> Vec<&Seen> { seen.iter().copied().skip(odd).step_by(2).collect() };
     let as_true = |seen: &&Seen| Some(seen.picture.clone());
@@ -461,7 +396,7 @@ pub(super) fn person_block(
     let fits = fits(&model, &others, NEAR, practice.seed);
     // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
     model.belief = belief(&fits).map(|of| OTHER_SESSION * of);
-    let figures = PaperAamFigures::of(&model, &fits, &others);
+    let figures = Figures::of(&model, &fits, &others);
     say(&format!(
         "{} shape and {} appearance modes; frames in between, against the default's points: {figures}",
         model.head_modes.len(),
@@ -470,90 +405,15 @@ pub(super) fn person_block(
     Ok(model.to_bytes())
 }
 
-/// Where half a fit is believed, and how fast belief falls.
-fn belief(fits: &[Ended]) -> [f32; 2] {
-    let mut residuals: Vec<f32> = fits
-        .iter()
-        .filter(|fit| fit.errors[1] < 0.08)
-        .map(|fit| fit.fit.residual)
-        .collect();
-    residuals.sort_by(f32::total_cmp);
-    let at = |share: f32| {
-        let last = residuals.len().saturating_sub(1);
-        residuals
-            .get((last as f32 * share) as usize)
-            .copied()
-            .unwrap_or(1.0)
-    };
-    // Half believed at the residual that one good fit in fifty exceeds.
-    [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
-}
-
-/// What a model reaches on pictures: errors in outer-eye distances.
-#[derive(Clone, Copy, Debug)]
-pub struct PaperAamFigures {
-    /// Median of the starts.
-    pub start: f32,
-    /// Mean of the ends.
-    pub mean: f32,
-    /// Median of the ends.
-    pub median: f32,
-    /// Share of pictures with an error above 0.1.
-    pub failed: f32,
-    /// Correlation of measures with the truth over all pictures: lip gap, jaw drop, mouth width, brow, lid, corner.
-    pub correlations: [f32; TOLD.len()],
-}
-
-impl std::fmt::Display for PaperAamFigures {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "from {:.2} % to {:.2} % (mean {:.2} %) of the outer-eye distance, {:.1} % failed; correlation",
-            100.0 * self.start,
-            100.0 * self.median,
-            100.0 * self.mean,
-            100.0 * self.failed
-        )?;
-        for (measure, r) in TOLD.iter().zip(self.correlations) {
-            write!(f, ", {} {r:.2}", measure.name())?;
-        }
-        Ok(())
-    }
-}
-
-impl PaperAamFigures {
-    fn of(model: &PaperAam, fits: &[Ended], pictures: &[Known]) -> Self {
-        let solver = Solver::new(model.clone());
-        let n = fits.len().max(1) as f32;
-        let [starts, errors] = [0, 1].map(|end| {
-            let mut errors: Vec<f32> = fits.iter().map(|e| e.errors[end]).collect();
-            errors.sort_by(f32::total_cmp);
-            errors
-        });
-        let median = |sorted: &[f32]| sorted.get(sorted.len() / 2).copied().unwrap_or(f32::NAN);
-        let found: Vec<_> = fits.iter().map(|e| told(&solver.head(&e.fit))).collect();
-        let correlations = std::array::from_fn(|m| {
-            let pairs: Vec<[f32; 2]> = found
-                .iter()
-                .zip(pictures)
-                .map(|(a, b)| [a[m], b.measures[m]])
-                .collect();
-            correlation(pairs) as f32
-        });
-        Self {
-            mean: errors.iter().sum::<f32>() / n,
-            start: median(&starts),
-            median: median(&errors),
-            failed: errors.iter().filter(|e| **e > 0.1).count() as f32 / n,
-            correlations,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::paper_aam_fits::TOLD;
     use super::*;
     use crate::face_model::FaceModel;
+    use crate::face_model::scheme::OUTER_EYE_CORNERS;
+    use crate::landmarks::paper_aam::Solver;
+    use crate::landmarks::window::Placement;
+    use crate::studio::correlation::correlation;
     use crate::studio::heads::textured_heads;
 
     /// Fig. 2: 150 frames of an actor with a pixel of noise and a fifth of the points missing; the error is a share of the

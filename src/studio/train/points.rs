@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Rotation};
+use crate::base::geometry::{Point, Rotation, Vector};
 use crate::face_model::{MAX_MODES, ShapeModel, VIEW_PARAMETERS, scheme};
 use crate::landmarks::cascade::{FaceFit, updated};
 use crate::landmarks::view::View;
@@ -30,13 +30,33 @@ pub fn fit_points(
     inverse_distance: f32,
 ) -> FaceFit {
     let eye = scheme::outer_eye_distance(points).max(1.0);
+    let mut fit = upright(shape, points, eye, inverse_distance);
+    for iteration in 0..14 {
+        // The view alone first: shape must not explain a turned head.
+        let modes = if iteration < 4 { 0 } else { shape.modes.len() };
+        let Some(nearer) = stepped(shape, points, 100.0 / eye, &fit, VIEW_PARAMETERS + modes)
+        else {
+            break;
+        };
+        fit = nearer;
+    }
+    fit
+}
+
+/// The mean face, seen from the front, with the eyes in place.
+fn upright(
+    shape: &ShapeModel,
+    points: &[[f32; 2]; LANDMARKS],
+    eye: f32,
+    inverse_distance: f32,
+) -> FaceFit {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
     let model_eye = (shape.mean[r] - shape.mean[l]).norm();
     let roll = (points[l][1] - points[r][1]).atan2(points[l][0] - points[r][0]);
-    let mut fit = FaceFit {
+    FaceFit {
         view: View {
             log_scale: (eye / model_eye).ln(),
-            rotation: Rotation::from_axis_angle(&crate::base::geometry::Vector::z_axis(), roll),
+            rotation: Rotation::from_axis_angle(&Vector::z_axis(), roll),
             shift: [
                 (points[39][0] + points[42][0]) * 0.5,
                 (points[39][1] + points[42][1]) * 0.5,
@@ -44,63 +64,51 @@ pub fn fit_points(
             inverse_distance,
         },
         shape: [0.0; MAX_MODES],
-    };
-    let parameters = VIEW_PARAMETERS + shape.modes.len();
-    let unit = 100.0 / eye;
-    for iteration in 0..14 {
-        // The view alone first: shape must not explain a turned head.
-        let active = if iteration < 4 {
-            VIEW_PARAMETERS
-        } else {
-            parameters
-        };
-        let now = project(shape, &fit);
-        let mut jacobian = DMatrix::<f64>::zeros(2 * LANDMARKS, active);
-        let mut residual = DVector::<f64>::zeros(2 * LANDMARKS);
-        let weight = |i: usize| {
-            if scheme::JAW.contains(&i) {
-                JAW_WEIGHT
-            } else {
-                1.0
-            }
-        };
-        for i in 0..LANDMARKS {
-            for axis in 0..2 {
-                residual[2 * i + axis] =
-                    f64::from((points[i][axis] - now[i][axis]) * unit) * weight(i).sqrt();
-            }
-        }
-        let mut step = vec![0.0f32; parameters];
-        for k in 0..active {
-            step[k] = 0.01;
-            let moved = project(shape, &updated(&fit, &step));
-            step[k] = 0.0;
-            for i in 0..LANDMARKS {
-                for axis in 0..2 {
-                    jacobian[(2 * i + axis, k)] =
-                        f64::from((moved[i][axis] - now[i][axis]) * unit / 0.01) * weight(i).sqrt();
-                }
-            }
-        }
-        let mut normal = jacobian.transpose() * &jacobian;
-        let mut right = jacobian.transpose() * residual;
-        for k in VIEW_PARAMETERS..active {
-            normal[(k, k)] += PRIOR;
-            right[k] -= PRIOR * f64::from(fit.shape[k - VIEW_PARAMETERS]);
-        }
-        for k in 0..active {
-            normal[(k, k)] += 1e-3;
-        }
-        let Some(factor) = normal.cholesky() else {
-            break;
-        };
-        let solved = factor.solve(&right);
-        for k in 0..active {
-            step[k] = solved[k] as f32;
-        }
-        fit = updated(&fit, &step);
     }
-    fit
+}
+
+/// One step of Gauss-Newton in the first `active` parameters; errors count in pixels times `unit`.
+fn stepped(
+    shape: &ShapeModel,
+    points: &[[f32; 2]; LANDMARKS],
+    unit: f32,
+    fit: &FaceFit,
+    active: usize,
+) -> Option<FaceFit> {
+    let now = project(shape, fit);
+    let weight = |i: usize| {
+        let jaw = scheme::JAW.contains(&i);
+        (if jaw { JAW_WEIGHT } else { 1.0 }).sqrt()
+    };
+    let residual = DVector::from_fn(2 * LANDMARKS, |row, _| {
+        let (i, axis) = (row / 2, row % 2);
+        f64::from((points[i][axis] - now[i][axis]) * unit) * weight(i)
+    });
+    let mut jacobian = DMatrix::<f64>::zeros(2 * LANDMARKS, active);
+    let mut step = vec![0.0f32; VIEW_PARAMETERS + shape.modes.len()];
+    for k in 0..active {
+        step[k] = 0.01;
+        let moved = project(shape, &updated(fit, &step));
+        step[k] = 0.0;
+        for (row, slot) in jacobian.column_mut(k).iter_mut().enumerate() {
+            let (i, axis) = (row / 2, row % 2);
+            *slot = f64::from((moved[i][axis] - now[i][axis]) * unit / 0.01) * weight(i);
+        }
+    }
+    let mut normal = jacobian.transpose() * &jacobian;
+    let mut right = jacobian.transpose() * residual;
+    for k in VIEW_PARAMETERS..active {
+        normal[(k, k)] += PRIOR;
+        right[k] -= PRIOR * f64::from(fit.shape[k - VIEW_PARAMETERS]);
+    }
+    for k in 0..active {
+        normal[(k, k)] += 1e-3;
+    }
+    let solved = normal.cholesky()?.solve(&right);
+    for (step, solved) in step.iter_mut().zip(solved.iter()) {
+        *step = *solved as f32;
+    }
+    Some(updated(fit, &step))
 }
 
 #[cfg(test)]

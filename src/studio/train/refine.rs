@@ -30,29 +30,11 @@ const STEP_TICKS: i64 = 2 * FRAME_TICKS;
 const FRAMES_PER_S: f64 = 15.0;
 /// Frames before anything is kept: the constants of the person are still being averaged.
 const SETTLE_FRAMES: i64 = 30;
+/// People, at most, and the length of each session.
+const PEOPLE: usize = 40;
+const SECONDS: f64 = 30.0;
 /// Penalty of the regression, as a share of the number of frames.
 const PENALTY: f64 = 0.01;
-
-/// How much is played.
-#[derive(Clone, Copy, Debug)]
-pub struct Practice {
-    /// People, at most.
-    pub people: usize,
-    /// Length of each session.
-    pub seconds: f64,
-    /// Seed of movements, lights and noise.
-    pub seed: u64,
-}
-
-impl Default for Practice {
-    fn default() -> Self {
-        Self {
-            people: 40,
-            seconds: 30.0,
-            seed: 4242,
-        }
-    }
-}
 
 /// One frame: inputs about the person's mean, and what the shape lacks and the cheeks do, likewise.
 struct Example {
@@ -67,7 +49,7 @@ struct Session {
     examples: Vec<Example>,
 }
 
-/// Plays the people that `keep` accepts and learns from them.
+/// Plays the people that `keep` accepts, with a seed of movements, lights and noise, and learns from them.
 ///
 /// # Errors
 /// If the data sets cannot be read or the model does not fit the default settings.
@@ -75,10 +57,10 @@ pub fn learn_refinement(
     data: &Path,
     model: &FaceModel,
     keep: impl Fn(usize) -> bool,
-    practice: &Practice,
+    seed: u64,
 ) -> Result<Option<Refinement>, HeadsError> {
     let mut heads = textured_heads(data, keep)?;
-    heads.truncate(practice.people);
+    heads.truncate(PEOPLE);
     let plain = FaceModel {
         refinement: None,
         ..model.clone()
@@ -87,8 +69,8 @@ pub fn learn_refinement(
     let sessions: Vec<Session> = heads
         .into_par_iter()
         .map(|head| {
-            let seed = seed_of(practice.seed, head.person);
-            let session = practise(head.asset, &plain, practice.seconds, seed);
+            let seed = seed_of(seed, head.person);
+            let session = practise(head.asset, &plain, seed);
             progress.step();
             session
         })
@@ -96,7 +78,7 @@ pub fn learn_refinement(
     Ok(regressed(sessions, model.shape.modes.len()))
 }
 
-fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Session {
+fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     let cheeks = ["cheekPuff_R", "cheekPuff_L"].map(|name| asset.expression(name));
     let mut simulator = Simulator::new(asset, Scene::Mixed, seed).lit(light, exposure);
@@ -111,7 +93,7 @@ fn practise(asset: HeadAsset, model: &FaceModel, seconds: f64, seed: u64) -> Ses
     let mean: Face = std::array::from_fn(|i| model.shape.mean[i]);
     let mut frame = Frame::default();
     let mut examples = Vec::new();
-    for index in 0..(seconds * FRAMES_PER_S) as i64 {
+    for index in 0..(SECONDS * FRAMES_PER_S) as i64 {
         let at = timestamp_from_ticks(index * STEP_TICKS);
         let truth = simulator.draw(at, &mut frame);
         let found = segmenter

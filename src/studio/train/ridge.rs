@@ -60,11 +60,12 @@ fn add_scaled(to: &mut DMatrix<f32>, by: &DVector<f32>, from: &DMatrix<f32>) {
     }
 }
 
-/// Solves the regression. The blocks' features lose their mean, and their targets become what is left of them.
-#[must_use]
-pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
-    let dimensions = blocks.first().map_or(0, |b| b.features.nrows());
-    let targets = blocks.first().map_or(0, |b| b.targets.nrows());
+/// Takes the means off the blocks' features and targets, and returns them.
+fn centred(
+    blocks: &mut [Block],
+    dimensions: usize,
+    targets: usize,
+) -> (DVector<f32>, DVector<f32>) {
     let count: usize = blocks.iter().map(|b| b.features.ncols()).sum();
     let mean_of = |of: &(dyn Fn(&Block) -> &DMatrix<f32> + Sync), rows: usize| {
         let mut sum = DVector::<f64>::zeros(rows);
@@ -88,6 +89,15 @@ pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
         }
         block.transposed = block.features.transpose();
     });
+    (mean, bias)
+}
+
+/// Solves the regression. The blocks' features lose their mean, and their targets become what is left of them.
+#[must_use]
+pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
+    let dimensions = blocks.first().map_or(0, |b| b.features.nrows());
+    let targets = blocks.first().map_or(0, |b| b.targets.nrows());
+    let (mean, bias) = centred(blocks, dimensions, targets);
     let trace: f64 = blocks
         .par_iter()
         .map(|b| b.features.iter().map(|v| f64::from(v * v)).sum::<f64>())

@@ -2,7 +2,6 @@
 //!
 //! A start is what the depth pose would say, disturbed; the head window is cut there, exactly as the appliance cuts it. Then
 //! the window is changed in light, sharpness and noise. Window pixels, radians, standard deviations of shape. Seeded.
-//! One file: all that is done to a picture before it is learnt from, in order.
 
 use rayon::prelude::*;
 
@@ -209,16 +208,6 @@ pub struct Sample {
     pub points: [[f32; 2]; LANDMARKS],
     /// Whether nothing stands before the point.
     pub visible: [bool; LANDMARKS],
-    /// Where the window lies in the picture.
-    placement: Placement,
-}
-
-impl Sample {
-    /// Window pixel to pixel of the picture.
-    #[must_use]
-    pub fn in_picture(&self, window: [f32; 2]) -> [f32; 2] {
-        self.placement.picture_pixel(window)
-    }
 }
 
 /// Work space to look at samples.
@@ -322,7 +311,6 @@ pub fn sample(
         truth: truth_in_window(&picture.truth, &placement),
         points: picture.points.map(|p| placement.window_pixel(p)),
         visible: picture.visible,
-        placement,
     }
 }
 

@@ -18,12 +18,11 @@ use super::dataset::{DatasetError, read_folder};
 use super::error::TrainError;
 use super::evaluate::{Errors, differences, mean_offsets, without};
 use super::paper_section;
-use super::refine::{Practice, learn_refinement};
+use super::refine::learn_refinement;
 use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::Point;
 use crate::face_model::refinement::Refinement;
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
@@ -151,20 +150,6 @@ const BESIDE: Disturbance = Disturbance {
     scale: 0.5,
 };
 
-/// The mean as a face.
-fn reference_of(shape: &ShapeModel) -> shape::Face {
-    std::array::from_fn(|i| shape.mean[i])
-}
-
-/// What the nearest shape of the model's first modes leaves of a face, seen from the front, in outer eye distances.
-fn left_by(shape: &ShapeModel, face: &shape::Face, modes: usize) -> [[f32; 2]; LANDMARKS] {
-    let mut coefficients = [0.0; MAX_MODES];
-    shape.coefficients(face, &mut coefficients[..shape.modes.len()]);
-    let mut nearest = [Point::origin(); LANDMARKS];
-    shape.shape(&coefficients[..modes.min(MAX_MODES)], &mut nearest);
-    differences(&nearest.map(|p| [p.x, p.y]), &face.map(|p| [p.x, p.y]))
-}
-
 fn measured(
     samples: &[Sample],
     ends: &[Progress],
@@ -229,18 +214,6 @@ fn learn_shape(
         shape.modes.len(),
         faces.len()
     ));
-    let strange = shape::population(ict, sites, 300, args.seed + 1);
-    for count in [10, 20, 30, MODES] {
-        let mut floor = Errors::default();
-        for face in &strange {
-            let face = shape::aligned(face, &reference_of(&shape));
-            floor.add(&left_by(&shape, &face, count));
-        }
-        log.figure(&format!(
-            "residual of {count} modes on rendered faces, frontal view: {}",
-            floor.line()
-        ));
-    }
     Ok(shape)
 }
 
@@ -424,12 +397,8 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceMode
 
 /// What depth adds to a model's fits.
 fn learn_depth(args: &TrainArgs, model: &FaceModel) -> Result<Option<Arc<Refinement>>, TrainError> {
-    let practice = Practice {
-        seed: args.seed + 17,
-        ..Practice::default()
-    };
     let keep = |person| args.learns_from(Split::of(person));
-    Ok(learn_refinement(&args.data.data, model, keep, &practice)?.map(Into::into))
+    Ok(learn_refinement(&args.data.data, model, keep, args.seed + 17)?.map(Into::into))
 }
 
 /// From ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.

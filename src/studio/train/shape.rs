@@ -93,6 +93,30 @@ fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both
     }
 }
 
+/// Stretches a face and bends it smoothly.
+fn warp(face: &mut Face, random: &mut fastrand::Rng) {
+    let stretch = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(random));
+    // Smooth quadratic warp: coefficients for displacements of about half a millimetre at 5 cm.
+    let bend: Vec<f32> = (0..18).map(|_| 0.0006 * normal(random)).collect();
+    for p in face {
+        let u = Vector::new(p.x, p.y - 0.03, p.z) / 0.05;
+        let terms = [
+            u.x * u.x,
+            u.y * u.y,
+            u.z * u.z,
+            u.x * u.y,
+            u.y * u.z,
+            u.z * u.x,
+        ];
+        for axis in 0..3 {
+            p[axis] *= stretch[axis];
+            for (k, term) in terms.iter().enumerate() {
+                p[axis] += bend[axis * 6 + k] * term * 0.5;
+            }
+        }
+    }
+}
+
 /// A random population with its mirror images: `2 * count` faces, landmarks at `sites` of the mesh.
 #[must_use]
 pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec<Face> {
@@ -127,26 +151,7 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
                 }
             }))
         });
-        let stretch = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(&mut random));
-        // Smooth quadratic warp: coefficients for displacements of about half a millimetre at 5 cm.
-        let bend: Vec<f32> = (0..18).map(|_| 0.0006 * normal(&mut random)).collect();
-        for p in &mut face {
-            let u = Vector::new(p.x, p.y - 0.03, p.z) / 0.05;
-            let terms = [
-                u.x * u.x,
-                u.y * u.y,
-                u.z * u.z,
-                u.x * u.y,
-                u.y * u.z,
-                u.z * u.x,
-            ];
-            for axis in 0..3 {
-                p[axis] *= stretch[axis];
-                for (k, term) in terms.iter().enumerate() {
-                    p[axis] += bend[axis * 6 + k] * term * 0.5;
-                }
-            }
-        }
+        warp(&mut face, &mut random);
         let lively = random.f32() < 0.5;
         let both = if lively {
             [

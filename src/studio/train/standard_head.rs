@@ -25,6 +25,17 @@ fn wanted(p: &Point) -> bool {
     p.z < BACK_M && p.x.abs() < EAR_M && p.y < 0.110 - 0.75 * (p.z + 0.012).max(0.0)
 }
 
+/// A cell and those beside it.
+fn around(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
+    (0..27).map(move |k| {
+        [
+            cell[0] + k / 9 - 1,
+            cell[1] + k / 3 % 3 - 1,
+            cell[2] + k % 3 - 1,
+        ]
+    })
+}
+
 /// Points (head frame, metres) and outward unit normals of the standard head, about 1800, evenly spread.
 #[must_use]
 pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
@@ -65,18 +76,10 @@ pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
                     continue;
                 }
                 let cell = [p.x, p.y, p.z].map(|c| (c / SPACING_M).floor() as i32);
-                let crowded = (-1..=1).any(|dx| {
-                    (-1..=1).any(|dy| {
-                        (-1..=1).any(|dz| {
-                            cells
-                                .get(&[cell[0] + dx, cell[1] + dy, cell[2] + dz])
-                                .is_some_and(|there| {
-                                    there.iter().any(|&k| {
-                                        (kept[k].0 - p).norm_squared() < SPACING_M * SPACING_M
-                                    })
-                                })
-                        })
-                    })
+                let crowded = around(cell).any(|near| {
+                    let there = cells.get(&near).into_iter().flatten();
+                    let near = |&k: &usize| (kept[k].0 - p).norm_squared();
+                    there.map(near).any(|apart| apart < SPACING_M * SPACING_M)
                 });
                 if crowded {
                     continue;

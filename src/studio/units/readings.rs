@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::examples::{Example, read, written};
+use super::examples::{self, Example, written};
 use super::gaze;
 use super::glance::{Glance, looks};
 use crate::appliance::settings::Settings;
@@ -28,7 +28,7 @@ use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::{Acted, UNITS};
-use crate::studio::evaluate::sessions::{SessionsError, lighting, seed_of};
+use crate::studio::evaluate::sessions::{SessionsError, lighting, median, seed_of};
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
@@ -95,22 +95,7 @@ pub fn learn(
         return Err(SessionsError::Nobody(data.display().to_string()));
     }
     let priors = feature_priors(&heads);
-    let kept = practice.examples.as_ref().filter(|path| path.is_file());
-    let mut examples: Vec<Example> = match kept {
-        Some(path) => read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
-        None => {
-            let progress = Progress::new("units", heads.len());
-            let played = heads.into_par_iter().enumerate().map(|(number, head)| {
-                let played = practise(head, number, model, settings, practice);
-                progress.step();
-                played
-            });
-            played.collect::<Result<Vec<_>, _>>()?.concat()
-        }
-    };
-    if let (Some(path), None) = (&practice.examples, kept) {
-        atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;
-    }
+    let mut examples = examples(heads, model, settings, practice)?;
     let gaze = gaze::learn(&mut examples);
     say(&gaze.say);
     let smiles = super::smiles::departures(&data.join("faces_frl189"), model)?;
@@ -150,6 +135,32 @@ pub fn learn(
     }
     text.push_str(&gaze.text);
     Ok(text)
+}
+
+/// What people act, or what they acted when it was kept.
+fn examples(
+    heads: Vec<PersonHead>,
+    model: &FaceModel,
+    settings: &Settings,
+    practice: &Practice,
+) -> Result<Vec<Example>, SessionsError> {
+    let kept = practice.examples.as_ref().filter(|path| path.is_file());
+    let examples: Vec<Example> = match kept {
+        Some(path) => examples::read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
+        None => {
+            let progress = Progress::new("units", heads.len());
+            let played = heads.into_par_iter().enumerate().map(|(number, head)| {
+                let played = practise(head, number, model, settings, practice);
+                progress.step();
+                played
+            });
+            played.collect::<Result<Vec<_>, _>>()?.concat()
+        }
+    };
+    if let (Some(path), None) = (&practice.examples, kept) {
+        atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;
+    }
+    Ok(examples)
 }
 
 fn at(path: &Path, source: std::io::Error) -> SessionsError {
@@ -277,18 +288,25 @@ fn regress(
             shares[i][s] = value / scale;
         }
     }
-    let read = |e: &Example, shares: &[[f64; 2]; INPUTS]| -> f64 {
-        let sum = shares.iter().zip(&e.departures);
-        sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
-    };
-    let mut full: Vec<f64> = examples
+    let line = stretch(&mut shares, examples, unit);
+    let pairs = examples
         .iter()
-        .filter(|e| e.truth[unit] > FULLY)
-        .map(|e| read(e, &shares))
-        .collect();
-    full.sort_by(f64::total_cmp);
-    let middle = full.get(full.len() / 2).copied().unwrap_or(FULL);
-    let most = if name.starts_with("AU5") {
+        .map(|e| [read(e, &shares).max(0.0), e.truth[unit]]);
+    (shares, correlation(pairs), line)
+}
+
+/// What shares make of an example.
+fn read(e: &Example, shares: &[[f64; 2]; INPUTS]) -> f64 {
+    let sum = shares.iter().zip(&e.departures);
+    sum.map(|(s, &d)| s[usize::from(d <= 0.0)] * d).sum()
+}
+
+/// Stretches a reading until the middle one of full expressions is read as [`FULL`], within bounds; says by how much.
+fn stretch(shares: &mut [[f64; 2]; INPUTS], examples: &[Example], unit: usize) -> String {
+    let full = examples.iter().filter(|e| e.truth[unit] > FULLY);
+    let full: Vec<f64> = full.map(|e| read(e, shares)).collect();
+    let middle = if full.is_empty() { FULL } else { median(&full) };
+    let most = if UNITS[unit].0.starts_with("AU5") {
         MOST_OF_LIDS
     } else {
         MOST
@@ -297,12 +315,7 @@ fn regress(
     for share in shares.iter_mut().flatten() {
         *share *= stretch;
     }
-    let pairs = examples
-        .iter()
-        .map(|e| [read(e, &shares).max(0.0), e.truth[unit]]);
-    let r = correlation(pairs);
-    let line = format!("full {middle:.2}, stretched by {stretch:.2}");
-    (shares, r, line)
+    format!("full {middle:.2}, stretched by {stretch:.2}")
 }
 
 /// Rest, its deviation and span of every feature over these people's neutral heads and single expressions.

@@ -1,7 +1,6 @@
 //! Who plays in the scenes, before which pipeline, and how each scene is played.
 
 use std::path::Path;
-use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -11,7 +10,7 @@ use crate::base::geometry::{Rigid, Rotation, Vector, rotation_from_yaw_pitch_rol
 use crate::base::time::Timestamp;
 use crate::face_model::FaceModel;
 use crate::pipeline::{
-    FIRST_LOOK, FIRST_LOOK_APART, Pipeline, PipelineError, SECOND_LOOK, SECOND_LOOK_APART, Stage,
+    FIRST_LOOK, FIRST_LOOK_APART, Pipeline, PipelineError, SECOND_LOOK, SECOND_LOOK_APART,
 };
 use crate::pose::PoseTracker;
 use crate::segment::Segmenter;
@@ -27,8 +26,6 @@ const LOOKS: [(usize, f32); 2] = [
     (FIRST_LOOK as usize, FIRST_LOOK_APART),
     (SECOND_LOOK as usize, SECOND_LOOK_APART),
 ];
-/// Equal pipelines of which the fastest is timed.
-const TIMED: usize = 3;
 
 pub(super) fn at(frame: usize) -> Timestamp {
     frame_time(frame as i64)
@@ -112,14 +109,14 @@ impl Cast<'_> {
     }
 
     /// Rotation error (degrees) after two frames from each direction, infinite where there is no pose, the offset of the
-    /// frontal pose taken out; and the time of each first frame's search, milliseconds.
-    pub(super) fn first_poses(&self, k: usize) -> Result<(Vec<f64>, Vec<f64>), PipelineError> {
+    /// frontal pose taken out.
+    pub(super) fn first_poses(&self, k: usize) -> Result<Vec<f64>, PipelineError> {
         let mut simulator = self.simulator(Scene::Still, k);
         let anchor = self.model.standard_head.oriented();
         let mut tracker = PoseTracker::new(self.settings.pose, &anchor)?;
         let mut segmenter = Segmenter::new(self.settings.segment);
         let mut frame = Frame::default();
-        let (mut turns, mut searches, mut frontal) = (Vec::new(), Vec::new(), None);
+        let (mut turns, mut frontal) = (Vec::new(), None);
         for yaw in [-60.0f32, -30.0, 0.0, 30.0, 60.0] {
             for pitch in [-40.0f32, -20.0, 0.0, 20.0, 40.0] {
                 let turn = rotation_from_yaw_pitch_roll(yaw.to_radians(), pitch.to_radians(), 0.0);
@@ -130,11 +127,7 @@ impl Cast<'_> {
                 for n in 0..2 {
                     simulator.draw_pose(&truth, &[], at(n), &mut frame);
                     let cloud = segmenter.segment(&frame, simulator.camera());
-                    let start = Instant::now();
                     found = cloud.and_then(|cloud| tracker.track(cloud, at(n)));
-                    if n == 0 {
-                        searches.push(start.elapsed().as_secs_f64() * 1e3);
-                    }
                 }
                 let off = found.map(|found| turn.inverse() * found.sensor_from_head.rotation);
                 if yaw == 0.0 && pitch == 0.0 {
@@ -149,7 +142,7 @@ impl Cast<'_> {
                 f64::from(off.angle_to(&offset)).to_degrees()
             })
         };
-        Ok((turns.into_iter().map(error).collect(), searches))
+        Ok(turns.into_iter().map(error).collect())
     }
 
     /// Whether a head is known again in another session, and how many others are taken for it.
@@ -194,40 +187,6 @@ impl Cast<'_> {
             )
         });
         Ok(text.collect::<Vec<_>>().join("; "))
-    }
-
-    /// Milliseconds of each frame, and of the pose in it, the least of several equal pipelines.
-    pub(super) fn times(
-        &self,
-        scene: Scene,
-        frames: usize,
-    ) -> Result<(Vec<f64>, Vec<f64>), PipelineError> {
-        let mut simulator = self.simulator(scene, 0);
-        let mut pipelines = (0..TIMED)
-            .map(|_| self.pipeline(&simulator))
-            .collect::<Result<Vec<_>, _>>()?;
-        let (mut whole, mut poses) = (Vec::new(), Vec::new());
-        let mut frame = Frame::default();
-        for n in 0..frames {
-            simulator.draw(at(n), &mut frame);
-            let (mut least, mut least_pose) = (f64::INFINITY, f64::INFINITY);
-            for pipeline in &mut pipelines {
-                let (start, mut pose) = (Instant::now(), 0.0);
-                let mut last = start;
-                pipeline.follow_by_stage(&frame, |stage| {
-                    let now = Instant::now();
-                    if stage == Stage::Pose {
-                        pose += (now - last).as_secs_f64() * 1e3;
-                    }
-                    last = now;
-                });
-                least = least.min(start.elapsed().as_secs_f64() * 1e3);
-                least_pose = least_pose.min(pose);
-            }
-            whole.push(least);
-            poses.push(least_pose);
-        }
-        Ok((whole, poses))
     }
 
     /// Frames with a face among real ones without.

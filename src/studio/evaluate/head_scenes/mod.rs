@@ -2,9 +2,7 @@
 //!
 //! Heads are of people the face model has never seen (portrait and head shape), each under the default light; the scenes
 //! are those of the simulated sensor ([`Scene`]), with `acted` stretched to 0.5 to 1.2 m. Pose errors are of the reported
-//! pose, filter included, with one fixed offset per person out. Ids: the slot a person had first is theirs. Times: each frame
-//! goes through three equal pipelines one after the other and the least counts, so that what else the machine does
-//! hardly shows. The real Kinect frames (`kinect_v1_pcl`) are played where they are.
+//! pose, filter included, with one fixed offset per person out. Ids: the slot a person had first is theirs. The real Kinect frames (`kinect_v1_pcl`) are played where they are.
 //!
 //! ```text
 //! cast      who plays, before which pipeline, how each scene is played
@@ -14,7 +12,6 @@
 //! ```
 //!
 //! Everything is seeded. Cost: some minutes; `--people` and `--seconds` shorten it.
-//! One file: every scene of the table with its figure; how they are measured has its own.
 
 mod cast;
 mod covered;
@@ -26,7 +23,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::sessions::{Sessions, SessionsError, Spread, held_out, median};
+use super::sessions::{Sessions, SessionsError, held_out};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::simulator::virtual_head::Scene;
@@ -40,14 +37,14 @@ pub const PEOPLE: usize = 4;
 pub const SECONDS: f64 = 10.0;
 
 /// Names of the groups of rows.
-pub const ROWS: [&str; 12] = [
+pub const ROWS: [&str; 10] = [
     "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
-    "pose", "times",
 ];
 
 /// The table.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Table {
+    /// Scene, bar, figure.
     rows: Vec<(String, String, String)>,
 }
 
@@ -99,7 +96,7 @@ pub fn play(
         frames: (sessions.seconds * 30.0) as usize,
         seed: sessions.seed,
     };
-    let mut rows = Rows::default();
+    let mut rows = Table::default();
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     for name in ROWS.into_iter().filter(|name| wanted(name)) {
         match name {
@@ -126,25 +123,16 @@ pub fn play(
             ),
             "hand" => hand_before_the_face(&cast, &mut rows)?,
             "mouth" => hand_over_the_mouth(&cast, &mut rows)?,
-            "nobody" => nobody(&cast, data, &mut rows)?,
-            _ => {}
+            _ => nobody(&cast, data, &mut rows)?,
         }
     }
-    let (pose, times) = (wanted("pose"), wanted("times"));
-    if pose || times {
-        frame_times(&cast, [pose, times], &mut rows)?;
-    }
-    Ok(Table { rows: rows.0 })
+    Ok(rows)
 }
 
-/// Rows so far: scene, bar, figure.
-#[derive(Default)]
-struct Rows(Vec<(String, String, String)>);
-
-impl Rows {
+impl Table {
     fn add(&mut self, scene: &str, bar: &str, figure: String) {
         say(scene, &figure);
-        self.0.push((scene.to_owned(), bar.to_owned(), figure));
+        self.rows.push((scene.to_owned(), bar.to_owned(), figure));
     }
 }
 
@@ -164,7 +152,7 @@ fn tracked(films: &[Film]) -> String {
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }
 
-fn near_and_far(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     let near: Vec<Film> = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| cast.near_and_far(k))
@@ -177,7 +165,7 @@ fn near_and_far(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn jitter_and_lag(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     let mean = |values: &dyn Fn(&Film) -> f64, films: &[Film]| {
         films.iter().map(values).sum::<f64>() / films.len() as f64
     };
@@ -198,30 +186,23 @@ fn jitter_and_lag(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn first_poses(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
-    let (firsts, searches): (Vec<_>, Vec<_>) = (0..cast.heads.len())
+fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+    let firsts = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| cast.first_poses(k))
         .collect::<Result<Vec<_>, _>>()?
-        .into_iter()
-        .unzip();
-    let (firsts, searches) = (firsts.concat(), searches.concat());
+        .concat();
     let within =
         |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
     rows.add(
         "first pose, yaw ±60°, pitch ±40°, after 2 frames",
         "found",
-        format!(
-            "{} % within 5°, {} % within 15°; a search takes {:.1} ms (median)",
-            within(5.0),
-            within(15.0),
-            median(&searches)
-        ),
+        format!("{} % within 5°, {} % within 15°", within(5.0), within(15.0)),
     );
     Ok(())
 }
 
-fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Rows) -> Result<(), SessionsError> {
+fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), SessionsError> {
     for (name, scene, seconds) in [
         ("two side by side", Scene::Two, 15.0),
         ("two crossing", Scene::Crossing, 20.0),
@@ -247,7 +228,7 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Rows) -> Result<(),
     Ok(())
 }
 
-fn hand_before_the_face(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     let hands = cast.films(Scene::Hand, 480)?;
     let worst = hands
         .iter()
@@ -262,7 +243,7 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsErro
     Ok(())
 }
 
-fn hand_over_the_mouth(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError> {
+fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     let films: Vec<covered::Errors> = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| covered::play(cast, k))
@@ -275,7 +256,7 @@ fn hand_over_the_mouth(cast: &Cast, rows: &mut Rows) -> Result<(), SessionsError
     Ok(())
 }
 
-fn nobody(cast: &Cast, data: &Path, rows: &mut Rows) -> Result<(), SessionsError> {
+fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), SessionsError> {
     let mut ghosts = Vec::new();
     for (name, scene) in [
         ("empty", Scene::Empty),
@@ -301,45 +282,6 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Rows) -> Result<(), SessionsError
         "0",
         ghosts.join(", "),
     );
-    Ok(())
-}
-
-/// `wanted`: the row of the pose's time, those of whole frames.
-fn frame_times(cast: &Cast, wanted: [bool; 2], rows: &mut Rows) -> Result<(), SessionsError> {
-    let (one, pose) = cast.times(Scene::Acted, 240)?;
-    if wanted[0] {
-        rows.add(
-            "pose time, one head",
-            "0.4 ms",
-            format!(
-                "median {:.2} ms, 95th percentile {:.2} ms",
-                median(&pose),
-                Spread::of(pose.clone()).p95
-            ),
-        );
-    }
-    if wanted[1] {
-        for (name, scene, heads) in [
-            ("two side by side", Scene::Two, 2.0),
-            ("crossing", Scene::Crossing, 2.0),
-            ("swap", Scene::Swap, 1.0),
-        ] {
-            let (times, _) = cast.times(scene, 480)?;
-            let largest = times[5..].iter().copied().fold(0.0, f64::max);
-            rows.add(
-                &format!(
-                    "longest frame time per head, relative to the median of a single head, {name}"
-                ),
-                "2",
-                format!(
-                    "{:.2} ({largest:.2} ms, median {:.2} ms; one head {:.2} ms)",
-                    largest / heads / median(&one),
-                    median(&times),
-                    median(&one)
-                ),
-            );
-        }
-    }
     Ok(())
 }
 

@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::covers::{COVERED, cover, hide};
 use super::tallies::{Condition, Seen, Share, mean_percent};
 use crate::appliance::settings::Settings;
-use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
+use crate::base::capacity::{LANDMARKS, PIXELS};
 use crate::base::frames::SensorFromHead;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll};
 use crate::base::time::Timestamp;
@@ -27,8 +28,6 @@ use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
 /// Every so many frames a cold and a wrong start are tried too, and the lamp is moved.
 const SPARSE: i64 = 5;
-/// Covered points: a fifth.
-const COVERED: usize = 14;
 /// Every so many frames the whole face is hidden for the last so many of them.
 const HIDE: [i64; 2] = [30, 8];
 
@@ -436,67 +435,5 @@ impl<'a> Player<'a> {
         let count = 2.0 * scheme::INNER.len() as f64;
         let jitter = 100.0 * (squares / count).sqrt() / f64::from(eye);
         self.seen.add(Condition::Jitter, jitter);
-    }
-}
-
-/// Copies a picture and covers the points nearest to one of them with a rough disc; tells which.
-fn cover(
-    out: &mut [u8; PIXELS],
-    luma: &[u8; PIXELS],
-    truth: &Truth,
-    centre: usize,
-    random: &mut fastrand::Rng,
-) -> [bool; LANDMARKS] {
-    let points = &truth.landmarks_px;
-    let [x, y] = points[centre];
-    let mut far: Vec<(f32, usize)> = (0..LANDMARKS)
-        .map(|i| ((points[i][0] - x).hypot(points[i][1] - y), i))
-        .collect();
-    far.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let radius = 0.5 * (far[COVERED - 1].0 + far[COVERED].0);
-    disc(out, luma, truth, [x, y], radius, random);
-    let mut hidden = [false; LANDMARKS];
-    for (_, i) in &far[..COVERED] {
-        hidden[*i] = true;
-    }
-    hidden
-}
-
-/// Copies a picture and covers all of a face.
-fn hide(out: &mut [u8; PIXELS], luma: &[u8; PIXELS], truth: &Truth, random: &mut fastrand::Rng) {
-    let points = &truth.landmarks_px;
-    let [x, y] = points[30];
-    let reach = points
-        .iter()
-        .map(|p| (p[0] - x).hypot(p[1] - y))
-        .fold(0.0, f32::max);
-    disc(out, luma, truth, [x, y], 1.1 * reach, random);
-}
-
-/// Copies a picture and lays a rough disc of the skin's grey on it.
-fn disc(
-    out: &mut [u8; PIXELS],
-    luma: &[u8; PIXELS],
-    truth: &Truth,
-    [x, y]: [f32; 2],
-    radius: f32,
-    random: &mut fastrand::Rng,
-) {
-    out.copy_from_slice(luma);
-    let nose = truth.landmarks_px[30];
-    let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);
-    let reach = radius.ceil() as i64;
-    for row in -reach..=reach {
-        for column in -reach..=reach {
-            let (px, py) = (x as i64 + column, y as i64 + row);
-            let off = (px as f32 - x).hypot(py as f32 - y) / radius;
-            if off < 1.0 && (0..WIDTH as i64).contains(&px) && py >= 0 {
-                let at = py as usize * WIDTH + px as usize;
-                if at < PIXELS {
-                    let grey = skin * (1.0 - 0.4 * off * off) + 6.0 * random.f32();
-                    out[at] = grey.clamp(0.0, 255.0) as u8;
-                }
-            }
-        }
     }
 }

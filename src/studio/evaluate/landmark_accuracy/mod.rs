@@ -1,7 +1,7 @@
 //! The face model against its bars: one table of landmark errors on people, poses and light it has never seen.
 //!
 //! ```text
-//! drawn    held-out people before the simulated sensor, under every condition
+//! drawn    held-out people before the simulated sensor, under every condition; covers: what hides them
 //! stills   photographs and a video
 //! tallies  errors, and how far confidence is right
 //! ```
@@ -13,6 +13,7 @@
 //! offsets per landmark are measured on the other people. Seeded; the same on any number of threads but for the times.
 //! Choose settings with `--split dev`; the test people are for the table.
 
+mod covers;
 mod drawn;
 mod stills;
 mod tallies;
@@ -51,56 +52,51 @@ pub fn measure(
 
 /// The rows of drawn people.
 fn rows(seen: &Seen) -> Vec<Row> {
-    let spread = |condition| seen.spread(condition).to_string();
-    let both = |[a, b]: [Share; 2]| format!("{:.0} %, {:.0} %", seen.percent(a), seen.percent(b));
+    let spreads = [
+        (
+            "tracked, yaw ±25°, pitch ±15°, all expressions",
+            Tracked,
+            "1.4 / 2.5",
+        ),
+        ("… of which one offset per person and point", Offset, ""),
+        ("… the rest", Rest, ""),
+        ("from a cold start", Cold, "1.8"),
+        ("beyond, to yaw ±40°, pitch ±25°", Beyond, "2.5"),
+        (
+            "a fifth of the points covered: error of the others",
+            Covered,
+            "3",
+        ),
+    ];
+    let spreads = spreads.map(|(what, of, bar)| (what, seen.spread(of).to_string(), bar));
+    spreads
+        .into_iter()
+        .chain(disturbed(seen))
+        .chain(believed(seen))
+        .collect()
+}
+
+/// Those of disturbed pictures.
+fn disturbed(seen: &Seen) -> Vec<Row> {
     let grown = |condition, than| {
         let [now, then] = [condition, than].map(|of| seen.spread(of).mean);
         format!("{:.0} %", 100.0 * (now / then - 1.0))
     };
-    let waits = seen.errors(Recovered);
-    let most = waits
+    let jitter: f64 = seen
+        .errors(Jitter)
         .iter()
-        .fold(0.0, |most: f64, frames| most.max(*frames));
-    let hidden = format!(
-        "{:.0} %; {:.1}, {most:.0}",
-        seen.percent(Share::Unseen),
-        seen.spread(Recovered).mean
-    );
-    let jitters = seen.errors(Jitter);
-    let squares: f64 = jitters.iter().map(|jitter| jitter.powi(2)).sum();
-    let jitter = (squares / seen.people as f64).sqrt();
-    let wrong = format!(
-        "{:.1} %, {:.1} %",
-        seen.percent(Share::Lost),
-        seen.percent(Share::Kept)
-    );
+        .map(|jitter| jitter.powi(2))
+        .sum();
+    let jitter = (jitter / seen.people as f64).sqrt();
     vec![
         (
-            "tracked, yaw ±25°, pitch ±15°, all expressions",
-            spread(Tracked),
-            "1.4 / 2.5",
-        ),
-        (
-            "… of which one offset per person and point",
-            spread(Offset),
-            "",
-        ),
-        ("… the rest", spread(Rest), ""),
-        ("from a cold start", spread(Cold), "1.8"),
-        ("beyond, to yaw ±40°, pitch ±25°", spread(Beyond), "2.5"),
-        (
-            "a fifth of the points covered: error of the others",
-            spread(Covered),
-            "3",
-        ),
-        (
             "… covered ones flagged (confidence below 0.5), others not",
-            both([Share::Flagged, Share::Unflagged]),
+            both(seen, [Share::Flagged, Share::Unflagged], 0),
             "",
         ),
         (
             "whole face hidden: frames reported lost; visible again: frames until it is tracked, mean, most",
-            hidden,
+            recovery(seen),
             "5",
         ),
         (
@@ -123,6 +119,12 @@ fn rows(seen: &Seen) -> Vec<Row> {
             format!("{:.2} ms", seen.median(Time)),
             "0.4 ms",
         ),
+    ]
+}
+
+/// Those of what is said of the fits.
+fn believed(seen: &Seen) -> Vec<Row> {
+    vec![
         (
             "confidence → share of faces within 5 % (faces)",
             seen.faces.to_string(),
@@ -135,8 +137,23 @@ fn rows(seen: &Seen) -> Vec<Row> {
         ),
         (
             "lost although within 5 %, kept although beyond 10 %",
-            wrong,
+            both(seen, [Share::Lost, Share::Kept], 1),
             "",
         ),
     ]
+}
+
+/// What comes of a face that was hidden.
+fn recovery(seen: &Seen) -> String {
+    let waits = seen.errors(Recovered);
+    let most = waits
+        .iter()
+        .fold(0.0, |most: f64, frames| most.max(*frames));
+    let (lost, mean) = (seen.percent(Share::Unseen), seen.spread(Recovered).mean);
+    format!("{lost:.0} %; {mean:.1}, {most:.0}")
+}
+
+fn both(seen: &Seen, of: [Share; 2], digits: usize) -> String {
+    let [a, b] = of.map(|of| seen.percent(of));
+    format!("{a:.digits$} %, {b:.digits$} %")
 }

@@ -1,0 +1,74 @@
+//! Pictures with a part of the face, or all of it, under a disc of the skin's grey.
+
+use crate::base::capacity::{LANDMARKS, PIXELS, WIDTH};
+use crate::simulator::virtual_head::Truth;
+
+/// Covered points: a fifth.
+pub(super) const COVERED: usize = 14;
+
+/// Copies a picture and covers the points nearest to one of them with a rough disc; tells which.
+pub(super) fn cover(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    centre: usize,
+    random: &mut fastrand::Rng,
+) -> [bool; LANDMARKS] {
+    let points = &truth.landmarks_px;
+    let [x, y] = points[centre];
+    let mut far: Vec<(f32, usize)> = (0..LANDMARKS)
+        .map(|i| ((points[i][0] - x).hypot(points[i][1] - y), i))
+        .collect();
+    far.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let radius = 0.5 * (far[COVERED - 1].0 + far[COVERED].0);
+    disc(out, luma, truth, [x, y], radius, random);
+    let mut hidden = [false; LANDMARKS];
+    for (_, i) in &far[..COVERED] {
+        hidden[*i] = true;
+    }
+    hidden
+}
+
+/// Copies a picture and covers all of a face.
+pub(super) fn hide(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    random: &mut fastrand::Rng,
+) {
+    let points = &truth.landmarks_px;
+    let [x, y] = points[30];
+    let reach = points
+        .iter()
+        .map(|p| (p[0] - x).hypot(p[1] - y))
+        .fold(0.0, f32::max);
+    disc(out, luma, truth, [x, y], 1.1 * reach, random);
+}
+
+/// Copies a picture and lays a rough disc of the skin's grey on it.
+fn disc(
+    out: &mut [u8; PIXELS],
+    luma: &[u8; PIXELS],
+    truth: &Truth,
+    [x, y]: [f32; 2],
+    radius: f32,
+    random: &mut fastrand::Rng,
+) {
+    out.copy_from_slice(luma);
+    let nose = truth.landmarks_px[30];
+    let skin = f32::from(luma[(nose[1] as usize * WIDTH + nose[0] as usize).min(PIXELS - 1)]);
+    let reach = radius.ceil() as i64;
+    for row in -reach..=reach {
+        for column in -reach..=reach {
+            let (px, py) = (x as i64 + column, y as i64 + row);
+            let off = (px as f32 - x).hypot(py as f32 - y) / radius;
+            if off < 1.0 && (0..WIDTH as i64).contains(&px) && py >= 0 {
+                let at = py as usize * WIDTH + px as usize;
+                if at < PIXELS {
+                    let grey = skin * (1.0 - 0.4 * off * off) + 6.0 * random.f32();
+                    out[at] = grey.clamp(0.0, 255.0) as u8;
+                }
+            }
+        }
+    }
+}
