@@ -80,12 +80,12 @@ pub struct Gesture {
 /// Gestures that need no more than their name: name, sum, on, off, hold time.
 #[rustfmt::skip]
 pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
-    ("smile", "AU12L + AU12R", 0.7, 0.4, 0.2),
+    ("smile", "AU12L + AU12R", 0.45, 0.25, 0.2),
     ("brows", "AU1L + AU1R + AU2L + AU2R", 1.6, 1.0, 0.15),
     ("mouth_open", "AU26", 0.45, 0.3, 0.2),
     ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
     ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
-    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
+    ("blink_long", "AU43L + AU43R", 0.9, 0.6, 0.5),
     ("look_left", "AU61", 0.35, 0.2, 0.4),
     ("look_right", "AU62", 0.35, 0.2, 0.4),
     ("look_up", "AU63", 0.35, 0.2, 0.4),

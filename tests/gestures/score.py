@@ -2,7 +2,7 @@
 
 score.py CONFIG own TABLES [NAME=WORDS ...]     TABLES: personN.csv, personN-acted.csv of tests/it/plays_gestures.rs
 score.py CONFIG world SESSIONS TABLES           SESSIONS: personN-1200 of the second world, TABLES: personN.csv
-score.py CONFIG faces SESSIONS TABLES           SESSIONS: pNN-K of tests/real/sessions.py, TABLES: pNN-K.csv
+score.py CONFIG faces BEGIN TABLES              sessions are BEGINpNN-K, with their truth.csv, TABLES: pNN-K.csv
 
 CONFIG is what `mien print-config` prints with the gestures that were played.
 caught   acts at full, long enough for the hold time and by somebody who is not new to the box, during which the gesture goes on
@@ -176,7 +176,7 @@ def faces(gestures, sessions, tables):
     neutral = {"of these": [0, 0, {}], "of all": [0, 0, {}]}
     for name in sorted(f[:-4] for f in os.listdir(tables) if f.endswith(".csv")):
         on, _ = switches(f"{tables}/{name}.csv", gestures)
-        for row in read(f"{sessions}/{name}/truth.csv"):
+        for row in read(f"{sessions}{name}/truth.csv"):
             expression, during = int(row["expression"]), range(int(row["from"]), int(row["to"]))
             fires = [n for n in gestures if any(on[n][f] for f in during if f < len(on[n]))]
             for n, still in STILLS.items():

@@ -33,7 +33,7 @@ fn run(folder: &Path, before: &str, words: &[&str]) -> Output {
 
 fn osc(socket: &UdpSocket) -> String {
     let to = socket.local_addr().unwrap();
-    format!("[osc]\ntargets = \"{to}\"\ncommands = false\nstyle = \"vector\"\n")
+    format!("[osc]\ntarget = \"{to}\"\ncommands = false\nstyle = \"vector\"\n")
 }
 
 #[cfg(not(feature = "wires"))]
@@ -51,8 +51,10 @@ fn a_key_that_this_build_cannot_press_is_refused() {
 #[cfg(feature = "wires")]
 mod pressed {
     use super::*;
+    use std::io::Read;
     use std::process::{Child, Stdio};
-    use std::time::Duration;
+    use std::sync::{Arc, Mutex};
+    use std::time::{Duration, Instant};
 
     /// Key downs (`true`) and ups that were written where `uinput` would be: pairs of events, each a time and eight bytes.
     fn presses(events: &[u8]) -> Vec<bool> {
@@ -156,15 +158,26 @@ press = "hold"
                     .unwrap()
                     .success()
             );
+            let events = Arc::new(Mutex::new(Vec::new()));
             let reader = {
-                let path = path.clone();
-                std::thread::spawn(move || std::fs::read(path).unwrap())
+                let (path, events) = (path.clone(), Arc::clone(&events));
+                std::thread::spawn(move || {
+                    let mut pipe = std::fs::File::open(path).unwrap();
+                    let mut bytes = [0; 4096];
+                    while let Ok(length @ 1..) = pipe.read(&mut bytes) {
+                        events.lock().unwrap().extend_from_slice(&bytes[..length]);
+                    }
+                })
             };
             let device = format!("[osc]\nenabled = false\n[keys]\ndevice = {path:?}\n");
             let mut run = start(folder.path(), &format!("{device}{AWAKE}"));
             let wait = |random: &mut fastrand::Rng| {
-                std::thread::sleep(Duration::from_millis(random.u64(300..900)));
+                std::thread::sleep(Duration::from_millis(random.u64(1..600)));
             };
+            let begun = Instant::now();
+            while events.lock().unwrap().is_empty() && begun.elapsed() < Duration::from_secs(60) {
+                std::thread::sleep(Duration::from_millis(10));
+            }
             wait(&mut random);
             if round % 3 == 1 {
                 // Without the gesture: what it held is let go.
@@ -176,7 +189,9 @@ press = "hold"
             signal(&run, if killed { "-KILL" } else { "-TERM" });
             assert_eq!(run.wait().unwrap().success(), !killed);
             // All there is: the device is closed.
-            let mut presses = presses(&reader.join().unwrap());
+            reader.join().unwrap();
+            let mut presses = presses(&events.lock().unwrap());
+            assert!(!presses.is_empty(), "round {round}: nothing was pressed");
             if killed && presses.len() % 2 == 1 {
                 // The kernel releases what is held when it is closed.
                 presses.push(false);

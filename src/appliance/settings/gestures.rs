@@ -2,7 +2,7 @@
 
 use toml::de::DeTable;
 
-use super::Settings;
+use super::sections::Settings;
 use super::units::is_unit;
 use crate::base::capacity::GESTURES;
 use crate::output::gesture::{Gesture, PRESETS};

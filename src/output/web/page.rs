@@ -491,7 +491,7 @@ mod tests {
     fn units_have_plain_names_by_region() {
         assert_eq!(
             page(None).about,
-            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"gestures\":[{\"name\":\"smile\",\"terms\":[[1,1]],\"on\":0.7,\"off\":0.4}],\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
+            "{\"name\":\"stage-left\",\"slots\":4,\"sends\":\"OSC to 10.0.0.2:9130\",\"gestures\":[{\"name\":\"smile\",\"terms\":[[1,1]],\"on\":0.45,\"off\":0.25}],\"regions\":[[\"Brows\",[[2,\"AU1R\",\"inner brow up right\"]]],[\"Mouth\",[[1,\"AU12L\",\"smile left\"]]],[\"Jaw\",[[0,\"AU26\",\"jaw drop\"]]]]}"
         );
         for unit in crate::expression::Units::shipped().columns(false) {
             assert!(!about("", &[&unit], "", &[]).contains("Other"), "{unit}");
