@@ -132,7 +132,7 @@ const ACTS: [&str; 24] = [
 const MOODS: [&str; 4] = [
     "mouthSmile_LR, cheekRaiser_LR 0.8, mouthUpperUp_LR 0.4, jawOpen 0.15",
     "browInnerUp_LR, mouthShrugLower 0.9, mouthShrugUpper 0.3, eyeBlink_LR 0.3",
-    "browDown_LR, noseSneer_LR 0.8, mouthUpperUp_LR 0.5, mouthStretch_LR 0.4",
+    "browDown_LR, eyeSquint_LR 0.7, mouthLowerDown_LR 0.6, mouthUpperUp_LR 0.3, mouthStretch_LR 0.3",
     "browInnerUp_LR, browOuterUp_LR, eyeWide_LR, jawOpen 0.8",
 ];
 /// Expressions that [`Scene::Mixed`] draws from; those with sides are played on one or both.
