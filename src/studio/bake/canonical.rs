@@ -58,21 +58,18 @@ impl Warp {
             return None;
         }
         let mut system = DMatrix::zeros(n + 4, n + 4);
-        let mut given = DMatrix::zeros(n + 4, 3);
         for r in 0..n {
             for c in 0..n {
                 // −|r| is positive definite on what the linear part leaves.
                 system[(r, c)] = -(from[r] - from[c]).norm();
             }
             system[(r, r)] += GIVES;
-            for (c, x) in line(&from[r]).into_iter().enumerate() {
-                system[(r, n + c)] = x;
-                system[(n + c, r)] = x;
-            }
-            for c in 0..3 {
-                given[(r, c)] = to[r][c];
-            }
         }
+        system.view_mut((0, n), (n, 4)).copy_from(&affine);
+        system
+            .view_mut((n, 0), (4, n))
+            .copy_from(&affine.transpose());
+        let given = goal.resize_vertically(n + 4, 0.0);
         let x = system.lu().solve(&given)?;
         let row = |r: usize| Vec3::new(x[(r, 0)], x[(r, 1)], x[(r, 2)]);
         Some(Self {

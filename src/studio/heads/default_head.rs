@@ -24,7 +24,6 @@ use crate::studio::bake::morphs::single;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
-use crate::studio::bake::solve::Settings;
 
 const U8: u32 = 5121;
 const JPEG_QUALITY: u8 = 92;
@@ -188,20 +187,12 @@ pub fn glb() -> Result<Vec<u8>, BakeError> {
 
 fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
     // Through the door that heads of others take, so that the numbers of the vertices are settled there.
-    let refuse = |source| BakeError::Glb {
-        path: "built-in head".into(),
-        source,
-    };
-    let (mesh, foreign) = Foreign::read(face(hero)).map_err(refuse)?;
+    let (mesh, foreign) = Foreign::read(face(hero)).map_err(BakeError::of("built-in head"))?;
     let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
-    let recipe = |source| BakeError::Recipe {
-        path: "built-in recipe".into(),
-        source,
-    };
     let targets = Recipe::read(SHIPPED)
         .and_then(|shipped| shipped.targets(&head))
-        .map_err(recipe)?;
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
+        .map_err(BakeError::of("built-in recipe"))?;
+    let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| {})?;
     Ok(dressed(foreign.patched(&shapes, false), hero).emit())
 }
 

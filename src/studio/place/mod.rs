@@ -28,7 +28,6 @@ use super::bake::recipe::{Recipe, SHIPPED};
 use super::bake::request::Request;
 use super::bake::rig::{self, Method};
 use super::bake::shape::Shape;
-use super::bake::solve::Settings;
 use super::bake::{files, morphs, report};
 use super::preview;
 use super::preview::http::{self, Answer, Request as Asked, Site};
@@ -102,13 +101,9 @@ impl Place {
             ..Request::default()
         })?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
-            let found =
-                guess(&source.mesh, &source.looks, &FaceModel::shipped()).map_err(|source| {
-                    BakeError::Locate {
-                        path: mesh.into(),
-                        source,
-                    }
-                })?;
+            let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
+                .ok_or("expected vertices to find a face on, found none")
+                .map_err(BakeError::of(mesh))?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
             (source.told(landmarks)?, None)
@@ -191,11 +186,8 @@ impl Place {
         let numbers = self.ordered.landmarks(points)?;
         let head = Head::new(self.ordered.mesh.clone(), &numbers)?;
         let targets = Recipe::read(SHIPPED).and_then(|recipe| recipe.targets(&head));
-        let targets = targets.map_err(|source| BakeError::Recipe {
-            path: "built-in recipe".into(),
-            source,
-        })?;
-        let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| {})?;
+        let targets = targets.map_err(BakeError::of("built-in recipe"))?;
+        let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| {})?;
         let shapes = shapes.into_iter().map(|s| self.ordered.scattered(s));
         *self.baked.lock().unwrap_or_else(PoisonError::into_inner) = shapes.collect();
         Ok(start.elapsed().as_secs_f64())

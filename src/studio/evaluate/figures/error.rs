@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::pipeline::PipelineError;
-use crate::studio::bake::benchmark::BenchmarkError;
+use crate::studio::bake::error::BakeError;
 use crate::studio::bake::head::HeadError;
 use crate::studio::bake::sparse::Singular;
 use crate::studio::heads::HeadsError;
@@ -23,7 +23,7 @@ pub enum FiguresError {
     Shapes(#[from] nrsfm::Error),
     /// The sculpted head.
     #[error(transparent)]
-    Sculpted(#[from] BenchmarkError),
+    Sculpted(#[from] BakeError),
     /// Its landmarks.
     #[error(transparent)]
     Head(#[from] HeadError),

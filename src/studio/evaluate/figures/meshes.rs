@@ -13,7 +13,6 @@ use crate::studio::bake::head::Head;
 use crate::studio::bake::recipe::Target;
 use crate::studio::bake::render::{Outside, View, sheet};
 use crate::studio::bake::rig::{self, Method};
-use crate::studio::bake::solve;
 use crate::studio::inspect::{canvas, face_lines};
 use crate::studio::nrsfm::align::{centred, rotation_onto};
 use crate::studio::nrsfm::{self, Tracks};
@@ -185,13 +184,7 @@ pub(super) fn influence(
             .collect(),
     );
     for (name, method) in METHODS {
-        let shapes = rig::bake(
-            &head,
-            &targets,
-            &solve::Settings::default(),
-            method,
-            &|_| (),
-        )?;
+        let shapes = rig::bake(&head, &targets, method, &|_| ())?;
         let row = shapes.iter().zip(&shown).map(|(shape, &s)| {
             let error = truth.error(s, &shape.displacement);
             say(&format!("{name}, {}: error {error:.3}", shape.name));
