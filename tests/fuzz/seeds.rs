@@ -297,8 +297,6 @@ fn head() -> (Mesh, Vec<Shape>) {
             upon: None,
             displacement,
             area: vec![true; 16],
-            unknowns: 0,
-            milliseconds: 0.0,
         }
     };
     (mesh, vec![shape("jawOpen", 5), shape("mouthA", 6)])

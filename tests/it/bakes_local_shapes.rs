@@ -25,7 +25,7 @@ use mien::studio::bake::recipe::{Recipe, SHIPPED, Target};
 use mien::studio::bake::render::{Outside, View};
 use mien::studio::bake::rig::{self, Method};
 use mien::studio::bake::shape::Shape;
-use mien::studio::bake::solve::{self, Settings, System};
+use mien::studio::bake::solve::{self, System};
 use mien::studio::bake::sparse::Singular;
 use mien::studio::bake::surroundings::Surroundings;
 use mien::studio::heads::hero::Hero;
@@ -53,7 +53,7 @@ fn baked(folder: &str, mesh: &str) -> Option<(Head, Vec<Shape>)> {
         .collect();
     let head = Head::new(obj::parse(&text).unwrap(), &landmarks).unwrap();
     let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| ()).unwrap();
     Some((head, shapes))
 }
 
@@ -99,17 +99,14 @@ impl Row {
 
 /// Runs all methods.
 /// Long because it is the table: every method with how it is called.
-fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Singular> {
+fn compare(truth: &Truth) -> Result<Vec<Row>, Singular> {
     let mesh = &truth.mesh;
     let n = mesh.positions.len();
-    let node: Vec<u32> = (0..n as u32).collect();
     let w = (mesh.positions[truth.landmarks[39] as usize]
         - mesh.positions[truth.landmarks[42] as usize])
         .norm();
     let operator = Operator::new(
         mesh,
-        &node,
-        n,
         |_| false,
         |v| {
             let soft = truth.landmarks[36..].iter();
@@ -142,13 +139,6 @@ fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Singular> {
             .collect(),
     };
     let mut table = Vec::new();
-    for (name, held) in [
-        ("plain Laplacian, nothing else held", &free),
-        ("plain Laplacian, head and neck held", &head),
-    ] {
-        let baked = solve::plain(&printed, &skin, held, &truth.landmarks, &moves, 100.0)?;
-        table.push(row(name, &baked));
-    }
     let given = |shape: &[Vec3]| {
         let mut d = vec![Vec3::zeros(); n];
         for (&v, &displacement) in truth.landmarks.iter().zip(shape) {
@@ -156,6 +146,19 @@ fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Singular> {
         }
         d
     };
+    for (name, held) in [
+        ("plain Laplacian, nothing else held", &free),
+        ("plain Laplacian, head and neck held", &head),
+    ] {
+        let area: Vec<bool> = skin.iter().zip(held).map(|(s, h)| *s && !h).collect();
+        let system = System::new(&printed, &area, truth.landmarks.iter().copied())?;
+        let baked = moves.par_iter().map(|shape| {
+            let mut d = given(shape);
+            system.deform(&printed, &mesh.positions, &mut d, |_| 0.0, 0);
+            d
+        });
+        table.push(row(name, &baked.collect::<Vec<_>>()));
+    }
     let whole = System::new(&printed, &skin, truth.landmarks.iter().copied())?;
     for s in [0.5, 2.0, 10.0] {
         let baked: Vec<_> = moves
@@ -186,15 +189,15 @@ fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Singular> {
         &mesh.positions,
         &skin,
         &truth.landmarks,
-        settings.reach * w,
-        settings.disc * w,
+        solve::REACH * w,
+        solve::DISC * w,
     )?;
     let lengths: Vec<Vec<f64>> = moves
         .iter()
         .map(|m| m.iter().map(Vec3::norm).collect())
         .collect();
     let u = field.spread(&lengths);
-    for rounds in [0, settings.rounds] {
+    for rounds in [0, solve::ROUNDS] {
         let baked: Result<Vec<_>, Singular> = moves
             .par_iter()
             .zip(&u)
@@ -202,11 +205,11 @@ fn compare(truth: &Truth, settings: &Settings) -> Result<Vec<Row>, Singular> {
                 let area: Vec<bool> = u
                     .iter()
                     .zip(&skin)
-                    .map(|(&u, &skin)| skin && u > settings.edge * w)
+                    .map(|(&u, &skin)| skin && u > solve::EDGE * w)
                     .collect();
                 let system = System::new(&operator, &area, truth.landmarks.iter().copied())?;
                 let mut d = given(shape);
-                let delta = |v: usize| (u[v] / (settings.full * w)).min(1.0);
+                let delta = |v: usize| (u[v] / (solve::FULL * w)).min(1.0);
                 system.deform(&operator, &mesh.positions, &mut d, delta, rounds);
                 Ok(d)
             })
@@ -225,7 +228,7 @@ fn comes_closer_to_sculpted_shapes_than_plain_laplacian() {
         return;
     };
     let truth = Truth::read(&folder).unwrap();
-    let table = compare(&truth, &Settings::default()).unwrap();
+    let table = compare(&truth).unwrap();
     for row in &table {
         println!("{:45} {:.4}", row.name, row.mean());
     }
@@ -265,7 +268,7 @@ fn tables(truth: &Truth, derive: bool, chosen: impl Fn(&str) -> bool) -> Vec<Tar
 fn solved(truth: &Truth, mesh: Mesh, targets: &[Target]) -> Vec<Shape> {
     let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
     let head = Head::new(mesh, &landmarks).unwrap();
-    rig::bake(&head, targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap()
+    rig::bake(&head, targets, Method::Aoi, &|_| ()).unwrap()
 }
 
 #[test]
@@ -292,16 +295,7 @@ fn what_other_shapes_teach_brings_an_unseen_one_closer() {
     let baked = |prior: &Prior| {
         let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
         let head = Head::new(truth.mesh.clone(), &landmarks).unwrap();
-        let settings = Settings::default();
-        rig::bake_with(
-            &head,
-            &targets,
-            &settings,
-            Method::Aoi,
-            Some(prior),
-            &|_| (),
-        )
-        .unwrap()
+        rig::bake_with(&head, &targets, Method::Aoi, Some(prior), &|_| ()).unwrap()
     };
     let (a, b) = (baked(Prior::shipped()), baked(&lesson.prior()));
     let (mut apart, mut size) = (0.0, 0.0);
@@ -432,7 +426,7 @@ fn correctives_mend_what_two_shapes_do_at_once() {
     let recipe = Recipe::read(SHIPPED).unwrap();
     let mut targets = recipe.targets(&head).unwrap();
     targets.extend(recipe.correctives(&targets));
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| ()).unwrap();
     let names: Vec<&str> = shapes[67..].iter().map(|s| s.name.as_str()).collect();
     assert_eq!(
         names,
@@ -531,7 +525,7 @@ fn baked_in_order(mesh: &Mesh, landmarks: &[u64]) -> (Head, Vec<Shape>, Vec<Shap
     let landmarks = ordered.landmarks(landmarks).unwrap();
     let head = Head::new(ordered.mesh.clone(), &landmarks).unwrap();
     let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| ()).unwrap();
     let scattered = shapes.iter().cloned().map(|s| ordered.scattered(s));
     (head, shapes.clone(), scattered.collect())
 }
@@ -672,8 +666,7 @@ fn heads_of_other_people_are_baked_and_their_landmarks_found() {
         }
         let head = Head::new(mesh, &landmarks).unwrap();
         let targets = Recipe::read(SHIPPED).unwrap().targets(&head).unwrap();
-        let settings = Settings::default();
-        let shapes = rig::bake(&head, &targets, &settings, Method::Aoi, &|_| ()).unwrap();
+        let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| ()).unwrap();
         let judge = Judge::new(&head);
         let (mut inverted, mut gap) = (0, 0.0_f64);
         for k in 0..shapes.len() {
@@ -847,7 +840,7 @@ fn glasses_stay_and_lashes_and_brows_go_along() {
     let wanted = "eyeBlinkLeft eyeLookDownLeft cheekSquintLeft noseSneerLeft mouthSmileLeft browOuterUpLeft jawOpen";
     targets.retain(|t| wanted.split(' ').any(|name| name == t.name));
     assert_eq!(targets.len(), 7);
-    let shapes = rig::bake(&head, &targets, &Settings::default(), Method::Aoi, &|_| ()).unwrap();
+    let shapes = rig::bake(&head, &targets, Method::Aoi, &|_| ()).unwrap();
     let w = head.eye_distance;
     let way = |name: &str, some: &mut dyn Iterator<Item = usize>| {
         let shape = shapes.iter().find(|s| s.name == name).unwrap();

@@ -6,25 +6,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::error::BakeError;
+use super::files::{read, read_bytes};
 use super::mesh::{Mesh, Vec3};
 use super::obj;
 use super::recipe::Target;
-
-/// Why the comparison cannot run.
-#[derive(Debug, thiserror::Error)]
-pub enum BenchmarkError {
-    /// A file is missing.
-    #[error("cannot read {path}: {source}; expected the ICT FaceKit folder")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The mesh text is damaged.
-    #[error(transparent)]
-    Obj(#[from] obj::ObjError),
-}
 
 /// The truth: mesh, landmarks and expression displacements in the source's centimetres.
 pub struct Truth {
@@ -44,45 +30,34 @@ impl Truth {
     ///
     /// # Errors
     /// If a file is missing or damaged.
-    pub fn read(folder: &Path) -> Result<Self, BenchmarkError> {
-        let read = |path: PathBuf| {
-            std::fs::read(&path).map_err(|source| BenchmarkError::Unreadable { path, source })
-        };
-        let text = read(folder.join("generic_neutral_mesh.obj"))?;
-        let mesh = obj::parse(&String::from_utf8_lossy(&text))?;
-        let text = read(folder.join("landmarks68.txt"))?;
-        let landmarks = String::from_utf8_lossy(&text)
-            .split_ascii_whitespace()
-            .filter_map(|w| w.parse().ok())
-            .collect();
-        let mut shapes = Vec::new();
-        let listing = std::fs::read_dir(folder.join("expr")).map_err(|source| {
-            BenchmarkError::Unreadable {
-                path: folder.join("expr"),
-                source,
-            }
+    pub fn read(folder: &Path) -> Result<Self, BakeError> {
+        let neutral = folder.join("generic_neutral_mesh.obj");
+        let mesh = obj::parse(&read(&neutral)?).map_err(BakeError::of(neutral))?;
+        let landmarks = read(&folder.join("landmarks68.txt"))?;
+        let expressions = folder.join("expr");
+        let listing = std::fs::read_dir(&expressions);
+        let listing = listing.map_err(|source| BakeError::Read {
+            path: expressions,
+            source,
         })?;
         let mut paths: Vec<PathBuf> = listing.flatten().map(|entry| entry.path()).collect();
         paths.sort();
+        let mut shapes = Vec::new();
         for path in paths {
-            let name = path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            if name.starts_with("PupilDilate") {
-                continue;
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            if !name.starts_with("PupilDilate") {
+                let bytes = read_bytes(&path)?;
+                let numbers = bytes.as_chunks::<4>().0.iter();
+                let numbers: Vec<f64> =
+                    numbers.map(|b| f64::from(f32::from_le_bytes(*b))).collect();
+                let rows = numbers.as_chunks::<3>().0.iter();
+                shapes.push((name.into_owned(), rows.map(|&d| Vec3::from(d)).collect()));
             }
-            let number = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-            let moved = read(path)?
-                .chunks_exact(12)
-                .map(|c| Vec3::new(number(&c[0..4]), number(&c[4..8]), number(&c[8..12])))
-                .collect();
-            shapes.push((name, moved));
         }
+        let landmarks = landmarks.split_ascii_whitespace();
         Ok(Self {
             mesh,
-            landmarks,
+            landmarks: landmarks.filter_map(|w| w.parse().ok()).collect(),
             shapes,
         })
     }
@@ -114,11 +89,10 @@ impl Truth {
         some: impl IntoIterator<Item = usize>,
     ) -> f64 {
         let truth = &self.shapes[s].1;
-        let (mut miss, mut size) = (0.0, 0.0);
-        for v in some {
-            miss += (baked[v] - truth[v]).norm_squared();
-            size += truth[v].norm_squared();
-        }
+        let both = some.into_iter().map(|v| (baked[v] - truth[v], truth[v]));
+        let (miss, size) = both.fold((0.0, 0.0), |(miss, size), (off, truth)| {
+            (miss + off.norm_squared(), size + truth.norm_squared())
+        });
         (miss / size).sqrt()
     }
 }

@@ -20,12 +20,6 @@ const NOISE: f64 = 0.06;
 /// Eyes, nose and lips: what a picture shows of any head.
 const KNOWN: std::ops::Range<usize> = 27..LANDMARKS;
 
-/// The shape model on a head.
-pub(super) struct Laid {
-    /// All 68 points.
-    pub(super) points: [Vec3; LANDMARKS],
-}
-
 /// Head frame (x to the subject's left, y down, z away from the viewer) to (right, up, towards the viewer).
 fn upright(v: [f64; 3]) -> Vec3 {
     Vec3::new(v[0], -v[1], -v[2])
@@ -50,8 +44,8 @@ fn similarity(from: &[Vec3], to: &[Vec3]) -> Option<(f64, Matrix3<f64>, Vec3)> {
     Some((scale, turn, b - turn * a * scale))
 }
 
-/// Lays the shape on what is found of eyes, nose and lips; `None` if those points are no face.
-pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<Laid> {
+/// All 68 points by the shape laid on what is found of eyes, nose and lips; `None` if those points are no face.
+pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<[Vec3; LANDMARKS]> {
     let mean: Vec<Vec3> = shape
         .mean
         .iter()
@@ -101,8 +95,7 @@ pub(super) fn laid(shape: &ShapeModel, found: &[Vec3; LANDMARKS]) -> Option<Laid
         }
     }
     let (scale, turn, shift) = place;
-    let points = std::array::from_fn(|k| turn * now[k] * scale + shift);
-    Some(Laid { points })
+    Some(std::array::from_fn(|k| turn * now[k] * scale + shift))
 }
 
 #[cfg(test)]
@@ -137,7 +130,7 @@ mod tests {
             let mean: Vec<Vec3> = shape.mean.iter().map(head).collect();
             for k in 0..KNOWN.start {
                 by_mean += (mean[k] - truth[k]).norm() / w;
-                by_shape += (laid.points[k] - truth[k]).norm() / w;
+                by_shape += (laid[k] - truth[k]).norm() / w;
             }
         }
         let count = 20.0 * KNOWN.start as f64;

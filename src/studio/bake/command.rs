@@ -1,11 +1,10 @@
 //! `mien-studio bake`: files in, files out.
 
-use std::io::{IsTerminal, Write as _};
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use serde_json::json;
 
 use super::benchmark::Truth;
 use super::error::BakeError;
@@ -15,7 +14,6 @@ use super::head::Head;
 use super::learn::{Lesson, means};
 use super::locate::guess;
 use super::looks::Looks;
-use super::measure::Figures;
 use super::mesh::{Mesh, Vec3};
 use super::names::NAMES;
 use super::obj;
@@ -27,11 +25,11 @@ use super::render::Outside;
 use super::request::{Request, is_usd};
 use super::rig;
 use super::shape::Shape;
-use super::solve::Settings;
 use super::table::table;
 use super::{morphs, report, usd};
 use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
+use crate::studio::progress::Progress;
 use crate::studio::text_files;
 
 /// How many of the points found least surely are named.
@@ -46,14 +44,15 @@ const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
 /// # Errors
 /// At the first line that is none.
 pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
-    text.lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
-        .map(|(k, line)| {
-            line.trim().parse().map_err(|_| BakeError::Landmarks {
+    let lines = text.lines().map(str::trim).zip(1..);
+    lines
+        .filter(|(line, _)| !line.is_empty() && !line.starts_with('#'))
+        .map(|(text, line)| {
+            text.parse().map_err(|_| BakeError::Line {
                 path: path.into(),
-                line: k + 1,
-                found: line.chars().take(40).collect(),
+                line,
+                expected: "a vertex number",
+                found: text.chars().take(40).collect(),
             })
         })
         .collect()
@@ -77,16 +76,13 @@ pub(in crate::studio) struct Source {
 
 impl Source {
     pub(in crate::studio) fn read(request: &Request) -> Result<Self, BakeError> {
-        let bytes = read_bytes(&request.mesh)?;
-        let folder = request.mesh.parent().unwrap_or(Path::new(""));
+        let path = &request.mesh;
+        let bytes = read_bytes(path)?;
         if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
-            let refuse = |source| BakeError::Glb {
-                path: request.mesh.clone(),
-                source,
-            };
-            let glb = Glb::read(&bytes, folder).map_err(refuse)?;
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let glb = Glb::read(&bytes, folder).map_err(BakeError::of(path))?;
             let looks = Looks::in_glb(&glb);
-            let (mesh, foreign) = Foreign::read(glb).map_err(refuse)?;
+            let (mesh, foreign) = Foreign::read(glb).map_err(BakeError::of(path))?;
             let obj = request.obj.is_some().then(|| obj::emit(&mesh));
             return Ok(Self {
                 mesh,
@@ -96,13 +92,9 @@ impl Source {
             });
         }
         let obj = text_files::decoded(&bytes);
-        let mesh = obj::parse(&obj).map_err(|source| BakeError::Obj {
-            path: request.mesh.clone(),
-            source,
-        })?;
         Ok(Self {
-            mesh,
-            looks: Looks::of(&request.mesh, &obj),
+            mesh: obj::parse(&obj).map_err(BakeError::of(path))?,
+            looks: Looks::of(path, &obj),
             obj,
             foreign: None,
         })
@@ -124,41 +116,73 @@ impl Source {
             None => numbers,
         })
     }
+
+    /// The file that is asked for, with the shapes; pictures of USD are written beside it.
+    fn with_shapes(
+        &mut self,
+        request: &Request,
+        shapes: &[Shape],
+        metres: f64,
+    ) -> Result<Vec<u8>, BakeError> {
+        let (mesh, looks, dense) = (&self.mesh, &self.looks, request.dense);
+        if is_usd(&request.out) {
+            let pictures = looks.beside(&request.out, &mesh.materials);
+            for (file, bytes) in pictures.values() {
+                write(&request.out.with_file_name(file), bytes)?;
+            }
+            return Ok(usd::emit(mesh, looks, &pictures, shapes, metres, dense).into_bytes());
+        }
+        Ok(match self.foreign.take() {
+            Some(foreign) => foreign.patched(shapes, dense).emit(),
+            None => {
+                let mut glb = morphs::build(mesh, shapes, metres, dense);
+                looks.paint(&mut glb);
+                glb.emit()
+            }
+        })
+    }
+
+    /// The neutral and every shape as OBJ, and a list of them.
+    fn folder_of_obj(&self, folder: &Path, shapes: &[Shape]) -> Result<(), BakeError> {
+        std::fs::create_dir_all(folder).map_err(|source| BakeError::Write {
+            path: folder.into(),
+            source,
+        })?;
+        write(&folder.join("neutral.obj"), self.obj.as_bytes())?;
+        let mut list = Vec::with_capacity(shapes.len());
+        for shape in shapes {
+            let moved = self.mesh.positions.iter().zip(&shape.displacement);
+            let moved: Vec<Vec3> = moved.map(|(p, d)| p + d).collect();
+            let file = format!("{}.obj", shape.name);
+            let text = obj::with_positions(&self.obj, &moved, false);
+            write(&folder.join(&file), text.as_bytes())?;
+            list.push(
+                json!({"name": shape.name, "file": file, "unit": shape.unit, "upon": shape.upon}),
+            );
+        }
+        let index = json!({"neutral": "neutral.obj", "shapes": list});
+        let index = format!("{index:#}\n");
+        write(&folder.join("shapes.json"), index.as_bytes())
+    }
 }
 
 /// Metres per unit of the mesh, and how that is known.
 fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), BakeError> {
     if let Some(metres) = request.metres {
-        return Ok((metres, "as told"));
+        return Ok((metres, "as given"));
     }
     let found = head.eye_distance;
     let mut units = [1.0, 1e-2, 1e-3].into_iter();
     let fits = units.find(|m| (0.02..0.06).contains(&(found * m)));
-    Ok((
-        fits.ok_or(BakeError::Scale { found })?,
-        "told from the eyes",
-    ))
+    let metres = fits.ok_or(BakeError::Scale { found })?;
+    Ok((metres, "from the distance of the eyes"))
 }
 
 /// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
 fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>, BakeError> {
-    let targets = match (&request.controls, &request.recipe) {
-        (Some(path), _) => table(path, head, vertex, request.derive)?,
-        (None, path) => {
-            let text = path
-                .as_ref()
-                .map_or_else(|| Ok(SHIPPED.to_owned()), |path| read(path))?;
-            let named = |source| BakeError::Recipe {
-                path: path.clone().unwrap_or_else(|| "built-in recipe".into()),
-                source,
-            };
-            let recipe = Recipe::read(&text).map_err(named)?;
-            let mut targets = recipe.targets(head).map_err(named)?;
-            if request.correctives {
-                targets.extend(recipe.correctives(&targets));
-            }
-            targets
-        }
+    let targets = match &request.controls {
+        Some(path) => table(path, head, vertex, request.derive)?,
+        None => of_recipe(request, head)?,
     };
     let vertices = head.mesh.positions.len();
     let bytes = (targets.len() * vertices).saturating_mul(SHAPE_BYTES);
@@ -173,28 +197,17 @@ fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>
     Ok(targets)
 }
 
-/// Bakes with a bar on a terminal.
-fn baked(request: &Request, head: &Head, targets: &[Target]) -> Result<Vec<Shape>, BakeError> {
-    let count = AtomicUsize::new(0);
-    let terminal = std::io::stderr().is_terminal();
-    let total = targets.len();
-    let done = |name: &str| {
-        let k = count.fetch_add(1, Ordering::Relaxed) + 1;
-        if terminal {
-            let filled = 30 * k / total.max(1);
-            eprint!(
-                "\r[{}{}] {k}/{total} {name:28}",
-                "#".repeat(filled),
-                ".".repeat(30 - filled)
-            );
-            let _ = std::io::stderr().flush();
-        }
+fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
+    let (text, path) = match &request.recipe {
+        Some(path) => (&*read(path)?, path.as_path()),
+        None => (SHIPPED, Path::new("built-in recipe")),
     };
-    let shapes = rig::bake(head, targets, &Settings::default(), request.method, &done)?;
-    if terminal {
-        eprintln!();
+    let recipe = Recipe::read(text).map_err(BakeError::of(path))?;
+    let mut targets = recipe.targets(head).map_err(BakeError::of(path))?;
+    if request.correctives {
+        targets.extend(recipe.correctives(&targets));
     }
-    Ok(shapes)
+    Ok(targets)
 }
 
 /// What was read, and what will not open.
@@ -221,112 +234,46 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     let start = Instant::now();
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
-    let source = Source::read(request)?;
+    let mut source = Source::read(request)?;
     let numbers = source.landmarks(request)?;
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(&numbers)?;
     let head = Head::new(std::mem::take(&mut ordered.mesh), &numbers)?;
     let (metres, how) = scale(request, &head)?;
     say_head(request, &source.mesh, &head, (metres, how));
-    let shapes = baked(request, &head, &targets(request, &head, ordered.vertex())?)?;
+    let targets = targets(request, &head, ordered.vertex())?;
+    let progress = Progress::new("baking", targets.len());
+    let done = |name: &str| progress.step_with(|| name.to_owned());
+    let shapes = rig::bake(&head, &targets, request.method, &done)?;
+    drop(progress);
     let promises = report::promises(&shapes);
     if !promises.is_empty() {
         println!("{promises}");
     }
-    let report = request.report.as_ref();
-    let outside = || Outside::new(&source.mesh, ordered.vertex(), &source.looks);
-    let report = report.map(|path| Report::of(path, request, &head, &outside(), &shapes));
-    // From here on in the order of the file.
-    let shapes: Vec<Shape> = shapes
-        .into_par_iter()
-        .map(|s| ordered.scattered(s))
-        .collect();
-    println!(
-        "{} shapes baked at {:.2} s",
-        shapes.len(),
-        start.elapsed().as_secs_f64()
-    );
-    let out = match source.foreign {
-        _ if is_usd(&request.out) => {
-            let looks = &source.looks;
-            let pictures = looks.beside(&request.out, &source.mesh.materials);
-            for (file, bytes) in pictures.values() {
-                write(&request.out.with_file_name(file), bytes)?;
-            }
-            usd::emit(
-                &source.mesh,
-                looks,
-                &pictures,
-                &shapes,
-                metres,
-                request.dense,
-            )
-            .into_bytes()
-        }
-        Some(foreign) => foreign.patched(&shapes, request.dense).emit(),
-        None => {
-            let mut glb = morphs::build(&source.mesh, &shapes, metres, request.dense);
-            source.looks.paint(&mut glb);
-            glb.emit()
-        }
-    };
-    write(&request.out, &out)?;
-    let memory = peak_resident_bytes().map_or_else(String::new, |bytes| {
-        format!(", {} MiB of memory", bytes >> 20)
-    });
-    println!(
-        "{} written at {:.2} s{memory}",
-        request.out.display(),
-        start.elapsed().as_secs_f64()
-    );
-    if let Some(folder) = &request.obj {
-        folder_of_obj(folder, &source.obj, &source.mesh, &shapes)?;
-        println!("{} written", folder.display());
-    }
-    if let Some(report) = report {
-        report.write()?;
-    }
-    Ok(shapes)
-}
-
-/// The page about the shapes and its worst figures.
-struct Report<'a> {
-    path: &'a Path,
-    text: String,
-    figures: Vec<Figures>,
-}
-
-impl<'a> Report<'a> {
-    fn of(
-        path: &'a Path,
-        request: &Request,
-        head: &Head,
-        outside: &Outside<'_>,
-        shapes: &[Shape],
-    ) -> Self {
+    let report = request.report.as_ref().map(|path| {
+        let outside = Outside::new(&source.mesh, ordered.vertex(), &source.looks);
         let name = request.mesh.file_name().unwrap_or_default();
         let title = format!("Blendshapes of {}", name.to_string_lossy());
-        let (text, figures) = report::html(head, outside, shapes, &title);
-        Self {
-            path,
-            text,
-            figures,
-        }
+        (path, report::html(&head, &outside, &shapes, &title))
+    });
+    // From here on in the order of the file.
+    let shapes = shapes.into_par_iter().map(|s| ordered.scattered(s));
+    let shapes: Vec<Shape> = shapes.collect();
+    let elapsed = || start.elapsed().as_secs_f64();
+    println!("{} shapes baked at {:.2} s", shapes.len(), elapsed());
+    write(&request.out, &source.with_shapes(request, &shapes, metres)?)?;
+    let memory = peak_resident_bytes().map(|bytes| format!(", {} MiB of memory", bytes >> 20));
+    let (out, memory) = (request.out.display(), memory.unwrap_or_default());
+    println!("{out} written at {:.2} s{memory}", elapsed());
+    if let Some(folder) = &request.obj {
+        source.folder_of_obj(folder, &shapes)?;
+        println!("{} written", folder.display());
     }
-
-    fn write(&self) -> Result<(), BakeError> {
-        let figures = &self.figures;
-        write(self.path, self.text.as_bytes())?;
-        let inverted: usize = figures.iter().map(|f| f.inverted).sum();
-        let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
-        let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
-        println!(
-            "{} written: {inverted} inverted triangles, largest motion outside its area {outside}, \
-             lids at most {depth:.5} eye distances deeper in the eye",
-            self.path.display()
-        );
-        Ok(())
+    if let Some((path, (text, figures))) = report {
+        write(path, text.as_bytes())?;
+        println!("{} written: {}", path.display(), report::worst(&figures));
     }
+    Ok(shapes)
 }
 
 /// Learns the prior of the skin from the sculpted shapes under `data` into `out`; prints how close each shape comes by what is
@@ -349,39 +296,27 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
         });
         println!("{:20} {alone:.3} -> {taught:.3}{cheek}", score.name);
     }
-    let [face, cheek] = means(&scores);
+    let ([[alone, taught], [cheek_alone, cheek_taught]], count) = (means(&scores), scores.len());
     println!(
-        "mean of {} shapes {:.4} -> {:.4}; of the cheek {:.4} -> {:.4}",
-        scores.len(),
-        face[0],
-        face[1],
-        cheek[0],
-        cheek[1]
+        "mean of {count} shapes {alone:.4} -> {taught:.4}; of the cheek {cheek_alone:.4} -> {cheek_taught:.4}"
     );
     Ok(())
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
 fn found(request: &Request, source: &Source) -> Result<Vec<u64>, BakeError> {
-    let (picture, text) = (
-        request.out.with_extension("landmarks.png"),
-        request.out.with_extension("landmarks.txt"),
-    );
-    let drawn = |seen: &image::RgbImage| {
-        let mut png = std::io::Cursor::new(Vec::new());
-        let drawn = seen.write_to(&mut png, image::ImageFormat::Png);
-        drawn.map_err(|e| BakeError::Write {
-            path: picture.clone(),
-            source: std::io::Error::other(e),
-        })?;
-        write(&picture, png.get_ref())
-    };
-    let model = FaceModel::shipped();
-    let found = guess(&source.mesh, &source.looks, &model).map_err(|source| BakeError::Locate {
-        path: request.mesh.clone(),
-        source,
+    let picture = request.out.with_extension("landmarks.png");
+    let text = request.out.with_extension("landmarks.txt");
+    let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
+        .ok_or("expected vertices to find a face on, found none")
+        .map_err(BakeError::of(&request.mesh))?;
+    let mut png = std::io::Cursor::new(Vec::new());
+    let drawn = found.picture.write_to(&mut png, image::ImageFormat::Png);
+    drawn.map_err(|e| BakeError::Write {
+        path: picture.clone(),
+        source: std::io::Error::other(e),
     })?;
-    drawn(&found.picture)?;
+    write(&picture, png.get_ref())?;
     if !found.is_face() {
         return Err(BakeError::Unseen {
             mesh: request.mesh.clone(),
@@ -389,10 +324,8 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, BakeError> {
             picture,
         });
     }
-    write(
-        &text,
-        landmark_text(&found.vertices, source.foreign.as_ref()).as_bytes(),
-    )?;
+    let numbers = landmark_text(&found.vertices, source.foreign.as_ref());
+    write(&text, numbers.as_bytes())?;
     let unsure = found.unsure();
     let names: Vec<&str> = unsure.iter().take(NAMED).map(|&k| NAMES[k]).collect();
     let doubts = match unsure.len() {
@@ -408,38 +341,4 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, BakeError> {
         text.display()
     );
     Ok(found.vertices)
-}
-
-fn folder_of_obj(
-    folder: &Path,
-    source: &str,
-    mesh: &Mesh,
-    shapes: &[Shape],
-) -> Result<(), BakeError> {
-    std::fs::create_dir_all(folder).map_err(|source| BakeError::Write {
-        path: folder.into(),
-        source,
-    })?;
-    write(&folder.join("neutral.obj"), source.as_bytes())?;
-    for shape in shapes {
-        let moved: Vec<Vec3> = mesh
-            .positions
-            .iter()
-            .zip(&shape.displacement)
-            .map(|(p, d)| p + d)
-            .collect();
-        let text = obj::with_positions(source, &moved, false);
-        write(&folder.join(format!("{}.obj", shape.name)), text.as_bytes())?;
-    }
-    let list: Vec<serde_json::Value> = shapes
-        .iter()
-        .map(|s| {
-            serde_json::json!({"name": s.name, "file": format!("{}.obj", s.name), "unit": s.unit, "upon": s.upon})
-        })
-        .collect();
-    let index = serde_json::json!({"neutral": "neutral.obj", "shapes": list});
-    write(
-        &folder.join("shapes.json"),
-        format!("{index:#}\n").as_bytes(),
-    )
 }

@@ -62,11 +62,6 @@ impl<'a> Contacts<'a> {
         out
     }
 
-    fn outside(&self, v: u32) -> bool {
-        let (head, v) = (self.head, v as usize);
-        head.skin[v] && head.socket[v].is_nan() && head.from_lids[v].is_infinite()
-    }
-
     fn find_inside(&mut self) {
         let (head, w) = (self.head, self.head.eye_distance);
         let positions = &head.mesh.positions;
@@ -74,7 +69,7 @@ impl<'a> Contacts<'a> {
         let all = 0..positions.len() as u32;
         let (outside, inside): (Vec<u32>, Vec<u32>) = all
             .filter(|&v| head.skin[v as usize])
-            .partition(|&v| self.outside(v));
+            .partition(|&v| self.head.outside(v));
         if inside.is_empty() {
             return;
         }
@@ -83,7 +78,7 @@ impl<'a> Contacts<'a> {
             let face = head.mesh.face(f);
             let of = |k: usize| face[k % face.len()].vertex;
             let corners = (0..face.len()).map(|k| [of(k), of(k + 1), of(k + face.len() - 1)]);
-            corners_of.extend(corners.filter(|c| self.outside(c[0])));
+            corners_of.extend(corners.filter(|c| self.head.outside(c[0])));
         }
         corners_of.sort_unstable();
         self.corners = corners_of;
@@ -121,8 +116,8 @@ impl<'a> Contacts<'a> {
     /// Vertices of the mouth's inside that came through the skin, moved back behind it: nobody sees them there.
     pub(super) fn pierced(&self, d: &[Vec3], base: Option<&[Vec3]>) -> Vec<(u32, Vec3)> {
         let head = self.head;
-        let beneath = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
-        let at = |v: u32| head.mesh.positions[v as usize] + d[v as usize] + beneath(v as usize);
+        let moved = head.moved(d, base);
+        let at = |v: u32| moved(v as usize);
         let mut found = Vec::new();
         for &(v, before, behind) in &self.inside {
             if d[v as usize] == Vec3::zeros() && d[before as usize] == Vec3::zeros() {
@@ -132,11 +127,8 @@ impl<'a> Contacts<'a> {
             // The skin has slid along: what is nearest now is a few edges away.
             let far = |o: u32| (at(o) - p).norm_squared();
             loop {
-                let ring = head
-                    .rings
-                    .of(skin as usize)
-                    .iter()
-                    .filter(|&&o| self.outside(o));
+                let ring = head.rings.of(skin as usize).iter();
+                let ring = ring.filter(|&&o| self.head.outside(o));
                 match ring.min_by(|&&a, &&b| far(a).total_cmp(&far(b))) {
                     Some(&nearer) if far(nearer) < far(skin) => skin = nearer,
                     _ => break,
@@ -184,10 +176,8 @@ impl<'a> Contacts<'a> {
     pub(super) fn crossed(&self, d: &[Vec3], base: Option<&[Vec3]>) -> Vec<(u32, Vec3)> {
         let head = self.head;
         let up = head.axes.column(1).into_owned();
-        let now = lip_gaps(head, |v| {
-            let v = v as usize;
-            head.mesh.positions[v] + d[v] + base.map_or(Vec3::zeros(), |b| b[v])
-        });
+        let moved = head.moved(d, base);
+        let now = lip_gaps(head, |v| moved(v as usize));
         let mut found = Vec::new();
         for (&before, (upper, lower, now)) in self.lips.iter().zip(now) {
             let excess = before.min(0.0) - now;

@@ -1,14 +1,8 @@
 //! Why nothing was baked: one sentence each.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::benchmark::BenchmarkError;
-use super::glb::GlbError;
 use super::head::HeadError;
-use super::learn::LearnError;
-use super::locate::LocateError;
-use super::obj::ObjError;
-use super::recipe::RecipeError;
 use super::sparse::Singular;
 
 /// Why nothing was baked.
@@ -22,12 +16,6 @@ pub enum BakeError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The sculpted shapes cannot be read.
-    #[error(transparent)]
-    Sculpted(#[from] BenchmarkError),
-    /// Nothing can be learned from them.
-    #[error(transparent)]
-    Learn(#[from] LearnError),
     /// A file cannot be written.
     #[error("cannot write {path}: {source}")]
     Write {
@@ -36,39 +24,31 @@ pub enum BakeError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The mesh text is damaged.
+    /// A mesh or a recipe is damaged, or of a kind that cannot be baked.
     #[error("{path}: {source}")]
-    Obj {
+    Content {
         /// The file.
         path: PathBuf,
         /// Where and what.
-        source: ObjError,
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The glTF file is damaged or of a kind that cannot be baked onto.
-    #[error("{path}: {source}")]
-    Glb {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: GlbError,
-    },
-    /// The landmarks are not numbers.
-    #[error("{path}: line {line}: expected a vertex number, found {found:?}")]
-    Landmarks {
+    /// A line of the landmarks or of the controls.
+    #[error("{path}: line {line}: expected {expected}, found {found:?}")]
+    Line {
         /// The file.
         path: PathBuf,
         /// Counted from 1.
         line: usize,
-        /// The line.
+        /// What should be there.
+        expected: &'static str,
+        /// The line, or its beginning.
         found: String,
     },
-    /// No landmarks on the mesh.
-    #[error("{path}: {source}")]
-    Locate {
-        /// The mesh.
-        path: PathBuf,
-        /// Why.
-        source: LocateError,
+    /// A sculpted shape of one side without the other side's.
+    #[error("expected every one-sided shape with its other side, found {found} alone")]
+    Alone {
+        /// The shape.
+        found: String,
     },
     /// Nothing like a face is seen.
     #[error(
@@ -85,26 +65,6 @@ pub enum BakeError {
     /// The head does not fit its landmarks.
     #[error(transparent)]
     Head(#[from] HeadError),
-    /// The recipe is damaged.
-    #[error("{path}: {source}")]
-    Recipe {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        source: RecipeError,
-    },
-    /// The controls are damaged.
-    #[error("{path}: line {line}: expected {expected}, found {found:?}")]
-    Controls {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// The line.
-        found: String,
-    },
     /// The unit cannot be told.
     #[error(
         "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
@@ -130,4 +90,18 @@ pub enum BakeError {
     /// A system could not be solved.
     #[error(transparent)]
     Singular(#[from] Singular),
+}
+
+impl BakeError {
+    /// What is wrong with the contents of a file.
+    pub(in crate::studio) fn of<E>(path: impl AsRef<Path>) -> impl Fn(E) -> Self
+    where
+        E: Into<Box<dyn std::error::Error + Send + Sync>>,
+    {
+        let path = path.as_ref().to_owned();
+        move |source| Self::Content {
+            path: path.clone(),
+            source: source.into(),
+        }
+    }
 }

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::mesh::{Mesh, Vec3};
+use super::mesh::{Mesh, Vec3, extent_of};
 
 /// Cells along each side of the table; 230 degrees across make a cell 3.4 degrees.
 const CELLS: usize = 68;
@@ -27,18 +27,12 @@ impl Ball {
     /// Measures the ball made of the vertices that pass `member`; `None` if there are none.
     #[must_use]
     pub fn of(mesh: &Mesh, axes: &Matrix3<f64>, member: impl Fn(usize) -> bool) -> Option<Self> {
-        let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-        let face = axes.transpose();
-        let mut some = false;
-        for v in 0..mesh.positions.len() {
-            if member(v) {
-                let p = face * mesh.positions[v];
-                (low, high, some) = (low.inf(&p), high.sup(&p), true);
-            }
-        }
-        if !some {
+        let own = (0..mesh.positions.len()).filter(|&v| member(v));
+        let own: Vec<Vec3> = own.map(|v| axes.transpose() * mesh.positions[v]).collect();
+        if own.is_empty() {
             return None;
         }
+        let (low, high) = extent_of(&own);
         // The cornea lengthens the ball to the front: the centre is half a width behind that of the box's sides.
         let half = 0.25 * (high.x - low.x + high.y - low.y);
         let mut center = (low + high) / 2.0;
@@ -53,8 +47,8 @@ impl Ball {
             if !member(face[0].vertex as usize) {
                 continue;
             }
-            for t in mesh.split(f) {
-                ball.add(t.map(|k| mesh.positions[face[k].vertex as usize]));
+            for t in mesh.solid(f) {
+                ball.add(t.map(|c| mesh.positions[c.vertex as usize]));
             }
         }
         ball.fill();
@@ -132,31 +126,26 @@ impl Ball {
     fn fill(&mut self) {
         for _ in 0..CELLS {
             let before = self.radius.clone();
-            let mut missing = false;
-            for row in 0..CELLS {
-                for col in 0..CELLS {
-                    if before[row * CELLS + col] > 0.0 {
-                        continue;
-                    }
-                    missing = true;
-                    let (mut sum, mut count) = (0.0, 0.0);
-                    for (r, c) in [
-                        (row.wrapping_sub(1), col),
-                        (row + 1, col),
-                        (row, col.wrapping_sub(1)),
-                        (row, col + 1),
-                    ] {
-                        if r < CELLS && c < CELLS && before[r * CELLS + c] > 0.0 {
-                            sum += before[r * CELLS + c];
-                            count += 1.0;
-                        }
-                    }
-                    if count > 0.0 {
-                        self.radius[row * CELLS + col] = sum / count;
-                    }
+            let missing = (0..CELLS * CELLS).filter(|&cell| before[cell] <= 0.0);
+            let missing: Vec<usize> = missing.collect();
+            for &cell in &missing {
+                let (row, col) = (cell / CELLS, cell % CELLS);
+                let beside = [
+                    (row.wrapping_sub(1), col),
+                    (row + 1, col),
+                    (row, col.wrapping_sub(1)),
+                    (row, col + 1),
+                ];
+                let inside = beside.into_iter().filter(|&(r, c)| r < CELLS && c < CELLS);
+                let known = inside
+                    .map(|(r, c)| before[r * CELLS + c])
+                    .filter(|&r| r > 0.0);
+                let (sum, count) = known.fold((0.0, 0.0), |(sum, n), r| (sum + r, n + 1.0));
+                if count > 0.0 {
+                    self.radius[cell] = sum / count;
                 }
             }
-            if !missing {
+            if missing.is_empty() {
                 break;
             }
         }

@@ -55,11 +55,10 @@ impl Glb {
     /// If it is not a whole GLB file of version 2.
     pub fn parse(bytes: &[u8]) -> Result<Self, GlbError> {
         let refuse = |found| GlbError::Container { found };
+        let cut_off = || refuse("a file that ends in the middle");
         let word = |at: usize| {
-            bytes
-                .get(at..at + 4)
-                .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .ok_or_else(|| refuse("a file that ends in the middle"))
+            let word = bytes.get(at..).and_then(<[u8]>::first_chunk);
+            word.map(|b| u32::from_le_bytes(*b)).ok_or_else(cut_off)
         };
         if word(0)? != MAGIC {
             return Err(refuse("another kind of file"));
@@ -68,24 +67,21 @@ impl Glb {
             return Err(refuse("another version than 2"));
         }
         let chunk = |at: usize, kind: u32| {
-            let length = word(at)? as usize;
+            let end = at + 8 + word(at)? as usize;
             if word(at + 4)? != kind {
                 return Err(refuse("chunks in another order than JSON, BIN"));
             }
-            bytes
-                .get(at + 8..at + 8 + length)
-                .map(|data| (data, at + 8 + length))
-                .ok_or_else(|| refuse("a file that ends in the middle"))
+            let data = bytes.get(at + 8..end).ok_or_else(cut_off)?;
+            Ok((data, end))
         };
         let (json, end) = chunk(12, JSON_CHUNK)?;
         let json: Value = serde_json::from_slice(json)?;
         if !json.is_object() {
             return Err(refuse("JSON that is no object"));
         }
-        let bin = if end < bytes.len() {
-            chunk(end, BIN_CHUNK)?.0.to_vec()
-        } else {
-            Vec::new()
+        let bin = match end < bytes.len() {
+            true => chunk(end, BIN_CHUNK)?.0.to_vec(),
+            false => Vec::new(),
         };
         Ok(Self { json, bin })
     }
@@ -172,6 +168,18 @@ impl Glb {
         }
     }
 
+    /// Data of a buffer view from an offset on.
+    pub(super) fn data(&self, view: &Value, offset: &Value, bytes: usize) -> Option<&[u8]> {
+        let view = self.listed("bufferViews", view);
+        let from = number(&view["byteOffset"]).saturating_add(number(offset));
+        self.bin.get(from..from.saturating_add(bytes))
+    }
+
+    /// An entry of one of the lists of the description, null if there is none.
+    pub(super) fn listed(&self, list: &str, at: &Value) -> &Value {
+        &self.json[list][at.as_u64().unwrap_or(u64::MAX) as usize]
+    }
+
     /// Values of a float accessor as rows of `width`, sparse parts filled in.
     ///
     /// # Errors
@@ -189,15 +197,6 @@ impl Glb {
         if count > MOST {
             return Err(content("no count, or one beyond any head"));
         }
-        let view = |k: &Value, offset: &Value, bytes: usize| {
-            let v = &self.json["bufferViews"][k.as_u64().unwrap_or(u64::MAX) as usize];
-            let from = v["byteOffset"].as_u64().unwrap_or(0) as usize;
-            let from = from.saturating_add(offset.as_u64().unwrap_or(0) as usize);
-            self.bin
-                .get(from..from.saturating_add(bytes))
-                .ok_or_else(|| content("data that end too early"))
-        };
-        let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         let mut out = if a["bufferView"].is_null() {
             // Nothing in the file but the claim: zeros for as many rows as its data could be of.
             if count * width * 4 > self.bin.len() {
@@ -205,56 +204,44 @@ impl Glb {
             }
             vec![0.0; count * width]
         } else {
-            let stride = self.stride(&a["bufferView"]).max(width * 4);
+            // 0 if rows follow each other.
+            let stride = number(&self.listed("bufferViews", &a["bufferView"])["byteStride"]);
+            let stride = stride.min(255).max(width * 4);
             let length = count.saturating_sub(1) * stride + width * 4;
-            let data = view(
-                &a["bufferView"],
-                &a["byteOffset"],
-                length.min(count * stride),
-            )?;
-            (0..count * width)
-                .map(|k| float(&data[k / width * stride + k % width * 4..]))
-                .collect()
+            let data = self
+                .data(
+                    &a["bufferView"],
+                    &a["byteOffset"],
+                    length.min(count * stride),
+                )
+                .ok_or_else(|| content(CUT_OFF))?;
+            let rows = (0..count).flat_map(|row| singles(&data[row * stride..]).take(width));
+            rows.collect()
         };
-        let sparse = &a["sparse"];
-        if let Some(n) = sparse["count"].as_u64() {
+        if let Some(n) = a["sparse"]["count"].as_u64() {
             let n = (n as usize).min(MOST);
-            let small = sparse["indices"]["componentType"] == U16;
-            let size = if small { 2 } else { 4 };
-            let indices = view(
-                &sparse["indices"]["bufferView"],
-                &sparse["indices"]["byteOffset"],
-                n * size,
-            )?;
-            let values = view(
-                &sparse["values"]["bufferView"],
-                &sparse["values"]["byteOffset"],
-                n * width * 4,
-            )?;
-            for k in 0..n {
-                let b = &indices[k * size..];
-                let at = if small {
-                    usize::from(u16::from_le_bytes([b[0], b[1]]))
-                } else {
-                    u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize
-                };
-                let row = out
-                    .get_mut(at * width..(at + 1) * width)
-                    .ok_or_else(|| content("a sparse index beyond the count"))?;
-                for (c, value) in row.iter_mut().enumerate() {
-                    *value = float(&values[(k * width + c) * 4..]);
-                }
+            let (rows, values) = self
+                .sparse(&a["sparse"], n, width)
+                .ok_or_else(|| content(CUT_OFF))?;
+            for (at, value) in rows.into_iter().zip(values.chunks(width)) {
+                let row = out.get_mut(at * width..(at + 1) * width);
+                row.ok_or_else(|| content("a sparse index beyond the count"))?
+                    .copy_from_slice(value);
             }
         }
         Ok(out)
     }
-}
 
-impl Glb {
-    /// Bytes from one row of a view to the next; 0 if they follow each other.
-    fn stride(&self, view: &Value) -> usize {
-        let view = &self.json["bufferViews"][view.as_u64().unwrap_or(u64::MAX) as usize];
-        view["byteStride"].as_u64().unwrap_or(0).min(255) as usize
+    /// Rows that a sparse accessor sets, and their values.
+    fn sparse(&self, sparse: &Value, n: usize, width: usize) -> Option<(Vec<usize>, Vec<f32>)> {
+        let [rows, values] = ["indices", "values"].map(|name| &sparse[name]);
+        let size = if rows["componentType"] == U16 { 2 } else { 4 };
+        let rows = self.data(&rows["bufferView"], &rows["byteOffset"], n * size)?;
+        let data = self.data(&values["bufferView"], &values["byteOffset"], n * width * 4)?;
+        Some((
+            whole(rows, size).map(|k| k as usize).collect(),
+            singles(data).collect(),
+        ))
     }
 
     /// Values of an accessor of whole numbers.
@@ -274,16 +261,35 @@ impl Glb {
             _ => return Err(content("another component type")),
         };
         let count = a["count"].as_u64().unwrap_or(u64::MAX) as usize;
-        let view = &self.json["bufferViews"][a["bufferView"].as_u64().unwrap_or(u64::MAX) as usize];
-        let offset = |v: &Value| v["byteOffset"].as_u64().unwrap_or(0) as usize;
-        let from = offset(view).saturating_add(offset(a));
-        let data = self
-            .bin
-            .get(from..from.saturating_add(count.saturating_mul(size)))
-            .ok_or_else(|| content("data that end too early"))?;
-        let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
-        Ok(data.chunks_exact(size).map(number).collect())
+        let data = self.data(
+            &a["bufferView"],
+            &a["byteOffset"],
+            count.saturating_mul(size),
+        );
+        Ok(whole(data.ok_or_else(|| content(CUT_OFF))?, size).collect())
     }
+}
+
+const CUT_OFF: &str = "data that end too early";
+
+/// 0 for what is no number.
+fn number(value: &Value) -> usize {
+    value.as_u64().unwrap_or(0) as usize
+}
+
+/// What is in a list, nothing if it is none.
+pub(super) fn list(value: &Value) -> &[Value] {
+    value.as_array().map_or(&[], Vec::as_slice)
+}
+
+fn singles(data: &[u8]) -> impl Iterator<Item = f32> {
+    data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b))
+}
+
+/// Numbers of so many bytes each.
+fn whole(data: &[u8], size: usize) -> impl Iterator<Item = u32> {
+    let number = |b: &[u8]| b.iter().rev().fold(0, |n, &b| n << 8 | u32::from(b));
+    data.chunks_exact(size).map(number)
 }
 
 pub(crate) fn bytes<const N: usize>(rows: &[[f32; N]]) -> Vec<u8> {

@@ -11,10 +11,7 @@ use super::recipe::Target;
 
 /// All control vertices of a shape with their displacements.
 pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
-    let mut goal: BTreeMap<u32, Vec3> = BTreeMap::new();
-    for &(v, d) in &target.controls {
-        goal.insert(v, d);
-    }
+    let mut goal: BTreeMap<u32, Vec3> = target.controls.iter().copied().collect();
     let at = |v: u32| head.mesh.positions[v as usize];
     for side in 0..2 {
         let seam = &head.lids[side];
@@ -23,10 +20,8 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
                 for &v in &path[1..path.len() - 1] {
                     let p = at(v);
                     let t = seam.across(&head.mesh, &p);
-                    let (u, l) = (
-                        seam.on_line(&head.mesh, &seam.upper, t),
-                        seam.on_line(&head.mesh, &seam.lower, t),
-                    );
+                    let on_line = |line| seam.on_line(&head.mesh, line, t);
+                    let (u, l) = (on_line(&seam.upper), on_line(&seam.lower));
                     let meeting = l + (u - l) * line;
                     // Both lines go to the same curve; the depth there is the ball's, given below.
                     *goal.entry(v).or_insert_with(Vec3::zeros) +=

@@ -130,49 +130,77 @@ pub(super) fn smooth(a: f64, b: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
+/// The landmarks as vertices of a mesh.
+fn vertices(mesh: &Mesh, landmarks: &[u64]) -> Result<Vec<u32>, HeadError> {
+    let vertices = mesh.positions.len();
+    if landmarks.len() != LANDMARKS {
+        return Err(HeadError::Count {
+            found: landmarks.len(),
+        });
+    }
+    let beyond = landmarks.iter().position(|&v| v >= vertices as u64);
+    beyond.map_or_else(
+        || Ok(landmarks.iter().map(|&v| v as u32).collect()),
+        |landmark| {
+            Err(HeadError::Range {
+                landmark,
+                vertex: landmarks[landmark],
+                vertices,
+            })
+        },
+    )
+}
+
+/// The face's left, up and out, and its inner-eye-corner distance, from where landmarks are.
+fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), HeadError> {
+    let left = at(42) - at(39);
+    let brow_to_chin = (at(39) + at(42)) / 2.0 - at(8);
+    let eye_distance = left.norm();
+    let spread = eye_distance.min(brow_to_chin.norm());
+    let left = left.normalize();
+    let up = brow_to_chin - left * brow_to_chin.dot(&left);
+    if !(spread > 0.0 && up.norm() > 0.1 * eye_distance) {
+        return Err(HeadError::Flat { spread });
+    }
+    // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the mesh's own
+    // vertical where it is close (artists model upright heads), so that symmetric recipes stay upright.
+    let mut up = up.normalize();
+    if up.y > 0.8 {
+        up = (Vec3::y() - left * left.y).normalize();
+    }
+    let axes = Matrix3::from_columns(&[left, up, left.cross(&up)]);
+    Ok((axes, eye_distance))
+}
+
+/// Lips, left lids and right lids, these at most `slack` beside their landmarks, which move onto them; `out` is out of the face.
+fn seams(mesh: &Mesh, rings: &Rings, points: &mut [u32], out: Vec3, slack: f64) -> [Seam; 3] {
+    let mut seam = |upper: &[usize], lower: &[usize], slack: f64| {
+        let vertices = |ks: &[usize]| ks.iter().map(|&k| points[k]).collect::<Vec<u32>>();
+        let (on, below) = (vertices(upper), vertices(lower));
+        let front = (slack > 0.0).then_some(out);
+        let (seam, through) = lines(mesh, rings, [&on, &below], slack, front);
+        for (&k, v) in upper.iter().chain(lower).zip(through.concat()) {
+            points[k] = v;
+        }
+        seam
+    };
+    [
+        seam(&[60, 61, 62, 63, 64], &[60, 67, 66, 65, 64], 0.0),
+        seam(&[42, 43, 44, 45], &[42, 47, 46, 45], slack),
+        seam(&[36, 37, 38, 39], &[36, 41, 40, 39], slack),
+    ]
+}
+
 impl Head {
     /// Analyses a neutral mesh with its 68 landmark vertices.
-    /// Long because each finding about the head rests on those before it.
     ///
     /// # Errors
     /// If the landmarks do not fit the mesh or do not describe a face.
     pub fn new(mesh: Mesh, landmarks: &[u64]) -> Result<Self, HeadError> {
-        if landmarks.len() != LANDMARKS {
-            return Err(HeadError::Count {
-                found: landmarks.len(),
-            });
-        }
+        let mut points = vertices(&mesh, landmarks)?;
         let n = mesh.positions.len();
-        if let Some(landmark) = landmarks.iter().position(|&v| v >= n as u64) {
-            return Err(HeadError::Range {
-                landmark,
-                vertex: landmarks[landmark],
-                vertices: n,
-            });
-        }
-        let mut points: Vec<u32> = landmarks.iter().map(|&v| v as u32).collect();
-        let at = |k: usize| mesh.positions[points[k] as usize];
-        let mean = |ks: &[usize]| ks.iter().map(|&k| at(k)).sum::<Vec3>() / ks.len() as f64;
-        let left = at(42) - at(39);
-        let brow_to_chin = mean(&[39, 42]) - at(8);
-        let eye_distance = left.norm();
-        let spread = eye_distance.min(brow_to_chin.norm());
-        let left = left.normalize();
-        let up = brow_to_chin - left * brow_to_chin.dot(&left);
-        if !(spread > 0.0 && up.norm() > 0.1 * eye_distance) {
-            return Err(HeadError::Flat { spread });
-        }
-        // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the mesh's own
-        // vertical where it is close (artists model upright heads), so that symmetric recipes stay upright.
-        let up = up.normalize();
-        let up = if up.y > 0.8 {
-            (Vec3::y() - left * left.y).normalize()
-        } else {
-            up
-        };
-        let out = left.cross(&up);
-        let axes = Matrix3::from_columns(&[left, up, out]);
-
+        let (axes, eye_distance) = frame(|k| mesh.positions[points[k] as usize])?;
+        let (up, out) = (axes.column(1), axes.column(2).into_owned());
         let rings = mesh.rings();
         let (component, _) = mesh.components(&rings);
         let skin_label = component[points[8] as usize];
@@ -180,54 +208,28 @@ impl Head {
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
             return Err(HeadError::Apart { landmark });
         }
+        let [lips, left, right] = seams(&mesh, &rings, &mut points, out, LID_SLACK * eye_distance);
+        let film = films(&mesh, &[&lips, &left, &right]);
+        let at = |k: usize| mesh.positions[points[k] as usize];
+        let apart = |[a, b]: [usize; 2]| (at(a) - at(b)).norm();
+        let lid_pairs = [[[43, 47], [44, 46]], [[38, 40], [37, 41]]];
+        let eye_opening = lid_pairs.map(|[a, b]| 0.5 * (apart(a) + apart(b)));
+        let mouth_width = apart([48, 54]);
         // Fitted to the teeth of a sculpted open jaw: below and behind the ear end of the jaw line, where the axis of a
         // jaw that also slides forwards as it opens comes to lie.
-        let hinge = mean(&[0, 16]) - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
-        let mut lines = |upper: &[usize], lower: &[usize], slack: f64| {
-            let [on, below] =
-                [upper, lower].map(|ks| ks.iter().map(|&k| points[k]).collect::<Vec<u32>>());
-            let front = (slack > 0.0).then_some(out);
-            let (seam, through) = lines(&mesh, &rings, [&on, &below], slack * eye_distance, front);
-            for (ks, through) in [upper, lower].into_iter().zip(through) {
-                for (&k, v) in ks.iter().zip(through) {
-                    points[k] = v;
-                }
-            }
-            seam
+        let ears = (at(0) + at(16)) / 2.0;
+        let hinge = ears - up * (0.70 * eye_distance) - out * (0.35 * eye_distance);
+        // Landmarks of lids and lips.
+        let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
+        let stiff = |v: usize| {
+            let far = soft.iter().map(|q| (q - mesh.positions[v]).norm_squared());
+            stiffness(far.fold(f64::INFINITY, f64::min).sqrt() / eye_distance)
         };
-        let lips = lines(&[60, 61, 62, 63, 64], &[60, 67, 66, 65, 64], 0.0);
-        let lids = [
-            lines(&[42, 43, 44, 45], &[42, 47, 46, 45], LID_SLACK),
-            lines(&[36, 37, 38, 39], &[36, 41, 40, 39], LID_SLACK),
-        ];
-        let at = |k: usize| mesh.positions[points[k] as usize];
-        let film = films(&mesh, &[&lips, &lids[0], &lids[1]]);
-        let eye_opening = [
-            0.5 * ((at(43) - at(47)).norm() + (at(44) - at(46)).norm()),
-            0.5 * ((at(38) - at(40)).norm() + (at(37) - at(41)).norm()),
-        ];
-        let mouth_width = (at(48) - at(54)).norm();
-        let normals_and_derived = || {
-            let normals = mesh.vertex_normals(&mesh.positions);
-            derived_points(&mesh, &skin, &normals, &axes, &points, eye_distance)
-        };
-        let operator = || {
-            let node: Vec<u32> = (0..n as u32).collect();
-            // Landmarks of lids and lips.
-            let soft: Vec<Vec3> = (36..LANDMARKS).map(at).collect();
-            let stiff = |v: usize| {
-                let p = mesh.positions[v];
-                let nearest = soft
-                    .iter()
-                    .map(|q| (q - p).norm_squared())
-                    .fold(f64::INFINITY, f64::min);
-                stiffness(nearest.sqrt() / eye_distance)
-            };
-            Operator::new(&mesh, &node, n, |f| film[f], stiff)
-        };
-        let (operator, derived) = rayon::join(operator, normals_and_derived);
+        let (operator, derived) = rayon::join(
+            || Operator::new(&mesh, |f| film[f], stiff),
+            || derived_points(&mesh, &skin, &axes, &points, eye_distance),
+        );
         points.extend(derived);
-
         let mut head = Self {
             socket: vec![f32::NAN; n],
             from_lips: vec![f32::INFINITY; n],
@@ -246,7 +248,7 @@ impl Head {
             eye_opening,
             mouth_width,
             lips,
-            lids,
+            lids: [left, right],
             hinge,
         };
         head.find_sockets();
@@ -281,6 +283,21 @@ impl Head {
         far.is_finite()
             && far >= LID_FREE * self.eye_distance
             && self.balls.iter().flatten().all(behind)
+    }
+
+    /// Whether a vertex is skin that one sees, not what lies behind lids and lips.
+    pub(super) fn outside(&self, v: u32) -> bool {
+        let v = v as usize;
+        self.skin[v] && self.from_lids[v].is_infinite() && self.socket[v].is_nan()
+    }
+
+    /// Where vertices are when they move by `d` upon `base`.
+    pub(super) fn moved<'a>(
+        &'a self,
+        d: &'a [Vec3],
+        base: Option<&'a [Vec3]>,
+    ) -> impl Fn(usize) -> Vec3 + 'a {
+        move |v| self.mesh.positions[v] + d[v] + base.map_or(Vec3::zeros(), |b| b[v])
     }
 
     /// Position of a control point.

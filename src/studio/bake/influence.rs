@@ -43,8 +43,7 @@ pub fn propagate(
                 continue;
             }
             let (mut sum, mut total) = (Vec3::zeros(), 0.0);
-            for &o in rings.of(v) {
-                let o = o as usize;
+            for o in rings.of(v).iter().map(|&o| o as usize) {
                 let length = (positions[v] - positions[o]).norm();
                 if length > 0.0 {
                     sum += d[o] * (omega[o] / length);
@@ -114,32 +113,19 @@ impl Field {
                 }
             }
         }
-        let mut place = vec![u32::MAX; positions.len()];
-        let mut free = Vec::new();
         // The energy's order does as well here, and is known.
-        for &vertex in &operator.elimination {
-            let v = vertex as usize;
-            if active[v] && owner[v] == u32::MAX && operator.area[v] > 0.0 {
-                place[v] = free.len() as u32;
-                free.push(vertex);
-            }
-        }
-        let screen: Vec<f64> = free
-            .iter()
-            .map(|&v| operator.area[v as usize] / (lambda * lambda))
-            .collect();
-        let factor = Factor::of(&operator.positive, &free, &place, &screen)?;
+        let free = operator.unknowns(|v| active[v] && owner[v] == u32::MAX);
+        let screen = |k: usize| operator.area[free.rows[k] as usize] / (lambda * lambda);
+        let factor = Factor::of(&operator.positive, &free, screen)?;
         let mut pull = Vec::new();
-        for (k, &v) in free.iter().enumerate() {
-            for (c, value) in operator.positive.row(v as usize) {
-                if owner[c] != u32::MAX {
-                    pull.push((k as u32, owner[c], -value));
-                }
-            }
+        for (&v, k) in free.rows.iter().zip(0_u32..) {
+            let row = operator.positive.row(v as usize);
+            let held = row.filter(|&(c, _)| owner[c] != u32::MAX);
+            pull.extend(held.map(|(c, value)| (k, owner[c], -value)));
         }
         Ok(Self {
             owner,
-            free,
+            free: free.rows,
             factor,
             pull,
             controls: controls.len(),
@@ -162,20 +148,15 @@ impl Field {
                     }
                 }
                 self.factor.solve(&mut x);
-                some.iter()
-                    .enumerate()
-                    .map(|(s, shape)| {
-                        let mut u: Vec<f64> = self
-                            .owner
-                            .iter()
-                            .map(|&o| shape.get(o as usize).copied().unwrap_or(0.0))
-                            .collect();
-                        for (&v, x) in self.free.iter().zip(&x) {
-                            u[v as usize] = x[s].max(0.0);
-                        }
-                        u
-                    })
-                    .collect::<Vec<_>>()
+                let spread = |(s, shape): (usize, &Vec<f64>)| {
+                    let given = self.owner.iter().map(|&o| shape.get(o as usize));
+                    let mut u: Vec<f64> = given.map(|u| u.copied().unwrap_or(0.0)).collect();
+                    for (&v, x) in self.free.iter().zip(&x) {
+                        u[v as usize] = x[s].max(0.0);
+                    }
+                    u
+                };
+                some.iter().enumerate().map(spread).collect::<Vec<_>>()
             })
             .collect()
     }
@@ -188,9 +169,8 @@ mod tests {
     use super::*;
 
     fn field(mesh: &Mesh, controls: &[u32], lambda: f64, radius: f64) -> Field {
-        let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        let op = Operator::new(mesh, &node, node.len(), |_| false, |_| 1.0);
-        let active = vec![true; node.len()];
+        let op = Operator::new(mesh, |_| false, |_| 1.0);
+        let active = vec![true; mesh.positions.len()];
         Field::new(
             &op,
             &mesh.rings(),

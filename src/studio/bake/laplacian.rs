@@ -14,7 +14,7 @@
 //! Limits: a vertex that no face with area uses has an empty row: it cannot be solved for and stays where it is.
 
 use super::mesh::{Mesh, Vec3};
-use super::sparse::Rows;
+use super::sparse::{Rows, Unknowns, summed};
 
 /// Height below this part of the longest edge makes a triangle degenerate: its cotangents would exceed a million.
 const FLAT: f64 = 1e-6;
@@ -22,6 +22,7 @@ const FLAT: f64 = 1e-6;
 const LEAST_WEIGHT: f64 = 1e-3;
 
 /// Operators of one mesh in its neutral shape.
+#[derive(Clone)]
 pub struct Operator {
     /// `L = −M`, cotangent weights of any sign.
     pub cotangent: Rows,
@@ -29,7 +30,7 @@ pub struct Operator {
     pub positive: Rows,
     /// Weight ρ/A of each row in the energy; 0 for vertices without area.
     pub weight: Vec<f64>,
-    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy; its rows and columns are vertices in the order of [`Self::elimination`].
+    /// `Lᵀ diag(ρ/A) L`, the matrix of the energy.
     pub energy: Rows,
     /// All vertices, in an order that leaves few entries in a factor of the energy.
     pub elimination: Vec<u32>,
@@ -53,89 +54,67 @@ fn cotangents(p: [Vec3; 3]) -> Option<([f64; 3], f64)> {
     Some(([at(0), at(1), at(2)], doubled / 2.0))
 }
 
-/// Sums the weights (a, b, ω) of half-edges.
-fn edges(mut halves: Vec<(u32, u32, f64)>) -> Vec<(u32, u32, f64)> {
-    halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
-    let mut edges: Vec<(u32, u32, f64)> = Vec::with_capacity(halves.len() / 2);
-    for (a, b, w) in halves {
-        match edges.last_mut() {
-            Some(last) if (last.0, last.1) == (a, b) => last.2 += w,
-            _ => edges.push((a, b, w)),
+/// Half-edge weights (a, b, ω) with a < b of all faces that do not pass `skip`, and the area at each vertex.
+fn halves(mesh: &Mesh, skip: impl Fn(usize) -> bool) -> (Vec<(u32, u32, f64)>, Vec<f64>) {
+    let mut halves = Vec::with_capacity(mesh.corners.len() * 3);
+    let mut area = vec![0.0; mesh.positions.len()];
+    let mut add = |v: [u32; 3], share: f64| {
+        let Some((cot, size)) = cotangents(v.map(|v| mesh.positions[v as usize])) else {
+            return;
+        };
+        for k in 0..3 {
+            let (a, b) = (v[(k + 1) % 3], v[(k + 2) % 3]);
+            if a != b {
+                halves.push((a.min(b), a.max(b), 0.5 * share * cot[k]));
+            }
+            area[v[k] as usize] += share * size / 3.0;
+        }
+    };
+    for f in (0..mesh.faces()).filter(|&f| !skip(f)) {
+        let face = mesh.face(f);
+        let (cut, share) = match face.len() {
+            4 => (vec![[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]], 0.5),
+            _ => (mesh.split(f), 1.0),
+        };
+        for t in cut {
+            add(t.map(|k: usize| face[k].vertex), share);
         }
     }
-    edges
+    (halves, area)
 }
 
 impl Operator {
-    /// Builds the operators for the positions of `mesh`; `node` maps a vertex to the unknown that carries it (copies of
-    /// a point at a seam share one), `nodes` is their number. Faces that pass `skip` tie nothing together; `stiffness` is
-    /// ρ of a vertex, a pure number.
+    /// Builds the operators for the positions of `mesh`. Faces that pass `skip` tie nothing together; `stiffness` is ρ of a
+    /// vertex, a pure number.
     #[must_use]
     pub fn new(
         mesh: &Mesh,
-        node: &[u32],
-        nodes: usize,
         skip: impl Fn(usize) -> bool,
         stiffness: impl Fn(usize) -> f64,
     ) -> Self {
-        // Half-edge weights (a, b, ω) with a < b.
-        let mut halves: Vec<(u32, u32, f64)> = Vec::with_capacity(mesh.corners.len() * 3);
-        let mut area = vec![0.0; nodes];
-        let mut add = |v: [u32; 3], share: f64| {
-            let Some((cot, size)) = cotangents(v.map(|v| mesh.positions[v as usize])) else {
-                return;
-            };
-            for k in 0..3 {
-                let (a, b) = (node[v[(k + 1) % 3] as usize], node[v[(k + 2) % 3] as usize]);
-                if a != b {
-                    halves.push((a.min(b), a.max(b), 0.5 * share * cot[k]));
-                }
-                area[node[v[k] as usize] as usize] += share * size / 3.0;
-            }
-        };
-        for f in 0..mesh.faces() {
-            if skip(f) {
-                continue;
-            }
-            let face = mesh.face(f);
-            let v = |k: usize| face[k].vertex;
-            if face.len() == 4 {
-                for [a, b, c] in [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] {
-                    add([v(a), v(b), v(c)], 0.5);
-                }
-            } else {
-                for t in mesh.split(f) {
-                    add(t.map(v), 1.0);
-                }
-            }
-        }
-        let edges = edges(halves);
-        let rows = |weight: &dyn Fn(f64) -> f64| {
-            let mut triplets = Vec::with_capacity(edges.len() * 4);
-            for &(a, b, w) in &edges {
+        let n = mesh.positions.len();
+        let (mut halves, area) = halves(mesh, skip);
+        halves.sort_unstable_by_key(|&(a, b, _)| (a, b));
+        let edges: Vec<_> = summed(&halves).collect();
+        let rows = |weight: fn(f64) -> f64| {
+            let entries = edges.iter().flat_map(|&(a, b, w)| {
                 let w = weight(w);
-                triplets.extend([(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]);
-            }
-            Rows::from_triplets(nodes, &triplets)
+                [(a, a, w), (b, b, w), (a, b, -w), (b, a, -w)]
+            });
+            Rows::from_triplets(n, entries.collect())
         };
-        let cotangent = rows(&|w| w);
+        let cotangent = rows(|w| w);
         // In units of the mean area, so that numbers stay near 1 in any unit of the mesh.
-        let mean = area.iter().sum::<f64>() / nodes.max(1) as f64;
-        let weight: Vec<f64> = (0..nodes)
-            .map(|v| {
-                if area[v] > 0.0 {
-                    stiffness(v) * mean / area[v]
-                } else {
-                    0.0
-                }
-            })
-            .collect();
+        let mean = area.iter().sum::<f64>() / n.max(1) as f64;
+        let solid = |v: usize| Some(area[v]).filter(|area| *area > 0.0);
+        let weight = |v: usize| solid(v).map_or(0.0, |area| stiffness(v) * mean / area);
+        let weight: Vec<f64> = (0..n).map(weight).collect();
         let (positive, (energy, elimination)) = rayon::join(
-            || rows(&|w| w.max(LEAST_WEIGHT)),
+            || rows(|w| w.max(LEAST_WEIGHT)),
             || {
                 let energy = cotangent.squared(&weight);
                 let elimination = energy.elimination();
-                (energy.reordered(&elimination), elimination)
+                (energy, elimination)
             },
         );
         Self {
@@ -153,21 +132,16 @@ impl Operator {
     pub fn printed(&self) -> Self {
         let weight = vec![1.0; self.area.len()];
         Self {
-            cotangent: self.cotangent.clone(),
-            positive: self.positive.clone(),
-            energy: self.cotangent.squared(&weight).reordered(&self.elimination),
-            elimination: self.elimination.clone(),
+            energy: self.cotangent.squared(&weight),
             weight,
-            area: self.area.clone(),
+            ..self.clone()
         }
     }
 
-    /// `L x` for every vertex.
+    /// The vertices with area that pass, in the order in which they are eliminated.
     #[must_use]
-    pub fn apply(&self, x: &[Vec3]) -> Vec<Vec3> {
-        (0..self.cotangent.len())
-            .map(|r| self.cotangent.row_times(r, x))
-            .collect()
+    pub fn unknowns(&self, passes: impl Fn(usize) -> bool) -> Unknowns {
+        Unknowns::new(&self.elimination, |v| self.area[v] > 0.0 && passes(v))
     }
 }
 
@@ -177,9 +151,14 @@ mod tests {
     use super::super::mesh::tests::sheet;
     use super::*;
 
+    /// `L x` for every vertex.
+    fn applied(op: &Operator, x: &[Vec3]) -> Vec<Vec3> {
+        let rows = 0..op.cotangent.len();
+        rows.map(|r| op.cotangent.row_times(r, x)).collect()
+    }
+
     fn operator(mesh: &Mesh) -> Operator {
-        let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        Operator::new(mesh, &node, node.len(), |_| false, |_| 1.0)
+        Operator::new(mesh, |_| false, |_| 1.0)
     }
 
     #[test]
@@ -187,14 +166,14 @@ mod tests {
         let mesh = sheet(9, 0.4);
         let op = operator(&mesh);
         let ones = vec![Vec3::new(1.0, -2.0, 3.0); mesh.positions.len()];
-        assert!(op.apply(&ones).iter().all(|l| l.norm() < 1e-12));
+        assert!(applied(&op, &ones).iter().all(|l| l.norm() < 1e-12));
         let mut moved = mesh.clone();
         for p in &mut moved.positions {
             *p += Vec3::new(5.0, -7.0, 2.0);
         }
         let (here, there) = (
-            op.apply(&mesh.positions),
-            operator(&moved).apply(&moved.positions),
+            applied(&op, &mesh.positions),
+            applied(&operator(&moved), &moved.positions),
         );
         for (a, b) in here.iter().zip(&there) {
             assert!((a - b).norm() < 1e-10);
@@ -209,7 +188,7 @@ mod tests {
             *p = Vec3::new(p.x + 0.1 * p.y.sin(), p.y + 0.07 * (2.0 * p.x).cos(), 0.0);
         }
         let border = mesh.border();
-        let l = operator(&mesh).apply(&mesh.positions);
+        let l = applied(&operator(&mesh), &mesh.positions);
         for v in 0..mesh.positions.len() {
             assert!(border[v] || l[v].norm() < 1e-12, "{v}: {}", l[v]);
         }

@@ -3,19 +3,18 @@
 //! Units: eye distances in the face's frame inside, the mesh's outside. Deterministic. Cost: half a minute of one core, most of
 //! it the shapes left out in turn.
 
-use nalgebra::{DMatrix, Dyn};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::benchmark::Truth;
 use super::canonical::{in_frame, places};
-use super::head::{Head, HeadError};
+use super::error::BakeError;
+use super::head::Head;
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
-use super::prior::{Comparison, Place, Prior, flipped};
+use super::prior::{Comparison, Place, Prior};
 use super::recipe::Target;
 use super::rig::{self, Method};
-use super::solve::Settings;
-use super::sparse::Singular;
 
 /// Places of the left half, those on the middle included.
 const PLACES: usize = 360;
@@ -25,23 +24,6 @@ const DENSE: f64 = 0.2;
 const MIDDLE: f64 = 0.012;
 /// Ridge, against a mean comparison of a shape with itself of 1.
 const RIDGE: f64 = 0.5;
-
-/// Why nothing was learned.
-#[derive(Debug, thiserror::Error)]
-pub enum LearnError {
-    /// The sculpted head is no face.
-    #[error(transparent)]
-    Head(#[from] HeadError),
-    /// A system could not be solved.
-    #[error(transparent)]
-    Singular(#[from] Singular),
-    /// A side without its other side.
-    #[error("expected every one-sided shape with its other side, found {found} alone")]
-    Alone {
-        /// The shape.
-        found: String,
-    },
-}
 
 /// How close one shape comes to its sculpted truth: RMS error over RMS motion.
 #[derive(Clone, Debug)]
@@ -80,17 +62,12 @@ pub struct Lesson<'a> {
 
 /// The name of a shape's other side.
 fn other_side(name: &str) -> String {
-    for (here, there) in [
-        ("_L", "_R"),
-        ("_R", "_L"),
-        ("Left", "Right"),
-        ("Right", "Left"),
-    ] {
-        if let Some(stem) = name.strip_suffix(here) {
-            return format!("{stem}{there}");
-        }
-    }
-    name.to_owned()
+    let other = |here: &str, there: &str| Some(name.strip_suffix(here)?.to_owned() + there);
+    let sides = [["_L", "_R"], ["Left", "Right"]].into_iter();
+    let mut others = sides.flat_map(|[l, r]| [other(l, r), other(r, l)]);
+    others
+        .find_map(|other| other)
+        .unwrap_or_else(|| name.to_owned())
 }
 
 /// Places spread evenly over the left half by farthest-point choice, then their mirror images.
@@ -123,17 +100,11 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
             p.at.x = 0.0;
         }
     }
-    let right: Vec<(u32, Place)> = chosen
-        .iter()
-        .filter(|(_, p)| p.at.x != 0.0)
+    let left = chosen.iter().filter(|(_, p)| p.at.x != 0.0);
+    let right: Vec<(u32, Place)> = left
         .filter_map(|(_, p)| {
-            let p = Place {
-                at: flipped(&p.at),
-                normal: flipped(&p.normal),
-            };
-            let nearest = face
-                .iter()
-                .min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
+            let (p, all) = (p.mirrored(), face.iter());
+            let nearest = all.min_by(|a, b| a.1.far(&p).total_cmp(&b.1.far(&p)))?;
             Some((nearest.0, p))
         })
         .collect();
@@ -152,29 +123,19 @@ impl<'a> Lesson<'a> {
     ///
     /// # Errors
     /// If the head is none or a system cannot be solved.
-    pub fn new(truth: &'a Truth) -> Result<Self, LearnError> {
+    pub fn new(truth: &'a Truth) -> Result<Self, BakeError> {
         let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
         let head = Head::new(truth.mesh.clone(), &landmarks)?;
         let targets: Vec<Target> = (0..truth.shapes.len()).map(|s| truth.target(s)).collect();
-        let shapes = rig::bake_with(
-            &head,
-            &targets,
-            &Settings::default(),
-            Method::Aoi,
-            None,
-            &|_| (),
-        )?;
-        let names: Vec<&str> = truth.shapes.iter().map(|s| s.0.as_str()).collect();
-        let mirror = names
-            .iter()
-            .map(|name| {
-                let other = other_side(name);
-                let found = names.iter().position(|n| *n == other);
-                found.ok_or_else(|| LearnError::Alone {
-                    found: (*name).to_owned(),
-                })
+        let shapes = rig::bake_with(&head, &targets, Method::Aoi, None, &|_| ())?;
+        let partner = |(name, _): &(String, _)| {
+            let other = other_side(name);
+            let found = truth.shapes.iter().position(|s| s.0 == other);
+            found.ok_or_else(|| BakeError::Alone {
+                found: name.clone(),
             })
-            .collect::<Result<_, _>>()?;
+        };
+        let mirror = truth.shapes.iter().map(partner).collect::<Result<_, _>>()?;
         Ok(Self {
             places: spread(&head),
             solved: shapes.into_iter().map(|s| s.displacement).collect(),
@@ -184,70 +145,64 @@ impl<'a> Lesson<'a> {
         })
     }
 
+    /// A displacement in the face's frame.
+    fn inward(&self, d: &Vec3) -> Vec3 {
+        self.head.axes.tr_mul(d) / self.head.eye_distance
+    }
+
+    /// RMS motion of the face in a sculpted shape, eye distances.
+    fn size(&self, s: usize) -> f64 {
+        let d = &self.truth.shapes[s].1;
+        let sum: f64 = Truth::FACE.map(|v| d[v].norm_squared()).sum();
+        (sum / Truth::FACE.len() as f64).sqrt() / self.head.eye_distance
+    }
+
     /// What is learned from some of the shapes.
-    ///
-    /// # Errors
-    /// Never for a positive ridge.
     fn from(&self, kept: &[usize]) -> Prior {
-        let (head, w) = (&self.head, self.head.eye_distance);
-        let inward = |d: &Vec3| head.axes.tr_mul(d) / w;
-        let landmarks = (0..LANDMARKS)
-            .map(|k| in_frame(head, &head.point(k)))
-            .collect();
-        let comparison = Comparison::new(landmarks, self.places.iter().map(|p| p.1).collect());
+        let head = &self.head;
+        let landmarks = (0..LANDMARKS).map(|k| in_frame(head, &head.point(k)));
+        let places = self.places.iter().map(|p| p.1);
+        let comparison = Comparison::new(landmarks.collect(), places.collect());
         // All shapes say the same, however far they move.
-        let size: Vec<f64> = kept
-            .iter()
-            .map(|&s| {
-                let d = &self.truth.shapes[s].1;
-                let sum: f64 = Truth::FACE.map(|v| d[v].norm_squared()).sum();
-                (sum / Truth::FACE.len() as f64).sqrt() / w
-            })
-            .collect();
+        let size: Vec<f64> = kept.iter().map(|&s| self.size(s)).collect();
         let learned = kept.iter().zip(&size).map(|(&s, size)| {
             let truth = &self.truth.shapes[s].1;
-            let of = |v: u32, d: &[Vec3]| inward(&d[v as usize]) / *size;
-            let controls = self.truth.landmarks.iter().map(|&v| of(v, truth)).collect();
-            let skin = self.places.iter();
-            comparison.motion(controls, skin.map(|p| of(p.0, &self.solved[s])).collect())
+            let of = |v: u32, d: &[Vec3]| self.inward(&d[v as usize]) / *size;
+            let controls = self.truth.landmarks.iter().map(|&v| of(v, truth));
+            let skin = self.places.iter().map(|p| of(p.0, &self.solved[s]));
+            comparison.motion(controls.collect(), skin.collect())
         });
         let learned: Vec<_> = learned.collect();
-        let mirror = kept
-            .iter()
-            .map(|&s| {
-                let other = kept.iter().position(|&o| o == self.mirror[s]);
-                other.unwrap_or(0) as u8
-            })
-            .collect();
+        let other = |&s: &usize| kept.iter().position(|&o| o == self.mirror[s]);
+        let mirror = kept.iter().map(|s| other(s).unwrap_or(0) as u8).collect();
         let mut prior = Prior::new(comparison, learned, mirror, Vec::new());
-        let n = kept.len();
-        let alike: Vec<Vec<f32>> = prior
-            .learned
-            .iter()
-            .map(|one| prior.compared(one))
-            .collect();
-        let adds: Vec<Vec<Vec3>> = (0..self.places.len())
-            .into_par_iter()
-            .map(|q| {
-                let mut k = DMatrix::from_fn(n, n, |r, c| f64::from(alike[r][q * n + c]));
-                k = (&k + k.transpose()) * 0.5;
-                for s in 0..n {
-                    k[(s, s)] += RIDGE;
-                }
-                let v = self.places[q].0 as usize;
-                let left = DMatrix::from_fn(n, 3, |r, c| {
-                    let s = kept[r];
-                    (inward(&(self.truth.shapes[s].1[v] - self.solved[s][v])) / size[r])[c]
-                });
-                let factor: Option<nalgebra::Cholesky<f64, Dyn>> = k.cholesky();
-                let x = factor.map_or_else(|| DMatrix::zeros(n, 3), |f| f.solve(&left));
-                (0..n)
-                    .map(|s| Vec3::new(x[(s, 0)], x[(s, 1)], x[(s, 2)]))
-                    .collect()
-            })
-            .collect();
-        prior.adds = adds.concat();
+        let alike = prior.learned.iter().map(|one| prior.compared(one));
+        let alike: Vec<Vec<f32>> = alike.collect();
+        let adds = (0..self.places.len()).into_par_iter();
+        let adds = adds.map(|q| self.regressed(q, kept, &size, &alike));
+        prior.adds = adds.collect::<Vec<_>>().concat();
         prior
+    }
+
+    /// Ridge regression at one place: what each shape that is kept adds per comparison.
+    fn regressed(&self, q: usize, kept: &[usize], size: &[f64], alike: &[Vec<f32>]) -> Vec<Vec3> {
+        let n = kept.len();
+        let mut k = DMatrix::from_fn(n, n, |r, c| f64::from(alike[r][q * n + c]));
+        k = (&k + k.transpose()) * 0.5;
+        for s in 0..n {
+            k[(s, s)] += RIDGE;
+        }
+        let v = self.places[q].0 as usize;
+        let left = DMatrix::from_fn(n, 3, |r, c| {
+            let s = kept[r];
+            (self.inward(&(self.truth.shapes[s].1[v] - self.solved[s][v])) / size[r])[c]
+        });
+        let x = k
+            .cholesky()
+            .map_or_else(|| DMatrix::zeros(n, 3), |f| f.solve(&left));
+        x.row_iter()
+            .map(|row| Vec3::new(row[0], row[1], row[2]))
+            .collect()
     }
 
     /// What is learned from all of them.
@@ -260,33 +215,22 @@ impl<'a> Lesson<'a> {
     ///
     /// # Errors
     /// If a system cannot be solved.
-    pub fn left_out(&self) -> Result<Vec<Score>, LearnError> {
+    pub fn left_out(&self) -> Result<Vec<Score>, BakeError> {
         let count = self.truth.shapes.len();
         let cheek: Vec<usize> = Truth::FACE.filter(|&v| self.on_cheek(v)).collect();
         let mut scores: Vec<Option<Score>> = vec![None; count];
         for s in (0..count).filter(|&s| s <= self.mirror[s]) {
-            let kept: Vec<usize> = (0..count)
-                .filter(|&o| o != s && o != self.mirror[s])
-                .collect();
+            let pair = [s, self.mirror[s]];
+            let kept: Vec<usize> = (0..count).filter(|o| !pair.contains(o)).collect();
             let prior = self.from(&kept);
-            let mut pair = vec![s, self.mirror[s]];
-            pair.dedup();
-            let targets: Vec<Target> = pair
-                .iter()
-                .map(|&s| Target {
-                    derive: true,
-                    ..self.truth.target(s)
-                })
-                .collect();
-            let settings = Settings::default();
-            let baked = rig::bake_with(
-                &self.head,
-                &targets,
-                &settings,
-                Method::Aoi,
-                Some(&prior),
-                &|_| (),
-            )?;
+            let pair = &pair[..if self.mirror[s] == s { 1 } else { 2 }];
+            let target = |&s: &usize| Target {
+                derive: true,
+                ..self.truth.target(s)
+            };
+            let targets: Vec<Target> = pair.iter().map(target).collect();
+            let prior = Some(&prior);
+            let baked = rig::bake_with(&self.head, &targets, Method::Aoi, prior, &|_| ())?;
             for (&s, shape) in pair.iter().zip(&baked) {
                 let both = [&self.solved[s], &shape.displacement];
                 let moved = |some: &mut dyn Iterator<Item = usize>| {

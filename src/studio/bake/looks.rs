@@ -11,7 +11,7 @@ use std::path::Path;
 use image::RgbaImage;
 use serde_json::{Value, json};
 
-use super::glb::{Glb, push};
+use super::glb::{Glb, list, push};
 use super::mesh::{Corner, Mesh};
 use crate::base::bounded_read;
 use crate::studio::srgb::linear;
@@ -44,19 +44,22 @@ pub(in crate::studio) struct Looks(HashMap<String, Look>);
 pub(super) type Beside<'a> = HashMap<String, (String, &'a [u8])>;
 
 /// What any system lets a file be called.
-fn plain(c: char) -> char {
+pub(super) fn plain(c: char) -> char {
     if c.is_ascii_alphanumeric() { c } else { '_' }
 }
 
 /// Three numbers from 0 to 1.
 fn colour(words: &str) -> Option<[f64; 3]> {
-    let numbers = words.split_ascii_whitespace().map(|word| word.parse().ok());
+    let numbers = words.split_ascii_whitespace().map(share);
     let numbers: Vec<f64> = numbers.collect::<Option<_>>()?;
-    let three: [f64; 3] = numbers.try_into().ok()?;
-    three
-        .iter()
-        .all(|value| (0.0..=1.0).contains(value))
-        .then(|| three.map(linear))
+    Some(<[f64; 3]>::try_from(numbers).ok()?.map(linear))
+}
+
+/// A number from 0 to 1.
+fn share(word: &str) -> Option<f64> {
+    word.parse()
+        .ok()
+        .filter(|value| (0.0..=1.0).contains(value))
 }
 
 /// What follows a word at the start of a line.
@@ -89,10 +92,6 @@ impl Looks {
             }
             let Some(name) = name else { continue };
             let look = self.0.entry(name.to_owned()).or_default();
-            let share = |words: &str| {
-                let value = words.parse().ok();
-                value.filter(|value: &f64| (0.0..=1.0).contains(value))
-            };
             if let Some(words) = after(line, "Kd") {
                 look.colour = colour(words);
             } else if let Some(opacity) = after(line, "d").and_then(share) {
@@ -112,43 +111,29 @@ impl Looks {
             let surface = &material["pbrMetallicRoughness"];
             let factor: Option<[f64; 4]> =
                 serde_json::from_value(surface["baseColorFactor"].clone()).ok();
-            let at =
-                |list: &str, k: &Value| &glb.json[list][k.as_u64().unwrap_or(u64::MAX) as usize];
-            let texture = at("textures", &surface["baseColorTexture"]["index"]);
-            let view = at(
-                "bufferViews",
-                &at("images", &texture["source"])["bufferView"],
-            );
-            let from = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+            let texture = glb.listed("textures", &surface["baseColorTexture"]["index"]);
+            let image = glb.listed("images", &texture["source"]);
+            let view = glb.listed("bufferViews", &image["bufferView"]);
             let length = view["byteLength"].as_u64().unwrap_or(0) as usize;
-            let picture = glb.bin.get(from..from.saturating_add(length));
-            let cut = material["alphaMode"]
-                .as_str()
-                .is_some_and(|mode| mode != "OPAQUE");
+            let picture = glb.data(&image["bufferView"], &Value::Null, length);
+            let mode = material["alphaMode"].as_str();
+            let cut = mode.is_some_and(|mode| mode != "OPAQUE");
+            let picture = picture.filter(|bytes| kind(bytes).is_some());
             Look {
                 colour: factor.map(|[r, g, b, _]| [r, g, b]),
                 opacity: factor.filter(|_| cut).map(|factor| factor[3]),
-                picture: picture
-                    .filter(|bytes| kind(bytes).is_some())
-                    .map(<[u8]>::to_vec),
+                picture: picture.map(<[u8]>::to_vec),
                 cut,
             }
         };
-        let listed = glb.json["materials"].as_array().into_iter().flatten();
-        Self(
-            material_names(&glb.json)
-                .into_iter()
-                .zip(listed.map(look))
-                .collect(),
-        )
+        let looks = list(&glb.json["materials"]).iter().map(look);
+        Self(material_names(&glb.json).into_iter().zip(looks).collect())
     }
 
     /// Whether nothing is known of any.
     pub(in crate::studio) fn is_empty(&self) -> bool {
-        !self
-            .0
-            .values()
-            .any(|look| look.colour.is_some() || look.picture.is_some())
+        let known = |look: &Look| look.colour.is_some() || look.picture.is_some();
+        !self.0.values().any(known)
     }
 
     /// The look of a material.
@@ -166,59 +151,50 @@ impl Looks {
             let ending = kind(bytes)?.strip_prefix("image/")?;
             let word: String = name.chars().map(plain).collect();
             // By number: the names of two materials may differ in what no file can be called only.
-            Some((
-                name.clone(),
-                (format!("{stem}_{word}_{k}.{ending}"), &bytes[..]),
-            ))
+            let file = format!("{stem}_{word}_{k}.{ending}");
+            Some((name.clone(), (file, &bytes[..])))
         });
         file.collect()
     }
 
     /// Gives the materials of a file that have these names their colours and pictures.
     pub(in crate::studio) fn paint(&self, glb: &mut Glb) {
-        let count = glb.json["materials"].as_array().map_or(0, Vec::len);
-        for k in 0..count {
-            let name = glb.json["materials"][k]["name"].as_str().unwrap_or("");
-            let Some(look) = self.0.get(name) else {
+        let Some(mut materials) = glb.json.get_mut("materials").map(Value::take) else {
+            return;
+        };
+        for material in materials.as_array_mut().into_iter().flatten() {
+            let name = material["name"].as_str().unwrap_or("").to_owned();
+            let Some(look) = self.0.get(&name) else {
                 continue;
             };
-            let name = name.to_owned();
             let opacity = look.opacity.unwrap_or(1.0);
-            if let Some([r, g, b]) = look.colour {
-                glb.json["materials"][k]["pbrMetallicRoughness"]["baseColorFactor"] =
-                    json!([r, g, b, opacity]);
-            }
             if opacity < 1.0 || look.cut {
-                glb.json["materials"][k]["alphaMode"] = json!("BLEND");
+                material["alphaMode"] = json!("BLEND");
+            }
+            let surface = &mut material["pbrMetallicRoughness"];
+            if let Some([r, g, b]) = look.colour {
+                surface["baseColorFactor"] = json!([r, g, b, opacity]);
             }
             let Some(bytes) = &look.picture else {
                 continue;
             };
-            let kind = kind(bytes);
             let view = glb.push_view(bytes, 0);
-            let image = push(
-                &mut glb.json["images"],
-                json!({"bufferView": view, "mimeType": kind, "name": name}),
-            );
+            let image = json!({"bufferView": view, "mimeType": kind(bytes), "name": name});
+            let image = push(&mut glb.json["images"], image);
             let texture = push(&mut glb.json["textures"], json!({"source": image}));
-            let surface = &mut glb.json["materials"][k]["pbrMetallicRoughness"];
             surface["baseColorTexture"] = json!({"index": texture});
             if look.colour.is_none() {
                 surface["baseColorFactor"] = json!([1.0, 1.0, 1.0, opacity]);
             }
         }
+        glb.json["materials"] = materials;
     }
 }
 
 /// Names of a glTF's materials, each once.
 pub(super) fn material_names(json: &Value) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    for (k, material) in json["materials"]
-        .as_array()
-        .into_iter()
-        .flatten()
-        .enumerate()
-    {
+    for (k, material) in list(&json["materials"]).iter().enumerate() {
         let name = material["name"].as_str().unwrap_or("material").to_owned();
         let again = names.contains(&name);
         names.push(if again { format!("{name}_{k}") } else { name });

@@ -1,4 +1,4 @@
-//! What the report says of a baked shape: leakage, inverted and collapsed triangles, symmetry, lids and lips.
+//! What the report says of a baked shape: leakage, inverted and collapsed triangles, lids and lips.
 
 use nalgebra::{Matrix3, Rotation3};
 
@@ -21,8 +21,6 @@ pub struct Figures {
     pub inverted: usize,
     /// Triangles of the skin whose area fell below a fiftieth of what it was.
     pub collapsed: usize,
-    /// RMS difference to the mirrored partner over RMS motion, if there is one and the mesh is symmetric.
-    pub asymmetry: Option<f64>,
     /// How much deeper than in the neutral a skin vertex lies in an eyeball.
     pub eye_depth: f64,
     /// Widest gap left between the lid lines of an eye that the shape closes.
@@ -35,7 +33,6 @@ pub struct Figures {
 pub struct Judge<'a> {
     head: &'a Head,
     around: Surroundings,
-    mirror: Option<Vec<u32>>,
 }
 
 impl<'a> Judge<'a> {
@@ -43,7 +40,6 @@ impl<'a> Judge<'a> {
     #[must_use]
     pub fn new(head: &'a Head) -> Self {
         Self {
-            mirror: mirror(head),
             head,
             around: Surroundings::new(head),
         }
@@ -52,53 +48,37 @@ impl<'a> Judge<'a> {
     /// Figures of shape `k`; shapes meant for another one are judged upon it.
     #[must_use]
     pub fn judge(&self, shapes: &[Shape], k: usize) -> Figures {
-        let head = self.head;
-        let shape = &shapes[k];
-        let w = head.eye_distance;
+        let (head, shape, w) = (self.head, &shapes[k], self.head.eye_distance);
+        let neutral = &head.mesh.positions;
         let base: Vec<&Shape> = shape.beneath(shapes).collect();
-        let moved: Vec<Vec3> = (0..shape.displacement.len())
-            .map(|v| {
-                let below = base.iter().map(|b| b.displacement[v]);
-                head.mesh.positions[v] + below.sum::<Vec3>() + shape.displacement[v]
-            })
+        let moved = neutral.iter().zip(&shape.displacement).enumerate();
+        let moved: Vec<Vec3> = moved
+            .map(|(v, (p, d))| p + base.iter().map(|b| b.displacement[v]).sum::<Vec3>() + d)
             .collect();
         let mut out = Figures::default();
-        for (v, d) in shape.displacement.iter().enumerate() {
+        for (d, inside) in shape.displacement.iter().zip(&shape.area) {
             let length = d.norm() / w;
             out.largest = out.largest.max(length);
             out.moved += usize::from(length > 0.0);
-            if !shape.area[v] {
+            if !inside {
                 out.outside = out.outside.max(length);
             }
         }
-        let changed: Vec<u32> = (0..moved.len() as u32)
-            .filter(|&v| moved[v as usize] != head.mesh.positions[v as usize])
-            .collect();
+        let all = 0..moved.len() as u32;
+        let changed = all.filter(|&v| moved[v as usize] != neutral[v as usize]);
+        let changed: Vec<u32> = changed.collect();
         let mut scratch = self.around.scratch();
         let some = self.around.seeing(&changed, &mut scratch);
         (out.inverted, out.collapsed) = self.around.inverted(&|v| moved[v], &some, &mut scratch);
-        out.asymmetry = self.asymmetry(shapes, k);
-        for (side, ball) in head.balls.iter().enumerate() {
-            let Some(ball) = ball else { continue };
-            let turned = ball.turned(gaze(head, side, ball, &moved).as_ref());
-            for v in 0..moved.len() {
-                let p = head.mesh.positions[v];
-                let near = head.skin[v] && (p - ball.center).norm() < 0.75 * w;
-                if near && (moved[v] - ball.center).dot(&head.axes.column(2)) > 0.0 {
-                    let deeper = (-turned.height(&moved[v])).max(0.0) - (-ball.height(&p)).max(0.0);
-                    out.eye_depth = out.eye_depth.max(deeper / w);
+        for (side, closes) in ["eyeBlinkLeft", "eyeBlinkRight"].into_iter().enumerate() {
+            if head.balls[side].is_some() {
+                out.eye_depth = out.eye_depth.max(self.eye_depth(side, &moved) / w);
+                if shape.name == closes {
+                    out.lid_gap = Some(lid_gap(head, side, |v| moved[v as usize]) / w);
                 }
             }
-            let closes = if side == 0 {
-                "eyeBlinkLeft"
-            } else {
-                "eyeBlinkRight"
-            };
-            if shape.name == closes {
-                out.lid_gap = Some(lid_gap(head, side, |v| moved[v as usize]) / w);
-            }
         }
-        let before = lip_gaps(head, |v| head.mesh.positions[v as usize]);
+        let before = lip_gaps(head, |v| neutral[v as usize]);
         let now = lip_gaps(head, |v| moved[v as usize]);
         for ((.., before), (.., now)) in before.into_iter().zip(now) {
             let crossing = (-now).max(0.0) - (-before).max(0.0);
@@ -107,29 +87,21 @@ impl<'a> Judge<'a> {
         out
     }
 
-    fn asymmetry(&self, shapes: &[Shape], k: usize) -> Option<f64> {
-        let mirror = self.mirror.as_ref()?;
-        let name = &shapes[k].name;
-        let partner = if name.contains("Left") {
-            name.replace("Left", "Right")
-        } else if name.contains("Right") {
-            name.replace("Right", "Left")
-        } else {
-            name.clone()
+    /// How much deeper skin lies in an eyeball where vertices are at `moved`.
+    fn eye_depth(&self, side: usize, moved: &[Vec3]) -> f64 {
+        let head = self.head;
+        let Some(ball) = &head.balls[side] else {
+            return 0.0;
         };
-        let other = shapes.iter().find(|s| s.name == partner)?;
-        let left = self.head.axes.column(0).into_owned();
-        let (mut miss, mut size) = (0.0, 0.0);
-        for (v, d) in shapes[k].displacement.iter().enumerate() {
-            if mirror[v] == u32::MAX {
-                continue;
-            }
-            let there = other.displacement[mirror[v] as usize];
-            let flipped = there - left * (2.0 * there.dot(&left));
-            miss += (d - flipped).norm_squared();
-            size += d.norm_squared();
-        }
-        (size > 0.0).then(|| (miss / size).sqrt())
+        let turned = ball.turned(gaze(head, side, ball, moved).as_ref());
+        let reach = 0.75 * head.eye_distance;
+        let places = head.mesh.positions.iter().zip(moved).zip(&head.skin);
+        let near = places.filter(|((p, now), skin)| {
+            let before = (*now - ball.center).dot(&head.axes.column(2)) > 0.0;
+            **skin && before && (*p - ball.center).norm() < reach
+        });
+        near.map(|((p, now), _)| (-turned.height(now)).max(0.0) - (-ball.height(p)).max(0.0))
+            .fold(0.0, f64::max)
     }
 }
 
@@ -184,43 +156,4 @@ pub(super) fn lip_gaps(head: &Head, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f
             (v, other, gap)
         })
         .collect()
-}
-
-/// Mirror partner of every vertex (`u32::MAX` for few without), or `None` for a mesh that is not symmetric.
-fn mirror(head: &Head) -> Option<Vec<u32>> {
-    let left = head.axes.column(0).into_owned();
-    let middle = 0.5 * (head.point(39) + head.point(42));
-    let cell = 0.01 * head.eye_distance;
-    let key = |p: &Vec3| [0, 1, 2].map(|k| (p[k] / cell).round() as i64);
-    let mut grid: std::collections::HashMap<[i64; 3], Vec<u32>> = std::collections::HashMap::new();
-    for (v, p) in head.mesh.positions.iter().enumerate() {
-        grid.entry(key(p)).or_default().push(v as u32);
-    }
-    let mut missing = 0;
-    let partners: Vec<u32> = head
-        .mesh
-        .positions
-        .iter()
-        .map(|p| {
-            let flipped = p - left * (2.0 * (p - middle).dot(&left));
-            let k = key(&flipped);
-            let mut best = (cell, u32::MAX);
-            for shift in 0..27_i64 {
-                let near = [
-                    k[0] + shift % 3 - 1,
-                    k[1] + shift / 3 % 3 - 1,
-                    k[2] + shift / 9 - 1,
-                ];
-                for &o in grid.get(&near).into_iter().flatten() {
-                    let d = (head.mesh.positions[o as usize] - flipped).norm();
-                    if d < best.0 {
-                        best = (d, o);
-                    }
-                }
-            }
-            missing += usize::from(best.1 == u32::MAX);
-            best.1
-        })
-        .collect();
-    (missing * 20 < partners.len()).then_some(partners)
 }

@@ -24,6 +24,17 @@ pub struct Corner {
     pub normal: Option<u32>,
 }
 
+impl Corner {
+    /// Of a vertex without more.
+    pub(super) fn bare(vertex: u32) -> Self {
+        Self {
+            vertex,
+            uv: None,
+            normal: None,
+        }
+    }
+}
+
 /// The mesh. Faces are stored flat: face `f` has the corners `starts[f]..starts[f + 1]`.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
@@ -45,37 +56,52 @@ pub struct Mesh {
     pub face_material: Vec<u32>,
 }
 
-/// Neighbours of every vertex along edges, stored flat.
-pub struct Rings {
+/// Numbers that belong to each of several owners, stored flat.
+pub struct Lists {
     starts: Vec<u32>,
-    others: Vec<u32>,
+    all: Vec<u32>,
 }
 
-impl Rings {
-    /// Of so many vertices with these edges, each named once or more.
-    pub(super) fn new(vertices: usize, edges: &[[u32; 2]]) -> Self {
-        let edges = edges.iter().filter(|[a, b]| a != b);
-        let mut pairs: Vec<[u32; 2]> = edges.flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
+/// Neighbours of every vertex along edges.
+pub type Rings = Lists;
+
+impl Lists {
+    /// Of pairs (owner, number), each counted once.
+    pub(super) fn new(owners: usize, mut pairs: Vec<[u32; 2]>) -> Self {
         pairs.sort_unstable();
         pairs.dedup();
-        let mut starts = vec![0_u32; vertices + 1];
-        for [a, _] in &pairs {
-            starts[*a as usize + 1] += 1;
+        let mut starts = vec![0_u32; owners + 1];
+        for [owner, _] in &pairs {
+            starts[*owner as usize + 1] += 1;
         }
-        for v in 0..vertices {
-            starts[v + 1] += starts[v];
+        for k in 0..owners {
+            starts[k + 1] += starts[k];
         }
         Self {
             starts,
-            others: pairs.into_iter().map(|[_, b]| b).collect(),
+            all: pairs.into_iter().map(|[_, number]| number).collect(),
         }
     }
 
-    /// Vertices that share an edge with `vertex`.
-    #[must_use]
-    pub fn of(&self, vertex: usize) -> &[u32] {
-        &self.others[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
+    /// How many owners there are.
+    pub(super) fn owners(&self) -> usize {
+        self.starts.len() - 1
     }
+
+    /// What belongs to one, ascending.
+    #[must_use]
+    pub fn of(&self, owner: usize) -> &[u32] {
+        &self.all[self.starts[owner] as usize..self.starts[owner + 1] as usize]
+    }
+}
+
+/// Neighbours along edges, each of which may be named more than once.
+pub(super) fn rings_of(vertices: usize, edges: impl Iterator<Item = [u32; 2]>) -> Rings {
+    let edges = edges.filter(|[a, b]| a != b);
+    Lists::new(
+        vertices,
+        edges.flat_map(|[a, b]| [[a, b], [b, a]]).collect(),
+    )
 }
 
 impl Mesh {
@@ -125,30 +151,40 @@ impl Mesh {
     /// All triangles as vertex indices, without those that name a vertex twice.
     #[must_use]
     pub fn triangles(&self) -> Vec<[u32; 3]> {
-        let mut triangles = Vec::with_capacity(self.faces() * 2);
-        for f in 0..self.faces() {
-            let face = self.face(f);
-            for t in self.split(f) {
-                let t = t.map(|k| face[k].vertex);
-                if t[0] != t[1] && t[1] != t[2] && t[0] != t[2] {
-                    triangles.push(t);
-                }
-            }
-        }
-        triangles
+        let all = (0..self.faces()).flat_map(|f| self.solid(f));
+        all.map(|t| t.map(|c| c.vertex)).collect()
+    }
+
+    /// Corners of those of face `f`.
+    pub(super) fn solid(&self, f: usize) -> impl Iterator<Item = [Corner; 3]> {
+        let face = self.face(f);
+        let cut = self.split(f).into_iter().map(|t| t.map(|k| face[k]));
+        let apart = |a: &Corner, b: &Corner| a.vertex != b.vertex;
+        cut.filter(move |[a, b, c]| apart(a, b) && apart(b, c) && apart(a, c))
+    }
+
+    /// Unit normal of a corner: as given, or the vertex's.
+    pub(super) fn normal(&self, corner: &Corner, smooth: &[Vec3]) -> Vec3 {
+        let given = corner.normal.map(|k| self.normals[k as usize]);
+        let given = given.map(|n| Vec3::from(n.map(f64::from)));
+        let given = given.and_then(|n| n.try_normalize(0.0));
+        given.unwrap_or(smooth[corner.vertex as usize])
+    }
+
+    /// The edges around face `f`, each in its direction.
+    pub(super) fn sides(&self, f: usize) -> impl Iterator<Item = [u32; 2]> {
+        let face = self.face(f);
+        (0..face.len()).map(|k| [face[k], face[(k + 1) % face.len()]].map(|c| c.vertex))
+    }
+
+    fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
+        (0..self.faces()).flat_map(|f| self.sides(f))
     }
 
     /// Edge neighbours of every vertex (diagonals of quads are not edges).
     #[must_use]
     pub fn rings(&self) -> Rings {
-        let mut pairs: Vec<[u32; 2]> = Vec::with_capacity(self.corners.len());
-        for f in 0..self.faces() {
-            let face = self.face(f);
-            pairs.extend(
-                (0..face.len()).map(|k| [face[k], face[(k + 1) % face.len()]].map(|c| c.vertex)),
-            );
-        }
-        Rings::new(self.positions.len(), &pairs)
+        rings_of(self.positions.len(), self.edges())
     }
 
     /// Connected component of every vertex, numbered in order of their first vertex, and their number.
@@ -157,20 +193,22 @@ impl Mesh {
         connected(rings, self.positions.len(), |_| true)
     }
 
+    /// Twice the area of face `f` along its normal, by Newell's sum: exact for planar faces, the mean plane for others, no choice of
+    /// diagonal.
+    fn newell(&self, f: usize, positions: &[Vec3]) -> Vec3 {
+        let sides = self
+            .sides(f)
+            .map(|side| side.map(|v| positions[v as usize]));
+        sides.fold(Vec3::zeros(), |sum, [a, b]| sum + a.cross(&b))
+    }
+
     /// Area-weighted unit normals of `positions` under this mesh's faces; (0, 0, 1) where there is no area.
     #[must_use]
     pub fn vertex_normals(&self, positions: &[Vec3]) -> Vec<Vec3> {
         let mut normals = vec![Vec3::zeros(); positions.len()];
         for f in 0..self.faces() {
-            let face = self.face(f);
-            // Newell's sum: exact for planar faces, the mean plane for others, no choice of diagonal.
-            let mut n = Vec3::zeros();
-            for k in 0..face.len() {
-                let a = positions[face[k].vertex as usize];
-                let b = positions[face[(k + 1) % face.len()].vertex as usize];
-                n += a.cross(&b);
-            }
-            for corner in face {
+            let n = self.newell(f, positions);
+            for corner in self.face(f) {
                 normals[corner.vertex as usize] += n;
             }
         }
@@ -187,41 +225,28 @@ impl Mesh {
     #[must_use]
     pub fn sheets(&self) -> Vec<bool> {
         const SHEET: f64 = 4.0;
-        let mut places = HashMap::new();
-        let place = self.positions.iter().map(|p| {
-            let next = places.len() as u32;
-            let key = [p.x, p.y, p.z].map(f64::to_bits);
-            *places.entry(key).or_insert(next)
-        });
-        let place: Vec<u32> = place.collect();
-        let ends = |f: usize| {
-            let face = self.face(f);
-            (0..face.len()).map(move |k| [k, (k + 1) % face.len()].map(|k| face[k].vertex as usize))
-        };
-        // Faces at an edge belong together: how many there are, one of them, and how long it is.
-        let mut edges: HashMap<[u32; 2], (u32, usize, f64)> = HashMap::new();
-        let mut part: Vec<usize> = (0..self.faces()).collect();
-        for f in 0..self.faces() {
-            for [a, b] in ends(f) {
-                let key = [place[a].min(place[b]), place[a].max(place[b])];
-                let long = (self.positions[a] - self.positions[b]).norm();
-                let edge = edges.entry(key).or_insert((0, f, long));
-                edge.0 += 1;
-                let [one, other] = [f, edge.1].map(|f| root(&mut part, f));
-                part[one.max(other)] = one.min(other);
-            }
+        let mut first = HashMap::new();
+        let places = self.positions.iter().zip(0_u32..);
+        let place: Vec<u32> = places
+            .map(|(p, v)| *first.entry([p.x, p.y, p.z].map(f64::to_bits)).or_insert(v))
+            .collect();
+        let edges = self.edges().map(|edge| edge.map(|v| place[v as usize]));
+        let edges: Vec<[u32; 2]> = edges.collect();
+        let vertices = self.positions.len();
+        let rings = rings_of(vertices, edges.iter().copied());
+        let (part, parts) = connected(&rings, vertices, |_| true);
+        let (mut border, mut area) = (vec![0.0; parts], vec![0.0; parts]);
+        for edge in open(edges) {
+            let [a, b] = edge.map(|v| self.positions[v as usize]);
+            border[part[edge[0] as usize] as usize] += (a - b).norm();
         }
-        let (mut border, mut area) = (vec![0.0; self.faces()], vec![0.0; self.faces()]);
-        for (count, f, long) in edges.into_values() {
-            border[root(&mut part, f)] += if count == 1 { long } else { 0.0 };
+        let part_of = |f: usize| part[place[self.face(f)[0].vertex as usize] as usize] as usize;
+        for f in 0..self.faces() {
+            area[part_of(f)] += 0.5 * self.newell(f, &self.positions).norm();
         }
         let mut thin = vec![false; self.materials.len()];
         for f in 0..self.faces() {
-            let twice = ends(f).map(|[a, b]| self.positions[a].cross(&self.positions[b]));
-            area[root(&mut part, f)] += 0.5 * twice.sum::<Vec3>().norm();
-        }
-        for f in 0..self.faces() {
-            let part = root(&mut part, f);
+            let part = part_of(f);
             thin[self.face_material[f] as usize] |= border[part].powi(2) > SHEET * area[part];
         }
         thin
@@ -230,32 +255,23 @@ impl Mesh {
     /// Vertices on a border: an edge that belongs to one face only.
     #[must_use]
     pub fn border(&self) -> Vec<bool> {
-        let mut count: HashMap<(u32, u32), u32> = HashMap::new();
-        for f in 0..self.faces() {
-            let face = self.face(f);
-            for k in 0..face.len() {
-                let (a, b) = (face[k].vertex, face[(k + 1) % face.len()].vertex);
-                *count.entry((a.min(b), a.max(b))).or_default() += 1;
-            }
-        }
         let mut border = vec![false; self.positions.len()];
-        for ((a, b), n) in count {
-            if n == 1 {
-                border[a as usize] = true;
-                border[b as usize] = true;
-            }
+        for v in open(self.edges().collect()).into_flattened() {
+            border[v as usize] = true;
         }
         border
     }
 }
 
-/// The face that stands for those joined with `f`; the way there becomes shorter.
-fn root(part: &mut [usize], mut f: usize) -> usize {
-    while part[f] != f {
-        part[f] = part[part[f]];
-        f = part[f];
-    }
-    f
+/// Those of the edges that belong to one face only.
+fn open(mut edges: Vec<[u32; 2]>) -> Vec<[u32; 2]> {
+    edges.iter_mut().for_each(|edge| edge.sort_unstable());
+    edges.sort_unstable();
+    let groups = edges.chunk_by(|a, b| a == b);
+    groups
+        .filter(|same| same.len() == 1)
+        .map(|same| same[0])
+        .collect()
 }
 
 /// Smallest and largest coordinates of some places; beyond all bounds if there are none.

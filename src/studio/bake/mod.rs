@@ -16,12 +16,12 @@
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
 //! learn                 learned from sculpted shapes
 //! head                  axes, lids and lips (seam), eyeball, mouth, parts, nearest
-//! recipe, table         targets: which point goes where; promise: what a shape must do
+//! recipe, entry, table  targets: which point goes where; promise: what a shape must do
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
 //! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
-//! rig, shape            all shapes, each as it is left
+//! rig, shape            all shapes, each as it is left; printed: by the methods of comparison
 //! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
 //! measure, render, report   figures and pictures of what was baked
 //! benchmark             how close to sculpted shapes
@@ -36,6 +36,7 @@ mod canonical;
 pub mod command;
 mod contact;
 mod derived_points;
+mod entry;
 pub mod error;
 pub mod eyeball;
 pub(in crate::studio) mod files;
@@ -57,6 +58,7 @@ pub mod obj;
 pub mod order;
 mod parts;
 pub mod patch;
+mod printed;
 pub mod prior;
 pub mod promise;
 pub mod recipe;
@@ -73,6 +75,7 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
+mod target;
 mod usd;
 mod vrm;
 mod weld;

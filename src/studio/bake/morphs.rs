@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::glb::{FLOAT, Glb, U16, U32, VERTICES, bytes, extent, push};
-use super::mesh::{Mesh, Vec3};
+use super::mesh::{Corner, Mesh, Vec3};
 use super::shape::Shape;
 
 /// A target that moves more than this part of the vertices is smaller written in full.
@@ -35,9 +35,8 @@ pub(super) struct Encoded {
 impl Encoded {
     /// Prepares the rows of one target.
     pub(super) fn new(values: &[[f32; 3]], dense: bool, with_bounds: bool) -> Self {
-        let moved: Vec<usize> = (0..values.len())
-            .filter(|&v| values[v] != [0.0; 3])
-            .collect();
+        let moved = (0..values.len()).filter(|&v| values[v] != [0.0; 3]);
+        let moved: Vec<usize> = moved.collect();
         let mut accessor = json!({"componentType": FLOAT, "count": values.len(), "type": "VEC3"});
         if with_bounds {
             let [low, high] = extent(values);
@@ -45,21 +44,18 @@ impl Encoded {
             accessor["max"] = json!(high);
         }
         if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
-            let data = bytes(values);
             return Self {
                 accessor,
                 indices: None,
-                data,
+                data: bytes(values),
             };
         }
         let small = values.len() <= usize::from(u16::MAX);
-        let indices: Vec<u8> = if small {
-            let short = moved.iter().map(|&v| v as u16);
-            short.flat_map(u16::to_le_bytes).collect()
-        } else {
-            let long = moved.iter().map(|&v| v as u32);
-            long.flat_map(u32::to_le_bytes).collect()
-        };
+        let size = if small { 2 } else { 4 };
+        let indices = moved
+            .iter()
+            .flat_map(|v| v.to_le_bytes().into_iter().take(size));
+        let indices: Vec<u8> = indices.collect();
         if !moved.is_empty() {
             accessor["sparse"] = json!({
                 "count": moved.len(),
@@ -117,45 +113,20 @@ struct Split {
 impl Split {
     /// Splits a mesh whose vertices have these normals where the file gives none.
     fn new(mesh: &Mesh, smooth: &[Vec3]) -> Self {
-        let mut known: HashMap<(u32, u32, u32), u32> = HashMap::new();
+        let mut known: HashMap<Corner, u32> = HashMap::new();
         let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
         let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); mesh.materials.len()];
         for f in 0..mesh.faces() {
-            let face = mesh.face(f);
-            for t in mesh.split(f) {
-                let t = t.map(|k| face[k]);
-                if t[0].vertex == t[1].vertex
-                    || t[1].vertex == t[2].vertex
-                    || t[0].vertex == t[2].vertex
-                {
-                    continue;
-                }
-                for corner in t {
-                    let key = (
-                        corner.vertex,
-                        corner.uv.unwrap_or(u32::MAX),
-                        corner.normal.unwrap_or(u32::MAX),
-                    );
-                    let at = *known.entry(key).or_insert_with(|| {
-                        source.push(corner.vertex as usize);
-                        // OBJ counts v from the bottom, glTF from the top.
-                        uv.push(corner.uv.map_or([0.0, 0.0], |k| {
-                            let [u, v] = mesh.uv[k as usize];
-                            [u, 1.0 - v]
-                        }));
-                        let n = corner.normal.map_or(smooth[corner.vertex as usize], |k| {
-                            let n = Vec3::from(mesh.normals[k as usize].map(f64::from));
-                            if n.norm() > 0.0 {
-                                n.normalize()
-                            } else {
-                                Vec3::z()
-                            }
-                        });
-                        normal.push(single(&n));
-                        source.len() as u32 - 1
-                    });
-                    triangles[mesh.face_material[f] as usize].push(at);
-                }
+            for corner in mesh.solid(f).flatten() {
+                let at = *known.entry(corner).or_insert_with(|| {
+                    source.push(corner.vertex as usize);
+                    // OBJ counts v from the bottom, glTF from the top.
+                    let place = corner.uv.map(|k| mesh.uv[k as usize]);
+                    uv.push(place.map_or([0.0, 0.0], |[u, v]| [u, 1.0 - v]));
+                    normal.push(single(&mesh.normal(&corner, smooth)));
+                    source.len() as u32 - 1
+                });
+                triangles[mesh.face_material[f] as usize].push(at);
             }
         }
         Self {
@@ -166,20 +137,21 @@ impl Split {
         }
     }
 
+    /// What each vertex has, by the mesh's.
+    fn rows(&self, of: impl Fn(usize) -> [f32; 3]) -> Vec<[f32; 3]> {
+        self.source.iter().map(|&v| of(v)).collect()
+    }
+
     /// Writes the neutral vertices; returns the attributes of every primitive.
     fn attributes(&self, glb: &mut Glb, mesh: &Mesh, metres: f64) -> Value {
-        let positions = self
-            .source
-            .iter()
-            .map(|&v| single(&(mesh.positions[v] * metres)));
-        let positions: Vec<[f32; 3]> = positions.collect();
+        let positions = self.rows(|v| single(&(mesh.positions[v] * metres)));
         let mut attributes = json!({
             "POSITION": glb.push_rows(&positions, true),
             "NORMAL": glb.push_rows(&self.normal, false),
         });
         if !mesh.tints.is_empty() {
-            let tints = self.source.iter().map(|&v| mesh.tints[v]);
-            attributes["COLOR_0"] = glb.push_rows(&tints.collect::<Vec<_>>(), false).into();
+            let tints = self.rows(|v| mesh.tints[v]);
+            attributes["COLOR_0"] = glb.push_rows(&tints, false).into();
         }
         if !mesh.uv.is_empty() {
             attributes["TEXCOORD_0"] = glb.push_rows(&self.uv, false).into();
@@ -196,13 +168,9 @@ impl Split {
         metres: f64,
         dense: bool,
     ) -> [Encoded; 2] {
-        let moved = self
-            .source
-            .iter()
-            .map(|&v| single(&(shape.displacement[v] * metres)));
-        let moved: Vec<[f32; 3]> = moved.collect();
+        let moved = self.rows(|v| single(&(shape.displacement[v] * metres)));
         let turned = turned(mesh, smooth, shape);
-        let bent: Vec<[f32; 3]> = self.source.iter().map(|&v| turned[v]).collect();
+        let bent = self.rows(|v| turned[v]);
         [
             Encoded::new(&moved, dense, true),
             Encoded::new(&bent, dense, false),
@@ -301,8 +269,6 @@ mod tests {
             misses: None,
             area: vec![true; n],
             displacement: moved,
-            unknowns: 0,
-            milliseconds: 0.0,
         };
         let mut some = vec![Vec3::zeros(); n];
         some[3] = Vec3::new(0.25, -0.5, 1.0);

@@ -11,9 +11,9 @@
 //! Limits: a piece that touches no teeth follows the jaw by the height of its vertices; a mouth without lower teeth has
 //! no tongue.
 
-use super::head::smooth;
+use super::head::{Head, smooth};
 use super::laplacian::Operator;
-use super::mesh::{Rings, Vec3};
+use super::mesh::Vec3;
 use super::nearest::Nearest;
 use super::seam::distances;
 use super::sparse::Factor;
@@ -34,31 +34,25 @@ const ROOT: f64 = 0.35;
 /// Fills in what is `NaN` among `some` vertices by the harmonic field between what is given there and around them; 0 where
 /// nothing reaches.
 fn harmonic(operator: &Operator, some: &[u32], value: &mut [f64]) {
-    let mut place = vec![u32::MAX; value.len()];
+    let mut is_free = vec![false; value.len()];
     for &v in some {
-        if value[v as usize].is_nan() && operator.area[v as usize] > 0.0 {
-            place[v as usize] = 0;
-        }
+        is_free[v as usize] = value[v as usize].is_nan();
     }
-    let eliminated = operator.elimination.iter().copied();
-    let free: Vec<u32> = eliminated.filter(|&v| place[v as usize] == 0).collect();
-    for (k, &v) in free.iter().enumerate() {
-        place[v as usize] = k as u32;
-    }
+    let free = operator.unknowns(|v| is_free[v]);
     for v in value.iter_mut().filter(|v| v.is_nan()) {
         *v = 0.0;
     }
-    let Ok(factor) = Factor::of(&operator.positive, &free, &place, &[]) else {
+    let Ok(factor) = Factor::of(&operator.positive, &free, |_| 0.0) else {
         return;
     };
     let pulled = |&v: &u32| {
         let row = operator.positive.row(v as usize);
-        let given = row.filter(|&(c, _)| place[c] == u32::MAX);
+        let given = row.filter(|&(c, _)| free.place(c).is_none());
         [given.fold(0.0, |sum, (c, weight)| sum - weight * value[c])]
     };
-    let mut solved: Vec<[f64; 1]> = free.iter().map(pulled).collect();
+    let mut solved: Vec<[f64; 1]> = free.rows.iter().map(pulled).collect();
     factor.solve(&mut solved);
-    for (&v, &[share]) in free.iter().zip(&solved) {
+    for (&v, &[share]) in free.rows.iter().zip(&solved) {
         value[v as usize] = share;
     }
 }
@@ -71,33 +65,23 @@ pub(super) struct Piece<'a> {
     pub(super) teeth: [Nearest; 2],
     /// Vertices of the lower teeth.
     pub(super) lower: &'a [u32],
-    /// All positions and unit normals of the mesh.
-    pub(super) positions: &'a [Vec3],
-    /// See `positions`.
+    pub(super) head: &'a Head,
+    /// Unit normals of the head's mesh.
     pub(super) normals: &'a [Vec3],
-    /// Edge neighbours.
-    pub(super) rings: &'a Rings,
-    /// The mesh's operators.
-    pub(super) operator: &'a Operator,
-    /// Upwards and outwards.
-    pub(super) up: Vec3,
-    /// See `up`.
-    pub(super) out: Vec3,
-    /// Inner-eye-corner distance.
-    pub(super) eye_distance: f64,
 }
 
 impl Piece<'_> {
     /// Share of the jaw's motion for each of the piece's vertices; `None` if it does not touch both rows of teeth.
     pub(super) fn shares(&self) -> Option<Vec<f64>> {
-        let touch = AT_TOOTH * self.eye_distance;
-        let mut value = vec![f64::NAN; self.positions.len()];
+        let positions = &self.head.mesh.positions;
+        let touch = AT_TOOTH * self.head.eye_distance;
+        let mut value = vec![f64::NAN; positions.len()];
         let mut touched = [false; 2];
         for &v in self.vertices {
-            let p = &self.positions[v as usize];
+            let p = &positions[v as usize];
             let far = |row: usize| {
                 let tooth = self.teeth[row].of(p);
-                tooth.map_or(f64::INFINITY, |t| (self.positions[t as usize] - p).norm())
+                tooth.map_or(f64::INFINITY, |t| (positions[t as usize] - p).norm())
             };
             let (upper, lower) = (far(0), far(1));
             if upper.min(lower) < touch {
@@ -109,7 +93,7 @@ impl Piece<'_> {
         if touched != [true; 2] {
             return None;
         }
-        harmonic(self.operator, self.vertices, &mut value);
+        harmonic(&self.head.operator, self.vertices, &mut value);
         let share = |&v: &u32| smooth(STAYS, GOES, value[v as usize]);
         Some(self.vertices.iter().map(share).collect())
     }
@@ -121,45 +105,35 @@ impl Piece<'_> {
         if lower.is_empty() {
             return none;
         }
+        let (head, positions) = (self.head, &self.head.mesh.positions);
+        let (up, out) = (head.axes.column(1), head.axes.column(2));
         let flat = |d: Vec3| {
-            let d = d - self.up * d.dot(&self.up);
-            let length = d.norm();
-            if length > 0.0 { d / length } else { d }
+            let d = d - up * d.dot(&up);
+            d.try_normalize(0.0).unwrap_or(d)
         };
-        let arch = lower
-            .iter()
-            .map(|&v| self.positions[v as usize])
-            .sum::<Vec3>()
-            / lower.len() as f64;
-        let mut local = vec![u32::MAX; self.positions.len()];
+        let arch = lower.iter().map(|&v| positions[v as usize]).sum::<Vec3>() / lower.len() as f64;
+        let mut local = vec![u32::MAX; positions.len()];
         for (k, &v) in self.vertices.iter().enumerate() {
             local[v as usize] = k as u32;
         }
-        let sides: Vec<u32> = self
-            .vertices
-            .iter()
-            .copied()
-            .filter(|&v| {
-                let (k, v) = (local[v as usize], v as usize);
-                let p = self.positions[v];
-                let Some(tooth) = self.teeth[1].of(&p) else {
-                    return false;
-                };
-                let tooth = self.positions[tooth as usize];
-                shares[k as usize] > 0.9
-                    && self.normals[v].dot(&flat(p - arch)) > OUTWARDS
-                    && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * self.eye_distance
-            })
-            .collect();
-        let last = TONGUE[1] * self.eye_distance;
-        let far = distances(self.positions, self.rings, &sides, |v| {
+        let at_side = |v: u32| {
+            let (k, p) = (local[v as usize] as usize, positions[v as usize]);
+            let tooth = positions[self.teeth[1].of(&p)? as usize];
+            let is_side = shares[k] > 0.9
+                && self.normals[v as usize].dot(&flat(p - arch)) > OUTWARDS
+                && (p - tooth).dot(&flat(tooth - arch)) < -INSIDE * head.eye_distance;
+            is_side.then_some(v)
+        };
+        let sides: Vec<u32> = self.vertices.iter().filter_map(|&v| at_side(v)).collect();
+        let [near, last] = TONGUE.map(|d| d * head.eye_distance);
+        let far = distances(positions, &head.rings, &sides, |v| {
             local[v] != u32::MAX && shares[local[v] as usize] >= 0.5
         });
         let along = self.vertices.iter().map(|&v| f64::from(far[v as usize]));
         let member: Vec<f64> = along
-            .map(|d| 1.0 - smooth(TONGUE[0] * self.eye_distance, last, d.min(last)))
+            .map(|d| 1.0 - smooth(near, last, d.min(last)))
             .collect();
-        let depth = |k: usize| self.positions[self.vertices[k] as usize].dot(&self.out);
+        let depth = |k: usize| positions[self.vertices[k] as usize].dot(&out);
         let inside = || (0..member.len()).filter(|&k| member[k] > 0.5).map(depth);
         let (front, back) = (
             inside().fold(f64::NEG_INFINITY, f64::max),

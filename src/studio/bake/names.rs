@@ -3,90 +3,28 @@
 //! Sides are the subject's own. Counting goes outwards from the middle: `brow_L1` is the inner end of the left brow,
 //! `jaw_L1` is beside the chin, `jaw_L8` at the ear.
 
-/// Names in the order of the 68 landmarks, then the derived points.
-pub const NAMES: [&str; 78] = [
-    "jaw_R8",
-    "jaw_R7",
-    "jaw_R6",
-    "jaw_R5",
-    "jaw_R4",
-    "jaw_R3",
-    "jaw_R2",
-    "jaw_R1",
-    "chin",
-    "jaw_L1",
-    "jaw_L2",
-    "jaw_L3",
-    "jaw_L4",
-    "jaw_L5",
-    "jaw_L6",
-    "jaw_L7",
-    "jaw_L8",
-    "brow_R5",
-    "brow_R4",
-    "brow_R3",
-    "brow_R2",
-    "brow_R1",
-    "brow_L1",
-    "brow_L2",
-    "brow_L3",
-    "brow_L4",
-    "brow_L5",
-    "nose_root",
-    "nose_bridge",
-    "nose_lower",
-    "nose_tip",
-    "nostril_R2",
-    "nostril_R1",
-    "nose_base",
-    "nostril_L1",
-    "nostril_L2",
-    "eye_R_outer",
-    "lid_R_upper_outer",
-    "lid_R_upper_inner",
-    "eye_R_inner",
-    "lid_R_lower_inner",
-    "lid_R_lower_outer",
-    "eye_L_inner",
-    "lid_L_upper_inner",
-    "lid_L_upper_outer",
-    "eye_L_outer",
-    "lid_L_lower_outer",
-    "lid_L_lower_inner",
-    "mouth_R",
-    "lip_upper_R2",
-    "lip_upper_R1",
-    "lip_upper",
-    "lip_upper_L1",
-    "lip_upper_L2",
-    "mouth_L",
-    "lip_lower_L2",
-    "lip_lower_L1",
-    "lip_lower",
-    "lip_lower_R1",
-    "lip_lower_R2",
-    "mouth_inner_R",
-    "lip_upper_inner_R",
-    "lip_upper_inner",
-    "lip_upper_inner_L",
-    "mouth_inner_L",
-    "lip_lower_inner_L",
-    "lip_lower_inner",
-    "lip_lower_inner_R",
-    "cheek_inner_L",
-    "cheek_mid_L",
-    "cheek_low_L",
-    "forehead_low_L",
-    "forehead_high_L",
-    "cheek_inner_R",
-    "cheek_mid_R",
-    "cheek_low_R",
-    "forehead_low_R",
-    "forehead_high_R",
-];
+use std::sync::LazyLock;
 
-/// How many control points there are without the derived ones.
-pub const LANDMARKS: usize = 68;
+pub use crate::base::capacity::LANDMARKS;
+use crate::face_model::scheme::MIRROR;
+
+/// Names in the order of the 68 landmarks, then the derived points.
+pub static NAMES: LazyLock<Vec<&str>> = LazyLock::new(|| POINTS.split_whitespace().collect());
+
+const POINTS: &str = "
+    jaw_R8 jaw_R7 jaw_R6 jaw_R5 jaw_R4 jaw_R3 jaw_R2 jaw_R1 chin
+    jaw_L1 jaw_L2 jaw_L3 jaw_L4 jaw_L5 jaw_L6 jaw_L7 jaw_L8
+    brow_R5 brow_R4 brow_R3 brow_R2 brow_R1 brow_L1 brow_L2 brow_L3 brow_L4 brow_L5
+    nose_root nose_bridge nose_lower nose_tip
+    nostril_R2 nostril_R1 nose_base nostril_L1 nostril_L2
+    eye_R_outer lid_R_upper_outer lid_R_upper_inner eye_R_inner lid_R_lower_inner lid_R_lower_outer
+    eye_L_inner lid_L_upper_inner lid_L_upper_outer eye_L_outer lid_L_lower_outer lid_L_lower_inner
+    mouth_R lip_upper_R2 lip_upper_R1 lip_upper lip_upper_L1 lip_upper_L2
+    mouth_L lip_lower_L2 lip_lower_L1 lip_lower lip_lower_R1 lip_lower_R2
+    mouth_inner_R lip_upper_inner_R lip_upper_inner lip_upper_inner_L
+    mouth_inner_L lip_lower_inner_L lip_lower_inner lip_lower_inner_R
+    cheek_inner_L cheek_mid_L cheek_low_L forehead_low_L forehead_high_L
+    cheek_inner_R cheek_mid_R cheek_low_R forehead_low_R forehead_high_R";
 
 /// Index of a name.
 #[must_use]
@@ -97,18 +35,12 @@ pub fn index(name: &str) -> Option<usize> {
 /// The control point on the other side of the face; a point on the middle line is its own partner.
 #[must_use]
 pub fn mirrored(point: usize) -> usize {
-    let name = NAMES[point];
-    for (here, there) in [("_L", "_R"), ("_R", "_L")] {
-        if let Some(at) = name.find(here) {
-            let tail = &name[at + 2..];
-            // "_L" must stand alone: "eye_L_outer", "brow_L1", not part of a longer word.
-            if tail.is_empty() || tail.starts_with(['_', '1', '2', '3', '4', '5', '6', '7', '8']) {
-                let partner = format!("{}{there}{tail}", &name[..at]);
-                return index(&partner).unwrap_or(point);
-            }
-        }
+    /// How many derived points each side has, the left one's first.
+    const DERIVED: usize = 5;
+    match point.checked_sub(LANDMARKS) {
+        None => MIRROR[point],
+        Some(derived) => LANDMARKS + (derived + DERIVED) % (2 * DERIVED),
     }
-    point
 }
 
 #[cfg(test)]

@@ -24,16 +24,6 @@ pub enum ObjError {
         /// The line.
         found: String,
     },
-    /// More of something than any head has.
-    #[error("line {line}: expected at most {most} {what}, found more; is this a head?")]
-    TooMany {
-        /// Counted from 1.
-        line: usize,
-        /// Of what.
-        what: &'static str,
-        /// How many there may be.
-        most: usize,
-    },
     /// No vertices or no faces.
     #[error("expected a mesh with v and f lines, found {vertices} vertices and {faces} faces")]
     Empty {
@@ -44,9 +34,8 @@ pub enum ObjError {
     },
 }
 
-/// Corners of the largest face.
+/// Corners of the largest face, and materials: each has a primitive with all shapes in glTF.
 const CORNERS: usize = 1024;
-/// Materials: each has a primitive with all shapes in glTF.
 const MATERIALS: usize = 1024;
 
 /// Numbers that can be written again: everything is written in single precision.
@@ -69,15 +58,15 @@ fn index(word: &str, len: usize) -> Option<u32> {
 fn corner(word: &str, mesh: &Mesh) -> Option<Corner> {
     let mut parts = word.split('/');
     let vertex = index(parts.next()?, mesh.positions.len())?;
-    let uv = match parts.next() {
-        None | Some("") => None,
-        Some(word) => Some(index(word, mesh.uv.len())?),
+    let mut optional = |len: usize| match parts.next() {
+        None | Some("") => Some(None),
+        Some(word) => index(word, len).map(Some),
     };
-    let normal = match parts.next() {
-        None | Some("") => None,
-        Some(word) => Some(index(word, mesh.normals.len())?),
-    };
-    Some(Corner { vertex, uv, normal })
+    Some(Corner {
+        vertex,
+        uv: optional(mesh.uv.len())?,
+        normal: optional(mesh.normals.len())?,
+    })
 }
 
 /// Without the byte order marks that some put before a text, even twice: one left over would hide the first line
@@ -91,72 +80,13 @@ fn unmarked(text: &str) -> &str {
 /// # Errors
 /// If a vertex or face line is malformed or names something that is not there, with its line number.
 pub fn parse(text: &str) -> Result<Mesh, ObjError> {
-    let mut mesh = Mesh::default();
-    let mut material = 0;
-    let mut face = Vec::new();
-    for (k, line) in unmarked(text).lines().enumerate() {
-        let too_many = |what, most| ObjError::TooMany {
-            line: k + 1,
-            what,
-            most,
-        };
-        let refuse = |expected| ObjError::Line {
-            line: k + 1,
+    let (mut mesh, mut material) = (Mesh::default(), 0);
+    for (text, line) in unmarked(text).lines().zip(1..) {
+        add_line(&mut mesh, &mut material, text).map_err(|expected| ObjError::Line {
+            line,
             expected,
-            found: line.chars().take(80).collect(),
-        };
-        let mut words = line.split_ascii_whitespace();
-        match words.next() {
-            Some("v") => {
-                let v = numbers::<3>(&mut words).ok_or_else(|| refuse("v and three numbers"))?;
-                mesh.positions.push(Vec3::from(v));
-                // Many programs write a colour after the position, sRGB.
-                let tint = numbers::<3>(&mut words);
-                if let Some(tint) = tint.filter(|t| t.iter().all(|c| (0.0..=1.0).contains(c))) {
-                    mesh.tints.push(tint.map(|c| linear(c) as f32));
-                }
-            }
-            Some("vt") => {
-                let v = numbers::<2>(&mut words).ok_or_else(|| refuse("vt and two numbers"))?;
-                mesh.uv.push([v[0] as f32, v[1] as f32]);
-            }
-            Some("vn") => {
-                let v = numbers::<3>(&mut words).ok_or_else(|| refuse("vn and three numbers"))?;
-                mesh.normals.push([v[0] as f32, v[1] as f32, v[2] as f32]);
-            }
-            Some("usemtl") => {
-                let name = words.next().unwrap_or("default");
-                material = match mesh.materials.iter().position(|m| m == name) {
-                    Some(at) => at as u32,
-                    None if mesh.materials.len() == MATERIALS => {
-                        return Err(too_many("materials", MATERIALS));
-                    }
-                    None => {
-                        mesh.materials.push(name.into());
-                        mesh.materials.len() as u32 - 1
-                    }
-                };
-            }
-            Some("f") => {
-                const EXPECTED: &str =
-                    "f and at least three corners v, v/vt or v/vt/vn that exist above this line";
-                face.clear();
-                for word in words {
-                    if face.len() == CORNERS {
-                        return Err(too_many("corners", CORNERS));
-                    }
-                    face.push(corner(word, &mesh).ok_or_else(|| refuse(EXPECTED))?);
-                }
-                if face.len() < 3 {
-                    return Err(refuse(EXPECTED));
-                }
-                if mesh.materials.is_empty() {
-                    mesh.materials.push("default".into());
-                }
-                mesh.push_face(&face, material);
-            }
-            _ => {}
-        }
+            found: text.chars().take(80).collect(),
+        })?;
     }
     if mesh.positions.is_empty() || mesh.faces() == 0 {
         return Err(ObjError::Empty {
@@ -168,6 +98,58 @@ pub fn parse(text: &str) -> Result<Mesh, ObjError> {
         mesh.tints.clear();
     }
     Ok(mesh)
+}
+
+/// Adds what a line says; what it should hold if it does not. `material` is that of the faces to come.
+fn add_line(mesh: &mut Mesh, material: &mut u32, line: &str) -> Result<(), &'static str> {
+    let mut words = line.split_ascii_whitespace();
+    match words.next() {
+        Some("v") => {
+            let v = numbers::<3>(&mut words).ok_or("v and three numbers")?;
+            mesh.positions.push(Vec3::from(v));
+            // Many programs write a colour after the position, sRGB.
+            let tint = numbers::<3>(&mut words);
+            if let Some(tint) = tint.filter(|t| t.iter().all(|c| (0.0..=1.0).contains(c))) {
+                mesh.tints.push(tint.map(|c| linear(c) as f32));
+            }
+        }
+        Some("vt") => {
+            let v = numbers::<2>(&mut words).ok_or("vt and two numbers")?;
+            mesh.uv.push(v.map(|x| x as f32));
+        }
+        Some("vn") => {
+            let v = numbers::<3>(&mut words).ok_or("vn and three numbers")?;
+            mesh.normals.push(v.map(|x| x as f32));
+        }
+        Some("usemtl") => {
+            let name = words.next().unwrap_or("default");
+            let known = mesh.materials.iter().position(|m| m == name);
+            *material = known.unwrap_or(mesh.materials.len()) as u32;
+            if known.is_none() {
+                mesh.materials.push(name.into());
+            }
+            if mesh.materials.len() > MATERIALS {
+                return Err("at most 1024 materials");
+            }
+        }
+        Some("f") => {
+            const CORNER: &str =
+                "f and at least three corners v, v/vt or v/vt/vn that exist above this line";
+            let corners = words.take(CORNERS + 1).map(|word| corner(word, mesh));
+            let face: Vec<Corner> = corners.collect::<Option<_>>().ok_or(CORNER)?;
+            match face.len() {
+                0..3 => return Err(CORNER),
+                3..=CORNERS => {}
+                _ => return Err("at most 1024 corners"),
+            }
+            if mesh.materials.is_empty() {
+                mesh.materials.push("default".into());
+            }
+            mesh.push_face(&face, *material);
+        }
+        _ => {}
+    }
+    Ok(())
 }
 
 /// The source text with other positions, in the source's unit. `keep_normals` is for an undeformed mesh.

@@ -11,8 +11,12 @@
 //!
 //! Units: the mesh's. Cost: sorting vertices and faces. Limits: texture, normals and materials stay with the file.
 
+use std::cmp::Ordering;
+use std::collections::HashMap;
+
 use super::head::HeadError;
 use super::mesh::{Corner, Mesh, Vec3, extent_of};
+use super::morphs::single;
 use super::shape::Shape;
 use super::weld::{faces, sewn};
 
@@ -31,30 +35,20 @@ impl Ordered {
     /// Of a mesh as its file has it.
     #[must_use]
     pub fn new(source: &Mesh) -> Self {
-        let single: Vec<[f32; 3]> = source
-            .positions
-            .iter()
-            // Adding 0 makes one zero of both.
-            .map(|p| [p.x as f32 + 0.0, p.y as f32 + 0.0, p.z as f32 + 0.0])
-            .collect();
+        // Adding 0 makes one zero of both.
+        let rounded = source.positions.iter().map(|p| single(p).map(|x| x + 0.0));
+        let rounded: Vec<[f32; 3]> = rounded.collect();
         // As glTF has them: by material.
-        let mut triangles = Vec::with_capacity(2 * source.faces());
         let mut by_material: Vec<usize> = (0..source.faces()).collect();
         by_material.sort_by_key(|&f| source.face_material[f]);
-        for f in by_material {
-            let face = source.face(f);
-            let cut = source.split(f);
-            let cut = cut.iter().map(|t| t.map(|k| face[k].vertex));
-            triangles.extend(cut.filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
-        }
-        let same = sewn(&single, &triangles, &vec![0; triangles.len()]);
+        let cut = by_material.into_iter().flat_map(|f| source.solid(f));
+        let mut triangles: Vec<[u32; 3]> = cut.map(|t| t.map(|c| c.vertex)).collect();
+        let same = sewn(&rounded, &triangles, &vec![0; triangles.len()]);
         for t in &mut triangles {
             *t = t.map(|v| same[v as usize]);
         }
-        let positions: Vec<Vec3> = single
-            .iter()
-            .map(|p| Vec3::from(p.map(f64::from)))
-            .collect();
+        let positions = rounded.iter().map(|p| Vec3::from(p.map(f64::from)));
+        let positions: Vec<Vec3> = positions.collect();
         let mut faces = faces(&positions, &triangles);
         let order = order(&positions, &faces, &same);
         let mut vertex = vec![u32::MAX; positions.len()];
@@ -77,12 +71,8 @@ impl Ordered {
             ..Mesh::default()
         };
         for face in &faces {
-            let corner = |&vertex: &u32| Corner {
-                vertex,
-                uv: None,
-                normal: None,
-            };
-            mesh.push_face(&face.iter().map(corner).collect::<Vec<_>>(), 0);
+            let corners: Vec<Corner> = face.iter().map(|&v| Corner::bare(v)).collect();
+            mesh.push_face(&corners, 0);
         }
         let vertex = same.iter().map(|&v| vertex[v as usize]).collect();
         Self { mesh, vertex }
@@ -101,9 +91,9 @@ impl Ordered {
     pub fn landmarks(&self, numbers: &[u64]) -> Result<Vec<u64>, HeadError> {
         let vertices = self.vertex.len();
         let ordered = numbers.iter().enumerate().map(|(landmark, &vertex)| {
-            let found = usize::try_from(vertex)
-                .ok()
-                .and_then(|v| self.vertex.get(v));
+            let found = self
+                .vertex
+                .get(usize::try_from(vertex).unwrap_or(usize::MAX));
             found.map(|&v| u64::from(v)).ok_or(HeadError::Range {
                 landmark,
                 vertex,
@@ -131,80 +121,33 @@ fn order(positions: &[Vec3], faces: &[Vec<u32>], same: &[u32]) -> Vec<u32> {
     for &v in faces.iter().flatten() {
         used[v as usize] = true;
     }
-    let placed = positions.iter().zip(&used).filter(|(_, used)| **used);
-    let (low, high) = extent_of(placed.map(|(p, _)| p));
+    let all = 0..positions.len() as u32;
+    let (mut order, loose): (Vec<u32>, Vec<u32>) = all.partition(|&v| used[v as usize]);
+    let (low, high) = extent_of(order.iter().map(|&v| &positions[v as usize]));
     let cell = ((high - low).max() / CELLS).max(f64::MIN_POSITIVE);
-    let key = |v: u32| {
-        let p = positions[v as usize];
-        // From bottom to top: halves of a head stay together, and so does memory.
-        [p.y, p.x, p.z].map(|x| (x / cell).round() as i64)
-    };
-    let mut order: Vec<([i64; 3], u32)> = (0..positions.len() as u32)
-        .filter(|&v| used[v as usize])
-        .map(|v| (key(v), v))
-        .collect();
-    let exact = |v: u32| {
-        let p = positions[v as usize];
-        [p.y, p.x, p.z]
-    };
-    let by_place = |a: &([i64; 3], u32), b: &([i64; 3], u32)| {
-        let (p, q) = (exact(a.1), exact(b.1));
-        let places = p.iter().zip(&q).map(|(p, q)| p.total_cmp(q));
-        a.0.cmp(&b.0)
-            .then(places.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then))
-    };
-    order.sort_unstable_by(by_place);
+    // From bottom to top: halves of a head stay together, and so does memory.
+    let exact = |v: u32| <[f64; 3]>::from(positions[v as usize].yxz());
+    let key = |v: u32| exact(v).map(|x| (x / cell).round() as i64);
+    let place = |v: &u32| (key(*v), exact(*v));
+    order.sort_by(|a, b| place(a).partial_cmp(&place(b)).unwrap_or(Ordering::Equal));
     // Closed lips and lids: two vertices in one place, told apart by the faces around them.
-    let mut shared: Vec<usize> = Vec::new();
-    for k in 1..order.len() {
-        if exact(order[k - 1].1) == exact(order[k].1) {
-            shared.extend([k - 1, k]);
-        }
-    }
-    shared.dedup();
-    if !shared.is_empty() {
-        let surroundings = surroundings(positions, faces, &order, &shared, &key);
-        let mut k = 0;
-        while k < shared.len() {
-            let mut end = k + 1;
-            while end < shared.len()
-                && shared[end] == shared[end - 1] + 1
-                && exact(order[shared[end]].1) == exact(order[shared[k]].1)
-            {
-                end += 1;
-            }
-            let group = &mut order[shared[k]..=shared[end - 1]];
-            group.sort_by(|a, b| surroundings[&a.1].cmp(&surroundings[&b.1]));
-            k = end;
-        }
-    }
-    let loose = (0..positions.len() as u32).filter(|&v| !used[v as usize] && same[v as usize] == v);
-    order.into_iter().map(|(_, v)| v).chain(loose).collect()
-}
-
-/// Cells around some vertices, sorted.
-fn surroundings(
-    positions: &[Vec3],
-    faces: &[Vec<u32>],
-    order: &[([i64; 3], u32)],
-    some: &[usize],
-    key: &impl Fn(u32) -> [i64; 3],
-) -> std::collections::HashMap<u32, Vec<[i64; 3]>> {
-    let mut wanted = vec![false; positions.len()];
-    for &k in some {
-        wanted[order[k].1 as usize] = true;
-    }
-    let mut found: std::collections::HashMap<u32, Vec<[i64; 3]>> = std::collections::HashMap::new();
+    let together = |a: &u32, b: &u32| exact(*a) == exact(*b);
+    let shared = order.chunk_by(together).filter(|group| group.len() > 1);
+    let mut around: HashMap<u32, Vec<[i64; 3]>> =
+        shared.flatten().map(|&v| (v, Vec::new())).collect();
     for face in faces {
-        for &v in face.iter().filter(|v| wanted[**v as usize]) {
-            let others = face.iter().filter(|&&o| o != v).map(|&o| key(o));
-            found.entry(v).or_default().extend(others);
+        for &v in face {
+            if let Some(cells) = around.get_mut(&v) {
+                cells.extend(face.iter().filter(|&&o| o != v).map(|&o| key(o)));
+            }
         }
     }
-    for cells in found.values_mut() {
-        cells.sort_unstable();
+    around.values_mut().for_each(|cells| cells.sort_unstable());
+    for group in order.chunk_by_mut(together).filter(|group| group.len() > 1) {
+        group.sort_by(|a, b| around[a].cmp(&around[b]));
     }
-    found
+    order.extend(loose.into_iter().filter(|&v| same[v as usize] == v));
+    order
 }
 
 #[cfg(test)]
@@ -282,8 +225,6 @@ mod tests {
             misses: None,
             displacement: (0..n).map(|v| Vec3::repeat(v as f64)).collect(),
             area: vec![true; n],
-            unknowns: 0,
-            milliseconds: 0.0,
         };
         let scattered = two.scattered(shape).displacement;
         for row in 0..4 {

@@ -81,28 +81,21 @@ impl Part {
 impl Head {
     pub(super) fn find_sockets(&mut self) {
         let n = self.mesh.positions.len();
-        let cut = |lines: &[&Seam]| {
-            let mut out = vec![false; n];
-            for seam in lines {
-                for &v in seam.upper.iter().chain(&seam.lower) {
-                    out[v as usize] = true;
-                }
-            }
-            out
-        };
-        let line = cut(&[&self.lips, &self.lids[0], &self.lids[1]]);
+        let seams = [(1, &self.lips), (2, &self.lids[0]), (2, &self.lids[1])];
+        let mut line = vec![false; n];
+        for v in seams.iter().flat_map(|(_, seam)| seam.both()) {
+            line[v as usize] = true;
+        }
         let skin = &self.skin;
         let (label, count) = connected(&self.rings, n, |v| skin[v] && !line[v]);
         let chin = label[self.points[8] as usize];
         // A piece cut off belongs to the line it touches.
         let mut owner = vec![0_u8; count];
-        for (id, seam) in [(1, &self.lips), (2, &self.lids[0]), (2, &self.lids[1])] {
-            for &v in seam.upper.iter().chain(&seam.lower) {
-                for &o in self.rings.of(v as usize) {
-                    let l = label[o as usize];
-                    if l != u32::MAX && l != chin {
-                        owner[l as usize] = id;
-                    }
+        for (id, seam) in seams {
+            for &o in seam.both().flat_map(|v| self.rings.of(v as usize)) {
+                let l = label[o as usize];
+                if l != u32::MAX && l != chin {
+                    owner[l as usize] = id;
                 }
             }
         }
@@ -131,7 +124,10 @@ impl Head {
             };
             let from: Vec<u32> = lines
                 .iter()
-                .flat_map(|l| l.iter().copied().filter(of))
+                .copied()
+                .flatten()
+                .copied()
+                .filter(of)
                 .collect();
             distances(positions, &self.rings, &from, |v| !socket[v].is_nan())
         };
@@ -141,12 +137,11 @@ impl Head {
         let from_lips = far(&[upper, lower], f64::NEG_INFINITY);
         let inside = |v: &usize| !self.socket[*v].is_nan();
         let inside: Vec<usize> = (0..self.socket.len()).filter(inside).collect();
-        let mut nearer: Vec<f64> = from_upper
+        let nearer = from_upper
             .iter()
             .zip(&from_lower)
-            .map(|(u, l)| f64::from(u - l))
-            .map(|d| if d.is_nan() { 0.0 } else { d })
-            .collect();
+            .map(|(u, l)| f64::from(u - l));
+        let mut nearer: Vec<f64> = nearer.map(|d| if d.is_nan() { 0.0 } else { d }).collect();
         // Ways along edges are ragged: folds between teeth and gums would turn over.
         for _ in 0..EVENED {
             let mean = |&v: &usize| {
@@ -185,12 +180,8 @@ impl Head {
                 ball_of[c] = Some(side);
                 Follow::Eyeball(side)
             } else {
-                let of = if self.in_mouth(part) {
-                    &mut mouth
-                } else {
-                    &mut rest
-                };
-                of.push(part);
+                let inside = self.in_mouth(part);
+                if inside { &mut mouth } else { &mut rest }.push(part);
                 Follow::Still
             };
             part.follow(&mut self.follow, |_| follow);
@@ -242,19 +233,14 @@ impl Head {
         let w = self.eye_distance;
         let positions = &self.mesh.positions;
         // Nothing hangs on what lies behind lids and lips.
-        let outside = |v: &u32| {
-            let v = *v as usize;
-            self.skin[v] && self.from_lids[v].is_infinite() && self.socket[v].is_nan()
-        };
-        let skin: Vec<u32> = (0..positions.len() as u32).filter(outside).collect();
+        let all = 0..positions.len() as u32;
+        let skin: Vec<u32> = all.filter(|&v| self.outside(v)).collect();
         let chin = self.seen(self.point(8)).y;
         let above = |&&v: &&u32| self.seen(positions[v as usize]).y > chin;
         let jaw: Vec<u32> = skin.iter().filter(above).copied().collect();
         let [skin, jaw] = [skin, jaw].map(|some| Nearest::new(positions, &some));
-        let lids = [0, 1].map(|side: usize| {
-            let Seam { upper, lower } = &self.lids[side];
-            [upper, lower].map(|line| Nearest::new(positions, line))
-        });
+        let lines = self.lids.each_ref().map(|seam| [&seam.upper, &seam.lower]);
+        let lids = lines.map(|lines| lines.map(|line| Nearest::new(positions, line)));
         // Wider than what is between them in a cartoon.
         let unit = w.max((self.point(36) - self.point(39)).norm());
         let (mut rigid, mut close) = (Vec::new(), Vec::new());
@@ -278,7 +264,8 @@ impl Head {
         }
         self.join(&mut close, rigid);
         for part in close {
-            let (on, most) = if self.covers_chin(part) {
+            let beard = self.covers_chin(part);
+            let (on, most) = if beard {
                 (&jaw, f64::INFINITY)
             } else {
                 (&skin, w)
@@ -413,13 +400,8 @@ impl Head {
                 vertices,
                 teeth: [0, 1].map(|row: usize| Nearest::new(&self.mesh.positions, &teeth[row])),
                 lower: &teeth[1],
-                positions: &self.mesh.positions,
+                head: self,
                 normals: &normals,
-                rings: &self.rings,
-                operator: &self.operator,
-                up: self.axes.column(1).into_owned(),
-                out: self.axes.column(2).into_owned(),
-                eye_distance: w,
             };
             let soft = 0.08 * w;
             let shares = piece.shares().unwrap_or_else(|| {

@@ -8,14 +8,13 @@
 //! Vertices are where nodes put them ([`super::scene`]), shapes are written as their meshes store them.
 //!
 //! Units: the file's own (metres by the standard). Limits: no compressed or quantised positions; targets carry positions only.
-//! One file: one pass over a file that must keep whatever it does not change.
 
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Matrix4, Point3};
 use serde_json::{Value, json};
 
-use super::glb::{Glb, GlbError};
+use super::glb::{FLOAT, Glb, GlbError, list};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::{Encoded, single};
@@ -76,15 +75,14 @@ impl Gathered {
             Ok::<_, GlbError>(())
         };
         let placed = placed(glb);
-        let meshes = glb.json["meshes"].as_array().into_iter().flatten();
-        for (primitive, placed) in meshes.zip(&placed).flat_map(|(mesh, placed)| {
-            let list = mesh["primitives"].as_array().into_iter().flatten();
-            list.map(move |primitive| (primitive, placed))
+        let meshes = list(&glb.json["meshes"]).iter().zip(&placed);
+        for (primitive, placed) in meshes.flat_map(|(mesh, placed)| {
+            let primitives = list(&mesh["primitives"]).iter();
+            primitives.map(move |primitive| (primitive, placed))
         }) {
-            let Some(accessor) = primitive["attributes"]["POSITION"].as_u64() else {
+            let Some(accessor) = position(primitive) else {
                 continue;
             };
-            let accessor = usize::try_from(accessor).unwrap_or(usize::MAX);
             // Also of lines and points, which get targets that move nothing.
             let count = glb.count(accessor)?;
             if primitive["mode"].as_u64().unwrap_or(4) != 4 {
@@ -111,8 +109,8 @@ impl Gathered {
                     found: format!("one beyond the {count} of accessor {accessor}"),
                 });
             }
-            for t in order.chunks_exact(3) {
-                all.triangles.push([t[0], t[1], t[2]].map(|k| first + k));
+            for t in order.as_chunks::<3>().0 {
+                all.triangles.push(t.map(|k| first + k));
                 all.parts.push(at as u32);
                 all.materials.push(primitive["material"].as_u64());
             }
@@ -146,25 +144,24 @@ impl Gathered {
         });
         // What is damaged there costs colours only.
         let of_corners = |name: &str, width: usize| {
-            let at = attributes[name].as_u64()? as usize;
-            let listed = &glb.json["accessors"][at];
+            let listed = glb.listed("accessors", &attributes[name]);
             let width = width + usize::from(listed["type"] == "VEC4");
             let rows = glb
-                .floats(at, width)
-                .ok()
-                .filter(|_| listed["count"] == count)?;
-            rows.iter().all(|x| x.is_finite()).then_some((rows, width))
+                .floats(attributes[name].as_u64()? as usize, width)
+                .ok()?;
+            let fits = listed["count"] == count && rows.iter().all(|x| x.is_finite());
+            fits.then_some((rows, width))
         };
         if let Some((rows, width)) = of_corners("TEXCOORD_0", 2) {
             self.uv.resize(first, [0.0; 2]);
             // From the top in glTF.
-            let rows = rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]);
-            self.uv.extend(rows);
+            self.uv
+                .extend(rows.chunks_exact(width).map(|r| [r[0], 1.0 - r[1]]));
         }
         if let Some((rows, width)) = of_corners("COLOR_0", 3) {
             self.tints.resize(first, [1.0; 3]);
-            let rows = rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]);
-            self.tints.extend(rows);
+            self.tints
+                .extend(rows.chunks_exact(width).map(|r| [r[0], r[1], r[2]]));
         }
         Ok(())
     }
@@ -264,34 +261,29 @@ impl Foreign {
         Ok((mesh, Self { glb, sources }))
     }
 
+    /// The vertex of the mesh for each number that a landmark file may have.
+    fn numbered(&self) -> Vec<u64> {
+        let all = self.sources.iter().flat_map(|s| &s.vertices);
+        all.map(|&v| u64::from(v)).collect()
+    }
+
     /// Vertices of the mesh by the numbers that a landmark file uses; unknown ones stay beyond the end.
     #[must_use]
     pub fn landmarks(&self, numbers: &[u64]) -> Vec<u64> {
-        let all: Vec<u32> = self
-            .sources
-            .iter()
-            .flat_map(|s| &s.vertices)
-            .copied()
-            .collect();
+        let all = self.numbered();
+        let vertex = |&k: &u64| all.get(k as usize).copied();
+        let beyond = |k: &u64| (*k).max(u64::from(u32::MAX));
         numbers
             .iter()
-            .map(|&k| {
-                all.get(k as usize)
-                    .map_or(k.max(u64::from(u32::MAX)), |&v| u64::from(v))
-            })
+            .map(|k| vertex(k).unwrap_or_else(|| beyond(k)))
             .collect()
     }
 
     /// The other way round: the first number that a landmark file has for each vertex of the mesh.
     #[must_use]
     pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
-        let all: Vec<u32> = self
-            .sources
-            .iter()
-            .flat_map(|s| &s.vertices)
-            .copied()
-            .collect();
-        let row = |v: &u64| all.iter().position(|&o| u64::from(o) == *v);
+        let all = self.numbered();
+        let row = |v: &u64| all.iter().position(|o| o == v);
         vertices
             .iter()
             .map(|v| row(v).map_or(*v, |row| row as u64))
@@ -299,111 +291,118 @@ impl Foreign {
     }
 
     /// The file with the shapes added to every mesh that they move.
-    /// Long because views, accessors and targets of the new file refer to each other by number.
     #[must_use]
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
-        let of = |accessor: u64, sources: &[Rows]| {
-            let found = sources.iter().position(|s| s.accessor as u64 == accessor);
-            found.unwrap_or(usize::MAX)
-        };
-        let moves = |accessor: u64, sources: &[Rows]| {
-            sources.get(of(accessor, sources)).is_some_and(|source| {
-                let still = |s: &Shape, v: u32| s.displacement[v as usize] == Vec3::zeros();
-                let moves = |s: &Shape| !source.vertices.iter().all(|&v| still(s, v));
-                shapes.iter().any(moves)
-            })
-        };
-        let meshes = self.glb.json["meshes"].as_array().map_or(0, Vec::len);
-        let mut written: HashMap<(u64, usize), usize> = HashMap::new();
+        let mut written: HashMap<(usize, usize), usize> = HashMap::new();
         let mut bound: Vec<Bound> = Vec::new();
-        for m in 0..meshes {
-            let list = self.glb.json["meshes"][m]["primitives"].clone();
-            let list: &[Value] = list.as_array().map_or(&[], Vec::as_slice);
-            let position = |p: &Value| p["attributes"]["POSITION"].as_u64();
-            if !list
-                .iter()
-                .filter_map(position)
-                .any(|a| moves(a, &self.sources))
-            {
-                continue;
-            }
-            let had = list[0]["targets"].as_array().map_or(0, Vec::len);
-            let mut names = names(&self.glb.json["meshes"][m], had);
-            let places: Vec<usize> = shapes
-                .iter()
-                .map(|shape| {
-                    names
-                        .iter()
-                        .position(|n| *n == shape.name)
-                        .unwrap_or_else(|| {
-                            names.push(shape.name.clone());
-                            names.len() - 1
-                        })
-                })
-                .collect();
-            let named = shapes.iter().zip(&places);
-            bound.push(Bound {
-                mesh: m,
-                targets: named.map(|(s, &at)| (s.name.clone(), at)).collect(),
-            });
-            for (p, primitive) in list.iter().enumerate() {
-                let mut targets = primitive["targets"].as_array().cloned().unwrap_or_default();
-                targets.resize(names.len(), Value::Null);
-                for (k, shape) in shapes.iter().enumerate() {
-                    let accessor = position(primitive).unwrap_or(u64::MAX);
-                    let index = *written.entry((accessor, k)).or_insert_with(|| {
-                        let source = self.sources.get(of(accessor, &self.sources));
-                        let rows: Vec<[f32; 3]> = match source {
-                            Some(Rows { vertices, back, .. }) => {
-                                let d = vertices.iter().map(|&v| shape.displacement[v as usize]);
-                                d.map(|d| single(&back.map_or(d, |back| back * d)))
-                                    .collect()
-                            }
-                            // Lines and points: they have targets too, which move nothing.
-                            None => {
-                                let count = self.glb.count(accessor as usize);
-                                vec![[0.0; 3]; count.unwrap_or(1).max(1)]
-                            }
-                        };
-                        Encoded::new(&rows, dense, true).push(&mut self.glb)
-                    });
-                    targets[places[k]] = json!({"POSITION": index});
+        for m in 0..list(&self.glb.json["meshes"]).len() {
+            let mut mesh = self.glb.json["meshes"][m].take();
+            if self.is_moved(&mesh, shapes) {
+                let mut names = names(&mesh);
+                let places = places(&mut names, shapes);
+                for primitive in mesh["primitives"].as_array_mut().into_iter().flatten() {
+                    let mut targets = list(&primitive["targets"]).to_vec();
+                    targets.resize(names.len(), Value::Null);
+                    let accessor = position(primitive).unwrap_or(usize::MAX);
+                    for (k, (shape, &at)) in shapes.iter().zip(&places).enumerate() {
+                        let index = *written
+                            .entry((accessor, k))
+                            .or_insert_with(|| self.push(accessor, shape, dense));
+                        targets[at] = json!({"POSITION": index});
+                    }
+                    primitive["targets"] = json!(targets);
+                    set_extra(&mut primitive["extras"], "targetNames", json!(names));
                 }
-                let primitive = &mut self.glb.json["meshes"][m]["primitives"][p];
-                primitive["targets"] = json!(targets);
-                set_extra(&mut primitive["extras"], "targetNames", json!(names));
-            }
-            let mesh = &mut self.glb.json["meshes"][m];
-            mesh["weights"] = lengthened(&mesh["weights"], names.len());
-            set_extra(&mut mesh["extras"], "targetNames", json!(names));
-            let unit = |name: &String| shapes.iter().find(|s| s.name == *name);
-            let units: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.unit.as_deref()).collect();
-            let upon: Vec<Option<&str>> = names.iter().map(|n| unit(n)?.upon.as_deref()).collect();
-            let ours = json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
-            set_extra(&mut mesh["extras"], "mien", ours);
-            for node in self.glb.json["nodes"].as_array_mut().into_iter().flatten() {
-                if node["mesh"] == json!(m) && node.get("weights").is_some() {
-                    node["weights"] = lengthened(&node["weights"], names.len());
+                describe(&mut mesh, &names, shapes);
+                for node in self.glb.json["nodes"].as_array_mut().into_iter().flatten() {
+                    if node["mesh"] == json!(m) && node.get("weights").is_some() {
+                        node["weights"] = lengthened(&node["weights"], names.len());
+                    }
                 }
+                let names = shapes.iter().map(|s| s.name.clone());
+                bound.push(Bound {
+                    mesh: m,
+                    targets: names.zip(places).collect(),
+                });
             }
+            self.glb.json["meshes"][m] = mesh;
         }
         add_expressions(&mut self.glb.json, &bound);
         self.glb
     }
+
+    fn source(&self, accessor: usize) -> Option<&Rows> {
+        self.sources.iter().find(|s| s.accessor == accessor)
+    }
+
+    fn is_moved(&self, mesh: &Value, shapes: &[Shape]) -> bool {
+        let positions = list(&mesh["primitives"]).iter().filter_map(position);
+        let mut sources = positions.filter_map(|accessor| self.source(accessor));
+        sources.any(|source| {
+            let moves = |s: &Shape, v: u32| s.displacement[v as usize] != Vec3::zeros();
+            shapes
+                .iter()
+                .any(|s| source.vertices.iter().any(|&v| moves(s, v)))
+        })
+    }
+
+    /// Writes how a shape moves the rows of an accessor.
+    fn push(&mut self, accessor: usize, shape: &Shape, dense: bool) -> usize {
+        let rows: Vec<[f32; 3]> = match self.source(accessor) {
+            Some(Rows { vertices, back, .. }) => {
+                let moved = vertices.iter().map(|&v| shape.displacement[v as usize]);
+                moved
+                    .map(|d| single(&back.map_or(d, |back| back * d)))
+                    .collect()
+            }
+            // Lines and points: they have targets too, which move nothing.
+            None => vec![[0.0; 3]; self.glb.count(accessor).unwrap_or(1).max(1)],
+        };
+        Encoded::new(&rows, dense, true).push(&mut self.glb)
+    }
+}
+
+/// The accessor of a primitive's positions.
+fn position(primitive: &Value) -> Option<usize> {
+    let accessor = primitive["attributes"]["POSITION"].as_u64()?;
+    Some(usize::try_from(accessor).unwrap_or(usize::MAX))
+}
+
+/// The number of each shape's target, that of its namesake or a new one.
+fn places(names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
+    let mut place = |shape: &Shape| {
+        let namesake = names.iter().position(|n| *n == shape.name);
+        namesake.unwrap_or_else(|| {
+            names.push(shape.name.clone());
+            names.len() - 1
+        })
+    };
+    shapes.iter().map(&mut place).collect()
+}
+
+/// Says of a mesh what its targets are called and what drives them.
+fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
+    mesh["weights"] = lengthened(&mesh["weights"], names.len());
+    set_extra(&mut mesh["extras"], "targetNames", json!(names));
+    let named = |name: &String| shapes.iter().find(|s| s.name == *name);
+    let units: Vec<Option<&str>> = names.iter().map(|n| named(n)?.unit.as_deref()).collect();
+    let upon: Vec<Option<&str>> = names.iter().map(|n| named(n)?.upon.as_deref()).collect();
+    let ours = json!({"version": env!("CARGO_PKG_VERSION"), "units": units, "upon": upon});
+    set_extra(&mut mesh["extras"], "mien", ours);
 }
 
 /// Whether positions are stored as they are, not packed: by the name of the extension if not.
 fn is_plain(json: &Value) -> Result<(), GlbError> {
-    let used = json["extensionsUsed"].as_array().into_iter().flatten();
-    let packed = used.filter_map(Value::as_str).find(|&name| match name {
+    let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
+    let mut used = list(&json["extensionsUsed"])
+        .iter()
+        .filter_map(Value::as_str);
+    let packed = used.find(|&name| match name {
         "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => {
             true
         }
         // Often of normals and texture coordinates only.
-        "KHR_mesh_quantization" => primitives(json)
-            .filter_map(|p| p["attributes"]["POSITION"].as_u64())
-            // 5126: float.
-            .any(|a| json["accessors"][a as usize]["componentType"] != 5126),
+        "KHR_mesh_quantization" => !primitives(json).filter_map(position).all(is_float),
         _ => false,
     });
     packed.map_or(Ok(()), |name| {
@@ -422,21 +421,18 @@ fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
         let found = found.to_string().chars().take(40).collect();
         Err(GlbError::Content { expected, found })
     };
-    let mut primitives = 0;
-    for mesh in json["meshes"].as_array().into_iter().flatten() {
-        for primitive in mesh["primitives"].as_array().into_iter().flatten() {
-            primitives += 1;
-            if !primitive.is_object() {
-                return refuse("primitives that are objects", primitive);
-            }
-            let targets = primitive["targets"].as_array().map_or(0, Vec::len);
-            if targets > TARGETS {
-                return refuse("at most 1024 morph targets of a mesh", &json!(targets));
-            }
+    for primitive in primitives(json) {
+        if !primitive.is_object() {
+            return refuse("primitives that are objects", primitive);
+        }
+        let targets = list(&primitive["targets"]).len();
+        if targets > TARGETS {
+            return refuse("at most 1024 morph targets of a mesh", &json!(targets));
         }
     }
-    if primitives > PRIMITIVES {
-        return refuse("at most 4096 primitives", &json!(primitives));
+    let count = primitives(json).count();
+    if count > PRIMITIVES {
+        return refuse("at most 4096 primitives", &json!(count));
     }
     add_expressions_to(json)
 }
@@ -453,28 +449,26 @@ fn set_extra(extras: &mut Value, key: &str, value: Value) {
 }
 
 fn primitives(json: &Value) -> impl Iterator<Item = &Value> {
-    let meshes = json["meshes"].as_array().into_iter().flatten();
-    meshes.flat_map(|m| m["primitives"].as_array().into_iter().flatten())
+    let meshes = list(&json["meshes"]).iter();
+    meshes.flat_map(|mesh| list(&mesh["primitives"]))
 }
 
 /// Names of a mesh's targets, made up where the file has none.
-fn names(mesh: &Value, count: usize) -> Vec<String> {
-    let given = mesh["extras"]["targetNames"]
-        .as_array()
-        .or_else(|| mesh["primitives"][0]["extras"]["targetNames"].as_array());
-    (0..count)
-        .map(|k| {
-            let name = given.and_then(|g| g.get(k)?.as_str().map(str::to_owned));
-            name.unwrap_or_else(|| format!("target_{k}"))
-        })
+fn names(mesh: &Value) -> Vec<String> {
+    let first = &mesh["primitives"][0];
+    let of_mesh = mesh["extras"]["targetNames"].as_array();
+    let given = of_mesh.or_else(|| first["extras"]["targetNames"].as_array());
+    let name = |k: usize| Some(given?.get(k)?.as_str()?.to_owned());
+    let all = 0..list(&first["targets"]).len();
+    all.map(|k| name(k).unwrap_or_else(|| format!("target_{k}")))
         .collect()
 }
 
 /// Weights with zeros up to `count`.
 fn lengthened(weights: &Value, count: usize) -> Value {
-    let mut list = weights.as_array().cloned().unwrap_or_default();
-    list.resize(count, json!(0.0));
-    json!(list)
+    let mut weights = list(weights).to_vec();
+    weights.resize(count, json!(0.0));
+    json!(weights)
 }
 
 #[cfg(test)]
@@ -493,8 +487,6 @@ mod tests {
             misses: None,
             displacement,
             area: vec![true; n],
-            unknowns: 0,
-            milliseconds: 0.0,
         }
     }
 

@@ -9,8 +9,7 @@
 //!
 //! Frame: that of the face (left, up, out), origin between the inner eye corners, unit one eye distance.
 //! Stored is the left half; the right half mirrors it, with the shape of the other side. Memory: 2 MB unpacked. Cost: 2 ms
-//! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`]. One file: the comparison, and the file
-//! that keeps what it compares with.
+//! a shape. Learned by [`super::learn`], laid onto a head by [`super::canonical`].
 
 use std::sync::LazyLock;
 
@@ -50,6 +49,14 @@ impl Place {
     pub fn far(&self, other: &Self) -> f64 {
         let turned = (self.normal - other.normal) * TURNED;
         ((self.at - other.at).norm_squared() + turned.norm_squared()).sqrt()
+    }
+
+    /// Across the middle of the face.
+    pub(super) fn mirrored(&self) -> Self {
+        Self {
+            at: flipped(&self.at),
+            normal: flipped(&self.normal),
+        }
     }
 
     /// The point in six dimensions whose plain distance that is.
@@ -279,24 +286,16 @@ impl Prior {
     pub fn emit(&self) -> Vec<u8> {
         let places = &self.comparison.places;
         let half = places.iter().take_while(|p| p.at.x >= 0.0).count();
+        let count = self.learned.len();
         let mut out = MAGIC.to_vec();
-        for n in [half, self.learned.len()] {
+        for n in [half, count] {
             out.extend((n as u32).to_le_bytes());
         }
         out.extend(&self.mirror);
-        let mut single = |v: &Vec3| {
-            for x in v.iter() {
-                out.extend((*x as f32).to_le_bytes());
-            }
-        };
-        for l in &self.comparison.landmarks {
-            single(l);
+        let of_places = places[..half].iter().flat_map(|p| [p.at, p.normal]);
+        for v in self.comparison.landmarks.iter().copied().chain(of_places) {
+            out.extend(v.iter().flat_map(|x| (*x as f32).to_le_bytes()));
         }
-        for p in &places[..half] {
-            single(&p.at);
-            single(&p.normal);
-        }
-        let count = self.learned.len();
         for s in 0..count {
             let adds: Vec<Vec3> = (0..half).map(|q| self.adds[q * count + s]).collect();
             let [controls, skin, _] = &self.learned[s].0;
@@ -304,80 +303,40 @@ impl Prior {
                 let most = block.iter().map(Vec3::amax).fold(1e-9, f64::max);
                 let step = (most / f64::from(i16::MAX)) as f32;
                 out.extend(step.to_le_bytes());
-                for x in block.iter().flat_map(|v| v.iter()) {
-                    out.extend(((x / f64::from(step)).round() as i16).to_le_bytes());
-                }
+                let parts = block
+                    .iter()
+                    .flat_map(|v| v.iter())
+                    .map(|x| x / f64::from(step));
+                out.extend(parts.flat_map(|x| (x.round() as i16).to_le_bytes()));
             }
         }
         out
     }
 
     /// Reads [`Prior::emit`]; `None` if it is damaged.
-    /// Long because it reads the file's fields in their order.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
-        let mut rest = bytes.strip_prefix(MAGIC)?;
-        let mut take = |n: usize| {
-            let (taken, left) = rest.split_at_checked(n)?;
-            rest = left;
-            Some(taken)
-        };
-        let number = |b: &[u8]| Some(u32::from_le_bytes(b.try_into().ok()?) as usize);
-        let (half, count) = (number(take(4)?)?, number(take(4)?)?);
+        let mut rest = Rest(bytes.strip_prefix(MAGIC)?);
+        let [half, count] = [rest.number()?, rest.number()?];
         if !(1..=4096).contains(&half) || !(1..=255).contains(&count) {
             return None;
         }
-        let mirror = take(count)?.to_vec();
+        let mirror = rest.take(count)?.to_vec();
         if mirror.iter().any(|&m| usize::from(m) >= count) {
             return None;
         }
-        let mut singles = |n: usize| {
-            let numbers = take(n * 12)?.chunks_exact(4);
-            let x: Vec<f64> = numbers
-                .map(|b| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])))
-                .collect();
-            Some(
-                x.chunks_exact(3)
-                    .map(Vec3::from_column_slice)
-                    .collect::<Vec<_>>(),
-            )
-        };
-        let landmarks = singles(LANDMARKS)?;
-        let mut places: Vec<Place> = singles(2 * half)?
-            .chunks_exact(2)
-            .map(|p| Place {
-                at: p[0],
-                normal: p[1],
-            })
-            .collect();
-        let mut blocks = Vec::with_capacity(count);
-        for _ in 0..count {
-            let mut block = |n: usize| {
-                let step = take(4)?;
-                let step = f64::from(f32::from_le_bytes([step[0], step[1], step[2], step[3]]));
-                let numbers = take(n * 6)?.chunks_exact(2);
-                let x: Vec<f64> = numbers
-                    .map(|b| f64::from(i16::from_le_bytes([b[0], b[1]])) * step)
-                    .collect();
-                Some(
-                    x.chunks_exact(3)
-                        .map(Vec3::from_column_slice)
-                        .collect::<Vec<_>>(),
-                )
-            };
-            blocks.push([block(LANDMARKS)?, block(half)?, block(half)?]);
-        }
-        if !rest.is_empty() {
+        let landmarks = rest.singles(LANDMARKS)?;
+        let places = rest.singles(2 * half)?;
+        let pairs = places.as_chunks::<2>().0.iter();
+        let mut places: Vec<Place> = pairs.map(|&[at, normal]| Place { at, normal }).collect();
+        let mut block = || Some([rest.block(LANDMARKS)?, rest.block(half)?, rest.block(half)?]);
+        let blocks: Vec<[Vec<Vec3>; 3]> = (0..count).map(|_| block()).collect::<Option<_>>()?;
+        if !rest.0.is_empty() {
             return None;
         }
         let twice = Self::halves(&places);
-        for &q in &twice {
-            let p = places[q];
-            places.push(Place {
-                at: flipped(&p.at),
-                normal: flipped(&p.normal),
-            });
-        }
+        let right: Vec<Place> = twice.iter().map(|&q| places[q].mirrored()).collect();
+        places.extend(right);
         let comparison = Comparison::new(landmarks, places);
         let whole = |s: usize, kind: usize| {
             let other = &blocks[usize::from(mirror[s])][kind];
@@ -392,11 +351,45 @@ impl Prior {
             .map(|s| comparison.motion(blocks[s][0].clone(), whole(s, 1)))
             .collect();
         let adds: Vec<Vec<Vec3>> = (0..count).map(|s| whole(s, 2)).collect();
-        let adds = (0..comparison.places.len())
-            .flat_map(|q| adds.iter().map(move |adds| adds[q]))
-            .collect();
+        let at = |q: usize| adds.iter().map(move |adds| adds[q]);
+        let adds = (0..comparison.places.len()).flat_map(at).collect();
         Some(Self::new(comparison, learned, mirror, adds))
     }
+}
+
+/// What of a file is still to be read.
+struct Rest<'a>(&'a [u8]);
+
+impl<'a> Rest<'a> {
+    fn take(&mut self, bytes: usize) -> Option<&'a [u8]> {
+        self.0.split_off(..bytes)
+    }
+
+    fn number(&mut self) -> Option<usize> {
+        Some(u32::from_le_bytes(*self.take(4)?.first_chunk()?) as usize)
+    }
+
+    fn singles(&mut self, vectors: usize) -> Option<Vec<Vec3>> {
+        let numbers = self.take(vectors * 12)?.as_chunks().0.iter();
+        Some(in_threes(
+            numbers.map(|b| f64::from(f32::from_le_bytes(*b))),
+        ))
+    }
+
+    /// Vectors as parts of a step that stands before them.
+    fn block(&mut self, vectors: usize) -> Option<Vec<Vec3>> {
+        let step = f64::from(f32::from_le_bytes(*self.take(4)?.first_chunk()?));
+        let parts = self.take(vectors * 6)?.as_chunks().0.iter();
+        Some(in_threes(
+            parts.map(|b| f64::from(i16::from_le_bytes(*b)) * step),
+        ))
+    }
+}
+
+fn in_threes(numbers: impl Iterator<Item = f64>) -> Vec<Vec3> {
+    let numbers: Vec<f64> = numbers.collect();
+    let threes = numbers.as_chunks::<3>().0.iter();
+    threes.map(|&v| Vec3::from(v)).collect()
 }
 
 #[cfg(test)]

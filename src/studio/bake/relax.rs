@@ -54,13 +54,10 @@ pub(super) fn relax(
     (d, area): (&mut Vec<Vec3>, &[bool]),
     spans: bool,
 ) {
-    let all = d.iter().enumerate();
-    let all: Vec<Vec3> = all
-        .map(|(v, d)| d + base.map_or(Vec3::zeros(), |b| b[v]))
-        .collect();
-    let changed: Vec<u32> = (0..d.len() as u32)
-        .filter(|&v| all[v as usize] != Vec3::zeros())
-        .collect();
+    let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
+    let all: Vec<Vec3> = d.iter().enumerate().map(|(v, d)| d + below(v)).collect();
+    let changed = (0..d.len() as u32).filter(|&v| all[v as usize] != Vec3::zeros());
+    let changed: Vec<u32> = changed.collect();
     let mut relaxing = Relaxing {
         head,
         around,
@@ -79,9 +76,8 @@ pub(super) fn relax(
 
 /// Lids that meet stay so, and lids that follow a gaze follow it; what the jaw alone moves is out of sight and gives way to nothing.
 fn held(head: &Head, target: &Target) -> Vec<bool> {
-    let mut held: Vec<bool> = (0..head.mesh.positions.len())
-        .map(|v| head.deep(v))
-        .collect();
+    let all = 0..head.mesh.positions.len();
+    let mut held: Vec<bool> = all.map(|v| head.deep(v)).collect();
     for (side, seam) in head.lids.iter().enumerate() {
         let shut = target.close[side].is_some_and(|(amount, _)| amount > 0.99);
         if shut || target.gaze[side].is_some() {
@@ -231,8 +227,10 @@ impl Relaxing<'_> {
 
 /// Some vertices, their neighbours, the neighbours of these and so on: each vertex once, by its distance in edges.
 pub(super) fn rings_about(rings: &Rings, some: &[u32], most: usize) -> Vec<Vec<u32>> {
-    let mut seen: std::collections::HashSet<u32> = some.iter().copied().collect();
-    let mut out = vec![seen.iter().copied().collect::<Vec<u32>>()];
+    // Only asked, never listed: its order is another one in every run.
+    let mut seen = std::collections::HashSet::new();
+    let first = some.iter().copied().filter(|&v| seen.insert(v));
+    let mut out = vec![first.collect::<Vec<u32>>()];
     for ring in 0..most {
         let near = out[ring].iter().flat_map(|&v| rings.of(v as usize));
         let next = near.copied().filter(|&v| seen.insert(v)).collect();

@@ -88,16 +88,8 @@ impl<'a> Outside<'a> {
         };
         let middle = turn * view.middle;
         let surfaces = self.surfaces.as_ref();
-        paint(
-            self.mesh,
-            &seen,
-            &middle,
-            view.height,
-            pixels,
-            surfaces,
-            tint,
-        )
-        .image
+        let height = view.height;
+        paint(self.mesh, &seen, &middle, height, pixels, surfaces, tint).image
     }
 }
 
@@ -162,23 +154,14 @@ pub(in crate::studio) fn paint(
         middle: *middle,
         scale: f64::from(pixels) / height,
     };
-    let screen: Vec<raster::Corner> = seen
-        .iter()
-        .map(|p| {
-            let p = canvas.screen(p);
-            raster::Corner {
-                x: p.x as f32,
-                y: p.y as f32,
-                inverse: (p.z + BEHIND) as f32,
-            }
-        })
-        .collect();
-    let cut = |f: usize| {
-        let face = mesh.face(f);
-        mesh.split(f)
-            .into_iter()
-            .map(move |t| (mesh.face_material[f], t.map(|k| face[k])))
+    let corner = |p: Vec3| raster::Corner {
+        x: p.x as f32,
+        y: p.y as f32,
+        inverse: (p.z + BEHIND) as f32,
     };
+    let screen = seen.iter().map(|p| corner(canvas.screen(p)));
+    let screen: Vec<raster::Corner> = screen.collect();
+    let cut = |f: usize| mesh.solid(f).map(move |t| (mesh.face_material[f], t));
     for (material, mut corner) in (0..mesh.faces()).flat_map(cut) {
         let known = surfaces.filter(|surfaces| surfaces.know(material));
         let Some(tint) = tint(corner.map(|c| c.vertex), known.is_some()) else {

@@ -62,6 +62,14 @@ pub fn promises(shapes: &[Shape]) -> String {
     }
 }
 
+const STYLE: &str = "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes</title><style>\
+    body{font:14px/1.4 system-ui,sans-serif;margin:2em;background:#f6f6f4;color:#222}\
+    .sheet{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:10px}\
+    figure{margin:0;background:#fff;border-radius:6px;overflow:hidden}figure img{width:100%;display:block}\
+    figcaption{padding:4px 8px}table{border-collapse:collapse;margin:2em 0;background:#fff}\
+    td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}\
+    td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>";
+
 /// The report as HTML, and the figures it shows.
 #[must_use]
 pub fn html(
@@ -75,71 +83,67 @@ pub fn html(
         yaw: 0.35,
         ..View::face(head)
     };
-    let all: Vec<(Figures, String)> = (0..shapes.len())
-        .into_par_iter()
-        .map(|k| {
-            let picture = outside.draw(head, &shown(shapes, k), &view, PIXELS);
-            (judge.judge(shapes, k), embedded(&picture))
-        })
-        .collect();
-    let mut out = String::from(
-        "<!doctype html><meta charset=\"utf-8\"><title>Baked shapes</title><style>\
-         body{font:14px/1.4 system-ui,sans-serif;margin:2em;background:#f6f6f4;color:#222}\
-         .sheet{display:grid;grid-template-columns:repeat(auto-fill,minmax(220px,1fr));gap:10px}\
-         figure{margin:0;background:#fff;border-radius:6px;overflow:hidden}figure img{width:100%;display:block}\
-         figcaption{padding:4px 8px}table{border-collapse:collapse;margin:2em 0;background:#fff}\
-         td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:right}\
-         td:first-child,th:first-child{text-align:left}.bad{background:#fbd3c8}</style>",
+    let one = |k: usize| {
+        let picture = outside.draw(head, &shown(shapes, k), &view, PIXELS);
+        (judge.judge(shapes, k), embedded(&picture))
+    };
+    let all = (0..shapes.len()).into_par_iter().map(one);
+    let (figures, pictures): (Vec<Figures>, Vec<String>) = all.unzip();
+    let (count, vertices) = (shapes.len(), head.mesh.positions.len());
+    let neutral = embedded(&outside.draw(head, &[], &view, PIXELS));
+    let mut out = format!(
+        "{STYLE}<h1>{title}</h1><p>{}</p><p>{count} shapes on {vertices} vertices. \
+         Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \
+         judged upon it.</p><div class=\"sheet\">\
+         <figure><img alt=\"neutral\" src=\"{neutral}\"><figcaption>neutral</figcaption></figure>",
+        promises(shapes)
     );
-    let _ = write!(
-        out,
-        "<h1>{title}</h1><p>{}</p><p>{} shapes on {} vertices. ",
-        promises(shapes),
-        shapes.len(),
-        head.mesh.positions.len()
-    );
-    out.push_str(
-        "Lengths are in distances between the inner eye corners. A shape made to be added to another one is shown and \
-         judged upon it.</p><div class=\"sheet\">",
-    );
-    let _ = write!(
-        out,
-        "<figure><img alt=\"neutral\" src=\"{}\"><figcaption>neutral</figcaption></figure>",
-        embedded(&outside.draw(head, &[], &view, PIXELS))
-    );
-    for (shape, (_, picture)) in shapes.iter().zip(&all) {
-        let name = &shape.name;
-        let unit = shape.unit.as_deref().unwrap_or("");
+    for (Shape { name, unit, .. }, picture) in shapes.iter().zip(&pictures) {
+        let unit = unit.as_deref().unwrap_or("");
         let _ = write!(
             out,
             "<figure><img alt=\"{name}\" src=\"{picture}\"><figcaption><b>{name}</b> {unit}</figcaption></figure>"
         );
     }
-    out.push_str(
-        "</div><table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices<th>inverted<th>collapsed\
-         <th>asymmetry<th>deeper in eye<th>lid gap<th>lips cross<th>unknowns<th>ms</tr>",
-    );
-    for (shape, (f, _)) in shapes.iter().zip(&all) {
-        let mut cell = |text: String, bad: bool| {
+    out += "</div>";
+    table(&mut out, shapes, &figures);
+    (out, figures)
+}
+
+/// A row of figures for every shape; what should not be is marked.
+fn table(out: &mut String, shapes: &[Shape], figures: &[Figures]) {
+    *out += "<table><tr><th>shape<th>unit<th>largest<th>outside AOI<th>vertices<th>inverted<th>collapsed\
+        <th>deeper in eye<th>lid gap<th>lips cross</tr>";
+    let some = |v: Option<f64>| v.map_or_else(String::new, number);
+    for (shape, f) in shapes.iter().zip(figures) {
+        let cells = [
+            (shape.name.clone(), false),
+            (shape.unit.clone().unwrap_or_default(), false),
+            (number(f.largest), false),
+            (number(f.outside), f.outside > 0.0),
+            (f.moved.to_string(), false),
+            (f.inverted.to_string(), f.inverted > 0),
+            (f.collapsed.to_string(), f.collapsed > 0),
+            (number(f.eye_depth), f.eye_depth > 1e-3),
+            (some(f.lid_gap), f.lid_gap > Some(0.02)),
+            (number(f.lips_cross), f.lips_cross > 0.01),
+        ];
+        for (text, bad) in cells {
             let class = if bad { " class=\"bad\"" } else { "" };
             let _ = write!(out, "<td{class}>{text}");
-        };
-        let some = |v: Option<f64>| v.map_or_else(String::new, number);
-        cell(shape.name.clone(), false);
-        cell(shape.unit.clone().unwrap_or_default(), false);
-        cell(number(f.largest), false);
-        cell(number(f.outside), f.outside > 0.0);
-        cell(f.moved.to_string(), false);
-        cell(f.inverted.to_string(), f.inverted > 0);
-        cell(f.collapsed.to_string(), f.collapsed > 0);
-        cell(some(f.asymmetry), f.asymmetry.is_some_and(|a| a > 0.05));
-        cell(number(f.eye_depth), f.eye_depth > 1e-3);
-        cell(some(f.lid_gap), f.lid_gap.is_some_and(|g| g > 0.02));
-        cell(number(f.lips_cross), f.lips_cross > 0.01);
-        cell(shape.unknowns.to_string(), false);
-        cell(format!("{:.0}", shape.milliseconds), false);
-        out.push_str("</tr>");
+        }
+        *out += "</tr>";
     }
-    out.push_str("</table>");
-    (out, all.into_iter().map(|(f, _)| f).collect())
+    *out += "</table>";
+}
+
+/// The worst of all shapes' figures, in words.
+pub(super) fn worst(figures: &[Figures]) -> String {
+    let inverted: usize = figures.iter().map(|f| f.inverted).sum();
+    let outside = figures.iter().map(|f| f.outside).fold(0.0, f64::max);
+    let depth = figures.iter().map(|f| f.eye_depth).fold(0.0, f64::max);
+    format!(
+        "{inverted} inverted triangles, largest motion outside its area {outside}, \
+         lids at most {depth:.5} eye distances deeper in the eye"
+    )
 }

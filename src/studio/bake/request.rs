@@ -35,7 +35,7 @@ pub struct Request {
     #[arg(long = "unit", value_parser = metres)]
     pub metres: Option<f64>,
     /// aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares
-    #[arg(long, default_value = "aoi", value_parser = method)]
+    #[arg(long, value_enum, default_value_t, hide_possible_values = true)]
     pub method: Method,
     /// With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does
     #[arg(long = "derive-controls")]
@@ -61,10 +61,6 @@ pub(in crate::studio) fn written(name: &str, endings: &[&str]) -> Result<PathBuf
         expected += "; FBX and .blend come out of Blender, see docs/baking.md";
     }
     Err(expected)
-}
-
-fn method(name: &str) -> Result<Method, String> {
-    Method::named(name).ok_or_else(|| "expected aoi, paper or laplacian".into())
 }
 
 /// Whether a file is to be USD, by its name.

@@ -10,7 +10,7 @@ use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vecto
 use serde_json::{Value, json};
 
 use super::files::read_bytes;
-use super::glb::{Glb, GlbError};
+use super::glb::{Glb, GlbError, list};
 
 /// A chain of nodes longer than this is a ring.
 const DEEPEST: usize = 256;
@@ -37,13 +37,13 @@ fn local(node: &Value) -> Matrix4<f64> {
 
 /// From each mesh to the scene; `None` where that is nothing, or cannot be undone.
 pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
-    let list = |name: &str| glb.json[name].as_array().map_or(&[][..], Vec::as_slice);
-    let nodes = list("nodes");
+    let nodes = list(&glb.json["nodes"]);
     let mut parent = vec![usize::MAX; nodes.len()];
     for (k, node) in nodes.iter().enumerate() {
-        for child in node["children"].as_array().into_iter().flatten() {
-            let child = child.as_u64().and_then(|c| parent.get_mut(c as usize));
-            child.into_iter().for_each(|of| *of = k);
+        for child in list(&node["children"]).iter().filter_map(Value::as_u64) {
+            if let Some(parent) = parent.get_mut(child as usize) {
+                *parent = k;
+            }
         }
     }
     let world = |node: usize| {
@@ -51,7 +51,7 @@ pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
         let chain = chain.take_while(|&k| k < nodes.len()).take(DEEPEST);
         chain.fold(Matrix4::identity(), |below, k| local(&nodes[k]) * below)
     };
-    let mut placed = vec![None; list("meshes").len()];
+    let mut placed = vec![None; list(&glb.json["meshes"]).len()];
     let mut met = vec![false; placed.len()];
     for (k, node) in nodes.iter().enumerate() {
         let mesh = node["mesh"].as_u64().map_or(usize::MAX, |m| m as usize);
@@ -92,23 +92,21 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, GlbError> {
             .decode(text)
             .map_err(|e| refuse(format!("base64: {e}")));
     }
+    let unknown = || refuse(format!("{uri:.80?}"));
     // Spaces and letters beyond ASCII are written as %20.
-    let mut name = Vec::new();
-    let mut rest = uri.bytes();
-    while let Some(byte) = rest.next() {
-        let hex = |b: Option<u8>| char::from(b.unwrap_or(0)).to_digit(16);
-        name.push(match byte {
-            b'%' => match (hex(rest.next()), hex(rest.next())) {
-                (Some(high), Some(low)) => (16 * high + low) as u8,
-                _ => return Err(refuse(format!("{uri:.80?}"))),
-            },
-            byte => byte,
-        });
+    let mut parts = uri.split('%');
+    let mut name = parts.next().unwrap_or_default().as_bytes().to_vec();
+    for part in parts {
+        let byte = part
+            .get(..2)
+            .and_then(|hex| u8::from_str_radix(hex, 16).ok());
+        name.push(byte.ok_or_else(unknown)?);
+        name.extend(&part.as_bytes()[2..]);
     }
     let name = String::from_utf8_lossy(&name).into_owned();
     let below = |c: Component<'_>| matches!(c, Component::Normal(_) | Component::CurDir);
     if name.contains([':', '\\']) || !Path::new(&name).components().all(below) {
-        return Err(refuse(format!("{uri:.80?}")));
+        return Err(unknown());
     }
     read_bytes(&folder.join(name)).map_err(|e| refuse(e.to_string()))
 }
@@ -132,43 +130,49 @@ impl Glb {
                 found: "JSON that is no object",
             });
         }
-        let buffers = glb.json["buffers"].as_array().cloned().unwrap_or_default();
+        let buffers = list(&glb.json["buffers"]).to_vec();
         if buffers.len() != 1 || !buffers[0]["uri"].is_null() {
-            let inside = std::mem::take(&mut glb.bin);
-            let mut starts = Vec::new();
-            for buffer in &buffers {
-                glb.bin.resize(glb.bin.len().next_multiple_of(16), 0);
-                starts.push(glb.bin.len() as u64);
-                match buffer["uri"].as_str() {
-                    Some(uri) => glb.bin.extend(named(uri, folder)?),
-                    None => glb.bin.extend(&inside),
-                }
-            }
-            for view in glb.json["bufferViews"].as_array_mut().into_iter().flatten() {
-                let start = view["buffer"].as_u64().and_then(|b| starts.get(b as usize));
-                let from = view["byteOffset"].as_u64().unwrap_or(0);
-                view["byteOffset"] = start.map_or(Value::Null, |s| from.saturating_add(*s).into());
-                view["buffer"] = 0.into();
-            }
-            glb.json["buffers"] = json!([{"byteLength": glb.bin.len()}]);
+            glb.join(&buffers, folder)?;
         }
-        let images = glb.json["images"].as_array().map_or(0, Vec::len);
-        for k in 0..images {
-            let image = &glb.json["images"][k];
-            let picture = image["uri"]
-                .as_str()
-                .and_then(|uri| named(uri, folder).ok());
-            let Some(picture) = picture else { continue };
-            let Some(kind) = super::looks::kind(&picture) else {
-                continue;
-            };
-            let view = glb.push_view(&picture, 0);
-            let image = &mut glb.json["images"][k];
-            image["bufferView"] = view.into();
-            image["mimeType"] = kind.into();
-            image.as_object_mut().map(|image| image.remove("uri"));
+        for k in 0..list(&glb.json["images"]).len() {
+            let uri = glb.json["images"][k]["uri"].as_str();
+            let picture = uri.and_then(|uri| named(uri, folder).ok());
+            let kind = picture.as_deref().and_then(super::looks::kind);
+            if let (Some(picture), Some(kind)) = (picture, kind) {
+                let view = glb.push_view(&picture, 0);
+                let image = &mut glb.json["images"][k];
+                image["bufferView"] = view.into();
+                image["mimeType"] = kind.into();
+                image.as_object_mut().map(|image| image.remove("uri"));
+            }
         }
         Ok(glb)
+    }
+
+    /// Makes one of all buffers.
+    fn join(&mut self, buffers: &[Value], folder: &Path) -> Result<(), GlbError> {
+        let inside = std::mem::take(&mut self.bin);
+        let mut starts = Vec::new();
+        for buffer in buffers {
+            self.bin.resize(self.bin.len().next_multiple_of(16), 0);
+            starts.push(self.bin.len() as u64);
+            match buffer["uri"].as_str() {
+                Some(uri) => self.bin.extend(named(uri, folder)?),
+                None => self.bin.extend(&inside),
+            }
+        }
+        for view in self.json["bufferViews"]
+            .as_array_mut()
+            .into_iter()
+            .flatten()
+        {
+            let start = view["buffer"].as_u64().and_then(|b| starts.get(b as usize));
+            let from = view["byteOffset"].as_u64().unwrap_or(0);
+            view["byteOffset"] = start.map_or(Value::Null, |s| from.saturating_add(*s).into());
+            view["buffer"] = 0.into();
+        }
+        self.json["buffers"] = json!([{"byteLength": self.bin.len()}]);
+        Ok(())
     }
 }
 
@@ -225,8 +229,6 @@ mod tests {
                 misses: None,
                 displacement: vec![Vec3::y(); 16],
                 area: vec![true; 16],
-                unknowns: 0,
-                milliseconds: 0.0,
             };
             let glb = Glb::parse(&foreign.patched(&[shape], true).emit()).unwrap();
             let target = &glb.json["meshes"][0]["primitives"][0]["targets"][0];

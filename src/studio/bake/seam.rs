@@ -2,6 +2,7 @@
 //!
 //! Units: the mesh's; a position across is a pure number, 0 at the subject's right end and 1 at the left one.
 
+use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 use super::mesh::{Mesh, Rings, Vec3};
@@ -43,27 +44,22 @@ impl Seam {
     /// Both lines beginning and ending where their ring turns back, at most a quarter of a line beside the landmarks.
     fn turned(self, mesh: &Mesh) -> Self {
         let (right, left) = (0, self.upper.len() - 1);
-        let ring: Vec<u32> = self
-            .upper
-            .iter()
-            .chain(self.lower[1..self.lower.len() - 1].iter().rev())
-            .copied()
-            .collect();
+        let back = self.lower[1..self.lower.len() - 1].iter().rev();
+        let ring: Vec<u32> = self.upper.iter().chain(back).copied().collect();
         let at = |k: usize| mesh.positions[ring[k % ring.len()] as usize];
         let along = at(left) - at(right);
         let turns = |end: usize, way: f64| {
             let beside = ring.len() / 8;
             let near = ring.len() + end - beside..=ring.len() + end + beside;
-            let furthest = near
-                .max_by(|&a, &b| (way * at(a).dot(&along)).total_cmp(&(way * at(b).dot(&along))));
+            let far = |k: usize| way * at(k).dot(&along);
+            let furthest = near.max_by(|&a, &b| far(a).total_cmp(&far(b)));
             furthest.map_or(end, |k| k % ring.len())
         };
         let (right, left) = (turns(right, -1.0), turns(left, 1.0));
         let between = |from: usize, to: usize| {
             let count = (to + ring.len() - from) % ring.len();
-            (0..=count)
-                .map(|k| ring[(from + k) % ring.len()])
-                .collect::<Vec<u32>>()
+            let places = (0..=count).map(|k| ring[(from + k) % ring.len()]);
+            places.collect::<Vec<u32>>()
         };
         let mut lower = between(left, right);
         lower.reverse();
@@ -84,12 +80,8 @@ pub(super) fn films(mesh: &Mesh, seams: &[&Seam]) -> Vec<bool> {
     let mut film = vec![false; mesh.faces()];
     for seam in seams {
         let mut on = vec![(false, false); mesh.positions.len()];
-        for &v in &seam.upper {
-            on[v as usize].0 = true;
-        }
-        for &v in &seam.lower {
-            on[v as usize].1 = true;
-        }
+        seam.upper.iter().for_each(|&v| on[v as usize].0 = true);
+        seam.lower.iter().for_each(|&v| on[v as usize].1 = true);
         for (f, film) in film.iter_mut().enumerate() {
             let corner = || mesh.face(f).iter().map(|c| on[c.vertex as usize]);
             *film |= corner().all(|(upper, lower)| upper || lower)
@@ -110,21 +102,11 @@ const PLACES: usize = 12;
 const PULL: f64 = 0.7;
 const END_PULL: f64 = 3.0;
 
-#[derive(PartialEq)]
-struct Step<T>(f64, T);
-impl<T: Ord> Eq for Step<T> {}
-impl<T: Ord> Ord for Step<T> {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        other
-            .0
-            .total_cmp(&self.0)
-            .then_with(|| other.1.cmp(&self.1))
-    }
-}
-impl<T: Ord> PartialOrd for Step<T> {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
+/// Where a way has come, the shortest first. Lengths are not below 0, so that their bits are in their order.
+type Steps<T> = BinaryHeap<Reverse<(u64, T)>>;
+
+fn step<T>(length: f64, at: T) -> Reverse<(u64, T)> {
+    Reverse((length.to_bits(), at))
 }
 
 /// Distance of every vertex from the nearest of `sources`, along edges between vertices that pass `within`; infinite where no
@@ -136,11 +118,12 @@ pub(super) fn distances(
     within: impl Fn(usize) -> bool,
 ) -> Vec<f32> {
     let mut best = vec![f32::INFINITY; positions.len()];
-    let mut heap: BinaryHeap<Step<u32>> = sources.iter().map(|&v| Step(0.0, v)).collect();
+    let mut heap: Steps<u32> = sources.iter().map(|&v| step(0.0, v)).collect();
     for &v in sources {
         best[v as usize] = 0.0;
     }
-    while let Some(Step(length, v)) = heap.pop() {
+    while let Some(Reverse((length, v))) = heap.pop() {
+        let length = f64::from_bits(length);
         if length as f32 > best[v as usize] {
             continue;
         }
@@ -149,7 +132,7 @@ pub(super) fn distances(
             let total = length + edge.norm();
             if (total as f32) < best[o as usize] {
                 best[o as usize] = total as f32;
-                heap.push(Step(total, o));
+                heap.push(step(total, o));
             }
         }
     }
@@ -171,11 +154,9 @@ fn ways(
     through: &[Place],
     rim: Option<(Vec3, f64)>,
 ) -> Vec<(f64, Way)> {
-    let at = |v: u32| mesh.positions[v as usize];
-    let along = at(through[through.len() - 1][0].0) - at(start);
-    let along = along.try_normalize(0.0).unwrap_or_default();
+    let [from, to] = [start, through[through.len() - 1][0].0].map(|v| mesh.positions[v as usize]);
+    let along = (to - from).try_normalize(0.0).unwrap_or_default();
     // How far a point is from where a lid's edge is: foremost and nearest to the slit.
-    let (from, to) = (at(start), at(through[through.len() - 1][0].0));
     let behind = |p: &Vec3| {
         rim.map_or(0.0, |(out, reach)| {
             let t = ((p - from).dot(&along) / (to - from).dot(&along)).clamp(0.0, 1.0);
@@ -185,9 +166,10 @@ fn ways(
         })
     };
     let mut best = HashMap::from([((0, start), (0.0, (0, start)))]);
-    let mut heap = BinaryHeap::from([Step(0.0, (0, start))]);
+    let mut heap = Steps::from([step(0.0, (0, start))]);
     let mut ends = Vec::new();
-    while let Some(Step(length, at)) = heap.pop() {
+    while let Some(Reverse((length, at))) = heap.pop() {
+        let length = f64::from_bits(length);
         if length > best[&at].0 {
             continue;
         }
@@ -207,20 +189,18 @@ fn ways(
         let mut to = |next: (usize, u32), total: f64| {
             if best.get(&next).is_none_or(|&(known, _)| total < known) {
                 best.insert(next, (total, at));
-                heap.push(Step(total, next));
+                heap.push(step(total, next));
             }
         };
         if let Some((_, cost)) = through[passed].iter().find(|(o, _)| *o == v) {
             to((passed + 1, v), length + cost);
         }
         for &o in rings.of(v as usize) {
-            let edge = mesh.positions[v as usize] - mesh.positions[o as usize];
+            let there = &mesh.positions[o as usize];
+            let edge = mesh.positions[v as usize] - there;
             let (far, across) = (edge.norm(), edge.dot(&along).abs());
-            let off = behind(&mesh.positions[o as usize]);
-            to(
-                (passed, o),
-                length + far * (1.0 + off) + CROSSES * (far - across),
-            );
+            let cost = far * (1.0 + behind(there)) + CROSSES * (far - across);
+            to((passed, o), length + cost);
         }
     }
     ends

@@ -13,7 +13,7 @@ pub fn pair(name: &str, exists: impl Fn(&str) -> bool) -> Option<[&str; 2]> {
 }
 
 /// One baked shape.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Shape {
     /// Name of the morph target.
     pub name: String,
@@ -27,10 +27,6 @@ pub struct Shape {
     pub displacement: Vec<Vec3>,
     /// Vertices that were allowed to move.
     pub area: Vec<bool>,
-    /// Size of the solved system.
-    pub unknowns: usize,
-    /// Time it took, milliseconds.
-    pub milliseconds: f64,
 }
 
 impl Shape {

@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 use super::contact::Contacts;
 use super::goals::goals;
 use super::head::{Head, LIP_FREE};
-use super::mesh::Vec3;
+use super::mesh::{Vec3, extent_of};
 use super::names::LANDMARKS;
 use super::recipe::Target;
-use super::solve::{Settings, System};
+use super::solve::{DISC, EDGE, FULL, REACH, ROUNDS, System};
 use super::sparse::Singular;
 
 /// Skin nearer than this to a lid line that closes takes part, in eye distances.
@@ -37,9 +37,8 @@ struct Apart {
 }
 
 impl Apart {
-    fn new(points: impl Iterator<Item = Vec3>, reach: f64) -> Self {
-        let start = (Vec3::repeat(f64::INFINITY), Vec3::repeat(-f64::INFINITY));
-        let (low, high) = points.fold(start, |(low, high), p| (low.inf(&p), high.sup(&p)));
+    fn new<'a>(points: impl Iterator<Item = &'a Vec3>, reach: f64) -> Self {
+        let (low, high) = extent_of(points);
         Self { low, high, reach }
     }
 
@@ -54,8 +53,6 @@ pub(super) struct Solved {
     pub(super) d: Vec<Vec3>,
     /// Vertices that could move.
     pub(super) area: Vec<bool>,
-    /// Size of the largest system.
-    pub(super) unknowns: usize,
 }
 
 /// The last system of a shape: the shape by its landmarks alone often has the same as the whole one.
@@ -85,7 +82,6 @@ impl Kept {
 pub(super) struct Placing<'a> {
     pub(super) head: &'a Head,
     pub(super) contacts: &'a Contacts<'a>,
-    pub(super) settings: &'a Settings,
     pub(super) target: &'a Target,
     /// Displacement of the shape that this one takes back.
     pub(super) base: Option<&'a [Vec3]>,
@@ -111,7 +107,7 @@ impl Placing<'_> {
         beyond: Option<&[Vec3]>,
         kept: &mut Kept,
     ) -> Result<Solved, Singular> {
-        let (head, edge) = (self.head, self.settings.edge * self.head.eye_distance);
+        let (head, edge) = (self.head, EDGE * self.head.eye_distance);
         let mut asked = Asked {
             goal: goals(head, self.target),
             u: u.to_vec(),
@@ -128,20 +124,12 @@ impl Placing<'_> {
         // Towards the area's edge what is expected fades, so that outside nothing moves at all.
         let fades = FADES * head.eye_distance;
         let fade = |v: usize| ((asked.u[v] - edge) / fades).clamp(0.0, 1.0);
-        let beyond: Option<Vec<Vec3>> = beyond.map(|beyond| {
-            let some = beyond.iter().enumerate();
-            some.map(|(v, d)| {
-                if asked.area[v] {
-                    d * fade(v)
-                } else {
-                    Vec3::zeros()
-                }
-            })
-            .collect()
-        });
+        let share = |v: usize| if asked.area[v] { fade(v) } else { 0.0 };
+        let faded = |(v, d): (usize, &Vec3)| d * share(v);
+        let beyond: Option<Vec<Vec3>> =
+            beyond.map(|beyond| beyond.iter().enumerate().map(faded).collect());
         let mut d = vec![Vec3::zeros(); asked.u.len()];
         let system = kept.system(head, &asked.area, &asked.goal)?;
-        let unknowns = system.unknowns();
         self.solve(system, &asked, beyond.as_deref(), &mut d);
         // A table of controls says itself how lids and lips go.
         if !self.target.exact {
@@ -151,24 +139,24 @@ impl Placing<'_> {
         for &v in goal.keys() {
             area[v as usize] = true;
         }
-        Ok(Solved { d, area, unknowns })
+        Ok(Solved { d, area })
     }
 
     /// Derived points speak for their surroundings by plain distance: they are few and far from lids and lips.
     fn derived_points_act(&self, asked: &mut Asked) {
-        let (head, settings) = (self.head, self.settings);
+        let head = self.head;
         let (w, positions) = (head.eye_distance, &head.mesh.positions);
         for v in &head.points[LANDMARKS..] {
             let Some(size) = asked.goal.get(v).map(Vec3::norm) else {
                 continue;
             };
-            let (reach, p) = (settings.reach * w, positions[*v as usize]);
+            let (reach, p) = (REACH * w, positions[*v as usize]);
             // Beyond this the point speaks of less than the area's edge.
-            let last = settings.disc * w + reach * (size / (settings.edge * w)).ln();
+            let last = DISC * w + reach * (size / (EDGE * w)).ln();
             for (k, u) in asked.u.iter_mut().enumerate() {
                 let far = (positions[k] - p).norm_squared();
                 if last > 0.0 && far < last * last && head.skin[k] {
-                    let far = far.sqrt() - settings.disc * w;
+                    let far = far.sqrt() - DISC * w;
                     *u = u.max(size * (-far.max(0.0) / reach).exp());
                 }
             }
@@ -184,7 +172,7 @@ impl Placing<'_> {
                 .both()
                 .filter_map(|v| Some((positions[v as usize], asked.goal.get(&v)?.norm())))
                 .collect();
-            let apart = Apart::new(line.iter().map(|(p, _)| *p), reach);
+            let apart = Apart::new(line.iter().map(|(p, _)| p), reach);
             for (k, u) in asked.u.iter_mut().enumerate() {
                 let q = positions[k];
                 if head.skin[k] && !apart.is(&q) {
@@ -206,7 +194,7 @@ impl Placing<'_> {
                 continue;
             }
             asked.area[v] = true;
-            asked.u[v] = asked.u[v].max(self.settings.edge * w * 1.01);
+            asked.u[v] = asked.u[v].max(EDGE * w * 1.01);
             if head.deep(v) {
                 let p = head.mesh.positions[v];
                 let moved = jaw.transform_point(&p.into()).coords - p;
@@ -235,14 +223,14 @@ impl Placing<'_> {
                 d[v as usize] = moved;
             }
         };
-        let full = self.settings.full * self.head.eye_distance;
+        let full = FULL * self.head.eye_distance;
         let delta = |v: usize| (asked.u[v] / full).min(1.0);
         put(d);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d -= beyond;
         }
         let (operator, positions) = (&self.head.operator, &self.head.mesh.positions);
-        system.deform(operator, positions, d, delta, self.settings.rounds);
+        system.deform(operator, positions, d, delta, ROUNDS);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d += beyond;
         }
@@ -272,7 +260,7 @@ impl Placing<'_> {
                 break;
             }
             let touched = sunk.iter().chain(&crossed);
-            let places = touched.map(|&(v, _)| positions[v as usize]);
+            let places = touched.map(|&(v, _)| &positions[v as usize]);
             let apart = Apart::new(places, CONTACT_REACH * head.eye_distance);
             let area = asked.area.iter().zip(positions);
             let around: Vec<bool> = area.map(|(&inside, p)| inside && !apart.is(p)).collect();

@@ -1,5 +1,4 @@
-//! Deformation of a mesh by control points: AOI-constrained Laplacian editing, paper section 4, Procedure 1, and the plain
-//! Laplacian least squares it is compared with (Huang et al. 2011).
+//! Deformation of a mesh by control points: AOI-constrained Laplacian editing, paper section 4, Procedure 1.
 //!
 //! Solved for is the displacement `d`: `M V0 = L0`, so `L = M V` is `M d = L − L0`, the same system better conditioned.
 //! One shape minimises `Σ ρ/A |L d − (L_t − L0)|²` over the vertices of its area of influence; control points have exactly
@@ -19,7 +18,7 @@
 
 use super::laplacian::Operator;
 use super::mesh::Vec3;
-use super::sparse::{Factor, Singular};
+use super::sparse::{Factor, Singular, Unknowns};
 
 /// Stiffness is this power of the distance from lids and lips plus [`THIN`]; both chosen on sculpted shapes, where a wide
 /// valley of pairs is equally good.
@@ -36,71 +35,23 @@ pub fn stiffness(distance: f64) -> f64 {
 /// A row shorter than this part of the neutral's mean row has no direction worth scaling.
 const FLAT_ROW: f64 = 1e-3;
 
-/// How a shape is solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// λ of the influence field, in inner-eye-corner distances.
-    pub reach: f64,
-    /// Radius of the disc around a control on which the field is held, in inner-eye-corner distances.
-    pub disc: f64,
-    /// The AOI ends where the influence falls to this, in inner-eye-corner distances.
-    pub edge: f64,
-    /// δ reaches 1 at this influence, in inner-eye-corner distances (1/s).
-    pub full: f64,
-    /// Rounds of Procedure 1 after the first solve.
-    pub rounds: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            reach: 0.41,
-            disc: 0.11,
-            edge: 0.0014,
-            full: 0.14,
-            rounds: 1,
-        }
-    }
-}
-
-/// Unknown vertices in the order in which they are eliminated.
-struct Unknowns {
-    /// Their rows of the energy.
-    rows: Vec<u32>,
-    /// Place of a vertex among them, `u32::MAX` for what is given.
-    place: Vec<u32>,
-    /// The same of a row of the energy.
-    row_place: Vec<u32>,
-}
-
-impl Unknowns {
-    /// The vertices with area that pass.
-    fn new(operator: &Operator, passes: impl Fn(usize) -> bool) -> Self {
-        let n = operator.elimination.len();
-        let (mut place, mut row_place) = (vec![u32::MAX; n], vec![u32::MAX; n]);
-        let mut rows = Vec::new();
-        for (row, &v) in operator.elimination.iter().enumerate() {
-            let v = v as usize;
-            if operator.area[v] > 0.0 && passes(v) {
-                (place[v], row_place[row]) = (rows.len() as u32, rows.len() as u32);
-                rows.push(row as u32);
-            }
-        }
-        Self {
-            rows,
-            place,
-            row_place,
-        }
-    }
-}
+/// λ of the influence field, in inner-eye-corner distances.
+pub const REACH: f64 = 0.41;
+/// Radius of the disc around a control on which the field is held, in inner-eye-corner distances.
+pub const DISC: f64 = 0.11;
+/// The AOI ends where the influence falls to this, in inner-eye-corner distances.
+pub const EDGE: f64 = 0.0014;
+/// δ reaches 1 at this influence, in inner-eye-corner distances (1/s).
+pub const FULL: f64 = 0.14;
+/// Rounds of Procedure 1 after the first solve.
+pub const ROUNDS: usize = 1;
 
 /// The unknowns of one area of influence, factored. Serves every shape with the same area and the same control vertices.
 pub struct System {
+    unknowns: Unknowns,
     /// The unknown vertices, ascending: what is near in the mesh is near in memory.
     free: Vec<u32>,
-    /// Place of a vertex in the order of elimination, `u32::MAX` for what is given.
-    place: Vec<u32>,
-    factor: Option<Factor>,
+    factor: Factor,
     /// Rows of the operator that see an unknown: all that can change.
     rows: Vec<u32>,
 }
@@ -115,48 +66,25 @@ impl System {
         area: &[bool],
         given: impl IntoIterator<Item = u32>,
     ) -> Result<Self, Singular> {
-        let n = area.len();
         let mut unknown = area.to_vec();
         for v in given {
             unknown[v as usize] = false;
         }
-        let unknowns = Unknowns::new(operator, |v| unknown[v]);
-        let place = unknowns.place;
-        let free: Vec<u32> = (0..n as u32)
-            .filter(|&v| place[v as usize] != u32::MAX)
-            .collect();
-        let mut seen = vec![false; n];
+        let unknowns = operator.unknowns(|v| unknown[v]);
+        let mut free = unknowns.rows.clone();
+        free.sort_unstable();
+        let mut seen = vec![false; area.len()];
         let mut rows = Vec::with_capacity(free.len() * 5 / 4);
         for &v in &free {
-            for (c, _) in operator.cotangent.row(v as usize) {
-                if !seen[c] {
-                    seen[c] = true;
-                    rows.push(c as u32);
-                }
-            }
+            let row = operator.cotangent.row(v as usize).map(|(c, _)| c);
+            rows.extend(row.filter(|&c| !std::mem::replace(&mut seen[c], true)));
         }
-        let factor = if free.is_empty() {
-            None
-        } else {
-            Some(Factor::of(
-                &operator.energy,
-                &unknowns.rows,
-                &unknowns.row_place,
-                &[],
-            )?)
-        };
         Ok(Self {
+            factor: Factor::of(&operator.energy, &unknowns, |_| 0.0)?,
+            rows: rows.into_iter().map(|c| c as u32).collect(),
+            unknowns,
             free,
-            place,
-            factor,
-            rows,
         })
-    }
-
-    /// Number of unknown vertices.
-    #[must_use]
-    pub fn unknowns(&self) -> usize {
-        self.free.len()
     }
 
     /// Procedure 1: places the unknowns of `d`, the displacements of all vertices; what is not unknown is kept as given.
@@ -169,26 +97,19 @@ impl System {
         delta: impl Fn(usize) -> f64,
         rounds: usize,
     ) {
-        let Some(factor) = &self.factor else { return };
         // What the given displacements pull, the same in every round.
         let mut pull = vec![[0.0; 4]; self.free.len()];
-        for (row, &v) in operator.elimination.iter().enumerate() {
-            let moved = d[v as usize];
-            if self.place[v as usize] != u32::MAX || moved == Vec3::zeros() {
-                continue;
-            }
-            for (c, value) in operator.energy.row(row) {
-                let at = self.place[operator.elimination[c] as usize];
-                if at != u32::MAX {
-                    add(&mut pull[at as usize], &(moved * -value));
+        for v in operator.elimination.iter().map(|&v| v as usize) {
+            if self.unknowns.place(v).is_none() && d[v] != Vec3::zeros() {
+                for (c, value) in operator.energy.row(v) {
+                    if let Some(at) = self.unknowns.place(c) {
+                        add(&mut pull[at], &(d[v] * -value));
+                    }
                 }
             }
         }
         // Step 1 with L = L0.
-        self.place(factor, pull.clone(), d);
-        if rounds == 0 {
-            return;
-        }
+        self.place(pull.clone(), d);
         let before: Vec<Vec3> = self
             .rows
             .iter()
@@ -213,17 +134,18 @@ impl System {
             let mut rhs = pull.clone();
             for &v in &self.free {
                 let more = operator.cotangent.row_times(v as usize, &wanted);
-                add(&mut rhs[self.place[v as usize] as usize], &more);
+                if let Some(at) = self.unknowns.place(v as usize) {
+                    add(&mut rhs[at], &more);
+                }
             }
-            self.place(factor, rhs, d);
+            self.place(rhs, d);
         }
     }
 
     /// Solves and stores the unknowns; `x` has the right-hand sides in the order of elimination.
-    fn place(&self, factor: &Factor, mut x: Vec<[f64; 4]>, d: &mut [Vec3]) {
-        factor.solve(&mut x);
-        for &v in &self.free {
-            let x = &x[self.place[v as usize] as usize];
+    fn place(&self, mut x: Vec<[f64; 4]>, d: &mut [Vec3]) {
+        self.factor.solve(&mut x);
+        for (&v, x) in self.unknowns.rows.iter().zip(&x) {
             d[v as usize] = Vec3::new(x[0], x[1], x[2]);
         }
     }
@@ -234,51 +156,6 @@ fn add(to: &mut [f64; 4], what: &Vec3) {
     for k in 0..3 {
         to[k] += what[k];
     }
-}
-
-/// The comparison: minimises |L d|² plus `weight²` times the squared miss of the control points over all vertices with
-/// `active` set and not `held` (those stay 0). Factored once; one displacement field per shape.
-///
-/// # Errors
-/// If the system is singular: fewer than one control point on an active component.
-pub fn plain(
-    operator: &Operator,
-    active: &[bool],
-    held: &[bool],
-    controls: &[u32],
-    shapes: &[Vec<Vec3>],
-    weight: f64,
-) -> Result<Vec<Vec<Vec3>>, Singular> {
-    let n = active.len();
-    let unknowns = Unknowns::new(operator, |v| active[v] && !held[v]);
-    let (rows, place) = (&unknowns.rows, &unknowns.place);
-    let mut diagonal = vec![0.0; rows.len()];
-    for &c in controls {
-        if place[c as usize] != u32::MAX {
-            diagonal[place[c as usize] as usize] += weight * weight;
-        }
-    }
-    let factor = Factor::of(&operator.energy, rows, &unknowns.row_place, &diagonal)?;
-    Ok(shapes
-        .iter()
-        .map(|shape| {
-            let mut x = vec![[0.0; 4]; rows.len()];
-            for (&c, displacement) in controls.iter().zip(shape) {
-                if place[c as usize] != u32::MAX {
-                    add(
-                        &mut x[place[c as usize] as usize],
-                        &(displacement * (weight * weight)),
-                    );
-                }
-            }
-            factor.solve(&mut x);
-            let mut d = vec![Vec3::zeros(); n];
-            for (&row, x) in rows.iter().zip(&x) {
-                d[operator.elimination[row as usize] as usize] = Vec3::new(x[0], x[1], x[2]);
-            }
-            d
-        })
-        .collect())
 }
 
 #[cfg(test)]
@@ -305,8 +182,7 @@ mod tests {
     }
 
     fn operator(mesh: &Mesh) -> Operator {
-        let node: Vec<u32> = (0..mesh.positions.len() as u32).collect();
-        Operator::new(mesh, &node, node.len(), |_| false, |_| 1.0)
+        Operator::new(mesh, |_| false, |_| 1.0)
     }
 
     /// u = 1 within `radius` of the middle vertex, 0 outside.
@@ -357,26 +233,6 @@ mod tests {
         for (a, b) in here.iter().zip(&there) {
             assert!((a * 10.0 - b).norm() < 1e-7);
         }
-    }
-
-    #[test]
-    fn plain_least_squares_moves_everything_and_meets_strong_controls() {
-        let mesh = sheet(15, 0.3);
-        let n = mesh.positions.len();
-        let controls = [0, 14, (n - 15) as u32, (n - 1) as u32, (n / 2) as u32];
-        let mut shape = vec![Vec3::zeros(); 5];
-        shape[4] = Vec3::z();
-        let d = &plain(
-            &operator(&mesh),
-            &vec![true; n],
-            &vec![false; n],
-            &controls,
-            &[shape],
-            100.0,
-        )
-        .unwrap()[0];
-        assert!((d[n / 2] - Vec3::z()).norm() < 1e-2);
-        assert!(d.iter().filter(|d| d.norm() > 1e-3).count() > n * 9 / 10);
     }
 
     #[test]

@@ -4,8 +4,7 @@
 //! Solving is done here, a few right-hand sides side by side: faer's own is made for many at once and takes five times as
 //! long for three.
 //!
-//! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes. One file: a matrix and its factors; a third
-//! of it is tests.
+//! Memory: 12 bytes per stored entry. Cost of a factor: about n^1.5 for meshes.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;
@@ -21,49 +20,39 @@ use faer::{Par, Side};
 use super::mesh::Vec3;
 use crate::base::vectors::wide;
 
+/// No place: a row that is given.
+const GIVEN: u32 = u32::MAX;
+
 /// A square matrix by rows; columns of a row ascend.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Rows {
     starts: Vec<usize>,
     columns: Vec<u32>,
     values: Vec<f64>,
 }
 
+/// The sums of triplets (row, column, value) that stand together where they are in the same place.
+pub(super) fn summed(triplets: &[(u32, u32, f64)]) -> impl Iterator<Item = (u32, u32, f64)> {
+    let places = triplets.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+    places.map(|same| (same[0].0, same[0].1, same.iter().map(|t| t.2).sum()))
+}
+
 impl Rows {
     /// Sums triplets (row, column, value) into a matrix of `n` rows.
     #[must_use]
-    pub fn from_triplets(n: usize, triplets: &[(u32, u32, f64)]) -> Self {
-        let mut fill = vec![0_usize; n + 1];
-        for &(r, _, _) in triplets {
-            fill[r as usize + 1] += 1;
-        }
-        for r in 0..n {
-            fill[r + 1] += fill[r];
-        }
-        let begin = fill.clone();
-        let mut sorted = vec![(0_u32, 0.0); triplets.len()];
-        for &(r, c, v) in triplets {
-            sorted[fill[r as usize]] = (c, v);
-            fill[r as usize] += 1;
-        }
+    pub fn from_triplets(n: usize, mut triplets: Vec<(u32, u32, f64)>) -> Self {
+        triplets.sort_by_key(|&(r, c, _)| (r, c));
         let mut out = Self {
-            starts: vec![0],
-            columns: Vec::with_capacity(triplets.len()),
-            values: Vec::with_capacity(triplets.len()),
+            starts: vec![0; n + 1],
+            ..Self::default()
         };
+        for (r, c, value) in summed(&triplets) {
+            out.starts[r as usize + 1] += 1;
+            out.columns.push(c);
+            out.values.push(value);
+        }
         for r in 0..n {
-            let row = &mut sorted[begin[r]..begin[r + 1]];
-            row.sort_by_key(|&(c, _)| c);
-            let first = out.columns.len();
-            for &(c, v) in row.iter() {
-                if out.columns.len() > first && out.columns.last() == Some(&c) {
-                    *out.values.last_mut().expect("a value per column") += v;
-                } else {
-                    out.columns.push(c);
-                    out.values.push(v);
-                }
-            }
-            out.starts.push(out.columns.len());
+            out.starts[r + 1] += out.starts[r];
         }
         out
     }
@@ -119,65 +108,61 @@ impl Rows {
         order
     }
 
-    /// Rows and columns in another order: row k of the result is row `order[k]`.
-    #[must_use]
-    pub fn reordered(&self, order: &[u32]) -> Self {
-        let mut place = vec![0_u32; self.len()];
-        for (k, &r) in order.iter().enumerate() {
-            place[r as usize] = k as u32;
-        }
-        let mut out = Self {
-            starts: vec![0],
-            columns: Vec::with_capacity(self.columns.len()),
-            values: Vec::with_capacity(self.columns.len()),
-        };
-        let mut row: Vec<(u32, f64)> = Vec::new();
-        for &r in order {
-            row.clear();
-            row.extend(self.row(r as usize).map(|(c, value)| (place[c], value)));
-            row.sort_unstable_by_key(|entry| entry.0);
-            out.columns.extend(row.iter().map(|entry| entry.0));
-            out.values.extend(row.iter().map(|entry| entry.1));
-            out.starts.push(out.columns.len());
-        }
-        out
-    }
-
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
     #[must_use]
     pub fn squared(&self, weight: &[f64]) -> Self {
         let n = self.len();
         let mut out = Self {
-            starts: Vec::with_capacity(n + 1),
-            columns: Vec::with_capacity(self.columns.len() * 3),
-            values: Vec::with_capacity(self.columns.len() * 3),
+            starts: vec![0],
+            ..Self::default()
         };
-        out.starts.push(0);
-        let mut sum = vec![0.0_f64; n];
-        let mut seen = vec![false; n];
+        let (mut sum, mut seen) = (vec![0.0_f64; n], vec![false; n]);
         let mut touched: Vec<u32> = Vec::new();
         for r in 0..n {
             for (m, a) in self.row(r) {
                 let a = a * weight[m];
                 for (c, b) in self.row(m) {
-                    if !seen[c] {
-                        seen[c] = true;
+                    if !std::mem::replace(&mut seen[c], true) {
                         touched.push(c as u32);
                     }
                     sum[c] += a * b;
                 }
             }
             touched.sort_unstable();
-            for &c in &touched {
+            for c in touched.drain(..) {
                 out.columns.push(c);
-                out.values.push(sum[c as usize]);
-                sum[c as usize] = 0.0;
+                out.values.push(std::mem::take(&mut sum[c as usize]));
                 seen[c as usize] = false;
             }
-            touched.clear();
             out.starts.push(out.columns.len());
         }
         out
+    }
+}
+
+/// The unknowns among the rows of a system, in the order in which they are eliminated.
+pub struct Unknowns {
+    /// Their rows.
+    pub rows: Vec<u32>,
+    place: Vec<u32>,
+}
+
+impl Unknowns {
+    /// Those rows that pass; `order` has all rows of the system.
+    pub fn new(order: &[u32], passes: impl Fn(usize) -> bool) -> Self {
+        let passing = order.iter().copied().filter(|&r| passes(r as usize));
+        let rows: Vec<u32> = passing.collect();
+        let mut place = vec![GIVEN; order.len()];
+        for (&r, k) in rows.iter().zip(0..) {
+            place[r as usize] = k;
+        }
+        Self { rows, place }
+    }
+
+    /// The place of a row among them; `None` if it is given.
+    #[must_use]
+    pub fn place(&self, row: usize) -> Option<usize> {
+        Some(self.place[row] as usize).filter(|_| self.place[row] != GIVEN)
     }
 }
 
@@ -198,62 +183,76 @@ pub struct Factor {
     values: Vec<f64>,
 }
 
-impl Factor {
-    /// Factors `matrix` restricted to `chosen`, plus `diagonal` (one per chosen row, or empty). Unknowns are eliminated as
-    /// chosen: in the order of [`Rows::elimination`] few entries arise. `place` maps a row to its place in `chosen` or `u32::MAX`.
-    ///
-    /// # Errors
-    /// If the restricted matrix is not positive definite.
-    pub fn of(
+/// One half of a matrix by columns.
+#[derive(Default)]
+struct Half {
+    starts: Vec<u32>,
+    rows: Vec<u32>,
+    values: Vec<f64>,
+}
+
+impl Half {
+    /// Of the entries that pass, by column and row.
+    fn new(
         matrix: &Rows,
-        chosen: &[u32],
-        place: &[u32],
-        diagonal: &[f64],
-    ) -> Result<Self, Singular> {
-        let n = chosen.len();
-        let singular = Singular { unknowns: n };
-        // Both halves by columns, as symmetry lets a row stand for a column: faer analyses the upper one of a matrix that it
-        // does not reorder, and factors the lower one.
-        let (mut starts, mut above_starts) = (vec![0_u32], vec![0_u32]);
-        let (mut rows, mut above, mut values) = (Vec::new(), Vec::new(), Vec::new());
-        for (k, &v) in chosen.iter().enumerate() {
-            for (c, value) in matrix.row(v as usize) {
-                let at = place[c];
-                if at == u32::MAX {
-                    continue;
-                }
-                if at as usize <= k {
-                    above.push(at);
-                }
-                if at as usize >= k {
-                    rows.push(at);
-                    let more = if at as usize == k && !diagonal.is_empty() {
-                        diagonal[k]
-                    } else {
-                        0.0
-                    };
-                    values.push(value + more);
+        unknowns: &Unknowns,
+        diagonal: impl Fn(usize) -> f64,
+        passes: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let mut half = Self {
+            starts: vec![0],
+            ..Self::default()
+        };
+        for (k, &r) in unknowns.rows.iter().enumerate() {
+            // As symmetry lets a row stand for a column.
+            for (c, value) in matrix.row(r as usize) {
+                if let Some(at) = unknowns.place(c).filter(|&at| passes(k, at)) {
+                    half.rows.push(at as u32);
+                    half.values
+                        .push(if at == k { value + diagonal(k) } else { value });
                 }
             }
-            starts.push(rows.len() as u32);
-            above_starts.push(above.len() as u32);
+            half.starts.push(half.rows.len() as u32);
         }
-        let pattern = SymbolicSparseColMatRef::new_unsorted_checked(n, n, &starts, None, &rows);
-        let upper =
-            SymbolicSparseColMatRef::new_unsorted_checked(n, n, &above_starts, None, &above);
+        half
+    }
+
+    fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
+        let n = self.starts.len() - 1;
+        SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.rows)
+    }
+}
+
+impl Factor {
+    /// Factors the part of a matrix that belongs to the unknowns, with `diagonal` added by their places. In the order of
+    /// [`Rows::elimination`] few entries arise.
+    ///
+    /// # Errors
+    /// If that part is not positive definite.
+    pub fn of(
+        matrix: &Rows,
+        unknowns: &Unknowns,
+        diagonal: impl Fn(usize) -> f64,
+    ) -> Result<Self, Singular> {
+        let singular = Singular {
+            unknowns: unknowns.rows.len(),
+        };
+        // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
+        let upper = Half::new(matrix, unknowns, |_| 0.0, |column, row| row <= column);
+        let lower = Half::new(matrix, unknowns, diagonal, |column, row| row >= column);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
         };
-        let ordering = SymmetricOrdering::Identity;
-        let symbolic = factorize_symbolic_cholesky(upper, Side::Upper, ordering, params)
+        let (order, pattern) = (SymmetricOrdering::Identity, upper.pattern());
+        let symbolic = factorize_symbolic_cholesky(pattern, Side::Upper, order, params)
             .map_err(|_| singular.clone())?;
-        let mut factor = vec![0.0; symbolic.len_val()];
+        let mut values = vec![0.0; symbolic.len_val()];
         let room = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         symbolic
             .factorize_numeric_llt(
-                &mut factor,
-                SparseColMatRef::new(pattern, &values),
+                &mut values,
+                SparseColMatRef::new(lower.pattern(), &lower.values),
                 Side::Lower,
                 Default::default(),
                 Par::Seq,
@@ -261,16 +260,7 @@ impl Factor {
                 Default::default(),
             )
             .map_err(|_| singular)?;
-        Ok(Self {
-            symbolic,
-            values: factor,
-        })
-    }
-
-    /// Number of unknowns.
-    #[must_use]
-    pub fn unknowns(&self) -> usize {
-        self.symbolic.nrows()
+        Ok(Self { symbolic, values })
     }
 
     /// Solves for `K` right-hand sides side by side, in place; a row of `x` has one value of each.
@@ -364,7 +354,7 @@ mod tests {
                 (k + 1, k, -1.0),
             ]);
         }
-        Rows::from_triplets(n as usize, &triplets)
+        Rows::from_triplets(n as usize, triplets)
     }
 
     #[test]
@@ -384,9 +374,9 @@ mod tests {
     #[test]
     fn a_held_chain_solves_to_a_straight_line_and_a_free_one_is_refused() {
         let l = path(6);
-        let chosen = [1, 2, 3, 4];
-        let place = [u32::MAX, 0, 1, 2, 3, u32::MAX];
-        let factor = Factor::of(&l, &chosen, &place, &[]).unwrap();
+        let all = [0, 1, 2, 3, 4, 5];
+        let inner = Unknowns::new(&all, |v| (1..5).contains(&v));
+        let factor = Factor::of(&l, &inner, |_| 0.0).unwrap();
         // Ends held at 0 and 5: the last unknown feels the pull of 5.
         let mut x = [[0.0, 1.0]; 4];
         x[3][0] = 5.0;
@@ -394,8 +384,7 @@ mod tests {
         for (k, value) in x.iter().enumerate() {
             assert!((value[0] - (k + 1) as f64).abs() < 1e-12);
         }
-        let all: Vec<u32> = (0..6).collect();
-        assert!(Factor::of(&l, &all, &all, &[]).is_err());
+        assert!(Factor::of(&l, &Unknowns::new(&all, |_| true), |_| 0.0).is_err());
     }
 
     #[test]
@@ -415,57 +404,44 @@ mod tests {
             }
         }
         let n = (SIDE * SIDE) as usize;
-        let square = Rows::from_triplets(n, &triplets).squared(&vec![1.0; n]);
+        let square = Rows::from_triplets(n, triplets).squared(&vec![1.0; n]);
         let mut random = fastrand::Rng::with_seed(3);
         let truth: Vec<Vec3> = (0..n).map(|_| Vec3::from_fn(|_, _| random.f64())).collect();
-        let mut eliminated = square.elimination();
-        let mut place = vec![u32::MAX; n];
-        for (k, &v) in eliminated.iter().enumerate() {
-            place[v as usize] = k as u32;
-        }
-        assert!(!place.contains(&u32::MAX));
+        let eliminated = square.elimination();
         let by_number: Vec<u32> = (0..SIDE * SIDE).collect();
-        for chosen in [&by_number, &eliminated] {
-            let mut place = place.clone();
-            for (k, &v) in chosen.iter().enumerate() {
-                place[v as usize] = k as u32;
-            }
-            let factor = Factor::of(&square, chosen, &place, &vec![0.1; n]).unwrap();
-            let mut x: Vec<[f64; 3]> = chosen
+        for order in [&by_number, &eliminated] {
+            let all = Unknowns::new(order, |_| true);
+            assert!((0..n).all(|v| all.place(v).is_some()));
+            let factor = Factor::of(&square, &all, |_| 0.1).unwrap();
+            let mut x: Vec<[f64; 3]> = order
                 .iter()
                 .map(|&r| (square.row_times(r as usize, &truth) + truth[r as usize] * 0.1).into())
                 .collect();
             factor.solve(&mut x);
-            for (x, &v) in x.iter().zip(chosen) {
+            for (x, &v) in x.iter().zip(order) {
                 assert!((Vec3::from(*x) - truth[v as usize]).norm() < 1e-9);
             }
         }
         // A part of the order serves a part of the matrix: half of the grid, the other half given as 0.
-        eliminated.retain(|&v| v % SIDE < SIDE / 2);
-        place.fill(u32::MAX);
-        for (k, &v) in eliminated.iter().enumerate() {
-            place[v as usize] = k as u32;
-        }
-        let factor = Factor::of(&square, &eliminated, &place, &[]).unwrap();
+        let left = Unknowns::new(&eliminated, |v| v as u32 % SIDE < SIDE / 2);
+        let factor = Factor::of(&square, &left, |_| 0.0).unwrap();
         let mut half = truth.clone();
-        for (half, &place) in half.iter_mut().zip(&place) {
-            if place == u32::MAX {
-                *half = Vec3::zeros();
-            }
+        for v in (0..n).filter(|&v| left.place(v).is_none()) {
+            half[v] = Vec3::zeros();
         }
         let times = |&v: &u32| square.row_times(v as usize, &half).into();
-        let mut x: Vec<[f64; 3]> = eliminated.iter().map(times).collect();
+        let mut x: Vec<[f64; 3]> = left.rows.iter().map(times).collect();
         factor.solve(&mut x);
-        for (x, &v) in x.iter().zip(&eliminated) {
+        for (x, &v) in x.iter().zip(&left.rows) {
             assert!((Vec3::from(*x) - half[v as usize]).norm() < 1e-9);
         }
     }
 
     #[test]
     fn nothing_unknown_is_solved_by_nothing() {
-        let nothing = Rows::from_triplets(3, &[]);
-        let factor = Factor::of(&nothing, &[], &[u32::MAX; 3], &[]).unwrap();
-        assert_eq!(factor.unknowns(), 0);
+        let nothing = Rows::from_triplets(3, Vec::new());
+        let none = Unknowns::new(&[0, 1, 2], |_| false);
+        let factor = Factor::of(&nothing, &none, |_| 0.0).unwrap();
         factor.solve::<3>(&mut []);
     }
 }

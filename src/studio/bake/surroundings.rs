@@ -7,7 +7,7 @@
 //! Cost: linear in the triangles looked at; memory: a few numbers per triangle and vertex.
 
 use super::head::Head;
-use super::mesh::{Rings, Vec3};
+use super::mesh::{Lists, Rings, Vec3, rings_of};
 
 /// A triangle that agrees less with its surroundings in the neutral (cosine) is not judged.
 const AGREES: f64 = 0.3;
@@ -20,9 +20,8 @@ pub struct Surroundings {
     triangles: Vec<[u32; 3]>,
     /// Neighbours along the triangles' edges: also along those that cut a face.
     rings: Rings,
-    /// Triangles at each vertex, stored flat.
-    starts: Vec<u32>,
-    at: Vec<u32>,
+    /// Triangles at each vertex.
+    at: Lists,
     /// Doubled area and cosine with the surroundings of every triangle.
     neutral: Vec<(f64, f64)>,
 }
@@ -42,14 +41,19 @@ pub struct Flattened {
 /// Room for looking at the surroundings of some triangles, used again and again. Plain numbers: what is not looked at costs no
 /// memory.
 pub struct Scratch {
-    /// 0, or what is wanted of a vertex: 1 the normal of its triangles, 2 that of its ring's.
-    wanted: Vec<u8>,
+    /// Marks of vertices, all unset between uses.
+    wanted: Vec<bool>,
     one: Vec<[f64; 3]>,
     two: Vec<[f64; 3]>,
     /// Normals of triangles, as long as twice their area, where they are marked.
     normal: Vec<[f64; 3]>,
     /// Marks of triangles, all unset between uses.
     seen: Vec<bool>,
+}
+
+/// Marks a number; whether it was not marked yet.
+fn is_new(marks: &mut [bool], k: u32) -> bool {
+    !std::mem::replace(&mut marks[k as usize], true)
 }
 
 impl Surroundings {
@@ -68,32 +72,18 @@ impl Surroundings {
             }
         }
         let n = head.mesh.positions.len();
-        let mut starts = vec![0_u32; n + 1];
-        for &v in triangles.iter().flatten() {
-            starts[v as usize + 1] += 1;
-        }
-        for v in 0..n {
-            starts[v + 1] += starts[v];
-        }
-        let (mut fill, mut at) = (starts.clone(), vec![0_u32; triangles.len() * 3]);
-        for (k, t) in triangles.iter().enumerate() {
-            for &v in t {
-                at[fill[v as usize] as usize] = k as u32;
-                fill[v as usize] += 1;
-            }
-        }
+        let numbered = triangles.iter().zip(0_u32..);
+        let at = numbered.flat_map(|(t, k)| t.map(|v| [v, k]));
         let edges = triangles.iter();
         let edges = edges.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
         let mut out = Self {
-            rings: Rings::new(n, &edges.collect::<Vec<_>>()),
+            at: Lists::new(n, at.collect()),
+            rings: rings_of(n, edges),
             triangles,
-            starts,
-            at,
             neutral: Vec::new(),
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
-        let neutral = |v: usize| head.mesh.positions[v];
-        let lie = out.lie(&neutral, &all, &mut out.scratch());
+        let lie = out.lie(&|v| head.mesh.positions[v], &all, &mut out.scratch());
         out.neutral = lie
             .into_iter()
             .map(|(area, cosine, _)| (area, cosine))
@@ -101,16 +91,12 @@ impl Surroundings {
         out
     }
 
-    fn around(&self, v: u32) -> &[u32] {
-        &self.at[self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize]
-    }
-
     /// Room for one thread.
     #[must_use]
     pub fn scratch(&self) -> Scratch {
-        let n = self.starts.len() - 1;
+        let n = self.at.owners();
         Scratch {
-            wanted: vec![0; n],
+            wanted: vec![false; n],
             one: vec![[0.0; 3]; n],
             two: vec![[0.0; 3]; n],
             normal: vec![[0.0; 3]; self.triangles.len()],
@@ -122,43 +108,36 @@ impl Surroundings {
     #[must_use]
     pub fn seeing(&self, changed: &[u32], scratch: &mut Scratch) -> Vec<u32> {
         // A triangle sees the corners of all triangles that touch the ring of one of its corners: three steps.
+        let Scratch { wanted, seen, .. } = scratch;
         let mut near = changed.to_vec();
         for &v in changed {
-            scratch.wanted[v as usize] = 1;
+            wanted[v as usize] = true;
         }
         let mut from = 0;
         for _ in 0..2 {
             let to = near.len();
             for k in from..to {
-                for &o in self.rings.of(near[k] as usize) {
-                    if scratch.wanted[o as usize] == 0 {
-                        scratch.wanted[o as usize] = 1;
-                        near.push(o);
-                    }
-                }
+                let ring = self.rings.of(near[k] as usize).iter().copied();
+                near.extend(ring.filter(|&o| is_new(wanted, o)));
             }
             from = to;
         }
         let mut found = Vec::new();
         for v in near {
-            scratch.wanted[v as usize] = 0;
-            for &k in self.around(v) {
-                if !scratch.seen[k as usize] {
-                    scratch.seen[k as usize] = true;
-                    found.push(k);
-                }
-            }
+            wanted[v as usize] = false;
+            let at = self.at.of(v as usize).iter().copied();
+            found.extend(at.filter(|&k| is_new(seen, k)));
         }
         // Ascending; where there are many, all marks are read sooner than some numbers sorted.
         if found.len() > self.triangles.len() / 32 {
             let all = 0..self.triangles.len() as u32;
             found.clear();
-            found.extend(all.filter(|&k| scratch.seen[k as usize]));
+            found.extend(all.filter(|&k| seen[k as usize]));
         } else {
             found.sort_unstable();
         }
         for &k in &found {
-            scratch.seen[k as usize] = false;
+            seen[k as usize] = false;
         }
         found
     }
@@ -170,103 +149,89 @@ impl Surroundings {
         some: &[u32],
         scratch: &mut Scratch,
     ) -> Vec<(f64, f64, Vec3)> {
-        let Scratch {
-            wanted,
-            one,
-            two,
-            normal,
-            seen,
-        } = scratch;
-        // Sums are made once for every vertex that is needed.
-        let mut corners = Vec::new();
-        for &k in some {
-            for v in self.triangles[k as usize] {
-                if wanted[v as usize] == 0 {
-                    wanted[v as usize] = 2;
-                    corners.push(v);
-                }
-            }
+        let (corners, all) = self.needed(some, scratch);
+        self.add_normals(p, &all, scratch);
+        let (one, two, normal) = (&scratch.one, &mut scratch.two, &scratch.normal);
+        for v in corners.into_iter().map(|v| v as usize) {
+            let ring = self
+                .rings
+                .of(v)
+                .iter()
+                .map(|&o| Vec3::from(one[o as usize]));
+            two[v] = ring.fold(Vec3::from(one[v]), |sum, n| sum + n).into();
         }
+        let lie = |&k: &u32| {
+            let n = Vec3::from(normal[k as usize]);
+            let around = self.triangles[k as usize].iter();
+            let around: Vec3 = around.map(|&v| Vec3::from(two[v as usize])).sum();
+            let around = around.try_normalize(0.0).unwrap_or_default();
+            let area = n.norm();
+            let solid = area > 0.0;
+            let cosine = if solid { n.dot(&around) / area } else { 0.0 };
+            (area, cosine, around)
+        };
+        some.iter().map(lie).collect()
+    }
+
+    /// The corners of some triangles, and these with their rings, each once.
+    fn needed(&self, some: &[u32], scratch: &mut Scratch) -> (Vec<u32>, Vec<u32>) {
+        let wanted = &mut scratch.wanted;
+        let corners = some.iter().flat_map(|&k| self.triangles[k as usize]);
+        let corners: Vec<u32> = corners.filter(|&v| is_new(wanted, v)).collect();
         let mut all = corners.clone();
         for &v in &corners {
-            for &o in self.rings.of(v as usize) {
-                if wanted[o as usize] == 0 {
-                    wanted[o as usize] = 1;
-                    all.push(o);
-                }
-            }
+            let ring = self.rings.of(v as usize).iter().copied();
+            all.extend(ring.filter(|&o| is_new(wanted, o)));
         }
         for &v in &all {
+            wanted[v as usize] = false;
+        }
+        (corners, all)
+    }
+
+    /// Normals of the triangles at some vertices, and their sum at each.
+    fn add_normals(&self, p: &impl Fn(usize) -> Vec3, some: &[u32], scratch: &mut Scratch) {
+        let Scratch {
+            one, normal, seen, ..
+        } = scratch;
+        for &v in some {
             let mut sum = Vec3::zeros();
-            for &k in self.around(v) {
-                let k = k as usize;
-                if !seen[k] {
-                    seen[k] = true;
-                    let [a, b, c] = self.triangles[k].map(|v| p(v as usize));
-                    normal[k] = (b - a).cross(&(c - a)).into();
+            for &k in self.at.of(v as usize) {
+                if is_new(seen, k) {
+                    let [a, b, c] = self.triangles[k as usize].map(|v| p(v as usize));
+                    normal[k as usize] = (b - a).cross(&(c - a)).into();
                 }
-                sum += Vec3::from(normal[k]);
+                sum += Vec3::from(normal[k as usize]);
             }
             one[v as usize] = sum.into();
         }
-        for &v in &all {
-            wanted[v as usize] = 0;
-            for &k in self.around(v) {
-                seen[k as usize] = false;
-            }
+        for &k in some.iter().flat_map(|&v| self.at.of(v as usize)) {
+            seen[k as usize] = false;
         }
-        for &v in &corners {
-            let ring = self.rings.of(v as usize).iter();
-            let own = Vec3::from(one[v as usize]);
-            let sum = ring.fold(own, |sum, &o| sum + Vec3::from(one[o as usize]));
-            two[v as usize] = sum.into();
-        }
-        some.iter()
-            .map(|&k| {
-                let n = Vec3::from(normal[k as usize]);
-                let around: Vec3 = self.triangles[k as usize]
-                    .iter()
-                    .map(|&v| Vec3::from(two[v as usize]))
-                    .sum();
-                let around = around.try_normalize(0.0).unwrap_or_default();
-                let area = n.norm();
-                let cosine = if area > 0.0 {
-                    n.dot(&around) / area
-                } else {
-                    0.0
-                };
-                (area, cosine, around)
-            })
-            .collect()
     }
 
     /// Vertices of the triangles that a displacement turns over and of the edges that it tears, ascending; `at` is where vertices
     /// are then.
     #[must_use]
     pub fn faults(&self, head: &Head, d: &[Vec3], at: &impl Fn(usize) -> Vec3) -> Vec<u32> {
-        let changed: Vec<u32> = (0..d.len() as u32)
-            .filter(|&v| d[v as usize] != Vec3::zeros())
-            .collect();
+        let all = 0..d.len() as u32;
+        let changed: Vec<u32> = all.filter(|&v| d[v as usize] != Vec3::zeros()).collect();
         let mut scratch = self.scratch();
         let some = self.seeing(&changed, &mut scratch);
-        let mut found: Vec<u32> = self
-            .flattened(at, &some, 0.0, &mut scratch)
-            .iter()
-            .flat_map(|t| t.corners)
-            .collect();
-        let length =
-            |p: &dyn Fn(usize) -> Vec3, v: u32, o: u32| (p(v as usize) - p(o as usize)).norm();
-        let neutral = |v: usize| head.mesh.positions[v];
+        let flattened = self.flattened(at, &some, 0.0, &mut scratch).into_iter();
+        let mut found: Vec<u32> = flattened.flat_map(|t| t.corners).collect();
         let spare = TORN[1] * head.eye_distance;
-        for k in &some {
-            let t = self.triangles[*k as usize];
-            for (v, o) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
-                let now = length(at, v, o);
-                if now > spare && now > TORN[0] * length(&neutral, v, o) + spare {
-                    found.extend([v, o]);
-                }
-            }
-        }
+        let torn = |edge: &[u32; 2]| {
+            let [v, o] = edge.map(|v| v as usize);
+            let (now, was) = (
+                at(v) - at(o),
+                head.mesh.positions[v] - head.mesh.positions[o],
+            );
+            now.norm() > TORN[0] * was.norm() + spare
+        };
+        let edges = some.iter().map(|&k| self.triangles[k as usize]);
+        let edges = edges.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
+        found.extend(edges.filter(torn).flatten());
         found.sort_unstable();
         found.dedup();
         found

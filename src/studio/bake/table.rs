@@ -43,7 +43,7 @@ pub fn targets(
     vertices: usize,
     derive: bool,
 ) -> Result<Vec<Target>, BakeError> {
-    let refuse = |line, expected, found: &str| BakeError::Controls {
+    let refuse = |line, expected, found: &str| BakeError::Line {
         path: path.into(),
         line,
         expected,
@@ -51,42 +51,39 @@ pub fn targets(
     };
     let table = csv::Table::new(text);
     const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
-    let at: Option<Vec<usize>> = ["shape", "vertex", "dx", "dy", "dz"]
-        .into_iter()
-        .map(|name| table.find(name))
-        .collect();
-    let at = at.ok_or_else(|| refuse(1, HEADER, table.header))?;
+    const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";
+    let columns = ["shape", "vertex", "dx", "dy", "dz"].map(|name| table.find(name));
+    let columns: Option<Vec<usize>> = columns.into_iter().collect();
+    let columns = columns.ok_or_else(|| refuse(1, HEADER, table.header))?;
     let mut targets: Vec<Target> = Vec::new();
     for row in table.rows() {
-        const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";
-        let refused = || refuse(row.line, ROW, row.text);
-        let cell = |c: usize| row.cells.get(at[c]).copied().ok_or_else(refused);
-        let name = cell(0)?;
-        let vertex: usize = cell(1)?.parse().map_err(|_| refused())?;
-        let mut d = Vec3::zeros();
-        for c in 0..3 {
-            d[c] = cell(2 + c)?.parse().map_err(|_| refused())?;
-        }
-        if vertex >= vertices || !d.iter().all(|x: &f64| x.is_finite()) || name.is_empty() {
-            return Err(refused());
-        }
-        // Rows of one shape stand together in practice; look from the end.
-        let target = match targets.iter().rposition(|t| t.name == name) {
-            Some(at) => &mut targets[at],
-            None if targets.len() == SHAPES => {
-                return Err(refuse(row.line, "at most 1024 shapes in one table", name));
-            }
-            None => {
-                targets.push(Target {
-                    name: name.into(),
-                    exact: true,
-                    derive,
-                    ..Target::default()
-                });
-                targets.last_mut().expect("just pushed")
-            }
+        let control = || {
+            let cell = |c: usize| row.cells.get(columns[c]).copied();
+            let vertex = cell(1)?
+                .parse()
+                .ok()
+                .filter(|&v: &u32| (v as usize) < vertices)?;
+            let number = |c: usize| cell(c)?.parse().ok().filter(|x: &f64| x.is_finite());
+            let moved = Vec3::new(number(2)?, number(3)?, number(4)?);
+            let name = cell(0).filter(|name| !name.is_empty())?;
+            Some((name, (vertex, moved)))
         };
-        target.controls.push((vertex as u32, d));
+        let (name, control) = control().ok_or_else(|| refuse(row.line, ROW, row.text))?;
+        // Rows of one shape stand together in practice; look from the end.
+        let known = targets.iter().rposition(|t| t.name == name);
+        let at = known.unwrap_or(targets.len());
+        if at == SHAPES {
+            return Err(refuse(row.line, "at most 1024 shapes in one table", name));
+        }
+        if known.is_none() {
+            targets.push(Target {
+                name: name.into(),
+                exact: true,
+                derive,
+                ..Target::default()
+            });
+        }
+        targets[at].controls.push(control);
     }
     Ok(targets)
 }
@@ -96,13 +93,11 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
     /// What a sculpted chin takes part in a jaw's motion, see `jawOpen` in the recipe.
     const SHARE: f64 = 0.84;
     let w = head.eye_distance;
-    let (left, up) = (
-        head.axes.column(0).into_owned(),
-        head.axes.column(1).into_owned(),
-    );
+    let [left, up] = [0, 1].map(|k| head.axes.column(k).into_owned());
+    let of = |point: usize| controls.iter().find(|(v, _)| *v == head.points[point]);
     let mut turn = 0.0;
     for point in [7, 8, 9] {
-        let (_, d) = controls.iter().find(|(v, _)| *v == head.points[point])?;
+        let (_, d) = of(point)?;
         let arm = head.point(point) - head.hinge;
         let along = left.cross(&arm);
         if d.dot(&up) > -0.15 * w || d.dot(&along) < 0.8 * d.norm() * along.norm() {
@@ -110,7 +105,7 @@ fn jaw_of(head: &Head, controls: &[(u32, Vec3)]) -> Option<Isometry3<f64>> {
         }
         turn += d.dot(&along) / along.norm_squared() / SHARE / 3.0;
     }
-    let (_, lip) = controls.iter().find(|(v, _)| *v == head.points[57])?;
+    let (_, lip) = of(57)?;
     if lip.dot(&up) > -0.15 * w {
         return None;
     }

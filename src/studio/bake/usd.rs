@@ -21,85 +21,21 @@
 //!
 //! Materials have the head's colours and pictures, the pictures as files beside this one; colours of vertices are
 //! `displayColor`, times the material's, and shown where there is no picture. Limits: skeletons and animations stay behind.
-//! One file: one format, written from top to bottom; a third of it is its tests.
+//!
 
-use std::collections::{HashMap, HashSet};
-use std::fmt::Write as _;
+mod text;
+
+use std::collections::HashMap;
+use std::fmt::{Display, Write as _};
 
 use rayon::prelude::*;
 
+use self::text::{Siblings, array, quoted, tuples, whole};
 use super::glb::extent;
 use super::looks::{Beside, Look, Looks};
-use super::mesh::{Corner, Mesh, Vec3, extent_of};
+use super::mesh::{Mesh, Vec3, extent_of};
 use super::morphs::{COLOUR, ROUGHNESS, single, turned};
 use super::shape::Shape;
-
-/// Numbers as USD reads them: the shortest that give the same value again.
-fn numbers(values: &[f32]) -> String {
-    let mut out = String::new();
-    for (k, v) in values.iter().enumerate() {
-        // Debug has exponents, so that what is nearly nothing is not a hundred digits.
-        let _ = match (k, *v == 0.0) {
-            (0, true) => write!(out, "0"),
-            (0, false) => write!(out, "{v:?}"),
-            (_, true) => write!(out, ", 0"),
-            (_, false) => write!(out, ", {v:?}"),
-        };
-    }
-    out
-}
-
-/// An array of tuples.
-fn tuples<const N: usize>(rows: impl IntoIterator<Item = [f32; N]>) -> String {
-    let rows: Vec<String> = rows
-        .into_iter()
-        .map(|row| format!("({})", numbers(&row)))
-        .collect();
-    format!("[{}]", rows.join(", "))
-}
-
-/// An array of whole numbers.
-fn whole(values: impl IntoIterator<Item = usize>) -> String {
-    let values: Vec<String> = values.into_iter().map(|v| v.to_string()).collect();
-    format!("[{}]", values.join(", "))
-}
-
-/// A string in quotes.
-fn quoted(text: &str) -> String {
-    let mut out = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' | '\\' => out.extend(['\\', c]),
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
-}
-
-/// Names of the prims beneath one prim: identifiers, each given once.
-#[derive(Default)]
-struct Siblings(HashSet<String>);
-
-impl Siblings {
-    /// The name of the prim for `name`: the same if it is an identifier that nobody has yet.
-    fn name(&mut self, name: &str) -> String {
-        let plain = |c: char| {
-            if c.is_ascii_alphanumeric() { c } else { '_' }
-        };
-        let mut valid: String = name.chars().map(plain).collect();
-        if !valid.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
-            valid.insert(0, '_');
-        }
-        let numbered = (2..).map(|k| format!("{valid}_{k}"));
-        let mut all = std::iter::once(valid.clone()).chain(numbered);
-        let free = all.find(|name| !self.0.contains(name));
-        let free = free.unwrap_or(valid);
-        self.0.insert(free.clone());
-        free
-    }
-}
 
 /// A matrix that moves by `v`, in USD's order of rows.
 fn moved_by(v: &Vec3) -> String {
@@ -121,13 +57,8 @@ impl Normals {
         if mesh.normals.is_empty() {
             return Self::None;
         }
-        let at = |corner: &Corner| {
-            let given = corner.normal.map(|k| mesh.normals[k as usize]);
-            let given = given.map(|n| Vec3::from(n.map(f64::from)));
-            let given = given.filter(|n| n.norm() > 0.0).map(|n| n.normalize());
-            single(&given.unwrap_or(smooth[corner.vertex as usize]))
-        };
-        let corners: Vec<[f32; 3]> = mesh.corners.iter().map(at).collect();
+        let corners = mesh.corners.iter().map(|c| single(&mesh.normal(c, smooth)));
+        let corners: Vec<[f32; 3]> = corners.collect();
         let mut vertices: Vec<[f32; 3]> = smooth.iter().map(single).collect();
         let mut first: HashMap<u32, [f32; 3]> = HashMap::new();
         for (corner, &n) in mesh.corners.iter().zip(&corners) {
@@ -150,12 +81,15 @@ impl Normals {
     }
 }
 
-/// An attribute of the mesh with its interpolation.
+/// A property of the mesh.
+fn set(out: &mut String, name: &str, value: impl Display) {
+    let _ = writeln!(out, "        {name} = {value}");
+}
+
+/// One with its interpolation.
 fn attribute(out: &mut String, name: &str, value: &str, interpolation: &str) {
-    let _ = writeln!(
-        out,
-        "        {name} = {value} (\n            interpolation = \"{interpolation}\"\n        )"
-    );
+    let about = format!("(\n            interpolation = \"{interpolation}\"\n        )");
+    set(out, name, format_args!("{value} {about}"));
 }
 
 /// The prim of one shape; with `smooth`, the neutral normals, also how they turn.
@@ -172,39 +106,36 @@ fn blend_shape(
     let rows: Vec<usize> = (0..offsets.len())
         .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
         .collect();
-    let mut out = String::new();
-    let _ = write!(out, "\n        def BlendShape \"{prim}\"");
+    let mut out = format!("\n        def BlendShape \"{prim}\"");
     let known = [("unit", &shape.unit), ("upon", &shape.upon)];
-    if known.iter().any(|(_, value)| value.is_some()) {
-        out.push_str(" (\n            customData = {\n                dictionary mien = {\n");
-        for (key, value) in known {
-            if let Some(value) = value {
-                let _ = writeln!(out, "                    string {key} = {}", quoted(value));
-            }
-        }
-        out.push_str("                }\n            }\n        )");
+    let known = known
+        .into_iter()
+        .filter_map(|(key, value)| Some((key, value.as_ref()?)));
+    let known: String = known
+        .map(|(key, value)| format!("                    string {key} = {}\n", quoted(value)))
+        .collect();
+    if !known.is_empty() {
+        let _ = write!(
+            out,
+            r" (
+            customData = {{
+                dictionary mien = {{
+{known}                }}
+            }}
+        )"
+        );
     }
+    out += "\n        {\n";
     let moved = tuples(rows.iter().map(|&v| offsets[v]));
-    let _ = write!(
-        out,
-        "\n        {{\n            uniform vector3f[] offsets = {moved}\n"
-    );
+    set(&mut out, "    uniform vector3f[] offsets", moved);
     if let Some(bends) = &bends {
         let bends = tuples(rows.iter().map(|&v| bends[v]));
-        let _ = writeln!(
-            out,
-            "            uniform vector3f[] normalOffsets = {bends}"
-        );
+        set(&mut out, "    uniform vector3f[] normalOffsets", bends);
     }
     if !dense {
-        let _ = writeln!(
-            out,
-            "            uniform int[] pointIndices = {}",
-            whole(rows)
-        );
+        set(&mut out, "    uniform int[] pointIndices", whole(rows));
     }
-    out.push_str("        }\n");
-    out
+    out + "        }\n"
 }
 
 /// A material that some faces have.
@@ -254,11 +185,7 @@ fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
     }
     if mesh.tints.is_empty() {
         attribute(out, NAME, &tuples(used.iter().map(of)), "uniform");
-        let _ = writeln!(
-            out,
-            "        int[] primvars:displayColor:indices = {}",
-            whole(material)
-        );
+        set(out, "int[] primvars:displayColor:indices", whole(material));
         return;
     }
     let mut tints = mesh.tints.clone();
@@ -275,13 +202,13 @@ fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
 fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
     let points: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
     // An artist's polygons as they are: no surface is fitted through them.
-    out.push_str("        uniform token subdivisionScheme = \"none\"\n");
-    let _ = writeln!(out, "        float3[] extent = {}", tuples(extent(&points)));
+    set(out, "uniform token subdivisionScheme", "\"none\"");
+    set(out, "float3[] extent", tuples(extent(&points)));
     let counts = (0..mesh.faces()).map(|f| mesh.face(f).len());
-    let _ = writeln!(out, "        int[] faceVertexCounts = {}", whole(counts));
+    set(out, "int[] faceVertexCounts", whole(counts));
     let corners = mesh.corners.iter().map(|corner| corner.vertex as usize);
-    let _ = writeln!(out, "        int[] faceVertexIndices = {}", whole(corners));
-    let _ = writeln!(out, "        point3f[] points = {}", tuples(points));
+    set(out, "int[] faceVertexIndices", whole(corners));
+    set(out, "point3f[] points", tuples(points));
     normals.write(out);
     if !mesh.uv.is_empty() {
         // Corners without one take a point of their own, at the end.
@@ -293,34 +220,30 @@ fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
             .corners
             .iter()
             .map(|c| c.uv.map_or(none, |k| k as usize));
-        let _ = writeln!(out, "        int[] primvars:st:indices = {}", whole(at));
+        set(out, "int[] primvars:st:indices", whole(at));
     }
 }
 
 /// What binds the mesh to its skeleton and names its shapes; `prims` are their prims.
 fn binding(out: &mut String, names: &str, prims: &[String]) {
-    for (name, value) in [
-        ("int[] primvars:skel:jointIndices", "[0]"),
-        ("float[] primvars:skel:jointWeights", "[1]"),
-    ] {
-        let _ = writeln!(
-            out,
-            "        {name} = {value} (\n            elementSize = 1\n            interpolation = \"constant\"\n        )"
-        );
-    }
+    let rigid =
+        "(\n            elementSize = 1\n            interpolation = \"constant\"\n        )";
+    set(
+        out,
+        "int[] primvars:skel:jointIndices",
+        format_args!("[0] {rigid}"),
+    );
+    set(
+        out,
+        "float[] primvars:skel:jointWeights",
+        format_args!("[1] {rigid}"),
+    );
     let at = moved_by(&Vec3::zeros());
-    let _ = writeln!(
-        out,
-        "        matrix4d primvars:skel:geomBindTransform = {at}"
-    );
-    let targets: Vec<String> = prims.iter().map(|p| format!("</head/face/{p}>")).collect();
-    let _ = writeln!(out, "        uniform token[] skel:blendShapes = {names}");
-    let _ = writeln!(
-        out,
-        "        rel skel:blendShapeTargets = [{}]",
-        targets.join(", ")
-    );
-    out.push_str("        rel skel:skeleton = </head/skeleton>\n");
+    set(out, "matrix4d primvars:skel:geomBindTransform", at);
+    set(out, "uniform token[] skel:blendShapes", names);
+    let targets = array(prims, |prim| format!("</head/face/{prim}>"));
+    set(out, "rel skel:blendShapeTargets", targets);
+    set(out, "rel skel:skeleton", "</head/skeleton>");
 }
 
 /// Which faces have which material, if there are several.
@@ -348,28 +271,15 @@ fn subsets(out: &mut String, used: &[Used], siblings: &mut Siblings) {
 }
 
 /// What a surface's colour is read from, if it is not one number: a picture at the texture coordinates, or the vertices.
-fn shaders(out: &mut String, used: &Used, tinted: bool) {
-    let path = format!("</head/materials/{}", used.prim);
+fn shaders(used: &Used, path: &str, tinted: bool) -> String {
     let [r, g, b] = used.colour;
     let (kind, reader, name) = match &used.picture {
         Some(_) => ("float2", "place", "st"),
         None if tinted => ("float3", "vertices", "displayColor"),
-        None => return,
+        None => return String::new(),
     };
-    let _ = write!(
-        out,
-        r#"
-            def Shader "{reader}"
-            {{
-                uniform token info:id = "UsdPrimvarReader_{kind}"
-                string inputs:varname = "{name}"
-                {kind} outputs:result
-            }}
-"#
-    );
-    if let Some(file) = &used.picture {
-        let _ = write!(
-            out,
+    let picture = used.picture.as_ref().map(|file| {
+        format!(
             r#"
             def Shader "picture"
             {{
@@ -383,24 +293,32 @@ fn shaders(out: &mut String, used: &Used, tinted: bool) {
                 float3 outputs:rgb
             }}
 "#
-        );
-    }
+        )
+    });
+    format!(
+        r#"
+            def Shader "{reader}"
+            {{
+                uniform token info:id = "UsdPrimvarReader_{kind}"
+                string inputs:varname = "{name}"
+                {kind} outputs:result
+            }}
+{}"#,
+        picture.unwrap_or_default()
+    )
 }
 
-fn materials(out: &mut String, used: &[Used], tinted: bool) {
-    out.push_str("\n    def Scope \"materials\"\n    {\n");
-    for one in used {
-        let Used { prim, opacity, .. } = one;
-        let [r, g, b] = one.colour;
-        let path = format!("</head/materials/{prim}");
-        let colour = match &one.picture {
-            Some(_) => format!(".connect = {path}/picture.outputs:rgb>"),
-            None if tinted => format!(".connect = {path}/vertices.outputs:result>"),
-            None => format!(" = ({r}, {g}, {b})"),
-        };
-        let _ = write!(
-            out,
-            r#"        def Material "{prim}"
+fn material(used: &Used, tinted: bool) -> String {
+    let Used { prim, opacity, .. } = used;
+    let [r, g, b] = used.colour;
+    let path = format!("</head/materials/{prim}");
+    let colour = match &used.picture {
+        Some(_) => format!(".connect = {path}/picture.outputs:rgb>"),
+        None if tinted => format!(".connect = {path}/vertices.outputs:result>"),
+        None => format!(" = ({r}, {g}, {b})"),
+    };
+    format!(
+        r#"        def Material "{prim}"
         {{
             token outputs:surface.connect = {path}/surface.outputs:surface>
 
@@ -413,19 +331,17 @@ fn materials(out: &mut String, used: &[Used], tinted: bool) {
                 float inputs:roughness = {ROUGHNESS}
                 token outputs:surface
             }}
-"#
-        );
-        shaders(out, one, tinted);
-        out.push_str("        }\n");
-    }
-    out.push_str("    }\n");
+{}        }}
+"#,
+        shaders(used, &path, tinted)
+    )
 }
 
 /// Metadata of the layer, the skeleton and the weights.
 fn skeleton(mesh: &Mesh, metres: f64, names: &str, shapes: usize) -> String {
     let (low, high) = extent_of(&mesh.positions);
     let middle = moved_by(&((low + high) / 2.0));
-    let (version, rest) = (env!("CARGO_PKG_VERSION"), vec!["0"; shapes].join(", "));
+    let (version, rest) = (env!("CARGO_PKG_VERSION"), whole(vec![0; shapes]));
     format!(
         r#"#usda 1.0
 (
@@ -452,7 +368,7 @@ def SkelRoot "head" (
     def SkelAnimation "weights"
     {{
         uniform token[] blendShapes = {names}
-        float[] blendShapeWeights = [{rest}]
+        float[] blendShapeWeights = {rest}
     }}
 
 "#
@@ -471,8 +387,7 @@ pub(super) fn emit(
 ) -> String {
     let mut siblings = Siblings::default();
     let prims: Vec<String> = shapes.iter().map(|s| siblings.name(&s.name)).collect();
-    let names: Vec<String> = shapes.iter().map(|s| quoted(&s.name)).collect();
-    let names = format!("[{}]", names.join(", "));
+    let names = array(shapes, |s| quoted(&s.name));
     let smooth = mesh.vertex_normals(&mesh.positions);
     let normals = Normals::of(mesh, &smooth);
     let used = used(mesh, looks, pictures);
@@ -485,20 +400,19 @@ pub(super) fn emit(
     colours(&mut out, mesh, &used);
     // Of the whole mesh here, not of a material.
     if mesh.sheets().contains(&true) {
-        out.push_str("        uniform bool doubleSided = 1\n");
+        set(&mut out, "uniform bool doubleSided", 1);
     }
     // Which material a face has: the mesh's one, or that of the subset it is in.
-    let _ = match &used[..] {
-        [one] => writeln!(
-            out,
-            "        rel material:binding = </head/materials/{}>",
-            one.prim
-        ),
-        _ => writeln!(
-            out,
-            "        uniform token subsetFamily:materialBind:familyType = \"partition\""
-        ),
-    };
+    match &used[..] {
+        [one] => {
+            let material = format!("</head/materials/{}>", one.prim);
+            set(&mut out, "rel material:binding", material);
+        }
+        _ => {
+            let family = "uniform token subsetFamily:materialBind:familyType";
+            set(&mut out, family, "\"partition\"");
+        }
+    }
     binding(&mut out, &names, &prims);
     let turning = matches!(normals, Normals::Vertices(_)).then_some(&smooth[..]);
     let written: Vec<String> = shapes
@@ -512,9 +426,12 @@ pub(super) fn emit(
     }
     subsets(&mut out, &used, &mut siblings);
     out.push_str("    }\n");
-    materials(&mut out, &used, !mesh.tints.is_empty());
-    out.push_str("}\n");
-    out
+    out += "\n    def Scope \"materials\"\n    {\n";
+    out.extend(
+        used.iter()
+            .map(|used| material(used, !mesh.tints.is_empty())),
+    );
+    out + "    }\n}\n"
 }
 
 #[cfg(test)]
@@ -523,7 +440,7 @@ mod tests {
     use super::*;
 
     /// What stands between the brackets of an attribute after `from`, split into numbers.
-    fn array(text: &str, from: &str, name: &str) -> Vec<f64> {
+    fn listed(text: &str, from: &str, name: &str) -> Vec<f64> {
         let after = text.split_once(from).expect(from).1;
         let after = after.split_once(&format!("{name} = [")).expect(name).1;
         let inside = after.split_once(']').unwrap().0;
@@ -542,8 +459,6 @@ mod tests {
             misses: None,
             area: vec![true; displacement.len()],
             displacement,
-            unknowns: 0,
-            milliseconds: 0.0,
         }
     }
 
@@ -572,13 +487,13 @@ mod tests {
         );
         assert!(text.starts_with("#usda 1.0\n(\n"));
         assert!(text.contains("\n    metersPerUnit = 0.01\n    upAxis = \"Y\"\n"));
-        let points = array(&text, "def Mesh", "points");
+        let points = listed(&text, "def Mesh", "points");
         let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
         let true_points: Vec<f32> = mesh.positions.iter().flat_map(single).collect();
         let points: Vec<f32> = points.iter().map(|&v| v as f32).collect();
         assert_eq!(points, true_points);
-        assert_eq!(array(&text, "def Mesh", "faceVertexCounts"), [4.0; 25]);
-        let corners = array(&text, "def Mesh", "faceVertexIndices");
+        assert_eq!(listed(&text, "def Mesh", "faceVertexCounts"), [4.0; 25]);
+        let corners = listed(&text, "def Mesh", "faceVertexIndices");
         assert!(
             corners
                 .iter()
@@ -587,15 +502,21 @@ mod tests {
         );
         assert_eq!((corners.len(), mesh.corners.len()), (100, 100));
 
-        let jaw = |name| array(&text, "BlendShape \"jawOpen\"", name);
+        let jaw = |name| listed(&text, "BlendShape \"jawOpen\"", name);
         assert_eq!(jaw("pointIndices"), [3.0, 17.0]);
         let offsets: Vec<f32> = jaw("offsets").iter().map(|&v| v as f32).collect();
         assert_eq!(offsets, [0.1, -2.5e-9, 1.0, 0.0, 1.0 / 3.0, 0.0]);
         assert!(text.contains("string unit = \"AU26\""));
-        assert!(array(&text, "BlendShape \"none\"", "offsets").is_empty());
-        assert!(array(&text, "BlendShape \"none\"", "pointIndices").is_empty());
-        assert_eq!(array(&text, "BlendShape \"all\"", "pointIndices").len(), 36);
-        assert_eq!(array(&text, "SkelAnimation", "blendShapeWeights"), [0.0; 3]);
+        assert!(listed(&text, "BlendShape \"none\"", "offsets").is_empty());
+        assert!(listed(&text, "BlendShape \"none\"", "pointIndices").is_empty());
+        assert_eq!(
+            listed(&text, "BlendShape \"all\"", "pointIndices").len(),
+            36
+        );
+        assert_eq!(
+            listed(&text, "SkelAnimation", "blendShapeWeights"),
+            [0.0; 3]
+        );
         for at in ["\n        uniform token[] blendShapes", "skel:blendShapes"] {
             let line = format!("{at} = [\"jawOpen\", \"none\", \"all\"]\n");
             assert!(text.contains(&line), "{line}");
@@ -610,7 +531,7 @@ mod tests {
             true,
         );
         assert!(!dense.contains("pointIndices"));
-        let full = array(&dense, "BlendShape \"jawOpen\"", "offsets");
+        let full = listed(&dense, "BlendShape \"jawOpen\"", "offsets");
         assert_eq!((full.len(), full[9] as f32, full[12]), (108, 0.1, 0.0));
     }
 
@@ -668,10 +589,10 @@ mod tests {
             1.0,
             false,
         );
-        assert_eq!(array(&text, "def Mesh", "normals")[..3], [0.0, 0.0, 1.0]);
+        assert_eq!(listed(&text, "def Mesh", "normals")[..3], [0.0, 0.0, 1.0]);
         assert!(text.contains("interpolation = \"vertex\""));
-        let rows = array(&text, "BlendShape \"up\"", "pointIndices");
-        let bends = array(&text, "BlendShape \"up\"", "normalOffsets");
+        let rows = listed(&text, "BlendShape \"up\"", "pointIndices");
+        let bends = listed(&text, "BlendShape \"up\"", "normalOffsets");
         assert!(
             rows.len() > 1 && rows.contains(&5.0),
             "its neighbours turn too: {rows:?}"
@@ -680,12 +601,12 @@ mod tests {
         assert!(bends.iter().any(|d| d.abs() > 0.1));
 
         assert_eq!(
-            array(&text, "def Mesh", "primvars:st"),
+            listed(&text, "def Mesh", "primvars:st"),
             [0.25, 0.75, 0.0, 0.0]
         );
-        let at = array(&text, "def Mesh", "primvars:st:indices");
+        let at = listed(&text, "def Mesh", "primvars:st:indices");
         assert_eq!((at[0], at.iter().sum::<f64>()), (0.0, 35.0));
-        let faces = |name: &str| array(&text, &format!("GeomSubset \"{name}\""), "indices");
+        let faces = |name: &str| listed(&text, &format!("GeomSubset \"{name}\""), "indices");
         assert_eq!(faces("eye_white"), [8.0]);
         assert_eq!(faces("skin").len(), 8);
         assert!(text.contains("rel material:binding = </head/materials/eye_white>"));
@@ -701,7 +622,7 @@ mod tests {
             1.0,
             false,
         );
-        assert_eq!(array(&hard, "def Mesh", "normals").len(), 3 * 36);
+        assert_eq!(listed(&hard, "def Mesh", "normals").len(), 3 * 36);
         assert!(!hard.contains("normalOffsets"));
     }
 }

@@ -6,7 +6,7 @@
 
 use serde_json::{Value, json};
 
-use super::glb::GlbError;
+use super::glb::{GlbError, list, push};
 
 /// Where the targets of one mesh went: the glTF mesh, and name and number of each target that moves something there.
 pub(super) struct Bound {
@@ -16,26 +16,24 @@ pub(super) struct Bound {
 
 /// Whether expressions can be added: where they belong is what it should be, or not there yet.
 pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
-    let of = |value: &Value, list: bool| {
-        value.is_null() || value.is_object() && !list || value.is_array() && list
-    };
     let old = &json["extensions"]["VRM"]["blendShapeMaster"];
     let new = &json["extensions"]["VRMC_vrm"]["expressions"];
-    for (expected, value, list) in [
-        ("blendShapeMaster of VRM as an object", old, false),
+    let (groups, custom) = (&old["blendShapeGroups"], &new["custom"]);
+    for (expected, value, fits) in [
+        ("blendShapeMaster of VRM as an object", old, old.is_object()),
         (
             "blendShapeGroups of VRM as a list",
-            &old["blendShapeGroups"],
-            true,
+            groups,
+            groups.is_array(),
         ),
-        ("expressions of VRMC_vrm as an object", new, false),
+        ("expressions of VRMC_vrm as an object", new, new.is_object()),
         (
             "custom expressions of VRMC_vrm as an object",
-            &new["custom"],
-            false,
+            custom,
+            custom.is_object(),
         ),
     ] {
-        if !of(value, list) {
+        if !fits && !value.is_null() {
             let found = value.to_string().chars().take(40).collect();
             return Err(GlbError::Content { expected, found });
         }
@@ -55,58 +53,41 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
         let of = |b: &Bound| Some((b.mesh, b.targets.iter().find(|t| t.0 == name)?.1));
         bound.iter().filter_map(of).collect()
     };
-    let nodes = json["nodes"].as_array().cloned().unwrap_or_default();
+    let nodes = list(&json["nodes"]).to_vec();
     if json["extensions"]["VRM"].is_object() {
         let groups = &mut json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"];
-        let mut list = groups.as_array().cloned().unwrap_or_default();
-        let had: Vec<String> = list.iter().map(|g| text(&g["name"])).collect();
+        let had = list(groups)
+            .iter()
+            .filter_map(|group| group["name"].as_str());
+        let had: Vec<String> = had.map(str::to_owned).collect();
         for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds: Vec<Value> = places(name)
-                .iter()
-                .map(|(mesh, index)| json!({"mesh": mesh, "index": index, "weight": 100.0}))
-                .collect();
-            list.push(json!({
+            let binds = places(name).into_iter();
+            let binds =
+                binds.map(|(mesh, index)| json!({"mesh": mesh, "index": index, "weight": 100.0}));
+            let group = json!({
                 "name": capital(name), "presetName": "unknown", "isBinary": false,
-                "binds": binds, "materialValues": [],
-            }));
+                "binds": binds.collect::<Vec<_>>(), "materialValues": [],
+            });
+            push(groups, group);
         }
-        *groups = json!(list);
     }
     if json["extensions"]["VRMC_vrm"].is_object() {
         let expressions = &mut json["extensions"]["VRMC_vrm"]["expressions"];
-        let keys = |kind: &str| expressions[kind].as_object().into_iter().flatten();
-        let had: Vec<String> = keys("preset")
-            .chain(keys("custom"))
-            .map(|(k, _)| k.clone())
-            .collect();
-        let mut custom = expressions["custom"]
-            .as_object()
-            .cloned()
-            .unwrap_or_default();
+        let kinds = ["preset", "custom"].into_iter();
+        let had = kinds.flat_map(|kind| expressions[kind].as_object().into_iter().flatten());
+        let had: Vec<String> = had.map(|(name, _)| name.clone()).collect();
         for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds: Vec<Value> = places(name)
-                .iter()
-                .flat_map(|&(mesh, index)| {
-                    let uses = move |(_, n): &(usize, &Value)| n["mesh"] == json!(mesh);
-                    let bind =
-                        move |(node, _)| json!({"node": node, "index": index, "weight": 1.0});
-                    nodes.iter().enumerate().filter(uses).map(bind)
-                })
-                .collect();
-            custom.insert(
-                capital(name),
-                json!({
-                    "isBinary": false, "morphTargetBinds": binds,
-                    "overrideBlink": "none", "overrideLookAt": "none", "overrideMouth": "none",
-                }),
-            );
+            let binds = places(name).into_iter().flat_map(|(mesh, index)| {
+                let nodes = nodes.iter().enumerate();
+                let shown = nodes.filter(move |(_, node)| node["mesh"] == json!(mesh));
+                shown.map(move |(node, _)| json!({"node": node, "index": index, "weight": 1.0}))
+            });
+            expressions["custom"][capital(name)] = json!({
+                "isBinary": false, "morphTargetBinds": binds.collect::<Vec<_>>(),
+                "overrideBlink": "none", "overrideLookAt": "none", "overrideMouth": "none",
+            });
         }
-        expressions["custom"] = Value::Object(custom);
     }
-}
-
-fn text(value: &Value) -> String {
-    value.as_str().unwrap_or_default().to_owned()
 }
 
 fn known(had: &[String], name: &str) -> bool {

@@ -62,19 +62,14 @@ pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -
             join(&mut same, from, here);
             join(&mut same, to, there);
         };
-        // Many edges in one place are no seam of a head; each is asked after once.
-        let parts: HashSet<u32> = back.iter().map(|e| e.2).collect();
+        // Many edges in one place are no seam of a head.
         forth.retain(|edge| {
-            if !parts.contains(&edge.2) {
-                return true;
+            let mut near = back.iter().take(FOLDED);
+            let own = near.position(|e| e.2 == edge.2);
+            if let Some(at) = own {
+                sew(*edge, back.swap_remove(at));
             }
-            match back.iter().take(FOLDED).position(|e| e.2 == edge.2) {
-                Some(at) => {
-                    sew(*edge, back.swap_remove(at));
-                    false
-                }
-                None => true,
-            }
+            own.is_none()
         });
         for (edge, other) in forth.into_iter().zip(back) {
             sew(edge, other);
@@ -113,23 +108,18 @@ pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>>
         best[k] = best[k + 1].max(pair.map_or(0, |gain| gain + best[k + 2]));
     }
     let mut faces: Vec<Vec<u32>> = Vec::with_capacity(n);
-    let (mut k, mut paired) = (0, 0);
+    let mut k = 0;
     while k < n {
-        let pair = (best[k] > best[k + 1] && k + 1 < n)
-            .then(|| quad(positions, triangles[k], triangles[k + 1]))
-            .flatten();
-        match pair {
-            Some(quad) => {
-                faces.push(quad.to_vec());
-                paired += 2;
-                k += 2;
-            }
-            None => {
-                faces.push(triangles[k].to_vec());
-                k += 1;
-            }
-        }
+        let pairs = best[k] > best[k + 1] && k + 1 < n;
+        let pair = if pairs {
+            quad(positions, triangles[k], triangles[k + 1])
+        } else {
+            None
+        };
+        faces.push(pair.map_or_else(|| triangles[k].to_vec(), |quad| quad.to_vec()));
+        k += faces[faces.len() - 1].len() - 2;
     }
+    let paired = 2 * (n - faces.len());
     if (paired as f64) < MOSTLY_QUADS * n as f64 {
         return triangles.iter().map(|t| t.to_vec()).collect();
     }

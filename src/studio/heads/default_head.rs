@@ -24,7 +24,6 @@ use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
-use crate::studio::bake::solve::Settings;
 use crate::studio::jpeg::jpeg;
 
 const U8: u32 = 5121;
@@ -176,11 +175,7 @@ pub fn glb() -> Result<Vec<u8>, BakeError> {
 
 fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
     // Through the door that heads of others take, so that the numbers of the vertices are settled there.
-    let refuse = |source| BakeError::Glb {
-        path: "built-in head".into(),
-        source,
-    };
-    let (mesh, foreign) = Foreign::read(face(hero)).map_err(refuse)?;
+    let (mesh, foreign) = Foreign::read(face(hero)).map_err(BakeError::of("built-in head"))?;
     let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
     let shapes = shapes(&head)?;
     Ok(dressed(foreign.patched(&shapes, false), hero).emit())
@@ -189,12 +184,8 @@ fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
 /// The shapes of the shipped recipe on a head.
 pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, BakeError> {
     let targets = Recipe::read(SHIPPED).and_then(|shipped| shipped.targets(head));
-    let targets = targets.map_err(|source| BakeError::Recipe {
-        path: "built-in recipe".into(),
-        source,
-    })?;
-    let settings = Settings::default();
-    Ok(rig::bake(head, &targets, &settings, Method::Aoi, &|_| {})?)
+    let targets = targets.map_err(BakeError::of("built-in recipe"))?;
+    Ok(rig::bake(head, &targets, Method::Aoi, &|_| {})?)
 }
 
 /// The neutral head as OBJ text that names `materials`.

@@ -85,11 +85,9 @@ impl Place {
             ..Request::default()
         })?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
-            let found = guess(&source.mesh, &source.looks, &FaceModel::shipped());
-            let found = found.map_err(|source| BakeError::Locate {
-                path: mesh.into(),
-                source,
-            })?;
+            let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
+                .ok_or("expected vertices to find a face on, found none")
+                .map_err(BakeError::of(mesh))?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
             (source.told(landmarks)?, None)
