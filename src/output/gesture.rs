@@ -85,7 +85,7 @@ pub const PRESETS: [(&str, &str, f32, f32, f32); 10] = [
     ("mouth_open", "AU26", 0.45, 0.3, 0.2),
     ("wink_left", "AU43L - AU43R", 0.6, 0.3, 0.2),
     ("wink_right", "AU43R - AU43L", 0.6, 0.3, 0.2),
-    ("blink_long", "AU43L + AU43R", 0.9, 0.6, 0.5),
+    ("blink_long", "AU43L + AU43R", 1.1, 0.7, 0.5),
     ("look_left", "AU61", 0.35, 0.2, 0.4),
     ("look_right", "AU62", 0.35, 0.2, 0.4),
     ("look_up", "AU63", 0.35, 0.2, 0.4),
