@@ -298,24 +298,30 @@ fn sentence(error: &clap::Error) -> String {
     )
 }
 
-/// Runs one invocation; the words after the program's name.
-///
-/// # Errors
-/// [`Fault::Usage`] on wrong words, else what the command says.
+/// The words, understood; `None` if they asked for help, which is printed.
 #[expect(clippy::print_stdout, reason = "help is asked for")]
-pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
+fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Option<Line>, Fault> {
     let words = std::iter::once("mien-studio".into()).chain(words);
-    let line = match Line::try_parse_from(words) {
-        Ok(line) => line,
-        Err(error) => match error.kind() {
+    Line::try_parse_from(words)
+        .map(Some)
+        .or_else(|error| match error.kind() {
             ErrorKind::DisplayHelp
             | ErrorKind::DisplayVersion
             | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
                 print!("{error}");
-                return Ok(());
+                Ok(None)
             }
-            _ => return Err(Fault::Usage(sentence(&error))),
-        },
+            _ => Err(Fault::Usage(sentence(&error))),
+        })
+}
+
+/// Runs one invocation; the words after the program's name.
+///
+/// # Errors
+/// [`Fault::Usage`] on wrong words, else what the command says.
+pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
+    let Some(line) = parsed(words)? else {
+        return Ok(());
     };
     match line.command {
         Command::Train(args) => {

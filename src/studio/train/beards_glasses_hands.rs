@@ -190,6 +190,6 @@ pub(super) fn hand(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     };
     picture.paint(points, |x, y| {
         let far = cover(x, y);
-        (far < 1.0).then(|| skin * (1.05 - 0.45 * far * far))
+        (far < 1.0).then_some(skin * (1.05 - 0.45 * far * far))
     });
 }

@@ -2,8 +2,6 @@
 //! `config/units.toml` has the rounded numbers.
 //!
 //! Identities are drawn as neutral + Σ c_n mode_n, c_n ~ N(0, 1). Units: the inner-eye-corner distance w, of the neutral.
-//! Limitation: the head has no pucker, stretch, jaw sideways or jaw forward, no wide eyes; those come from
-//! `heads::expressions`, and are approximations.
 
 use nalgebra::Vector3;
 
