@@ -48,6 +48,14 @@ pub fn face_normal(sensor_from_head: &Rigid) -> Vector {
     sensor_from_head.rotation * Vector::new(0.0, 0.0, -1.0)
 }
 
+/// Mean of points, summed in f64; the origin of none.
+pub(crate) fn mean(points: impl Iterator<Item = Point>) -> Point {
+    let (sum, count) = points.fold((nalgebra::Vector3::<f64>::zeros(), 0.0f64), |(s, n), p| {
+        (s + p.coords.cast::<f64>(), n + 1.0)
+    });
+    Point::from((sum / count.max(1.0)).cast::<f32>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

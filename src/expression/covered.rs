@@ -89,7 +89,7 @@ defaults! {
         usual: f32 = 0.0,
         known_s: f32 = 0.0,
         /// 0: seen; 1: covered.
-        doubt: f32 = 0.0,
+        covered: f32 = 0.0,
         covered_s: f32 = 0.0,
         /// Weights up to one and two [`BACK_S`] old.
         recent: [[f32; UNITS]; 2] = [[0.0; UNITS]; 2],
@@ -110,7 +110,7 @@ impl CoveredMouth {
             points.iter().sum::<f32>() / points.len() as f32
         };
         let (seen, others) = (mean(MOUTH), mean(OTHERS));
-        let is_covered = self.doubt > 0.0;
+        let is_covered = self.covered > 0.0;
         self.known_s = (self.known_s + dt).min(USUAL_S);
         let takes_s = if is_covered && self.known_s >= USUAL_S {
             USUAL_COVERED_S
@@ -128,23 +128,23 @@ impl CoveredMouth {
         };
         // Changing light, distance and a bent head make a free mouth hard to see too: depth says whether something is before it.
         let hidden = landmarks.mouth_hidden >= if is_covered { STILL_HIDDEN } else { HIDDEN };
-        let doubt = if hidden {
+        let covered = if hidden {
             ((least - seen) / DISBELIEVED_BELOW).clamp(0.0, 1.0)
         } else {
             0.0
         };
-        self.doubt = doubt.max(self.doubt - dt / RETURN_S).max(0.0);
-        if self.doubt > 0.0 {
+        self.covered = covered.max(self.covered - dt / RETURN_S).max(0.0);
+        if self.covered > 0.0 {
             self.covered_s += dt;
             // What is compared with the past has to be seen at both ends.
             self.lagged_s = f32::NEG_INFINITY;
         } else {
             self.covered_s = 0.0;
         }
-        if self.doubt == 0.0 && seen > believed + SURE {
+        if self.covered == 0.0 && seen > believed + SURE {
             self.recent_s += dt;
         }
-        self.doubt == 0.0
+        self.covered == 0.0
     }
 
     /// Time constant at which this mouth relaxes, seconds.
@@ -156,12 +156,12 @@ impl CoveredMouth {
     /// Replaces the weights of the mouth's columns, `is_mouth`, as far as it is covered; otherwise learns from them.
     pub(super) fn weigh(&mut self, weights: &mut [f32], is_mouth: &[bool; UNITS], dt: f32) {
         let mouth = |k: &usize| is_mouth[*k];
-        if self.doubt > 0.0 {
+        if self.covered > 0.0 {
             let fades_s = (self.covered_s - HELD_S).max(0.0);
             let left = (-fades_s / self.tau_s()).exp();
             for k in (0..weights.len()).filter(mouth) {
                 let inferred = self.recent[1][k] * left;
-                weights[k] += (inferred - weights[k]) * self.doubt;
+                weights[k] += (inferred - weights[k]) * self.covered;
             }
             return;
         }

@@ -22,7 +22,8 @@ struct Weights {
 }
 
 /// The map. 1 is as far as eyes go, about 30°.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize)]
+#[serde(try_from = "GazeRow")]
 pub struct Gaze {
     left: Weights,
     up: Weights,
@@ -31,24 +32,25 @@ pub struct Gaze {
 /// As in `config/units.toml`: weights by cell, rows from above, temple to nose, and last the head's turn.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct GazeRow {
+struct GazeRow {
     left: Vec<f32>,
     up: Vec<f32>,
 }
 
-impl GazeRow {
-    /// None if the numbers are not as many as they should be, or not finite.
-    pub(super) fn gaze(&self) -> Option<Gaze> {
+impl TryFrom<GazeRow> for Gaze {
+    type Error = &'static str;
+
+    fn try_from(row: GazeRow) -> Result<Self, Self::Error> {
         let weights = |numbers: &[f32]| {
             let (&turn, cells) = numbers.split_last()?;
             let finite = numbers.iter().all(|w| w.is_finite());
             let cells = cells.try_into().ok().filter(|_| finite)?;
             Some(Weights { cells, turn })
         };
-        Some(Gaze {
-            left: weights(&self.left)?,
-            up: weights(&self.up)?,
-        })
+        let both = weights(&row.left).zip(weights(&row.up));
+        let (left, up) =
+            both.ok_or("expected as many finite weights as an eye has cells, and one")?;
+        Ok(Self { left, up })
     }
 }
 
@@ -81,7 +83,7 @@ mod tests {
             left: weights(2.0, 1.0),
             up: weights(3.0, -1.0),
         };
-        row.gaze().expect("as many as cells and one")
+        row.try_into().expect("as many as cells and one")
     }
 
     #[test]
@@ -113,8 +115,8 @@ mod tests {
             left: vec![value; n],
             up: vec![0.0; CELLS + 1],
         };
-        assert!(row(CELLS + 1, 0.5).gaze().is_some());
-        assert!(row(CELLS, 0.5).gaze().is_none());
-        assert!(row(CELLS + 1, f32::NAN).gaze().is_none());
+        assert!(Gaze::try_from(row(CELLS + 1, 0.5)).is_ok());
+        assert!(Gaze::try_from(row(CELLS, 0.5)).is_err());
+        assert!(Gaze::try_from(row(CELLS + 1, f32::NAN)).is_err());
     }
 }

@@ -13,10 +13,13 @@
 //! in metres. Cost: some hundred additions a frame, no memory. Degenerate: coinciding eye corners (w ≈ 0) give no measures.
 //! Limitation: the brow is measured from the middle of the eye-corner line, so a roll of the head frame does not affect it, but
 //! half of an error in one corner does.
-//! One file: every measure with its formula and its place in the order.
+
+use serde::Deserialize;
 
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
 use crate::face_model::refinement::PUFFS;
 use crate::face_model::scheme::{
     CHIN, EYE_CORNERS_L, EYE_CORNERS_R, INNER_BROW_L, INNER_BROW_R, INNER_EYE_CORNERS, LOWER_LID_L,
@@ -26,7 +29,8 @@ use crate::face_model::scheme::{
 use crate::landmarks::Landmarks;
 
 /// The measures in the order of all arrays and columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(try_from = "String")]
 #[repr(usize)]
 pub enum Measure {
     /// Height of the lower lip's inner edge, mean(65, 66, 67), below the upper one's, mean(61, 62, 63).
@@ -102,29 +106,7 @@ impl Measure {
     /// Column name without the leading `m_`.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::LipGap => "lip_gap",
-            Self::MouthWidth => "mouth_width",
-            Self::LipShift => "lip_shift",
-            Self::LipThrust => "lip_thrust",
-            Self::LipProtrusion => "lip_protrusion",
-            Self::BrowL => "brow_L",
-            Self::BrowR => "brow_R",
-            Self::LidL => "lid_L",
-            Self::LidR => "lid_R",
-            Self::NostrilL => "nostril_L",
-            Self::NostrilR => "nostril_R",
-            Self::JawDrop => "jaw_drop",
-            Self::CornerL => "corner_L",
-            Self::CornerR => "corner_R",
-            Self::InnerBrowL => "inner_brow_L",
-            Self::InnerBrowR => "inner_brow_R",
-            Self::UpperLipL => "upper_lip_L",
-            Self::UpperLipR => "upper_lip_R",
-            Self::CheekL => "cheek_L",
-            Self::CheekR => "cheek_R",
-            Self::EyeDistance => "eye_distance",
-        }
+        TABLE[self as usize].0
     }
 
     /// The measure with that name.
@@ -136,27 +118,7 @@ impl Measure {
     /// The groups of landmarks it is computed from; none for those measured by depth.
     #[must_use]
     pub const fn groups(self) -> &'static [&'static [usize]] {
-        match self {
-            Self::LipGap => &[&UPPER_LIP_INSIDE, &LOWER_LIP_INSIDE],
-            Self::MouthWidth => &[&[MOUTH_CORNER_R], &[MOUTH_CORNER_L]],
-            Self::LipShift | Self::LipThrust => &[&UPPER_LIP, &LOWER_LIP],
-            Self::LipProtrusion => &[&UPPER_LIP, &LOWER_LIP, &INNER_EYE_CORNERS],
-            Self::BrowL => &[&LEFT_BROW, &EYE_CORNERS_L],
-            Self::BrowR => &[&RIGHT_BROW, &EYE_CORNERS_R],
-            Self::LidL => &[&UPPER_LID_L, &LOWER_LID_L],
-            Self::LidR => &[&UPPER_LID_R, &LOWER_LID_R],
-            Self::NostrilL => &[&NOSTRIL_L, &[INNER_EYE_L]],
-            Self::NostrilR => &[&NOSTRIL_R, &[INNER_EYE_R]],
-            Self::JawDrop => &[&CHIN, &INNER_EYE_CORNERS],
-            Self::CornerL => &[&[MOUTH_CORNER_L], &[NOSE_BASE]],
-            Self::CornerR => &[&[MOUTH_CORNER_R], &[NOSE_BASE]],
-            Self::InnerBrowL => &[&INNER_BROW_L, &EYE_CORNERS_L],
-            Self::InnerBrowR => &[&INNER_BROW_R, &EYE_CORNERS_R],
-            Self::UpperLipL => &[&UPPER_LIP_L, &BESIDE_NOSE_BASE_L],
-            Self::UpperLipR => &[&UPPER_LIP_R, &BESIDE_NOSE_BASE_R],
-            Self::CheekL | Self::CheekR => &[],
-            Self::EyeDistance => &[&INNER_EYE_CORNERS],
-        }
+        TABLE[self as usize].1
     }
 
     /// The landmarks it is computed from.
@@ -164,6 +126,44 @@ impl Measure {
         self.groups().iter().copied().flatten().copied()
     }
 }
+
+impl TryFrom<String> for Measure {
+    type Error = &'static str;
+
+    fn try_from(name: String) -> Result<Self, Self::Error> {
+        let learnt = Self::named(&name).filter(|measure| *measure != Self::EyeDistance);
+        learnt.ok_or("expected a measure such as lip_gap")
+    }
+}
+
+/// Name and groups of landmarks of each measure, in their order. Where there are two groups and no formula of its own in
+/// [`with_cheeks`], the measure is the height of the second below the first.
+const TABLE: [(&str, &[&[usize]]); MEASURES] = [
+    ("lip_gap", &[&UPPER_LIP_INSIDE, &LOWER_LIP_INSIDE]),
+    ("mouth_width", &[&[MOUTH_CORNER_R], &[MOUTH_CORNER_L]]),
+    ("lip_shift", &[&UPPER_LIP, &LOWER_LIP]),
+    ("lip_thrust", &[&UPPER_LIP, &LOWER_LIP]),
+    (
+        "lip_protrusion",
+        &[&UPPER_LIP, &LOWER_LIP, &INNER_EYE_CORNERS],
+    ),
+    ("brow_L", &[&LEFT_BROW, &EYE_CORNERS_L]),
+    ("brow_R", &[&RIGHT_BROW, &EYE_CORNERS_R]),
+    ("lid_L", &[&UPPER_LID_L, &LOWER_LID_L]),
+    ("lid_R", &[&UPPER_LID_R, &LOWER_LID_R]),
+    ("nostril_L", &[&[INNER_EYE_L], &NOSTRIL_L]),
+    ("nostril_R", &[&[INNER_EYE_R], &NOSTRIL_R]),
+    ("jaw_drop", &[&INNER_EYE_CORNERS, &CHIN]),
+    ("corner_L", &[&[MOUTH_CORNER_L], &[NOSE_BASE]]),
+    ("corner_R", &[&[MOUTH_CORNER_R], &[NOSE_BASE]]),
+    ("inner_brow_L", &[&INNER_BROW_L, &EYE_CORNERS_L]),
+    ("inner_brow_R", &[&INNER_BROW_R, &EYE_CORNERS_R]),
+    ("upper_lip_L", &[&BESIDE_NOSE_BASE_L, &UPPER_LIP_L]),
+    ("upper_lip_R", &[&BESIDE_NOSE_BASE_R, &UPPER_LIP_R]),
+    ("cheek_L", &[]),
+    ("cheek_R", &[]),
+    ("eye_distance", &[&INNER_EYE_CORNERS]),
+];
 
 /// Which eye-corner distance the measures are divided by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -208,34 +208,22 @@ pub fn raw(points: &[Point; LANDMARKS]) -> [f32; MEASURES] {
 /// ([`Landmarks::cheeks`]).
 #[must_use]
 pub fn with_cheeks(points: &[Point; LANDMARKS], cheeks: [f32; PUFFS]) -> [f32; MEASURES] {
-    let height_below =
-        |lower: &[usize], upper: &[usize]| mean(points, lower).y - mean(points, upper).y;
     let upper_lip = mean(points, &UPPER_LIP);
     let lower_lip = mean(points, &LOWER_LIP);
     let eyes = mean(points, &INNER_EYE_CORNERS);
     let lips = nalgebra::center(&upper_lip, &lower_lip);
     Measure::ALL.map(|measure| match measure {
-        Measure::LipGap => height_below(&LOWER_LIP_INSIDE, &UPPER_LIP_INSIDE),
         Measure::MouthWidth => nalgebra::distance(&points[MOUTH_CORNER_R], &points[MOUTH_CORNER_L]),
         Measure::LipShift => lower_lip.x - upper_lip.x,
         Measure::LipThrust => upper_lip.z - lower_lip.z,
         Measure::LipProtrusion => eyes.z - lips.z,
-        Measure::BrowL => height_below(&EYE_CORNERS_L, &LEFT_BROW),
-        Measure::BrowR => height_below(&EYE_CORNERS_R, &RIGHT_BROW),
-        Measure::LidL => height_below(&LOWER_LID_L, &UPPER_LID_L),
-        Measure::LidR => height_below(&LOWER_LID_R, &UPPER_LID_R),
-        Measure::NostrilL => height_below(&NOSTRIL_L, &[INNER_EYE_L]),
-        Measure::NostrilR => height_below(&NOSTRIL_R, &[INNER_EYE_R]),
-        Measure::JawDrop => height_below(&CHIN, &INNER_EYE_CORNERS),
-        Measure::CornerL => height_below(&[NOSE_BASE], &[MOUTH_CORNER_L]),
-        Measure::CornerR => height_below(&[NOSE_BASE], &[MOUTH_CORNER_R]),
-        Measure::InnerBrowL => height_below(&EYE_CORNERS_L, &INNER_BROW_L),
-        Measure::InnerBrowR => height_below(&EYE_CORNERS_R, &INNER_BROW_R),
-        Measure::UpperLipL => height_below(&UPPER_LIP_L, &BESIDE_NOSE_BASE_L),
-        Measure::UpperLipR => height_below(&UPPER_LIP_R, &BESIDE_NOSE_BASE_R),
         Measure::CheekR => PUFF_M * cheeks[0],
         Measure::CheekL => PUFF_M * cheeks[1],
         Measure::EyeDistance => nalgebra::distance(&points[INNER_EYE_R], &points[INNER_EYE_L]),
+        height => {
+            let [above, below] = [0, 1].map(|k| mean(points, height.groups()[k]));
+            below.y - above.y
+        }
     })
 }
 

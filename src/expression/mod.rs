@@ -18,13 +18,13 @@
 //! microseconds a frame. Degenerate: a frame with a non-finite landmark repeats the last weights; frames with low
 //! confidence, or with ω < 1/3, give weights but are not learned from. In the first third of a second all weights are 0,
 //! then they fade in.
-//! One file: the order of the steps; every method has its own file.
 
 pub mod compensate;
 mod covered;
 pub mod ends;
 pub mod features;
 pub mod gaze;
+mod learners;
 pub mod measures;
 pub mod newcomer;
 pub mod nodes;
@@ -45,73 +45,32 @@ pub mod two_way;
 pub mod unit_words;
 pub mod units;
 pub mod weight;
+mod weights;
 
 pub use measures::{Measure, Scale};
 pub use range::Range;
 pub use saved::Learned;
 pub use settings::{Method, Settings};
 pub use units::{UnitName, Units};
+pub use weights::{UnitRange, Weights};
 
 use alloc::sync::Arc;
 
-use crate::base::capacity::{INPUTS, LEARNT_MEASURES, MEASURES, UNITS};
+use crate::base::capacity::{INPUTS, LEARNT_MEASURES, UNITS};
 use crate::base::frames::SensorFromFace;
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 use covered::CoveredMouth;
+use learners::Learners;
 use measures::EyeDistance;
 use newcomer::Newcomer;
-use paper::{PaperLearner, PaperSettings};
 use robust::RobustLearner;
 use settings::LEAST_CONFIDENCE;
 use smooth::MeasureFilter;
 use together::Together;
 use units::{Explained, Kind, Side};
-
-/// One frame's result. Columns are in the order of [`Expression::unit_names`].
-#[derive(Clone, Debug)]
-pub struct Weights {
-    /// By [`Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
-    pub measures: [f32; MEASURES],
-    units: [f32; UNITS],
-    readiness: [f32; UNITS],
-    columns: usize,
-    /// Ranges are still mostly the population's.
-    pub warming: bool,
-    /// Learning is frozen.
-    pub frozen: bool,
-}
-
-impl Weights {
-    /// Weight of each unit: 0 to 1, above 1 if exaggerated, never below 0 or non-finite.
-    #[must_use]
-    pub fn units(&self) -> &[f32] {
-        &self.units[..self.columns]
-    }
-
-    /// 0…1 for each unit: how much of its range is this person's own.
-    #[must_use]
-    pub fn readiness(&self) -> &[f32] {
-        &self.readiness[..self.columns]
-    }
-}
-
-/// The range of a unit, in units of its measure, or of its reading if it has none.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct UnitRange {
-    /// Value at the full falling expression; rest, if there is none.
-    pub low: f32,
-    /// Value at rest.
-    pub rest: f32,
-    /// Value at the full rising expression; rest, if there is none.
-    pub high: f32,
-    /// Standard deviation of its noise; 0 with the paper's method, which does not estimate it.
-    pub noise: f32,
-    /// 0…1: how much of it is the person's own.
-    pub readiness: f32,
-}
 
 /// Longest time that one frame stands for, seconds.
 const LONGEST_FRAME_S: f64 = 0.1;
@@ -128,13 +87,6 @@ const RESTS_KNOWN_S: f64 = 2.0;
 const WARM: f64 = 0.5;
 /// Seconds of evidence after which the rest identifies a person.
 const KNOWN_REST_S: f64 = 2.0;
-
-/// [`LEARNT_MEASURES`] of one kind, 2 KiB each: by value they would pass over the stack, which keeps what it once grew to.
-#[derive(Clone, Debug)]
-enum Learners {
-    Robust(Box<[RobustLearner]>),
-    Paper(Box<[PaperLearner]>),
-}
 
 /// The expression stage of one person.
 #[derive(Clone, Debug)]
@@ -165,37 +117,16 @@ impl Expression {
     #[must_use]
     pub fn new(settings: Settings, units: impl Into<Arc<Units>>) -> Self {
         let units = units.into();
-        let paper = settings.method == Method::Paper;
-        let phase = |m: usize| m as f64 / LEARNT_MEASURES as f64;
-        let learners = match settings.method {
-            Method::Robust => {
-                let robust = settings.robust();
-                let learner = |m: usize| RobustLearner::new(robust, units.rows[m].prior, phase(m));
-                Learners::Robust((0..LEARNT_MEASURES).map(learner).collect())
-            }
-            Method::Paper => {
-                let literal = PaperSettings {
-                    half_life_s: settings.half_life_s,
-                    compensation_scale: settings.compensation_scale,
-                    scan: settings.scan,
-                    prior_s: settings.prior_s,
-                };
-                let learner = |m: usize| {
-                    let row = &units.rows[m];
-                    PaperLearner::new(literal, row.prior, row.paper_kind, phase(m))
-                };
-                Learners::Paper((0..LEARNT_MEASURES).map(learner).collect())
-            }
-        };
-        let names = units.columns(paper);
-        let together = (settings.method == Method::Robust)
+        let is_robust = settings.method == Method::Robust;
+        let names = units.columns(!is_robust);
+        let together = is_robust
             .then(|| Together::new(&settings, &units))
             .flatten();
         Self {
             together,
             further: units.further().take(UNITS).collect(),
             scale: EyeDistance::new(units.eye_distance_m),
-            learners,
+            learners: Learners::new(&settings, &units),
             filters: Default::default(),
             newcomer: Newcomer::default(),
             mouth: CoveredMouth::default(),
@@ -204,14 +135,7 @@ impl Expression {
             present_s: 0.0,
             corrected: [0.0; LEARNT_MEASURES],
             resets: 0,
-            weights: Weights {
-                measures: [0.0; MEASURES],
-                units: [0.0; UNITS],
-                readiness: [0.0; UNITS],
-                columns: names.len(),
-                warming: true,
-                frozen: false,
-            },
+            weights: Weights::new(names.len()),
             names,
             settings,
             units,
@@ -233,10 +157,7 @@ impl Expression {
     /// Range in use for each learnt measure, in the order of [`Measure::ALL`].
     #[must_use]
     pub fn ranges(&self) -> [Range; LEARNT_MEASURES] {
-        match &self.learners {
-            Learners::Robust(learners) => core::array::from_fn(|m| learners[m].range()),
-            Learners::Paper(learners) => core::array::from_fn(|m| learners[m].range()),
-        }
+        self.learners.ranges()
     }
 
     /// Learned measures of the last frame, cross-talk removed (robust), in units of the inner-eye-corner distance.
@@ -254,17 +175,7 @@ impl Expression {
     /// The stored history of a learned measure, ascending: value, its weight for rest and for the ends (seconds; with the
     /// paper's method both are the sample's weight).
     pub fn history(&self, measure: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
-        let (nodes, growth, samples) = match &self.learners {
-            Learners::Robust(learners) => {
-                let nodes = learners[measure].nodes();
-                (nodes.as_slice(), nodes.growth(), &[][..])
-            }
-            Learners::Paper(learners) => (&[][..], 1.0, learners[measure].samples()),
-        };
-        let nodes = nodes
-            .iter()
-            .map(move |n| [n.value, n.rest / growth, n.range / growth]);
-        nodes.chain(samples.iter().map(|s| [s.value, s.weight, s.weight]))
+        self.learners.history(measure)
     }
 
     /// The range of each column's unit, in the order of [`Self::unit_names`].
@@ -274,15 +185,11 @@ impl Expression {
         let rows = self.units.rows.iter().zip(self.ranges()).enumerate();
         let columns = rows.flat_map(|(m, (row, range))| {
             let kind = row.kind(paper);
-            let noise = match &self.learners {
-                Learners::Robust(learners) => learners[m].sigma() as f32,
-                Learners::Paper(_) => 0.0,
-            };
             let unit = UnitRange {
                 low: range.low as f32,
                 rest: range.rest as f32,
                 high: range.high as f32,
-                noise,
+                noise: self.learners.sigma(m) as f32,
                 readiness: 0.0,
             };
             core::iter::repeat_n(unit, usize::from(kind.rises()) + usize::from(kind.falls()))
@@ -329,10 +236,7 @@ impl Expression {
 
     /// Forgets the person and starts from the population again.
     pub fn reset(&mut self) {
-        match &mut self.learners {
-            Learners::Robust(learners) => learners.iter_mut().for_each(RobustLearner::reset),
-            Learners::Paper(learners) => learners.iter_mut().for_each(PaperLearner::reset),
-        }
+        self.learners.reset();
         self.filters.iter_mut().for_each(MeasureFilter::reset);
         if let Some(together) = &mut self.together {
             together.reset();
@@ -466,47 +370,26 @@ impl Expression {
     }
 
     fn learn(&mut self, landmarks: &Landmarks, omega: f64, dt: f64, mouth_seen: bool) {
-        let certain = |row: &units::Unit| {
-            measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE
-                && (mouth_seen || !covered::is_of_mouth(row.measure))
+        for (m, row) in self.units.rows.iter().enumerate() {
+            let certain = measures::confidence(row.measure, landmarks) >= LEAST_CONFIDENCE
+                && (mouth_seen || !covered::is_of_mouth(row.measure));
+            let g = certain.then_some(self.corrected[m]);
+            self.learners.observe(m, g, omega, dt);
+        }
+        let Learners::Robust(learners) = &self.learners else {
+            return;
         };
-        match &mut self.learners {
-            Learners::Robust(learners) => {
-                for ((learner, row), &g) in learners
-                    .iter_mut()
-                    .zip(&self.units.rows)
-                    .zip(&self.corrected)
-                {
-                    if certain(row) {
-                        learner.observe(g, omega, dt);
-                    } else {
-                        learner.interrupt();
-                    }
-                }
-                if let Some(together) = &mut self.together {
-                    together.learn(landmarks, omega, dt, self.present_s > RESTS_KNOWN_S);
-                }
-                let rest = |m: usize| {
-                    let learner: &RobustLearner = &learners[m];
-                    (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
-                };
-                let sd = |m: usize| self.units.rows[m].prior.rest_sd;
-                if self.newcomer.observe(&self.corrected, omega, dt, rest, sd) {
-                    self.reset();
-                    self.resets += 1;
-                }
-            }
-            Learners::Paper(learners) => {
-                for ((learner, row), &g) in learners
-                    .iter_mut()
-                    .zip(&self.units.rows)
-                    .zip(&self.corrected)
-                {
-                    if certain(row) {
-                        learner.observe(g, omega, dt);
-                    }
-                }
-            }
+        if let Some(together) = &mut self.together {
+            together.learn(landmarks, omega, dt, self.present_s > RESTS_KNOWN_S);
+        }
+        let rest = |m: usize| {
+            let learner = &learners[m];
+            (learner.rest_seconds() > KNOWN_REST_S).then(|| learner.range().rest)
+        };
+        let sd = |m: usize| self.units.rows[m].prior.rest_sd;
+        if self.newcomer.observe(&self.corrected, omega, dt, rest, sd) {
+            self.reset();
+            self.resets += 1;
         }
     }
 
@@ -520,70 +403,65 @@ impl Expression {
             }
         }
         let mut column = 0;
-        let mut rests = [0.0; LEARNT_MEASURES];
-        for (m, row) in self.units.rows.iter().enumerate() {
-            let g = self.corrected[m];
-            let (kind, signed, up_ready, down_ready) = match &self.learners {
-                Learners::Robust(learners) => {
-                    let learner = &learners[m];
-                    let (range, kind) = (learner.range(), row.prior.kind);
-                    // The smaller side moves fastest, in ranges a second.
-                    let side = match kind {
-                        Kind::Rising => range.high - range.rest,
-                        Kind::Falling => range.rest - range.low,
-                        Kind::TwoWay => (range.high - range.rest).min(range.rest - range.low),
-                    };
-                    let g = self.filters[m].filter(g, side, self.settings.smoothing_hz, dt);
-                    let (up, down) = learner.readiness();
-                    rests[m] = learner.rest_readiness();
-                    (
-                        kind,
-                        range.weight(g, kind, self.settings.dead_zone * learner.sigma()),
-                        up,
-                        down,
-                    )
-                }
-                Learners::Paper(learners) => {
-                    let readiness = learners[m].readiness();
-                    rests[m] = readiness;
-                    (row.paper_kind, learners[m].weight(g), readiness, readiness)
-                }
-            };
-            let mut sides = [
-                (kind.rises(), signed, up_ready),
-                (kind.falls(), -signed, down_ready),
-            ];
-            if let Some(together) = &mut self.together {
-                let read = [&row.rises, &row.falls].map(|unit| {
-                    let reading = self.units.reading(unit.as_ref())?;
-                    Some(together.weigh(reading, &self.settings, dt))
-                });
-                for (side, read) in sides.iter_mut().zip(read) {
-                    if let Some((weight, readiness)) = read {
-                        (side.1, side.2) = (weight, readiness);
-                    }
-                }
-                // Of the two the larger one; the other would be its own cross-talk.
-                let weaker = usize::from(sides[0].1 > sides[1].1);
-                if kind == Kind::TwoWay {
-                    sides[weaker].1 = 0.0;
-                }
-            }
-            for (_, weight, readiness) in sides.into_iter().filter(|side| side.0) {
-                self.weights.units[column] = (weight.max(0.0) * fade) as f32;
-                self.weights.readiness[column] = readiness as f32;
+        for m in 0..LEARNT_MEASURES {
+            for (_, weight, readiness) in self.sides(m, dt).into_iter().filter(|side| side.0) {
+                self.weights.set(column, (weight, readiness), fade);
                 column += 1;
             }
         }
         if let Some(together) = &mut self.together {
             let columns = column..self.weights.columns;
             for (column, &reading) in columns.zip(&self.further) {
-                let (weight, readiness) = together.weigh(reading, &self.settings, dt);
-                self.weights.units[column] = (weight.max(0.0) * fade) as f32;
-                self.weights.readiness[column] = readiness as f32;
+                let read = together.weigh(reading, &self.settings, dt);
+                self.weights.set(column, read, fade);
             }
         }
-        self.weights.warming = is_warming(rests);
+        self.weights.warming = is_warming(self.learners.rests());
+    }
+
+    /// Of the rising and of the falling unit of a measure: whether there is one, its weight and its readiness.
+    fn sides(&mut self, m: usize, dt: f64) -> [(bool, f64, f64); 2] {
+        let (row, g) = (&self.units.rows[m], self.corrected[m]);
+        let (kind, signed, readiness) = match &self.learners {
+            Learners::Robust(learners) => {
+                let learner = &learners[m];
+                let (range, kind) = (learner.range(), row.prior.kind);
+                // The smaller side moves fastest, in ranges a second.
+                let side = match kind {
+                    Kind::Rising => range.high - range.rest,
+                    Kind::Falling => range.rest - range.low,
+                    Kind::TwoWay => (range.high - range.rest).min(range.rest - range.low),
+                };
+                let g = self.filters[m].filter(g, side, self.settings.smoothing_hz, dt);
+                let dead_zone = self.settings.dead_zone * learner.sigma();
+                (kind, range.weight(g, kind, dead_zone), learner.readiness())
+            }
+            Learners::Paper(learners) => {
+                let readiness = learners[m].readiness();
+                (
+                    row.paper_kind,
+                    learners[m].weight(g),
+                    (readiness, readiness),
+                )
+            }
+        };
+        let mut sides = [
+            (kind.rises(), signed, readiness.0),
+            (kind.falls(), -signed, readiness.1),
+        ];
+        if let Some(together) = &mut self.together {
+            for (side, unit) in sides.iter_mut().zip([&row.rises, &row.falls]) {
+                if let Some(reading) = self.units.reading(unit.as_ref()) {
+                    (side.1, side.2) = together.weigh(reading, &self.settings, dt);
+                }
+            }
+            // Of the two the larger one; the other would be its own cross-talk.
+            let weaker = usize::from(sides[0].1 > sides[1].1);
+            if kind == Kind::TwoWay {
+                sides[weaker].1 = 0.0;
+            }
+        }
+        sides
     }
 }
 

@@ -15,31 +15,6 @@ use super::measures::Measure;
 use super::prior::{Kind, Prior, UnitName};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES};
 
-/// Prior of a feature, in eye distances.
-#[derive(Clone, Copy, Debug)]
-pub struct FeaturePrior {
-    /// Neutral, mean over people.
-    pub rest: f64,
-    /// Its standard deviation.
-    pub rest_sd: f64,
-    /// How far expressions move it, either way.
-    pub span: f64,
-}
-
-impl FeaturePrior {
-    /// As a learner's prior.
-    #[must_use]
-    pub fn prior(&self) -> Prior {
-        Prior {
-            kind: Kind::TwoWay,
-            rest: self.rest,
-            rest_sd: self.rest_sd,
-            up: self.span,
-            down: self.span,
-        }
-    }
-}
-
 /// Coefficients of one unit's reading.
 #[derive(Clone, Debug)]
 pub struct Reading {

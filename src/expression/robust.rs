@@ -13,7 +13,6 @@
 //! Units: those of the measure; seconds of presence. Memory: [`RANGE_NODES`] nodes of 32 bytes. Cost: about a microsecond
 //! a frame. Degenerate: without valid samples the prior is used.
 //! Limitation: an expression held from the first frame on is taken for rest until it ends.
-//! One file: one measure's state and how a sample changes it.
 
 use super::compensate::LEAST_WEIGHT;
 use super::ends;

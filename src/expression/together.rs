@@ -56,7 +56,7 @@ impl Together {
         let robust = settings.robust();
         let phase = |k: usize| (k as f64 * 0.618).fract();
         let learner = |(k, prior)| RobustLearner::new(robust, prior, phase(k));
-        let features = priors.iter().map(super::readings::FeaturePrior::prior);
+        let features = priors.iter().copied();
         Some(Self {
             features: features.enumerate().map(learner).collect(),
             units: (0..units.readings.len().min(UNITS))

@@ -4,32 +4,30 @@
 //! et al., sections 2.5 and 2.6; the names are FACS (Ekman & Friesen 1978). Values are in units of the inner-eye-corner
 //! distance w. Memory: about 2 KiB. Degenerate: a table with a missing or repeated measure, a direction without its unit
 //! or range, or a range that is not above 0 is rejected.
-//! One file: the table, its parser and its errors.
 
 use serde::Deserialize;
 
 use super::features;
-use super::gaze::{Gaze, GazeRow};
+use super::gaze::Gaze;
 use super::measures::Measure;
 pub use super::prior::{Kind, Prior, UnitName};
-use super::readings::{FeaturePrior, Reading, input_named};
+use super::readings::{Reading, input_named};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, UNITS};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// How another measure moves this one.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Explained {
     /// The other measure.
     pub by: Measure,
     /// On which side of its rest.
+    #[serde(default)]
     pub when: Side,
     /// Change of this measure per change of the other.
     pub share: f64,
 }
-
-/// Measures that may explain another, at most.
-pub const EXPLAINED: usize = 4;
 
 /// A side of rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -56,7 +54,7 @@ pub struct Unit {
     /// FACS unit when it falls.
     pub falls: Option<UnitName>,
     /// Cross-talk to remove.
-    pub explained: heapless::Vec<Explained, EXPLAINED>,
+    pub explained: Vec<Explained>,
 }
 
 /// The whole table, one row for each measure but the eye distance, in the order of [`Measure::ALL`].
@@ -68,8 +66,8 @@ pub struct Units {
     pub eye_distance_m: f32,
     /// Its standard deviation in metres.
     pub eye_distance_sd_m: f32,
-    /// Features in order, if the table has readings.
-    pub features: Option<[FeaturePrior; FEATURES]>,
+    /// Priors of the features in order, if the table has readings.
+    pub features: Option<[Prior; FEATURES]>,
     /// Readings of units from all measures together; a unit without one is read from its own measure.
     pub readings: Vec<Reading>,
     /// The map from eye images to gaze; without it the eyes look ahead.
@@ -79,41 +77,30 @@ pub struct Units {
 /// Why a units table is rejected.
 #[derive(Debug, thiserror::Error)]
 pub enum UnitsError {
-    /// Not TOML, or unknown or missing keys.
+    /// Not TOML, unknown or missing keys, or an unknown measure.
     #[error("units table: {0}")]
     Syntax(#[from] toml::de::Error),
-    /// Unknown measure, or one without units.
-    #[error("units table: expected a measure such as lip_gap, found {found:?}")]
-    UnknownMeasure {
-        /// The name found.
-        found: heapless::String<32>,
-    },
-    /// Each measure needs exactly one row.
-    #[error("units table: expected exactly one [[unit]] for measure {measure}, found {found}")]
-    Rows {
-        /// The measure.
-        measure: &'static str,
-        /// How many rows there are.
-        found: usize,
-    },
-    /// A reading that does not fit.
-    #[error("units table: [[reading]] of {unit}: expected {expected}")]
-    Reading {
-        /// The unit.
-        unit: String,
+    /// A row that does not fit.
+    #[error("units table: {row}: expected {expected}")]
+    Row {
+        /// The row's measure, feature or unit.
+        row: String,
         /// What it should be.
         expected: &'static str,
     },
-    /// A direction without its name or range.
-    #[error("units table: measure {measure} is {kind:?} and needs {needs}")]
-    Incomplete {
-        /// The measure.
-        measure: &'static str,
-        /// Its kind.
-        kind: Kind,
-        /// What is missing or out of range.
-        needs: &'static str,
-    },
+}
+
+fn refused(row: &str, expected: &'static str) -> UnitsError {
+    UnitsError::Row {
+        row: row.chars().take(16).collect(),
+        expected,
+    }
+}
+
+/// Whether all that a row has to be is true; else the first that is not.
+fn require(row: &str, all: &[(bool, &'static str)]) -> Result<(), UnitsError> {
+    let missing = all.iter().find(|(holds, _)| !holds);
+    missing.map_or(Ok(()), |(_, expected)| Err(refused(row, expected)))
 }
 
 #[derive(Deserialize)]
@@ -126,9 +113,10 @@ struct Table {
     feature: Vec<FeatureRow>,
     #[serde(default)]
     reading: Vec<ReadingRow>,
-    gaze: Option<GazeRow>,
+    gaze: Option<Gaze>,
 }
 
+/// How far expressions move a feature, either way, and its rest.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FeatureRow {
@@ -150,18 +138,14 @@ struct ReadingRow {
 
 impl ReadingRow {
     fn reading(&self) -> Result<Reading, UnitsError> {
-        let refuse = |expected| UnitsError::Reading {
-            unit: self.unit.chars().take(16).collect(),
-            expected,
-        };
+        let refuse = |expected| refused(&self.unit, expected);
         let unit = unit_name(&self.unit).ok_or_else(|| refuse("a name such as AU12 or AU12L"))?;
         let mut shares = [[0.0; 2]; INPUTS];
         for (name, rise, fall) in &self.from {
-            let input =
-                input_named(name).ok_or_else(|| refuse("names of measures and features"))?;
-            if !rise.is_finite() || !fall.is_finite() {
-                return Err(refuse("finite weights"));
-            }
+            let input = input_named(name);
+            let input = input.ok_or_else(|| refuse("names of measures and features"))?;
+            let finite = rise.is_finite() && fall.is_finite();
+            require(&self.unit, &[(finite, "finite weights")])?;
             shares[input] = [*rise, *fall];
         }
         Ok(Reading {
@@ -173,135 +157,139 @@ impl ReadingRow {
 }
 
 /// Priors of all features, in order.
-fn feature_priors(rows: &[FeatureRow]) -> Result<[FeaturePrior; FEATURES], UnitsError> {
+fn feature_priors(rows: &[FeatureRow]) -> Result<[Prior; FEATURES], UnitsError> {
     let mut priors = [None; FEATURES];
     for row in rows {
         let sound = row.rest.abs() < 10.0 && row.rest_sd > 0.0 && row.span > 0.0;
         if let Some(at) = features::named(&row.name).filter(|_| sound) {
-            priors[at] = Some(FeaturePrior {
+            priors[at] = Some(Prior {
+                kind: Kind::TwoWay,
                 rest: row.rest,
                 rest_sd: row.rest_sd,
-                span: row.span,
+                up: row.span,
+                down: row.span,
             });
         }
     }
-    let known: heapless::Vec<FeaturePrior, FEATURES> = priors.into_iter().flatten().collect();
-    known.into_array().map_err(|_| UnitsError::Reading {
-        unit: "any".into(),
-        expected: "one [[feature]] with rest, rest_sd and span for each that readings use",
-    })
+    let known: heapless::Vec<Prior, FEATURES> = priors.into_iter().flatten().collect();
+    let expected = "one [[feature]] with rest, rest_sd and span for each that readings use";
+    known
+        .into_array()
+        .map_err(|_| refused("features", expected))
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Row {
-    measure: String,
+    measure: Measure,
     kind: Kind,
     paper: Option<Kind>,
     rises: Option<String>,
     falls: Option<String>,
     rest: f64,
     rest_sd: f64,
-    up: Option<f64>,
-    down: Option<f64>,
     #[serde(default)]
-    explained: Vec<ExplainedRow>,
+    up: f64,
+    #[serde(default)]
+    down: f64,
+    #[serde(default)]
+    explained: Vec<Explained>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ExplainedRow {
-    by: String,
-    #[serde(default)]
-    when: Side,
-    share: f64,
-}
-
-/// Whether a name is valid for outputs and columns.
+/// A name that is valid for outputs and columns.
 fn unit_name(name: &str) -> Option<UnitName> {
     let fits = name.starts_with("AU") && name.bytes().all(|b| b.is_ascii_alphanumeric());
     UnitName::try_from(name).ok().filter(|_| fits)
 }
 
-fn measure_named(name: &str) -> Result<Measure, UnitsError> {
-    Measure::named(name)
-        .filter(|&measure| measure != Measure::EyeDistance)
-        .ok_or_else(|| UnitsError::UnknownMeasure {
-            found: name.chars().take(16).filter(char::is_ascii).collect(),
-        })
-}
-
 impl Row {
-    fn unit(&self, measure: Measure) -> Result<Unit, UnitsError> {
-        let refuse = |needs| UnitsError::Incomplete {
-            measure: measure.name(),
-            kind: self.kind,
-            needs,
-        };
-        let name = |name: &Option<String>| -> Result<Option<UnitName>, UnitsError> {
-            let Some(name) = name else { return Ok(None) };
-            let name = unit_name(name).map(Some);
-            name.ok_or_else(|| refuse("unit names such as AU12 or AU12L"))
-        };
-        let side = |range: Option<f64>, active: bool, needs| match range {
-            Some(range) if active && range > 0.0 && range < 10.0 => Ok(range),
-            None if !active => Ok(0.0),
-            _ => Err(refuse(needs)),
-        };
-        let (rises, falls) = (name(&self.rises)?, name(&self.falls)?);
-        if rises.is_some() != self.kind.rises() || falls.is_some() != self.kind.falls() {
-            return Err(refuse(
-                "`rises` for what acts as it rises, `falls` for what acts as it falls",
-            ));
-        }
-        let positive = self.rest_sd > 0.0 && self.rest_sd < 10.0 && self.rest.abs() < 10.0;
-        if !positive {
-            return Err(refuse("`rest` within ±10 w and `rest_sd` above 0"));
-        }
-        let paper_kind = self.paper.unwrap_or(self.kind);
-        if self.kind != Kind::TwoWay && paper_kind != self.kind {
-            return Err(refuse("`paper` to be one of its own directions"));
-        }
-        let explained = self
-            .explained
-            .iter()
-            .map(|row| {
-                let by = measure_named(&row.by)?;
-                if by == measure || !row.share.is_finite() {
-                    return Err(refuse(
-                        "`explained` by another measure, with a finite share",
-                    ));
-                }
-                Ok(Explained {
-                    by,
-                    when: row.when,
-                    share: row.share,
-                })
-            })
-            .collect::<Result<Vec<_>, _>>()?;
+    fn unit(&self) -> Result<Unit, UnitsError> {
+        let &Self { measure, kind, .. } = self;
+        let paper_kind = self.paper.unwrap_or(kind);
+        let [rises, falls] = [&self.rises, &self.falls].map(|name| unit_name(name.as_deref()?));
+        let named =
+            rises.is_some() == self.rises.is_some() && falls.is_some() == self.falls.is_some();
+        let acts = rises.is_some() == kind.rises() && falls.is_some() == kind.falls();
+        let side = |range: f64, acts: bool| (range > 0.0) == acts && (0.0..10.0).contains(&range);
+        let by_others = |other: &Explained| other.by != measure && other.share.is_finite();
+        require(
+            measure.name(),
+            &[
+                (named, "unit names such as AU12 or AU12L"),
+                (
+                    acts,
+                    "`rises` for what acts as it rises, `falls` for what acts as it falls",
+                ),
+                (self.rest.abs() < 10.0, "`rest` within ±10 w"),
+                (
+                    self.rest_sd > 0.0 && self.rest_sd < 10.0,
+                    "`rest_sd` above 0, below 10 w",
+                ),
+                (
+                    side(self.up, kind.rises()),
+                    "`up` above 0 exactly if it rises",
+                ),
+                (
+                    side(self.down, kind.falls()),
+                    "`down` above 0 exactly if it falls",
+                ),
+                (
+                    kind == Kind::TwoWay || paper_kind == kind,
+                    "`paper` to be one of its own directions",
+                ),
+                (
+                    self.explained.iter().all(by_others),
+                    "`explained` by another measure, with a finite share",
+                ),
+            ],
+        )?;
         Ok(Unit {
             measure,
             prior: Prior {
-                kind: self.kind,
+                kind,
                 rest: self.rest,
                 rest_sd: self.rest_sd,
-                up: side(
-                    self.up,
-                    self.kind.rises(),
-                    "`up` above 0 exactly if it rises",
-                )?,
-                down: side(
-                    self.down,
-                    self.kind.falls(),
-                    "`down` above 0 exactly if it falls",
-                )?,
+                up: self.up,
+                down: self.down,
             },
             paper_kind,
             rises,
             falls,
-            explained: heapless::Vec::from_slice(&explained)
-                .map_err(|_| refuse("at most four `explained`"))?,
+            explained: self.explained.clone(),
         })
+    }
+}
+
+impl Table {
+    /// The row of each learnt measure, in order.
+    fn rows(&self) -> Result<[Unit; LEARNT_MEASURES], UnitsError> {
+        let row_of = |&measure: &Measure| {
+            let mut rows = self.unit.iter().filter(|row| row.measure == measure);
+            match (rows.next(), rows.next()) {
+                (Some(row), None) => row.unit(),
+                _ => Err(refused(measure.name(), "exactly one [[unit]] for it")),
+            }
+        };
+        let measures = Measure::ALL[..LEARNT_MEASURES].iter();
+        let rows: heapless::Vec<Unit, LEARNT_MEASURES> =
+            measures.map(row_of).collect::<Result<_, _>>()?;
+        Ok(rows.into_array().expect("a row for each measure"))
+    }
+
+    /// The readings, last those that have no range and need no learner.
+    fn readings(&self) -> Result<Vec<Reading>, UnitsError> {
+        let readings = self.reading.iter().map(ReadingRow::reading);
+        let mut readings = readings.collect::<Result<Vec<_>, _>>()?;
+        readings.sort_by_key(|reading| reading.absolute);
+        for (at, Reading { unit, .. }) in readings.iter().enumerate() {
+            let is_new = readings[..at].iter().all(|other| other.unit != *unit);
+            let all = [
+                (is_new, "one of each unit"),
+                (at < UNITS, "no more readings than there are units"),
+            ];
+            require(unit, &all)?;
+        }
+        Ok(readings)
     }
 }
 
@@ -319,80 +307,27 @@ impl Units {
     /// If it is not TOML, or a row is missing, repeated or inconsistent.
     pub fn read(text: &str) -> Result<Self, UnitsError> {
         let table: Table = toml::from_str(text)?;
-        for row in &table.unit {
-            measure_named(&row.measure)?;
-        }
-        let row_of = |measure: Measure| {
-            let mut rows = table
-                .unit
-                .iter()
-                .filter(|row| row.measure == measure.name());
-            match (rows.next(), rows.count()) {
-                (Some(row), 0) => row.unit(measure),
-                (first, more) => Err(UnitsError::Rows {
-                    measure: measure.name(),
-                    found: usize::from(first.is_some()) + more,
-                }),
-            }
-        };
-        let rows: heapless::Vec<Unit, LEARNT_MEASURES> = Measure::ALL
-            .into_iter()
-            .filter(|&measure| measure != Measure::EyeDistance)
-            .map(row_of)
-            .collect::<Result<_, _>>()?;
-        let Ok(rows) = rows.into_array() else {
-            return Err(UnitsError::Rows {
-                measure: "any",
-                found: table.unit.len(),
-            });
-        };
-        if !(0.015..0.06).contains(&table.eye_distance_m)
-            || !(0.0005..0.02).contains(&table.eye_distance_sd_m)
-        {
-            return Err(UnitsError::Incomplete {
-                measure: Measure::EyeDistance.name(),
-                kind: Kind::TwoWay,
-                needs: "eye_distance_m within 0.015 to 0.06 m and eye_distance_sd_m within 0.0005 to 0.02 m",
-            });
-        }
-        let readings = table.reading.iter().map(ReadingRow::reading);
-        let mut readings = readings.collect::<Result<Vec<_>, _>>()?;
-        // Those that have no range come last and need no learner.
-        readings.sort_by_key(|reading| reading.absolute);
-        if readings.len() > UNITS {
-            return Err(UnitsError::Reading {
-                unit: "all".into(),
-                expected: "no more of them than there are units",
-            });
-        }
-        for (at, reading) in readings.iter().enumerate() {
-            if readings[..at]
-                .iter()
-                .any(|other| other.unit == reading.unit)
-            {
-                return Err(UnitsError::Reading {
-                    unit: reading.unit.as_str().into(),
-                    expected: "one of each unit",
-                });
-            }
-        }
-        let gaze = table.gaze.as_ref().map(|row| {
-            row.gaze().ok_or(UnitsError::Reading {
-                unit: "gaze".into(),
-                expected: "as many finite weights as an eye has cells",
-            })
-        });
-        let gaze = gaze.transpose()?;
-        let features = (!readings.is_empty() || !table.feature.is_empty())
-            .then(|| feature_priors(&table.feature))
-            .transpose()?;
+        let (distance, sd) = (table.eye_distance_m, table.eye_distance_sd_m);
+        let distances = [
+            (
+                (0.015..0.06).contains(&distance),
+                "eye_distance_m within 0.015 to 0.06",
+            ),
+            (
+                (0.0005..0.02).contains(&sd),
+                "eye_distance_sd_m within 0.0005 to 0.02",
+            ),
+        ];
+        require("eye_distance", &distances)?;
+        let needs_features = !table.reading.is_empty() || !table.feature.is_empty();
+        let features = needs_features.then(|| feature_priors(&table.feature));
         Ok(Self {
-            rows,
-            eye_distance_m: table.eye_distance_m,
-            eye_distance_sd_m: table.eye_distance_sd_m,
-            features,
-            readings,
-            gaze,
+            rows: table.rows()?,
+            eye_distance_m: distance,
+            eye_distance_sd_m: sd,
+            readings: table.readings()?,
+            features: features.transpose()?,
+            gaze: table.gaze,
         })
     }
 
@@ -499,27 +434,24 @@ mod tests {
         let cases = [
             (
                 SHIPPED.replace("\"brow_R\"", "\"brow_L\""),
-                "exactly one [[unit]] for measure brow_L, found 2",
+                "brow_L: expected exactly one [[unit]]",
             ),
-            (
-                SHIPPED.replace("\"brow_R\"", "\"nose\""),
-                "such as lip_gap, found \"nose\"",
-            ),
+            (SHIPPED.replace("\"brow_R\"", "\"nose\""), "such as lip_gap"),
             (
                 SHIPPED.replace("up = 0.80", "up = -1.0"),
-                "measure lip_gap is Rising and needs `up`",
+                "lip_gap: expected `up`",
             ),
             (
                 SHIPPED.replace("falls = \"AU18\"", ""),
-                "measure mouth_width is TwoWay and needs `rises`",
+                "mouth_width: expected `rises`",
             ),
             (
                 SHIPPED.replace("rest_sd = 0.13", "rest_sd = nan"),
-                "mouth_width is TwoWay and needs `rest`",
+                "mouth_width: expected `rest_sd`",
             ),
             (
                 SHIPPED.replace("AU18", "pucker"),
-                "needs unit names such as",
+                "expected unit names such as",
             ),
             (
                 SHIPPED.replace("[\"lip_gap\", ", "[\"lip_gasp\", "),

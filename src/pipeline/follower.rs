@@ -19,7 +19,7 @@ use crate::users::memory::Gone;
 use crate::users::{Presence, TrackingState};
 
 /// A pose without a face for this many frames is rejected.
-const DOUBTED_FRAMES: u32 = 3;
+const FACELESS_FRAMES: u32 = 3;
 /// A face seen in this many frames is known, and may turn away.
 const KNOWN_FRAMES: u64 = 30;
 /// Cosines of the angle to the line of sight between which a head counts as turned away while depth still sees its face: 20°
@@ -72,7 +72,7 @@ pub(crate) struct Follower {
     /// Features for re-identification, besides the head.
     face: FaceLengths,
     /// Consecutive frames with a pose and without a face.
-    doubted: u32,
+    faceless: u32,
     /// Number of places searched for a face without depth; continues from person to person.
     guesses: usize,
     /// Learned ranges, one for each unit.
@@ -103,7 +103,7 @@ impl Follower {
             posed: 0,
             missed: false,
             face: FaceLengths::default(),
-            doubted: 0,
+            faceless: 0,
             guesses: 0,
             ranges: heapless::Vec::new(),
         }
@@ -165,14 +165,14 @@ impl Follower {
         self.look(now, cloud, &pose)
     }
 
-    /// The stages after the pose: landmarks, what they tell the pose, expression.
+    /// The stages after the pose: landmarks, the pose's correction by them, expression.
     fn look(&mut self, now: &mut Now<'_>, cloud: &HeadCloud, pose: &HeadPose) -> bool {
         self.rect = Some(cloud.rect);
         let Some(landmarks) = self.fit(now, pose) else {
             return self.follow_without_face(now, cloud, pose);
         };
         let turn = self.landmarks.turn();
-        let sensor_from_head = self.tell_pose(cloud, pose, landmarks.confidence);
+        let sensor_from_head = self.correct_pose(cloud, pose, landmarks.confidence);
         let sensor_from_face = sensor_from_head * turn;
         self.expression
             .observe(&landmarks, &sensor_from_face, now.frame.at);
@@ -196,8 +196,13 @@ impl Follower {
         fitted.cloned()
     }
 
-    /// Tells the pose that its face was seen; the head's pose by depth and picture.
-    fn tell_pose(&mut self, cloud: &HeadCloud, pose: &HeadPose, confidence: f32) -> SensorFromHead {
+    /// The pose learns that its face was seen; the head's pose by depth and picture.
+    fn correct_pose(
+        &mut self,
+        cloud: &HeadCloud,
+        pose: &HeadPose,
+        confidence: f32,
+    ) -> SensorFromHead {
         let sure = confidence >= LEANING_CONFIDENCE;
         let strayed = self.landmarks.strayed().filter(|_| sure);
         let by_picture = strayed.map(|strayed| pose.sensor_from_head * strayed);
@@ -205,12 +210,12 @@ impl Follower {
         let head_from_face = (self.frames < CORRECTED_FRAMES)
             .then(|| self.landmarks.straighten())
             .flatten();
-        let told = self.pose.see(Sighting::Face {
+        let corrected = self.pose.see(Sighting::Face {
             cloud,
             by_picture,
             head_from_face,
         });
-        told.unwrap_or(pose.sensor_from_head)
+        corrected.unwrap_or(pose.sensor_from_head)
     }
 
     /// A pose without a face, which may be one all the same: in the dark, turned away, or behind a hand.
@@ -245,7 +250,7 @@ impl Follower {
             self.follow_by_depth(now, cloud, pose);
             return true;
         }
-        self.doubt();
+        self.count_faceless();
         self.spot(now, cloud);
         false
     }
@@ -263,7 +268,7 @@ impl Follower {
         self.find(sensor_from_face, cloud, at);
         self.confidence = landmarks.confidence;
         self.points = Some(landmarks);
-        self.doubted = 0;
+        self.faceless = 0;
         self.missed = false;
         self.frames += 1;
         let ready = !self.expression.weights().warming;
@@ -312,7 +317,7 @@ impl Follower {
         let sensor_from_face = pose.sensor_from_head * self.landmarks.turn();
         self.pose.see(Sighting::Head(cloud));
         self.find(sensor_from_face, cloud, at);
-        self.doubted = 0;
+        self.faceless = 0;
         self.missed = false;
         self.posed += 1 + u64::from(pose.confidence >= CERTAIN_CONFIDENCE);
         self.state = self.presence.posed(at);
@@ -349,10 +354,10 @@ impl Follower {
     }
 
     /// A pose without a face: after a few of them it is rejected, since depth alone may track a wrong pose for long.
-    fn doubt(&mut self) {
-        self.doubted += 1;
-        if self.doubted >= DOUBTED_FRAMES || self.frames < KNOWN_FRAMES {
-            self.doubted = 0;
+    fn count_faceless(&mut self) {
+        self.faceless += 1;
+        if self.faceless >= FACELESS_FRAMES || self.frames < KNOWN_FRAMES {
+            self.faceless = 0;
             self.pose.see(Sighting::NoFace);
         }
     }
@@ -374,7 +379,7 @@ impl Follower {
         self.place = None;
         (self.frames, self.posed, self.missed) = (0, 0, false);
         self.face = FaceLengths::default();
-        self.doubted = 0;
+        self.faceless = 0;
     }
 
     /// Takes over what another follower knows about its person.
@@ -684,8 +689,8 @@ mod tests {
         for (frames, counts) in [(29, [0, 0, 0]), (30, [1, 2, 0])] {
             follower.frames = frames;
             for count in counts {
-                follower.doubt();
-                assert_eq!(follower.doubted, count, "{frames} frames");
+                follower.count_faceless();
+                assert_eq!(follower.faceless, count, "{frames} frames");
             }
         }
     }

@@ -86,8 +86,8 @@ pub enum PipelineError {
 }
 
 /// Whether a user is compared again after this many frames of learning their head.
-fn is_looked_at(taught: u64) -> bool {
-    taught > SECOND_LOOK && taught <= LAST_LOOK && taught.is_multiple_of(LOOK_STEP)
+fn is_looked_at(learned: u64) -> bool {
+    learned > SECOND_LOOK && learned <= LAST_LOOK && learned.is_multiple_of(LOOK_STEP)
 }
 
 impl People {
@@ -186,7 +186,9 @@ impl People {
             if self.left[slot] {
                 self.remember(slot);
                 self.followers[slot].forget();
-            } else if theirs[slot].is_some() && is_looked_at(self.followers[slot].pose.taught()) {
+            } else if theirs[slot].is_some()
+                && is_looked_at(self.followers[slot].pose.learned_frames())
+            {
                 self.look_again(slot);
             }
         }
@@ -204,7 +206,8 @@ impl People {
     /// People who left, longest gone first, and those present, as if they left now; nobody if none are remembered.
     pub(super) fn people(&self) -> heapless::Vec<Gone, { REMEMBERED + USERS }> {
         let users = self.followers[..USERS].iter().enumerate();
-        let known = users.filter(|(_, user)| user.is_taken() && user.pose.taught() >= FIRST_LOOK);
+        let known =
+            users.filter(|(_, user)| user.is_taken() && user.pose.learned_frames() >= FIRST_LOOK);
         let there = known.map(|(slot, user)| user.gone(slot));
         let left = self.memory.gone().iter().cloned();
         let all = left.chain(there);
@@ -283,15 +286,15 @@ impl People {
         let lost = |slot: usize| self.followers[slot].state == TrackingState::Lost;
         let anybody = !self.memory.gone().is_empty() || (0..USERS).any(lost);
         let candidate = &self.followers[CANDIDATE];
-        let (taught, waited) = (
-            candidate.pose.taught(),
+        let (learned, waited) = (
+            candidate.pose.learned_frames(),
             candidate.followed() >= LONGEST_LOOK,
         );
-        if anybody && taught < FIRST_LOOK && !waited {
+        if anybody && learned < FIRST_LOOK && !waited {
             return;
         }
         let most = self.settings.most as usize;
-        let sure = taught >= SECOND_LOOK || waited;
+        let sure = learned >= SECOND_LOOK || waited;
         let apart = if sure {
             SECOND_LOOK_APART
         } else {

@@ -9,7 +9,7 @@
 //! Degenerate: an anchor of too few points is rejected. Limitation: points further than [`MARGIN_M`] from the surface have no
 //! nearest point; a start that far off can only be corrected by the search over starts.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 use super::icp::{MIN_PAIRS, Target};
 use super::patches::Patches;
@@ -210,12 +210,8 @@ impl Anchor {
 fn normal_matrix_inverse(points: &[Point], motions: &[[f32; 7]]) -> Option<SMatrix<f64, 7, 7>> {
     let mut h = SMatrix::<f64, 7, 7>::zeros();
     for (p, j) in points.iter().zip(motions).filter(|(p, _)| bare(p)) {
-        let w = f64::from(trust(p));
-        for a in 0..7 {
-            for b in 0..7 {
-                h[(a, b)] += w * f64::from(j[a]) * f64::from(j[b]);
-            }
-        }
+        let j = SVector::<f32, 7>::from(*j).cast::<f64>();
+        h += (j * f64::from(trust(p))) * j.transpose();
     }
     // Of a head as round as a ball turns cannot be told from shifts: so little of each is left to itself.
     for k in 0..7 {

@@ -17,7 +17,6 @@
 //! per moving point. Degenerate: fewer than [`MIN_PAIRS`] pairs give `None`; pairs on one line leave the
 //! rotation about it undetermined (a proper rotation is still given). Limitation: finds the nearest minimum only, and on
 //! quantised depth it stops up to a degree short of it: the pose stage uses it as the paper's reference method.
-//! One file: one loop, its parts and their tests.
 
 #[cfg(feature = "std")]
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -184,6 +183,21 @@ impl Way {
 const ALIKE: f32 = 0.97;
 const MOST_RATIO: f32 = 0.92;
 
+/// Step 1: the moving points at `pose`, each with its nearest one of the target, up to a squared distance.
+fn pair_up(target: &Target, moving: &[Point], pose: &Rigid, limit: f32, pairs: &mut Vec<Pair>) {
+    pairs.clear();
+    for (k, p) in moving.iter().enumerate() {
+        let (index, distance2) = target.nearest(&(pose * p));
+        if distance2 <= limit {
+            pairs.push(Pair {
+                moving: k as u32,
+                target: index as u32,
+                distance2,
+            });
+        }
+    }
+}
+
 /// Algorithm 1: the motion that aligns `moving` with `target`, starting at `start`. `None` when too few pairs are near enough.
 #[must_use]
 pub fn align(
@@ -200,17 +214,7 @@ pub fn align(
     let mut last: Option<Way> = None;
     while iterations < settings.iterations {
         iterations += 1;
-        pairs.clear();
-        for (k, p) in moving.iter().enumerate() {
-            let (index, distance2) = target.nearest(&(pose * p));
-            if distance2 <= limit {
-                pairs.push(Pair {
-                    moving: k as u32,
-                    target: index as u32,
-                    distance2,
-                });
-            }
-        }
+        pair_up(target, moving, &pose, limit, pairs);
         paired = pairs.len() as f32 / moving.len().max(1) as f32;
         let keep = (pairs.len() as f32 * settings.keep.clamp(0.0, 1.0)) as usize;
         if keep < MIN_PAIRS {

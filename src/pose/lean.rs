@@ -32,13 +32,13 @@ const FREE_PITCH: f32 = 1.5;
 const NOTHING: f64 = 1e-6;
 
 /// The pose between `depth`, whose alignment has the information `known` (rotation and shift in the head frame, per unit of
-/// weight), and the picture's estimate `told`.
+/// weight), and the picture's estimate `pictured`.
 pub(super) fn lean(
     depth: &SensorFromHead,
     known: &SMatrix<f64, 6, 6>,
-    told: &SensorFromHead,
+    pictured: &SensorFromHead,
 ) -> Option<SensorFromHead> {
-    let off = told.inverse() * *depth;
+    let off = pictured.inverse() * *depth;
     let (turn, shift) = (off.rotation.scaled_axis(), off.translation.vector);
     let roomy = Vector::new(turn.x / FREE_PITCH, turn.y, turn.z);
     let far = (roomy.norm() / FREE_RAD).hypot(shift.norm() / FREE_M);
@@ -92,11 +92,11 @@ mod tests {
         let depth = depth();
         let sight = depth.translation.vector.normalize();
         let turn = 0.2;
-        let told = SensorFromHead::from_parts(
+        let pictured = SensorFromHead::from_parts(
             depth.translation,
             Rotation::new(sight * turn) * depth.rotation,
         );
-        let leant = lean(&depth, &equal(), &told).expect("far apart");
+        let leant = lean(&depth, &equal(), &pictured).expect("far apart");
         let moved = (leant.rotation * depth.rotation.inverse()).scaled_axis();
         let half = 0.5 * (turn - FREE_RAD);
         assert!((moved - sight * half).norm() < 0.004, "{moved} {half}");
@@ -106,16 +106,16 @@ mod tests {
     #[test]
     fn where_depth_knows_nothing_the_picture_decides_and_never_how_far_off_a_head_is() {
         let depth = depth();
-        let told = SensorFromHead::of(
+        let pictured = SensorFromHead::of(
             *depth * Rigid::new(Vector::new(0.01, 0.0, 0.0), Vector::new(0.0, 0.15, 0.0)),
         );
-        let leant = lean(&depth, &SMatrix::zeros(), &told).expect("far apart");
-        assert!(leant.rotation.angle_to(&told.rotation) < FREE_RAD + 0.005);
+        let leant = lean(&depth, &SMatrix::zeros(), &pictured).expect("far apart");
+        assert!(leant.rotation.angle_to(&pictured.rotation) < FREE_RAD + 0.005);
         let along = depth.translation.vector.normalize();
         let moved = leant.translation.vector - depth.translation.vector;
         assert!(moved.dot(&along).abs() < 1e-3, "{moved}");
         // Where depth knows a hundred times more, the pose stays as it is.
-        let leant = lean(&depth, &(equal() * 100.0), &told).expect("far apart");
+        let leant = lean(&depth, &(equal() * 100.0), &pictured).expect("far apart");
         assert!(leant.rotation.angle_to(&depth.rotation) < 0.01);
     }
 

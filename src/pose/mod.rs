@@ -92,7 +92,7 @@ pub struct PoseTracker {
     tracker: Box<dyn Tracker>,
     trail: Trail,
     /// Whether the picture gave the next start.
-    is_told: bool,
+    has_hint: bool,
 }
 
 impl PoseTracker {
@@ -123,7 +123,7 @@ impl PoseTracker {
             anchor,
             surface,
             tracker,
-            is_told: false,
+            has_hint: false,
         }
     }
 
@@ -139,8 +139,8 @@ impl PoseTracker {
 
     /// Frames from which this head's shape was learned.
     #[must_use]
-    pub fn taught(&self) -> u64 {
-        self.tracker.taught()
+    pub fn learned_frames(&self) -> u64 {
+        self.tracker.learned_frames()
     }
 
     /// The signature of this head, for re-identification.
@@ -164,14 +164,14 @@ impl PoseTracker {
     /// Whether a search continues in the next frame, or a place from the picture is tried.
     #[must_use]
     pub fn is_searching(&self) -> bool {
-        self.is_told || self.tracker.is_searching()
+        self.has_hint || self.tracker.is_searching()
     }
 
     /// Forgets pose and user; the next cloud belongs to a new person.
     pub fn reset(&mut self) {
         self.trail.restart(None);
         self.tracker.forget();
-        self.is_told = false;
+        self.has_hint = false;
     }
 
     /// Where the head is expected (`sensor_from_head`), and its size against the standard head, if it was followed up to now:
@@ -202,7 +202,7 @@ impl PoseTracker {
         at: Timestamp,
         mut searches: u32,
     ) -> (Option<HeadPose>, u32) {
-        self.is_told = false;
+        self.has_hint = false;
         if let Some((_, before)) = self.trail.last {
             let gap = at.seconds_since(before);
             if !(0.0..FORGET_S).contains(&gap) {
@@ -258,7 +258,7 @@ impl PoseTracker {
             Sighting::Elsewhere(pose, at) => {
                 self.tracker.restart();
                 self.trail.restart(Some((pose, at)));
-                self.is_told = true;
+                self.has_hint = true;
             }
         }
         None

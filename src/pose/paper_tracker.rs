@@ -8,7 +8,7 @@ use nalgebra::SMatrix;
 use super::anchor::{Anchor, Surface};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
-use super::tracker::{Found, TAUGHT_ALL, TAUGHT_STEP, Tracker};
+use super::tracker::{Found, LEARN_ALL, LEARN_STEP, Tracker};
 use super::trail::Trail;
 use super::{icp, start};
 use crate::base::frames::HeadFromSensor;
@@ -46,12 +46,12 @@ pub(super) struct PaperTracker {
     surface: Arc<Surface>,
     standard: Option<icp::Target>,
     /// Frames that the head was learned from.
-    lessons: u64,
+    learned_frames: u64,
     /// The last frame's cloud.
     previous: Option<icp::Target>,
     scratch: icp::Scratch,
-    /// The last frame's pose, until it has taught the size.
-    lesson: Option<HeadFromSensor>,
+    /// The last frame's pose, until the size has learned from it.
+    pending: Option<HeadFromSensor>,
 }
 
 impl Tracker for PaperTracker {
@@ -66,7 +66,7 @@ impl Tracker for PaperTracker {
         _: Timestamp,
         searches: &mut u32,
     ) -> Option<Found> {
-        self.lesson = None;
+        self.pending = None;
         let cloud = &head.points;
         let every = cloud.len().div_ceil(MOST_MOVING).max(1);
         let cloud: Vec<Point> = cloud.iter().step_by(every).copied().collect();
@@ -105,7 +105,7 @@ impl Tracker for PaperTracker {
             .filter(|found| found.paired >= MIN_PAIRED && found.residual < 0.008)?;
         self.previous = icp::Target::new(cloud);
         let head_from_sensor = HeadFromSensor::of(found.target_from_moving);
-        self.lesson = (self.learns && head.whole).then_some(head_from_sensor);
+        self.pending = (self.learns && head.whole).then_some(head_from_sensor);
         let pose = HeadPose {
             sensor_from_head: head_from_sensor.inverse(),
             confidence: found.paired,
@@ -117,20 +117,20 @@ impl Tracker for PaperTracker {
     }
 
     fn learn(&mut self, cloud: &HeadCloud) {
-        let Some(head_from_sensor) = self.lesson.take() else {
+        let Some(head_from_sensor) = self.pending.take() else {
             return;
         };
-        self.lessons += 1;
-        let (step, remade) = if self.lessons <= TAUGHT_ALL {
+        self.learned_frames += 1;
+        let (step, remade) = if self.learned_frames <= LEARN_ALL {
             (1, REMADE_EARLY)
         } else {
-            (TAUGHT_STEP, REMADE)
+            (LEARN_STEP, REMADE)
         };
-        if self.lessons.is_multiple_of(step) {
+        if self.learned_frames.is_multiple_of(step) {
             self.shape
                 .learn_size(&self.anchor, &cloud.points, &head_from_sensor);
         }
-        if self.lessons.is_multiple_of(remade) {
+        if self.learned_frames.is_multiple_of(remade) {
             self.standard = self.known_head();
         }
     }
@@ -145,10 +145,10 @@ impl Tracker for PaperTracker {
 
     fn forget(&mut self) {
         self.restart();
-        self.lesson = None;
+        self.pending = None;
         self.shape.forget();
-        if self.lessons > 0 {
-            self.lessons = 0;
+        if self.learned_frames > 0 {
+            self.learned_frames = 0;
             self.standard = self.known_head();
         }
     }
@@ -163,10 +163,10 @@ impl PaperTracker {
             anchor,
             learns: settings.learn_shape,
             rounds: settings.rounds,
-            lessons: 0,
+            learned_frames: 0,
             previous: None,
             scratch: icp::Scratch::default(),
-            lesson: None,
+            pending: None,
         }
     }
 

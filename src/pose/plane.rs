@@ -11,7 +11,6 @@
 //! Head frame, metres, radians; sums in f64. Cost about 40 ns per point and iteration. Memory: none. Degenerate: too few
 //! pairs or a singular system give `None`. Pairs at the anchor's rim are dropped (the live point belongs to a part that
 //! the anchor does not have), and so are pairs whose anchor point looks away from the camera.
-//! One file: pairs, sums and score of one alignment.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -145,6 +144,7 @@ const INDEPENDENT: f64 = 60.0;
 pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
 
 /// Sums over the live points in one iteration.
+#[derive(Default)]
 struct Sums {
     /// Normal matrix, of which the upper triangle is used: whole rows of eight fill a vector.
     rows: [[f64; 8]; 7],
@@ -168,17 +168,7 @@ impl Sums {
         (cutoff, beside): (f32, f32),
         middle2: f32,
     ) -> Self {
-        let mut sums = Self {
-            rows: [[0.0; 8]; 7],
-            g: [0.0; 7],
-            asked: 0,
-            on_face: 0,
-            agreeing: 0,
-            squares: 0.0,
-            agreement: 0.0,
-            support: 0.0,
-            total: 0.0,
-        };
+        let mut sums = Self::default();
         let camera = Point::from(pose.translation.vector);
         for p in cloud {
             sums.asked += 1;
@@ -235,45 +225,30 @@ pub(crate) fn align(
     let mut fit = None;
     let middle2 = cloud.get(cloud.len() / 2).map_or(1.0, |p| p.z * p.z);
     let last = effort.cutoffs_m.len().saturating_sub(1);
+    let stride = effort.stride.max(1);
     for (round, &cutoff) in effort.cutoffs_m.iter().enumerate() {
         let inverse_scale = (-log_scale).exp() as f32;
-        let thinned = cloud.iter().step_by(effort.stride.max(1));
-        let Sums {
-            rows,
-            g,
-            asked,
-            on_face,
-            agreeing,
-            squares,
-            agreement,
-            support,
-            total,
-        } = wide(|| {
-            let place = (&pose, inverse_scale);
-            Sums::of(
-                anchor,
-                shape,
-                thinned,
-                place,
-                (cutoff, effort.beside),
-                middle2,
-            )
+        let thinned = cloud.iter().step_by(stride);
+        let sums = wide(|| {
+            let (place, weights) = ((&pose, inverse_scale), (cutoff, effort.beside));
+            Sums::of(anchor, shape, thinned, place, weights, middle2)
         });
-        if total < MIN_USED / effort.stride.max(1) as f64 {
+        if sums.total < MIN_USED / stride as f64 {
             return None;
         }
         if round == last {
+            let Sums { rows, total, .. } = &sums;
             fit = Some(PlaneFit {
                 head_from_sensor: pose,
                 scale: log_scale.exp() as f32,
-                agreement: (agreement / f64::from(on_face.max(1))) as f32,
-                support: support as f32 / asked as f32,
-                residual: (squares / agreement.max(1e-9)).sqrt() as f32,
-                agreeing: agreeing * effort.stride.max(1) as u32,
+                agreement: (sums.agreement / f64::from(sums.on_face.max(1))) as f32,
+                support: sums.support as f32 / sums.asked as f32,
+                residual: (sums.squares / sums.agreement.max(1e-9)).sqrt() as f32,
+                agreeing: sums.agreeing * stride as u32,
                 known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
             });
         }
-        let step = step(&rows, g, total, effort, log_scale - prior)?;
+        let step = step(&sums, effort, log_scale - prior)?;
         let turn = Vector::new(step[0] as f32, step[1] as f32, step[2] as f32);
         let shift = Vector::new(step[3] as f32, step[4] as f32, step[5] as f32);
         let turn = turn.cap_magnitude(MAX_TURN_RAD);
@@ -281,47 +256,32 @@ pub(crate) fn align(
         pose = Motion::<Head, Head>::of(moved) * pose;
         log_scale = (log_scale + step[6]).clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
     }
-    let mut fit = fit?;
     // The figures are those of the last but one place; the place is the last one.
     let mut pose = *pose;
     pose.rotation.renormalize();
-    fit.head_from_sensor = HeadFromSensor::of(pose);
-    fit.scale = log_scale.exp() as f32;
-    fit.head_from_sensor
-        .translation
-        .vector
-        .iter()
-        .all(|c| c.is_finite())
-        .then_some(fit)
+    let is_finite = pose.translation.vector.iter().all(|c| c.is_finite());
+    fit.filter(|_| is_finite).map(|fit| PlaneFit {
+        head_from_sensor: HeadFromSensor::of(pose),
+        scale: log_scale.exp() as f32,
+        ..fit
+    })
 }
 
 /// The Gauss–Newton step (rotation, shift, logarithm of the scale) of the sums; `off` is how far the logarithm of the scale is
 /// from its prior. `None` where the position is not determined.
 #[inline]
-fn step(
-    rows: &[[f64; 8]; 7],
-    g: [f64; 7],
-    total: f64,
-    effort: &Effort,
-    off: f64,
-) -> Option<SVector<f64, 7>> {
-    let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a][b]);
+fn step(sums: &Sums, effort: &Effort, off: f64) -> Option<SVector<f64, 7>> {
+    let &Sums { rows, g, total, .. } = sums;
+    let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a.min(b)][a.max(b)]);
     let mut g = SVector::<f64, 7>::from(g);
-    for a in 0..7 {
-        for b in 0..a {
-            h[(a, b)] = h[(b, a)];
-        }
-    }
     if effort.scale_sigma > 0.0 {
         // The prior in the units of the sums.
         let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
         h[(6, 6)] += strength;
         g[6] += strength * off;
     } else {
-        for k in 0..6 {
-            h[(6, k)] = 0.0;
-            h[(k, 6)] = 0.0;
-        }
+        h.row_mut(6).fill(0.0);
+        h.column_mut(6).fill(0.0);
         h[(6, 6)] = 1.0;
         g[6] = 0.0;
     }

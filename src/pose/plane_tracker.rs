@@ -8,7 +8,7 @@ use super::plane::{self, Coverage, Effort, PlaneFit};
 use super::settings::{HeadPose, Settings};
 use super::shape::HeadShape;
 use super::start;
-use super::tracker::{Found, TAUGHT_ALL, TAUGHT_STEP, Tracker};
+use super::tracker::{Found, LEARN_ALL, LEARN_STEP, Tracker};
 use super::trail::{COAST_S, STEP_M, Trail};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
@@ -93,10 +93,10 @@ pub(super) struct PlaneTracker {
     /// Remaining results of a finished search, best first, in case the first one shows no face.
     ends: heapless::Vec<HeadFromSensor, ENDS>,
     searched: Timestamp,
-    /// The last frame's fit, until it has taught the shape.
-    lesson: Option<PlaneFit>,
+    /// The last frame's fit, until the shape has learned from it.
+    pending: Option<PlaneFit>,
     /// Frames good enough to learn the shape from.
-    taught: u64,
+    learned_frames: u64,
 }
 
 impl Tracker for PlaneTracker {
@@ -104,8 +104,8 @@ impl Tracker for PlaneTracker {
         &self.shape
     }
 
-    fn taught(&self) -> u64 {
-        self.taught
+    fn learned_frames(&self) -> u64 {
+        self.learned_frames
     }
 
     fn is_searching(&self) -> bool {
@@ -119,13 +119,30 @@ impl Tracker for PlaneTracker {
         middle: Option<Point>,
     ) -> Option<SensorFromHead> {
         if let Some(middle) = middle {
-            self.meet(middle);
+            self.measure_motion(middle);
         }
-        Some(self.predicted(trail, at)?.inverse())
+        Some(trail.predicted(at, &self.moved)?.inverse())
     }
 
     fn follow(&mut self, head: &HeadCloud, trail: &Trail, at: Timestamp) -> Option<Found> {
-        self.follow(head, trail, at)
+        let cloud = &head.points;
+        let start = trail.predicted(at, &self.moved)?;
+        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0, 1.0)?;
+        let scale_sigma = self.scale_sigma();
+        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
+        // Hair, beard and things let a head agree badly: where a face is seen, that proves it.
+        let proven = fit.agreement >= self.min_agreement;
+        let enough = fit.agreement >= UNPROVEN * self.min_agreement;
+        if !enough || fit.agreeing < MIN_AGREEING {
+            return None;
+        }
+        let coverage = self.covered(cloud, &fit, COVERED_FOLLOWED)?;
+        self.finalists.clear();
+        self.ends.clear();
+        // What is gathered around a pose has the middle of that pose.
+        self.middle = None;
+        let (pose, known) = self.believed(head, fit, coverage);
+        Some((HeadPose { proven, ..pose }, known))
     }
 
     fn find(
@@ -135,8 +152,8 @@ impl Tracker for PlaneTracker {
         at: Timestamp,
         searches: &mut u32,
     ) -> Option<Found> {
-        self.lesson = None;
-        self.meet(head.centre);
+        self.pending = None;
+        self.measure_motion(head.centre);
         let found = self
             .follow(head, trail, at)
             .or_else(|| self.search(head, trail, at, searches))?;
@@ -145,11 +162,11 @@ impl Tracker for PlaneTracker {
     }
 
     fn learn(&mut self, cloud: &HeadCloud) {
-        let Some(fit) = self.lesson.take() else {
+        let Some(fit) = self.pending.take() else {
             return;
         };
-        self.taught += 1;
-        if self.taught <= TAUGHT_ALL || self.taught.is_multiple_of(TAUGHT_STEP) {
+        self.learned_frames += 1;
+        if self.learned_frames <= LEARN_ALL || self.learned_frames.is_multiple_of(LEARN_STEP) {
             self.shape.learn(&self.anchor, &cloud.points, &fit);
         }
     }
@@ -162,8 +179,8 @@ impl Tracker for PlaneTracker {
 
     fn forget(&mut self) {
         self.restart();
-        self.lesson = None;
-        self.taught = 0;
+        self.pending = None;
+        self.learned_frames = 0;
         self.shape.forget();
     }
 }
@@ -181,21 +198,16 @@ impl PlaneTracker {
             finalists: heapless::Vec::new(),
             ends: heapless::Vec::new(),
             searched: Timestamp::default(),
-            lesson: None,
-            taught: 0,
+            pending: None,
+            learned_frames: 0,
         }
     }
 
-    /// The centre of this head's cut-out, before tracking: until the head has a speed, that of a person walking in at 40 mm
-    /// a frame is predicted from how far this has moved.
-    fn meet(&mut self, middle: Point) {
-        self.moved = self
-            .middle
-            .map_or(Vector::zeros(), |before| middle - before);
-    }
-
-    fn predicted(&self, trail: &Trail, at: Timestamp) -> Option<HeadFromSensor> {
-        trail.predicted(at, &self.moved)
+    /// How far the head's cut-out has moved, whose centre is now `middle`: until the head has a speed, that of a person walking
+    /// in at 40 mm a frame is predicted from it.
+    fn measure_motion(&mut self, middle: Point) {
+        let moved = self.middle.map(|before| middle - before);
+        self.moved = moved.unwrap_or_default();
     }
 
     /// How much of the middle of the face the cloud covers, if the fit is accepted: at least `least`.
@@ -240,28 +252,6 @@ impl PlaneTracker {
         }
     }
 
-    /// From where the head is expected; without it there all is left as it was.
-    fn follow(&mut self, head: &HeadCloud, trail: &Trail, at: Timestamp) -> Option<Found> {
-        let cloud = &head.points;
-        let start = self.predicted(trail, at)?;
-        let near = self.aligned(cloud, start, &APPROACH_M, APPROACH_STRIDE, 0.0, 1.0)?;
-        let scale_sigma = self.scale_sigma();
-        let fit = self.aligned(cloud, near.head_from_sensor, &FOLLOW_M, 1, scale_sigma, 1.0)?;
-        // Hair, beard and things let a head agree badly: where a face is seen, that proves it.
-        let proven = fit.agreement >= self.min_agreement;
-        let enough = fit.agreement >= UNPROVEN * self.min_agreement;
-        if !enough || fit.agreeing < MIN_AGREEING {
-            return None;
-        }
-        let coverage = self.covered(cloud, &fit, COVERED_FOLLOWED)?;
-        self.finalists.clear();
-        self.ends.clear();
-        // What is gathered around a pose has the middle of that pose.
-        self.middle = None;
-        let (pose, known) = self.believed(head, fit, coverage);
-        Some((HeadPose { proven, ..pose }, known))
-    }
-
     /// By a search, half of it or both as `searches` are left.
     fn search(
         &mut self,
@@ -301,7 +291,7 @@ impl PlaneTracker {
         let coverage = covered.middle.min(covered.nose);
         // What the picture's edge cuts off would bend the shape.
         let teaches = fit.agreement >= TEACHING_AGREEMENT && head.whole;
-        self.lesson = (self.learns && teaches).then_some(fit);
+        self.pending = (self.learns && teaches).then_some(fit);
         let pose = HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
             confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
@@ -456,11 +446,11 @@ mod tests {
             let (pose, _) = tracker.believed(&whole, fit(agreement, 500), covered(middle, nose));
             assert!((pose.confidence - confidence).abs() < 1e-6);
             assert_eq!(pose.coverage, middle.min(nose));
-            assert_eq!(tracker.lesson.is_some(), teaches);
+            assert_eq!(tracker.pending.is_some(), teaches);
         }
         whole.whole = false;
         tracker.believed(&whole, fit(0.9, 500), covered(0.9, 0.9));
-        assert!(tracker.lesson.is_none(), "cut off at the side");
+        assert!(tracker.pending.is_none(), "cut off at the side");
     }
 
     #[test]
@@ -470,7 +460,7 @@ mod tests {
         let mut taught = Vec::new();
         for frame in 1..=70 {
             // Larger each time, so that a lesson moves the scale.
-            tracker.lesson = Some(PlaneFit {
+            tracker.pending = Some(PlaneFit {
                 head_from_sensor: SensorFromHead::of(placed(0.0, 0.0, 0.0)).inverse(),
                 scale: 1.0 + 0.001 * frame as f32,
                 agreement: 0.8,

@@ -127,9 +127,7 @@ impl HeadShape {
         let mut g = SVector::<f64, 7>::zeros();
         let points = self.offset.iter().zip(&anchor.motions).zip(&anchor.trust);
         for (((&offset, j), &trust), _) in points.zip(&anchor.bare).filter(|(_, bare)| **bare) {
-            for a in 0..7 {
-                g[a] += f64::from(trust * offset * j[a]);
-            }
+            g += (SVector::from(*j) * (trust * offset)).cast();
         }
         let motion = (anchor.motions_inverse * g).cast::<f32>();
         for (offset, j) in self.offset.iter_mut().zip(&anchor.motions) {

@@ -112,12 +112,9 @@ impl Signature {
         let mut h = SMatrix::<f64, 7, 7>::zeros();
         let mut g = SVector::<f64, 7>::zeros();
         for (k, d) in common() {
-            for a in 0..7 {
-                g[a] += rows[k][a] * d;
-                for b in 0..7 {
-                    h[(a, b)] += rows[k][a] * rows[k][b];
-                }
-            }
+            let row = SVector::from(rows[k]);
+            g += row * d;
+            h += row * row.transpose();
         }
         for k in 0..7 {
             h[(k, k)] = h[(k, k)] * (1.0 + 1e-3) + 1e-9;

@@ -10,7 +10,7 @@
 use super::anchor::Anchor;
 use super::plane::FACING;
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
-use crate::base::geometry::{Point, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::geometry::{Point, Vector, mean, rotation_from_yaw_pitch_roll};
 
 const YAWS_DEG: [f32; 5] = [0.0, -25.0, 25.0, -52.0, 52.0];
 const PITCHES_DEG: [f32; 5] = [0.0, -22.0, 22.0, -40.0, 40.0];
@@ -38,13 +38,6 @@ pub(crate) fn starts<'a>(
             SensorFromHead::from_parts(shift, turn).inverse()
         })
     })
-}
-
-fn mean(points: impl Iterator<Item = Point>) -> Point {
-    let (sum, count) = points.fold((nalgebra::Vector3::<f64>::zeros(), 0.0f64), |(s, n), p| {
-        (s + p.coords.cast::<f64>(), n + 1.0)
-    });
-    Point::from((sum / count.max(1.0)).cast::<f32>())
 }
 
 #[cfg(test)]

@@ -8,9 +8,9 @@ use crate::base::geometry::Point;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;
 
-/// The first [`TAUGHT_ALL`] frames that teach the shape all do, later ones every [`TAUGHT_STEP`]-th: neighbours are redundant.
-pub(super) const TAUGHT_ALL: u64 = 60;
-pub(super) const TAUGHT_STEP: u64 = 3;
+/// The first [`LEARN_ALL`] frames that teach the shape all do, later ones every [`LEARN_STEP`]-th: neighbours are redundant.
+pub(super) const LEARN_ALL: u64 = 60;
+pub(super) const LEARN_STEP: u64 = 3;
 
 /// A pose, and its alignment's information.
 pub(super) type Found = (HeadPose, Information);
@@ -20,7 +20,7 @@ pub(super) trait Tracker: Send {
     /// What was learned of the head's size and shape.
     fn shape(&self) -> &HeadShape;
     /// Frames from which the shape was learned.
-    fn taught(&self) -> u64 {
+    fn learned_frames(&self) -> u64 {
         0
     }
     /// Whether a search continues in the next frame.

@@ -12,7 +12,7 @@ use super::head_cloud::{HeadCloud, PixelRect};
 use super::regions::{CELL_PX, COLUMNS, Regions};
 use crate::base::capacity::{HEAD_POINTS, HEIGHT, PIXELS, WIDTH};
 use crate::base::frames::SensorFromHead;
-use crate::base::geometry::Point;
+use crate::base::geometry::{Point, mean};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::NO_DEPTH;
@@ -60,7 +60,7 @@ pub(crate) fn gather(
     }
     cloud.rect = head.rect();
     cloud.whole = cloud.rect.is_within(camera.depth_size());
-    cloud.centre = centre(&cloud.points);
+    cloud.centre = mean(cloud.points.iter().copied());
     cloud.pixels >= camera.pixels_of(LEAST)
 }
 
@@ -90,25 +90,9 @@ pub(crate) fn around(
 ) -> bool {
     cloud.points.clear();
     cloud.pixels = 0;
-    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
-    for corner in 0..8 {
-        let at = |k: usize| {
-            if corner >> k & 1 == 0 {
-                HEAD_FROM[k]
-            } else {
-                HEAD_TO[k]
-            }
-        };
-        let seen = sensor_from_head * Point::new(at(0) * scale, at(1) * scale, at(2) * scale);
-        if seen.z < NEAREST_M {
-            return false;
-        }
-        let [col, row] = camera.depth_pixel(&seen);
-        for (k, value) in [col, row, seen.z].into_iter().enumerate() {
-            low[k] = low[k].min(value);
-            high[k] = high[k].max(value);
-        }
-    }
+    let Some([low, high]) = extent(camera, sensor_from_head, scale) else {
+        return false;
+    };
     let span = |k: usize, most: usize| {
         let from = low[k].clamp(0.0, most as f32) as usize;
         let to = (high[k] + 1.0).clamp(0.0, most as f32) as usize;
@@ -127,12 +111,9 @@ pub(crate) fn around(
     for top in rows.step_by(block) {
         for left in columns.clone().step_by(block) {
             let sum = block_at(depth, (left, top), block, near..=far, same as u16);
-            if sum.count as usize * 2 < block * block {
+            let Some(point) = sum.point(camera, block) else {
                 continue;
-            }
-            let mean = |of: u32| of as f32 / sum.count as f32;
-            let (col, row) = (mean(sum.cols), mean(sum.rows));
-            let point = camera.point(col, row, metres(camera, mean(sum.raws)));
+            };
             if !in_head(&Point::from((head_from_sensor * point).coords / scale)) {
                 continue;
             }
@@ -152,8 +133,26 @@ pub(crate) fn around(
     }
     cloud.rect = rect.unwrap_or_default();
     cloud.whole = cloud.rect.is_within(camera.depth_size());
-    cloud.centre = centre(&cloud.points);
+    cloud.centre = mean(cloud.points.iter().copied());
     cloud.pixels >= camera.pixels_of(LEAST)
+}
+
+/// Least and largest column, row and distance (metres) of a head's corners; `None` if one is too near to be measured.
+fn extent(camera: &Camera, sensor_from_head: &SensorFromHead, scale: f32) -> Option<[[f32; 3]; 2]> {
+    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
+    for corner in 0..8 {
+        let at = |k: usize| [HEAD_FROM, HEAD_TO][corner >> k & 1][k] * scale;
+        let seen = sensor_from_head * Point::new(at(0), at(1), at(2));
+        if seen.z < NEAREST_M {
+            return None;
+        }
+        let [col, row] = camera.depth_pixel(&seen);
+        for (k, value) in [col, row, seen.z].into_iter().enumerate() {
+            low[k] = low[k].min(value);
+            high[k] = high[k].max(value);
+        }
+    }
+    Some([low, high])
 }
 
 /// Sums over the readings of a square block within a range, of those that are of one surface with its middle.
@@ -180,24 +179,11 @@ fn block_at(
     for (row, readings) in rows() {
         for (col, &raw) in (left..).zip(readings) {
             if range.contains(&raw) && raw.abs_diff(seed) <= same {
-                sum.raws += u32::from(raw);
-                sum.cols += col as u32;
-                sum.rows += row as u32;
-                sum.count += 1;
+                sum.add(raw, col, row);
             }
         }
     }
     sum
-}
-
-/// Mean of the points.
-fn centre(points: &[Point]) -> Point {
-    let sum = points
-        .iter()
-        .fold(nalgebra::Vector3::<f64>::zeros(), |s, p| {
-            s + p.coords.cast::<f64>()
-        });
-    Point::from((sum / points.len().max(1) as f64).cast::<f32>())
 }
 
 /// Sums over the readings of a block.
@@ -207,6 +193,25 @@ struct Block {
     cols: u32,
     rows: u32,
     count: u32,
+}
+
+impl Block {
+    fn add(&mut self, raw: u16, col: usize, row: usize) {
+        self.raws += u32::from(raw);
+        self.cols += col as u32;
+        self.rows += row as u32;
+        self.count += 1;
+    }
+
+    /// The mean point of a block of this size, if at least half of it was read.
+    fn point(&self, camera: &Camera, size: usize) -> Option<Point> {
+        let mean = |of: u32| of as f32 / self.count as f32;
+        let half = self.count as usize * 2 >= size * size;
+        half.then(|| {
+            let metres = metres(camera, mean(self.raws));
+            camera.point(mean(self.cols), mean(self.rows), metres)
+        })
+    }
 }
 
 /// One pass with blocks of a size; `false` if the cloud overflows.
@@ -244,26 +249,16 @@ fn blocks(
                 let near = regions.depth_m[cell_row * COLUMNS + cell];
                 for (col, &raw) in (cell * CELL_PX..).zip(pixels) {
                     if raw < NO_DEPTH && (camera.depth_m(raw) - near).abs() <= SAME_SURFACE * near {
-                        let sum = &mut sums[usize::from(block_of[col])];
-                        sum.raws += u32::from(raw);
-                        sum.cols += col as u32;
-                        sum.rows += row as u32;
-                        sum.count += 1;
+                        sums[usize::from(block_of[col])].add(raw, col, row);
                     }
                 }
             }
         }
         for sum in &*sums {
             cloud.pixels += sum.count;
-            if sum.count as usize * 2 < block * block {
+            let Some(point) = sum.point(camera, block) else {
                 continue;
-            }
-            let mean = |of: u32| of as f32 / sum.count as f32;
-            let point = camera.point(
-                mean(sum.cols),
-                mean(sum.rows),
-                metres(camera, mean(sum.raws)),
-            );
+            };
             if cloud.points.push(point).is_err() {
                 return false;
             }

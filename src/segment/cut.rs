@@ -107,7 +107,7 @@ pub(crate) fn heads(
             {
                 continue;
             }
-            let Some(head) = follow_down(regions, row, begin, end, label) else {
+            let Some(head) = follow_down(regions, row, (begin, end), label) else {
                 continue;
             };
             let rect = head.rect();
@@ -179,47 +179,51 @@ fn inside(found: &[Head], regions: &Regions, row: usize, begin: usize, end: usiz
     })
 }
 
+/// All of a label in a row that touches the columns of the row above, as one stretch.
+fn touching(
+    regions: &Regions,
+    row: usize,
+    (left, right): (usize, usize),
+    label: u16,
+) -> Option<(usize, usize)> {
+    let labels = &regions.label[row * COLUMNS..][..COLUMNS];
+    let mut found: Option<(usize, usize)> = None;
+    let mut col = left.saturating_sub(2);
+    while col < (right + 2).min(COLUMNS) {
+        if labels[col] == label {
+            let before = labels[..col].iter().rev();
+            let start = col - before.take_while(|&&other| other == label).count();
+            let (_, stop) = run(regions, row, start, label)?;
+            found = Some((found.map_or(start, |(first, _)| first), stop));
+            col = stop;
+        }
+        col += 1;
+    }
+    found
+}
+
 /// Walks down from a top and cuts at neck, shoulders or a head's height.
 fn follow_down(
     regions: &Regions,
     top: usize,
-    begin: usize,
-    end: usize,
+    (mut left, mut right): (usize, usize),
     label: u16,
 ) -> Option<Head> {
     let mut rows: heapless::Vec<(u16, u16), MAX_PROFILE> = heapless::Vec::new();
-    let (mut left, mut right) = (begin, end);
     let (mut height, mut widest, mut last_width) = (0.0f32, 0.0f32, 0.0f32);
     // Narrowest outline where a neck may be, and the rows down to it.
     let mut neck = (f32::INFINITY, 0);
     let mut last_z = 0.0;
     for row in top..ROWS {
-        // All of the label that touches the columns of the row above, as one stretch.
-        let (mut first, mut past) = (usize::MAX, 0);
-        let mut col = left.saturating_sub(2);
-        while col < (right + 2).min(COLUMNS) {
-            if regions.label[row * COLUMNS + col] == label {
-                let mut start = col;
-                while start > 0 && regions.label[row * COLUMNS + start - 1] == label {
-                    start -= 1;
-                }
-                let (_, stop) = run(regions, row, start, label)?;
-                first = first.min(start);
-                past = past.max(stop);
-                col = stop;
-            }
-            col += 1;
-        }
-        if first == usize::MAX {
+        let Some((first, past)) = touching(regions, row, (left, right), label) else {
             // A row without depth is bridged once (hair, glasses), then the region has ended.
-            if rows.last().is_none_or(|r| r.0 == r.1)
-                || rows.push((left as u16, left as u16)).is_err()
-            {
+            let is_second = rows.last().is_none_or(|r| r.0 == r.1);
+            if is_second || rows.push((left as u16, left as u16)).is_err() {
                 break;
             }
             height += last_z * regions.cell_at_1m;
             continue;
-        }
+        };
         let middle = (first + past) / 2;
         let z = (middle..past)
             .chain(first..middle)

@@ -128,7 +128,7 @@ pub struct People {
     written: Instant,
     text: String,
     /// Whether it was logged that it cannot be written.
-    told: bool,
+    warned: bool,
 }
 
 impl People {
@@ -142,7 +142,7 @@ impl People {
             new: new.into(),
             written: Instant::now(),
             text: String::with_capacity(TEXT),
-            told: false,
+            warned: false,
         }
     }
 
@@ -201,14 +201,14 @@ impl People {
             })
             .and_then(|()| std::fs::rename(&self.new, &self.path));
         if let Err(error) = &written
-            && !self.told
+            && !self.warned
         {
             tracing::info!(
                 "{}: people are not saved ({error}); set state.path to another place, or state.persist = false",
                 self.path.display()
             );
         }
-        self.told = written.is_err();
+        self.warned = written.is_err();
     }
 }
 

@@ -28,26 +28,6 @@ fn a_wrong_name_is_quoted_by_its_first_letters() {
 }
 
 #[test]
-fn a_measure_is_explained_by_up_to_four_others() {
-    let with = |count: usize| {
-        let rows = ["jaw_drop", "corner_L", "corner_R", "brow_L", "brow_R"];
-        let rows: String = rows[..count]
-            .iter()
-            .map(|by| format!("{{ by = \"{by}\", share = 0.1 }},"))
-            .collect();
-        let text = SHIPPED.replacen(
-            "measure = \"lip_gap\"\n",
-            &format!("measure = \"lip_gap\"\nexplained = [{rows}]\n"),
-            1,
-        );
-        Units::read(&text).map(|units| units.rows[0].explained.len())
-    };
-    assert_eq!(with(4).ok(), Some(4));
-    let refused = with(5).unwrap_err().to_string();
-    assert!(refused.contains("lip_gap"), "{refused}");
-}
-
-#[test]
 fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
     let prior = Prior {
         kind: Kind::TwoWay,
