@@ -195,7 +195,7 @@ impl Speech {
             self.turns.rotate_right(1);
             self.turns[0] = Some(at);
         }
-        if back > REVERSAL || back < 0.0 {
+        if !(0.0..=REVERSAL).contains(&back) {
             self.extreme = opening;
         }
         let within =

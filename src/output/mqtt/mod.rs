@@ -102,7 +102,9 @@ mod tests {
                 {
                     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
                     all.push((text(topic), text(payload)));
-                    number.map(|number| packet::acknowledge(number, &mut out));
+                    if let Some(number) = number {
+                        packet::acknowledge(number, &mut out);
+                    }
                 }
                 bytes.drain(..used);
             }
