@@ -240,7 +240,9 @@ fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
         at += digits;
     }
     let is_header = bytes.get(at)?.is_ascii_whitespace() && (1..=65535).contains(&header[3]);
-    is_header.then_some((header, at + 1))
+    // One byte ends a header; libfreenect's recorder writes a blank before it.
+    let end = 1 + usize::from(bytes[at..].starts_with(b" \n"));
+    is_header.then_some((header, at + end))
 }
 
 #[cfg(test)]
@@ -256,6 +258,7 @@ mod tests {
             Some(([1, 640, 480, 65535], 17))
         );
         assert_eq!(header("P6\n# by\n4 3\n255\nx"), Some(([3, 4, 3, 255], 16)));
+        assert_eq!(header("P6 4 3 255 \nx"), Some(([3, 4, 3, 255], 12)));
         for odd in [
             "",
             "P5",

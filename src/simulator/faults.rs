@@ -94,8 +94,9 @@ impl Faults {
             chance -= rate;
             chance < 0.0
         };
-        let mut bytes = received.bytes.to_vec();
-        let mut intact = received.intact;
+        // Asks for memory only where it is written to.
+        let mut damaged = Vec::new();
+        let (mut intact, mut bytes) = (received.intact, received.bytes);
         if hit(rates.lost) {
             self.run[i] = random.u8(0..rates.longest_run.max(1));
             done.lost += 1;
@@ -105,22 +106,23 @@ impl Faults {
             sink(received);
         } else if hit(rates.damaged) {
             done.damaged += 1;
-            bytes[random.usize(..2)] ^= random.u8(1..);
+            damaged.extend_from_slice(bytes);
+            damaged[random.usize(..2)] ^= random.u8(1..);
+            bytes = &damaged;
         } else if hit(rates.short) {
             done.short += 1;
-            bytes.truncate(random.usize(1..received.bytes.len()));
+            bytes = &bytes[..random.usize(1..bytes.len())];
         } else if hit(rates.bus_error) {
             done.bus_errors += 1;
             intact = false;
-            bytes.clear();
+            bytes = &[];
         } else if hit(rates.stall) {
             done.stalls += 1;
             self.stalled[i] = true;
             return;
         }
-        let (stream, bytes) = (received.stream, &bytes[..]);
         sink(Received {
-            stream,
+            stream: received.stream,
             intact,
             bytes,
         });

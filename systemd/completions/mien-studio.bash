@@ -196,7 +196,7 @@ _mien__studio() {
                     return 0
                     ;;
                 --method)
-                    COMPREPLY=($(compgen -f "${cur}"))
+                    COMPREPLY=($(compgen -W "aoi paper laplacian" -- "${cur}"))
                     return 0
                     ;;
                 *)
@@ -207,7 +207,7 @@ _mien__studio() {
             return 0
             ;;
         mien__subcmd__studio__subcmd__evaluate)
-            opts="-h --data --model --config --people --seconds --split --seed --landmarks --heads --wild --figures --rows --pictures --help"
+            opts="-h --data --model --config --people --seconds --split --seed --landmarks --heads --wild --paper --rows --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -234,22 +234,14 @@ _mien__studio() {
                     return 0
                     ;;
                 --split)
-                    COMPREPLY=($(compgen -f "${cur}"))
+                    COMPREPLY=($(compgen -W "train dev test" -- "${cur}"))
                     return 0
                     ;;
                 --seed)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
-                --figures)
-                    COMPREPLY=($(compgen -f "${cur}"))
-                    return 0
-                    ;;
                 --rows)
-                    COMPREPLY=($(compgen -f "${cur}"))
-                    return 0
-                    ;;
-                --pictures)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
@@ -261,7 +253,7 @@ _mien__studio() {
             return 0
             ;;
         mien__subcmd__studio__subcmd__fit)
-            opts="-h --images --out --model --box --boxes --offsets --pictures --help"
+            opts="-h --images --out --model --box --boxes --offsets --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -288,10 +280,6 @@ _mien__studio() {
                     return 0
                     ;;
                 --offsets)
-                    COMPREPLY=($(compgen -f "${cur}"))
-                    return 0
-                    ;;
-                --pictures)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;
@@ -767,7 +755,7 @@ _mien__studio() {
             return 0
             ;;
         mien__subcmd__studio__subcmd__train)
-            opts="-h --images --out --data --drawn --starts --seed --tracks --offsets --refine --no-paper --paper-of --paper-into --person --hold-out-dev --help"
+            opts="-h --images --out --data --drawn --starts --seed --tracks --offsets --paper-of --paper-into --person --hold-out-dev --help"
             if [[ ${cur} == -* || ${COMP_CWORD} -eq 2 ]] ; then
                 COMPREPLY=( $(compgen -W "${opts}" -- "${cur}") )
                 return 0
@@ -802,10 +790,6 @@ _mien__studio() {
                     return 0
                     ;;
                 --offsets)
-                    COMPREPLY=($(compgen -f "${cur}"))
-                    return 0
-                    ;;
-                --refine)
                     COMPREPLY=($(compgen -f "${cur}"))
                     return 0
                     ;;

@@ -42,18 +42,16 @@ complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "skin" -d 'L
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "animate" -d 'Export the weights of a run as a glTF animation'
 complete -c mien-studio -n "__fish_mien_studio_needs_command" -f -a "help" -d 'Print this message or the help of the given subcommand(s)'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l images -d 'Folders of annotated portraits' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l out -d 'Model file to write; a page of errors on held-out people is written beside it' -r -F
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l out -d 'Model file to write' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l data -d 'Folder of the data sets' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l drawn -d 'Faces drawn for training [default: 18000]' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l starts -d 'Disturbed starts for each portrait and its mirror image [default: 4]' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l seed -d 'Seed of everything random [default: 1]' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l drawn -d 'Faces drawn for training' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l starts -d 'Disturbed starts for each portrait and its mirror image' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l seed -d 'Seed of everything random' -r
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l tracks -d 'Tracks of an actor, to give the paper\'s model that actor\'s 3D shape [default: a rendered actor]' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l offsets -d 'Where to write the mean offset of each landmark' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l refine -d 'Retrain only the confidence, and lids and lips from depth, of this model' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l paper-of -d 'Keep the paper\'s appearance model of this model file' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l paper-into -d 'Train the paper\'s appearance model alone and put it into this model file, which otherwise stays the same' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l person -d 'A recording of one person who goes through all expressions: train a model of that person alone' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l no-paper -d 'Leave out the paper\'s appearance model'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -l hold-out-dev -d 'Also hold out the people used for choosing settings, to measure on them'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand train" -s h -l help -d 'Print help'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l images -d 'Folder of pictures, annotated or not' -r -F
@@ -62,7 +60,6 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l model -d
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l box -d 'One face box x,y,w,h for all pictures [default: the annotation\'s, disturbed]' -r
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l boxes -d 'Table of face boxes: file, x, y, w, h' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l offsets -d 'Mean offset of each landmark, as train writes them, to take out of the error' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -l pictures -d 'Folder for every picture with the points drawn in, numbered, the annotation\'s in white' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand fit" -s h -l help -d 'Print help'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand inspect" -l out -d 'Page or picture to write, .html or .png' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand inspect" -l model -d 'Face model [default: the built-in one]' -r -F
@@ -78,17 +75,18 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand record" -s h -l 
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l data -d 'Folder of the data sets' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l model -d 'Face model [default: the built-in one]' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l config -d 'Configuration [default: the built-in one]' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l people -d 'At most this many people of the split [default: all; 4 with --heads, 1 with --figures]' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l seconds -d 'Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --figures]' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l split -d 'Whose sessions: test (never looked at while building), dev (for choosing settings) or train' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l people -d 'At most this many people of the split [default: all; 4 with --heads, 1 with --paper]' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l seconds -d 'Length of a session [default: 45; 5 with --landmarks, 10 with --heads, 20 with --wild and --paper]' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l split -d 'Whose sessions: test (never looked at while building), dev (for choosing settings) or train' -r -f -a "train\t'Training'
+dev\t'Choosing settings (`train --hold-out-dev` keeps them out); trained on in the end, as for the shipped model'
+test\t'Figures that are reported. Never trained on, never tuned on'"
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l seed -d 'Seed of everything random' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l figures -d 'Write the figures of docs/paper.md, the paper\'s system next to the default, into a folder' -r -F
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l rows -d 'Only these rows of --heads or --figures, separated by commas' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l pictures -d 'With --wild: three pictures of each person into a folder' -r -F
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l rows -d 'Only these rows of --heads or --paper, separated by commas' -r
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l landmarks -d 'The face model alone: every condition on drawn and on real faces'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l heads -d 'Scenes of one and several heads, hands and rooms'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l wild -d 'People with hair, clothes and accessories before a sensor with realistic faults'
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -s h -l help -d 'Print help'
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -l paper -d 'The experiments of docs/paper.md: the paper\'s system next to the default'
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand evaluate" -s h -l help -d 'Print help (see more with \'--help\')'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand units" -l data -d 'Folder of the data sets' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand units" -l model -d 'Face model [default: the built-in one]' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand units" -l config -d 'Configuration [default: the built-in one]' -r -F
@@ -111,7 +109,9 @@ complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l control
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l obj -d 'Also neutral.obj, one OBJ per shape and shapes.json in this folder' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l report -d 'Pictures and figures of every shape, one HTML file' -r -F
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l unit -d 'Unit of the mesh: mm, cm or m [default: from the distance of the eyes]' -r
-complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l method -d 'aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares' -r
+complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l method -d 'aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares' -r -f -a "aoi\t'AOI-constrained Laplacian deformation'
+paper\t'The paper\'s Procedure 1 with its printed Laplacian, equations (10) to (13), on the whole skin'
+laplacian\t'Plain Laplacian least squares, for comparison'"
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l derive-controls -d 'With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l correctives -d 'Also the recipe\'s correctives for pairs of shapes, named like jawOpen_mouthSmileLeft, to be weighted by the product of both weights, as animate does'
 complete -c mien-studio -n "__fish_mien_studio_using_subcommand bake" -l dense -d 'Morph targets and blend shapes in full, for programs that cannot read sparse ones'

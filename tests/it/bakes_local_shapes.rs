@@ -560,7 +560,7 @@ fn a_head_bakes_from_glb_as_it_does_from_obj() {
         let (_, _, shapes) = baked_in_order(&source, &landmarks);
         // Both heads are modelled in centimetres.
         for metres in [1.0, 0.01] {
-            let file = morphs::build(&source, &[], metres, false).emit();
+            let file = morphs::build(&source, &[], metres, false, None).emit();
             let (mesh, _) = Foreign::read(glb::Glb::parse(&file).unwrap()).unwrap();
             let places = by_place(&mesh.positions);
             let copies = |v: usize| {

@@ -16,6 +16,7 @@ use super::locate::guess;
 use super::looks::Looks;
 use super::mesh::{Mesh, Vec3};
 use super::names::NAMES;
+use super::neck::Neck;
 use super::obj;
 use super::order::Ordered;
 use super::patch::Foreign;
@@ -123,6 +124,7 @@ impl Source {
         request: &Request,
         shapes: &[Shape],
         metres: f64,
+        neck: Option<&Neck>,
     ) -> Result<Vec<u8>, BakeError> {
         let (mesh, looks, dense) = (&self.mesh, &self.looks, request.dense);
         if is_usd(&request.out) {
@@ -135,7 +137,7 @@ impl Source {
         Ok(match self.foreign.take() {
             Some(foreign) => foreign.patched(shapes, dense).emit(),
             None => {
-                let mut glb = morphs::build(mesh, shapes, metres, dense);
+                let mut glb = morphs::build(mesh, shapes, metres, dense, neck);
                 looks.paint(&mut glb);
                 glb.emit()
             }
@@ -256,12 +258,16 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
         let title = format!("Blendshapes of {}", name.to_string_lossy());
         (path, report::html(&head, &outside, &shapes, &title))
     });
+    let neck = Neck::of(&head, &source.mesh.positions);
     // From here on in the order of the file.
     let shapes = shapes.into_par_iter().map(|s| ordered.scattered(s));
     let shapes: Vec<Shape> = shapes.collect();
     let elapsed = || start.elapsed().as_secs_f64();
     println!("{} shapes baked at {:.2} s", shapes.len(), elapsed());
-    write(&request.out, &source.with_shapes(request, &shapes, metres)?)?;
+    write(
+        &request.out,
+        &source.with_shapes(request, &shapes, metres, neck.as_ref())?,
+    )?;
     let memory = peak_resident_bytes().map(|bytes| format!(", {} MiB of memory", bytes >> 20));
     let (out, memory) = (request.out.display(), memory.unwrap_or_default());
     println!("{out} written at {:.2} s{memory}", elapsed());

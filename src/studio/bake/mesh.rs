@@ -230,17 +230,26 @@ impl Mesh {
         let place: Vec<u32> = places
             .map(|(p, v)| *first.entry([p.x, p.y, p.z].map(f64::to_bits)).or_insert(v))
             .collect();
-        let edges = self.edges().map(|edge| edge.map(|v| place[v as usize]));
-        let edges: Vec<[u32; 2]> = edges.collect();
-        let vertices = self.positions.len();
-        let rings = rings_of(vertices, edges.iter().copied());
-        let (part, parts) = connected(&rings, vertices, |_| true);
-        let (mut border, mut area) = (vec![0.0; parts], vec![0.0; parts]);
-        for edge in open(edges) {
-            let [a, b] = edge.map(|v| self.positions[v as usize]);
-            border[part[edge[0] as usize] as usize] += (a - b).norm();
+        // By place, with its face: faces at an edge belong together, those at a corner do not.
+        let mut edges: Vec<([u32; 2], u32)> = Vec::new();
+        for f in 0..self.faces() {
+            for side in self.sides(f) {
+                let mut ends = side.map(|v| place[v as usize]);
+                ends.sort_unstable();
+                edges.push((ends, f as u32));
+            }
         }
-        let part_of = |f: usize| part[place[self.face(f)[0].vertex as usize] as usize] as usize;
+        edges.sort_unstable();
+        let groups = || edges.chunk_by(|a, b| a.0 == b.0);
+        let beside = groups().flat_map(|same| same.windows(2).map(|pair| [pair[0].1, pair[1].1]));
+        let rings = rings_of(self.faces(), beside);
+        let (part, parts) = connected(&rings, self.faces(), |_| true);
+        let part_of = |f: usize| part[f] as usize;
+        let (mut border, mut area) = (vec![0.0; parts], vec![0.0; parts]);
+        for (ends, f) in groups().filter(|same| same.len() == 1).map(|same| same[0]) {
+            let [a, b] = ends.map(|v| self.positions[v as usize]);
+            border[part_of(f as usize)] += (a - b).norm();
+        }
         for f in 0..self.faces() {
             area[part_of(f)] += 0.5 * self.newell(f, &self.positions).norm();
         }

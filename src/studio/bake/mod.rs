@@ -54,6 +54,7 @@ pub mod morphs;
 mod mouth;
 pub mod names;
 pub(in crate::studio) mod nearest;
+pub mod neck;
 pub mod obj;
 pub mod order;
 mod parts;

@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 
 use super::glb::{FLOAT, Glb, U16, U32, VERTICES, bytes, extent, push};
 use super::mesh::{Corner, Mesh, Vec3};
+use super::neck::{self, Neck};
 use super::shape::Shape;
 
 /// A target that moves more than this part of the vertices is smaller written in full.
@@ -212,7 +213,7 @@ impl Split {
 
 /// Builds the file: the neutral mesh scaled by `metres` per unit, and the shapes as morph targets.
 #[must_use]
-pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
+pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Option<&Neck>) -> Glb {
     let mut glb = Glb {
         json: json!({
             "asset": {"version": "2.0", "generator": concat!("mien-studio ", env!("CARGO_PKG_VERSION"))},
@@ -224,7 +225,12 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
     };
     let smooth = mesh.vertex_normals(&mesh.positions);
     let split = Split::new(mesh, &smooth);
-    let attributes = split.attributes(&mut glb, mesh, metres);
+    let mut attributes = split.attributes(&mut glb, mesh, metres);
+    if let Some(neck) = neck {
+        let shares = split.source.iter().map(|&v| neck.shares[v]);
+        [attributes["JOINTS_0"], attributes["WEIGHTS_0"]] =
+            neck::weighed(&mut glb, shares).map(Value::from);
+    }
     let encoded: Vec<[Encoded; 2]> = shapes
         .par_iter()
         .map(|shape| split.encoded(mesh, &smooth, shape, metres, dense))
@@ -247,6 +253,9 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool) -> Glb {
         });
     }
     glb.json["meshes"] = json!([head]);
+    if let Some(neck) = neck {
+        neck::joined(&mut glb, &neck.places.map(|p| p * metres));
+    }
     glb
 }
 
@@ -290,7 +299,7 @@ mod tests {
         let shapes = shapes(mesh.positions.len());
         let mut results = Vec::new();
         for dense in [false, true] {
-            let file = build(&mesh, &shapes, 0.01, dense).emit();
+            let file = build(&mesh, &shapes, 0.01, dense, None).emit();
             let glb = Glb::parse(&file).unwrap();
             let head = &glb.json["meshes"][0];
             assert_eq!(
@@ -317,7 +326,7 @@ mod tests {
 
     #[test]
     fn damaged_files_are_refused_in_one_sentence() {
-        let file = build(&sheet(4, 0.1), &shapes(16), 0.01, false).emit();
+        let file = build(&sheet(4, 0.1), &shapes(16), 0.01, false, None).emit();
         for cut in [0, 3, 11, 19, 40, file.len() - 5] {
             assert!(Glb::parse(&file[..cut]).is_err(), "{cut}");
         }

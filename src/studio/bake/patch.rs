@@ -497,7 +497,7 @@ mod tests {
             shape("keep", 25, 3, Vec3::x()),
             shape("jawOpen", 25, 4, Vec3::y()),
         ];
-        let file = build(&sheet, &old, 1.0, false);
+        let file = build(&sheet, &old, 1.0, false, None);
         let before = file.json["materials"].clone();
         let (mesh, foreign) = Foreign::read(Glb::parse(&file.emit()).unwrap()).unwrap();
         assert_eq!((mesh.positions.len(), mesh.faces()), (25, 16));
@@ -539,7 +539,13 @@ mod tests {
     #[test]
     fn expressions_of_an_avatar_keep_their_meaning_and_gain_the_shapes() {
         let sheet = sheet(5, 0.1);
-        let mut file = build(&sheet, &[shape("mouthA", 25, 3, Vec3::x())], 1.0, false);
+        let mut file = build(
+            &sheet,
+            &[shape("mouthA", 25, 3, Vec3::x())],
+            1.0,
+            false,
+            None,
+        );
         file.json["extensions"] = json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [
                 {"name": "A", "presetName": "a", "binds": [{"mesh": 0, "index": 0, "weight": 100.0}]},
@@ -611,7 +617,13 @@ mod tests {
     /// A small avatar with everything that is looked at.
     fn avatar() -> Glb {
         let sheet = sheet(5, 0.1);
-        let mut file = build(&sheet, &[shape("mouthA", 25, 3, Vec3::x())], 1.0, false);
+        let mut file = build(
+            &sheet,
+            &[shape("mouthA", 25, 3, Vec3::x())],
+            1.0,
+            false,
+            None,
+        );
         file.json["extensions"] = json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
             "VRMC_vrm": {"expressions": {"preset": {"aa": {}}, "custom": {"b": {}}}},

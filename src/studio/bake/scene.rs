@@ -187,7 +187,7 @@ mod tests {
 
     /// A sheet in the text of a glTF, its buffer as it is named, under a node that turns and one that scales.
     fn text(uri: impl Fn(&[u8]) -> String) -> Vec<u8> {
-        let mut glb = build(&sheet(4, 1.0), &[], 1.0, false);
+        let mut glb = build(&sheet(4, 1.0), &[], 1.0, false, None);
         let half = 0.5_f64.sqrt();
         glb.json["nodes"] = json!([
             {"scale": [2.0, 2.0, 2.0], "children": [2]},
@@ -212,7 +212,7 @@ mod tests {
             std::fs::write(folder.path().join("a head.bin"), bin).unwrap();
             "a%20head.bin".to_owned()
         };
-        let stored = Foreign::read(build(&sheet(4, 1.0), &[], 1.0, false))
+        let stored = Foreign::read(build(&sheet(4, 1.0), &[], 1.0, false, None))
             .unwrap()
             .0;
         for text in [text(inside), text(beside)] {

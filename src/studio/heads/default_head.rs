@@ -16,24 +16,18 @@ use serde_json::{Value, json};
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
 use crate::studio::bake::error::BakeError;
 use crate::studio::bake::files::write;
-use crate::studio::bake::glb::{FLOAT, Glb, VERTICES, bytes, push};
+use crate::studio::bake::glb::{Glb, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::bake::morphs::single;
+use crate::studio::bake::neck;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
 use crate::studio::jpeg::jpeg;
 
-const U8: u32 = 5121;
 const JPEG_QUALITY: u8 = 92;
-/// Numbers of the nodes: two meshes, two joints.
-const FACE: usize = 0;
-const DRESS: usize = 1;
-const NECK_JOINT: usize = 2;
-const HEAD_JOINT: usize = 3;
-
 /// Why the head cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum DefaultHeadError {
@@ -61,23 +55,15 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
         .map(|n| n.try_normalize(1e-9).unwrap_or_else(Vec3::y))
         .map(|n| single(&n))
         .collect();
-    let share = |p: &Vec3| {
-        let head = turns(p) as f32;
-        [1.0 - head, head, 0.0, 0.0]
-    };
-    let shares: Vec<[f32; 4]> = mesh.positions.iter().map(share).collect();
-    let joints = [0_u8, 1, 0, 0].repeat(places.len());
-    let joints = glb.push_view(&joints, VERTICES);
-    let joints = glb.push_accessor(
-        json!({"bufferView": joints, "componentType": U8, "count": places.len(), "type": "VEC4"}),
-    );
+    let shares = mesh.positions.iter().map(|p| turns(p) as f32);
+    let [joints, weights] = neck::weighed(glb, shares);
     let attributes = json!({
         "POSITION": glb.push_rows(&places, true),
         "NORMAL": glb.push_rows(&normals, false),
         "COLOR_0": glb.push_rows(&layer.tints, false),
         "TEXCOORD_0": glb.push_rows(&layer.uv, false),
         "JOINTS_0": joints,
-        "WEIGHTS_0": glb.push_rows(&shares, false),
+        "WEIGHTS_0": weights,
     });
     let mut primitives = Vec::new();
     for (number, look) in hero.looks.iter().enumerate() {
@@ -127,18 +113,12 @@ fn textured(glb: &mut Glb, picture: &RgbImage, name: &str) -> usize {
 
 /// The neutral face as binary glTF, with nodes for the rest.
 fn face(hero: &Hero) -> Glb {
-    let from_neck = JOINT - NECK;
     let mut glb = Glb {
         json: json!({
             "asset": {"version": "2.0", "generator": concat!("mien-studio ", env!("CARGO_PKG_VERSION")),
                 "copyright": "made from ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies (MIT)"},
-            "scene": 0, "scenes": [{"nodes": [FACE, DRESS, NECK_JOINT]}],
-            "nodes": [
-                {"mesh": 0, "skin": 0, "name": "face"},
-                {"mesh": 1, "skin": 0, "name": "hair_and_shirt"},
-                {"name": "neck", "translation": single(&NECK), "children": [HEAD_JOINT]},
-                {"name": "head", "translation": single(&from_neck)},
-            ],
+            "scene": 0, "scenes": [{"nodes": [0, 1]}],
+            "nodes": [{"mesh": 0, "name": "face"}, {"mesh": 1, "name": "hair_and_shirt"}],
         }),
         bin: Vec::new(),
     };
@@ -149,19 +129,7 @@ fn face(hero: &Hero) -> Glb {
 /// Adds what does not move with the face, and the joints.
 fn dressed(mut glb: Glb, hero: &Hero) -> Glb {
     add(&mut glb, hero, &hero.dress, "hair_and_shirt");
-    let back = |to: &Vec3| {
-        let [x, y, z] = single(&-to);
-        let mut m = [0.0_f32; 16];
-        [m[0], m[5], m[10], m[15]] = [1.0; 4];
-        [m[12], m[13], m[14]] = [x, y, z];
-        m
-    };
-    let data = bytes(&[back(&NECK), back(&JOINT)]);
-    let view = glb.push_view(&data, 0);
-    let inverse = glb.push_accessor(
-        json!({"bufferView": view, "componentType": FLOAT, "count": 2, "type": "MAT4"}),
-    );
-    glb.json["skins"] = json!([{"joints": [NECK_JOINT, HEAD_JOINT], "inverseBindMatrices": inverse, "skeleton": NECK_JOINT}]);
+    neck::joined(&mut glb, &[NECK, JOINT]);
     glb
 }
 

@@ -183,7 +183,7 @@ impl Place {
             ..baked[k].clone()
         });
         drop(baked);
-        let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false);
+        let mut glb = morphs::build(&self.drawn, found.as_slice(), 1.0, false, None);
         if self.source.looks.is_empty() {
             // Eyes and teeth lighter than skin, where there are any.
             if let Some(other) = glb.json["materials"].get_mut(1) {
