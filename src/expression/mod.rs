@@ -58,8 +58,6 @@ use alloc::sync::Arc;
 
 use crate::base::capacity::{INPUTS, LEARNT_MEASURES, UNITS};
 use crate::base::frames::SensorFromFace;
-#[cfg(not(feature = "std"))]
-use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
 use covered::CoveredMouth;

@@ -3,6 +3,8 @@
 
 use core::time::Duration;
 
+#[cfg(not(feature = "std"))]
+use crate::base::prelude::*;
 use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 
 /// How often what goes wrong. Rates are per packet; all zero by default.

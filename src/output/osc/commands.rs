@@ -78,7 +78,7 @@ fn message(bytes: &[u8], prefix: &str) -> Option<Request> {
 
 /// An integer sent as a float.
 fn whole(number: f32) -> Option<i32> {
-    (number.fract() == 0.0 && number.abs() < 1e6).then_some(number as i32)
+    (number % 1.0 == 0.0 && number.abs() < 1e6).then_some(number as i32)
 }
 
 #[cfg(test)]
