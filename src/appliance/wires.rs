@@ -102,23 +102,8 @@ pub(crate) fn open(
     units: &[&str],
 ) -> Result<Vec<Box<dyn Output>>, OutputError> {
     check(settings)?;
-    let mut settings = settings.clone();
-    let network = &mut settings.network;
-    for view in [
-        &mut settings.osc.view,
-        &mut settings.vmc.view,
-        &mut settings.vrchat.view,
-        &mut settings.serial.view,
-        &mut network.lights.view,
-        &mut network.live_link.view,
-        &mut network.websocket.view,
-        &mut network.mqtt.view,
-        &mut network.page.view,
-    ] {
-        view.units.clone_from(&settings.units);
-    }
-    let open = enabled(&settings).filter_map(|row| row.open);
-    open.map(|open| open(&settings, units)).collect()
+    let open = enabled(settings).filter_map(|row| row.open);
+    open.map(|open| open(settings, units)).collect()
 }
 
 /// The enabled outputs and where they send to, as text.

@@ -309,6 +309,9 @@ impl Gestures {
 
     /// Tells `each` output what changed, and from time to time everything.
     pub fn tell(&mut self, mut each: impl FnMut(&Switch<'_>)) {
+        if !ENABLED {
+            return;
+        }
         let last = self.repeated.map(|last| self.at.seconds_since(last));
         // Before the last time only by another clock.
         let again = last.is_none_or(|last| !(0.0..REPEAT_S).contains(&last));

@@ -35,7 +35,7 @@ mod wire;
 #[cfg(feature = "std")]
 use super::Command;
 #[cfg(feature = "wires")]
-use super::gesture::Switch;
+use super::gesture::{self, Switch};
 use super::{
     Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
     WireWeights, unit_range,
@@ -326,8 +326,10 @@ impl Output for Osc {
 
     #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &Switch<'_>) {
-        let address = format_args!("/mien/gesture/{switch}");
-        self.wire.alone(address, switch.is_on.into());
+        if gesture::ENABLED {
+            let address = format_args!("/mien/gesture/{switch}");
+            self.wire.alone(address, switch.is_on.into());
+        }
     }
 
     #[cfg(feature = "std")]

@@ -60,7 +60,7 @@ fuzz_target!(init: {
             if let Ok(settings) = Settings::parse(&words(), Path::new("fuzz.toml"))
                 && crc32(bytes).is_multiple_of(64)
             {
-                let printed = settings.to_toml();
+                let printed = settings.clone().to_toml();
                 let again = Settings::parse(&printed, Path::new("again.toml"));
                 assert_eq!(again.as_ref(), Ok(&settings), "what is printed is accepted");
             }

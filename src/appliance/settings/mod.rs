@@ -131,6 +131,7 @@ impl Settings {
                 settings.table(known, table, start, &wrong)?;
             }
         }
+        settings.hand_on_units();
         Ok(settings)
     }
 
@@ -175,34 +176,31 @@ impl Settings {
 
     /// The whole configuration as TOML that [`Settings::parse`] accepts, every key with its comment and range.
     #[must_use]
-    pub fn to_toml(&self) -> String {
+    pub fn to_toml(mut self) -> String {
         let mut text = String::from(
             "# Configuration of mien. Every key is here once, with its meaning, range and value.\n\
              # `mien check-config FILE` checks a copy; keys left out keep the value shown by `mien print-config`.\n",
         );
-        let mut copy = self.clone();
+        // Without any gesture, one that is commented out.
+        let is_example = self.gestures.is_empty();
+        if is_example {
+            self.gestures.push(Gesture::named(PRESETS[0].0));
+        }
         for section in SECTIONS {
             let _ = write!(text, "\n# {}\n", section.about);
-            // Without any, one that is commented out.
-            let gestures = match &self.gestures[..] {
-                [] => &[Gesture::named(PRESETS[0].0)][..],
-                all => all,
-            };
-            let is_example = section.name == GESTURE && self.gestures.is_empty();
-            let mark = if is_example { "# " } else { "" };
-            let times = if section.name == GESTURE {
-                gestures
-            } else {
-                &gestures[..1]
-            };
-            for gesture in times {
-                copy.gestures = vec![gesture.clone()];
+            let is_gesture = section.name == GESTURE;
+            let mark = if is_gesture && is_example { "# " } else { "" };
+            for _ in 0..if is_gesture { self.gestures.len() } else { 1 } {
+                // Keys are of the last gesture: each has its turn there.
+                if is_gesture {
+                    self.gestures.rotate_left(1);
+                }
                 let _ = writeln!(text, "{mark}{}", section.header());
                 if section.name == UNITS {
                     units::print(&self.units, &mut text);
                 }
                 for Key { name, about, kind } in section.keys {
-                    let (allowed, value) = kind(&mut copy).text();
+                    let (allowed, value) = kind(&mut self).text();
                     let _ = write!(text, "# {about} ({allowed})\n{mark}{name} = {value}\n");
                 }
             }
@@ -344,7 +342,7 @@ mod tests {
         settings.users.hold_s = 1.25;
         settings.sensor.source = "simulated:still".into();
         assert_eq!(
-            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
             Ok(settings)
         );
     }
@@ -353,7 +351,7 @@ mod tests {
     fn defaults_are_within_their_own_ranges() {
         let defaults = Settings::default();
         assert_eq!(
-            Settings::parse(&defaults.to_toml(), Path::new("a.toml")),
+            Settings::parse(&defaults.clone().to_toml(), Path::new("a.toml")),
             Ok(defaults)
         );
     }
@@ -390,7 +388,7 @@ mod tests {
         assert_eq!(smile.person, crate::output::gesture::Person::Any);
         assert_eq!((frown.on, frown.off), (1.0, 0.5));
         assert_eq!(
-            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
             Ok(settings)
         );
         for (text, part) in [
@@ -454,7 +452,7 @@ mod tests {
             .collect();
         assert_eq!(units, [("AU26", "jaw", 1.5), ("AU2L", "AU2L", 2.0)]);
         assert_eq!(
-            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
             Ok(settings)
         );
         for (text, part) in [
@@ -488,7 +486,7 @@ mod tests {
         assert_eq!(settings.osc.targets, ["a:1", "239.0.0.1:2"]);
         assert_eq!(settings.vmc.targets, ["b:3"]);
         assert_eq!(
-            Settings::parse(&settings.to_toml(), Path::new("a.toml")),
+            Settings::parse(&settings.clone().to_toml(), Path::new("a.toml")),
             Ok(settings)
         );
         assert!(refused("[osc]\ntarget = []").ends_with("found []"));

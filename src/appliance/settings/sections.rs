@@ -122,6 +122,24 @@ impl Settings {
         last.expect("keys of gestures are asked for only while there is one")
     }
 
+    /// Every output reads the names and gains of its units in its own view.
+    pub(super) fn hand_on_units(&mut self) {
+        let network = &mut self.network;
+        for view in [
+            &mut self.osc.view,
+            &mut self.vmc.view,
+            &mut self.vrchat.view,
+            &mut self.serial.view,
+            &mut network.lights.view,
+            &mut network.live_link.view,
+            &mut network.websocket.view,
+            &mut network.mqtt.view,
+            &mut network.page.view,
+        ] {
+            view.units.clone_from(&self.units);
+        }
+    }
+
     /// Names of the gestures, in their order.
     #[must_use]
     pub fn gesture_names(&self) -> Vec<&str> {

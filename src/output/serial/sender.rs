@@ -95,8 +95,10 @@ impl Output for Serial {
 
     #[cfg(feature = "wires")]
     fn switch(&mut self, switch: &crate::output::gesture::Switch<'_>) {
-        self.shared
-            .put_switch(|line| super::frame::switch(self.style, switch, line));
+        if crate::output::gesture::ENABLED {
+            let shared = &self.shared;
+            shared.put_switch(|line| super::frame::switch(self.style, switch, line));
+        }
     }
 
     fn tally(&self) -> Tally {
