@@ -75,7 +75,16 @@ mod pressed {
         let socket = receiver("127.0.0.1:0");
         let (device, path) = keys(folder.path());
         let before = osc(&socket) + &device;
-        let output = run(folder.path(), &before, &["--frames", "900"]);
+        // Read on the way: a socket holds less than a run sends.
+        let (output, all) = std::thread::scope(|scope| {
+            let run = scope.spawn(|| run(folder.path(), &before, &["--frames", "1500"]));
+            let mut all = Vec::new();
+            while !run.is_finished() {
+                all.extend(messages(&socket));
+            }
+            all.extend(messages(&socket));
+            (run.join().unwrap(), all)
+        });
         assert!(
             output.status.success(),
             "{}",
@@ -99,7 +108,6 @@ mod pressed {
         let pressed = presses(&std::fs::read(&path).unwrap());
         assert_eq!(pressed.len(), 2 * begins);
         assert!(pressed.chunks(2).all(|press| press == [true, false]));
-        let all = messages(&socket);
         let smile = all
             .iter()
             .filter(|message| message.addr == "/mien/gesture/smile");
