@@ -2,10 +2,10 @@
 
 use crate::base::capacity::{MEASURES, UNITS};
 
-/// One frame's result. Columns are in the order of [`Expression::unit_names`].
+/// One frame's result. Columns are in the order of [`super::Expression::unit_names`].
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// By [`Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
+    /// By [`super::measures::Measure`], in units of the inner-eye-corner distance; the eye distance itself in metres.
     pub measures: [f32; MEASURES],
     pub(super) units: [f32; UNITS],
     readiness: [f32; UNITS],

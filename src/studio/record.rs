@@ -18,8 +18,12 @@ pub struct Args {
     /// How long; Ctrl-C keeps what there is
     #[arg(long, default_value_t = 10.0)]
     pub seconds: f64,
-    /// kinect, simulated[:KIND] or a folder; without a Kinect the simulator
-    #[arg(long, default_value = "kinect")]
+    /// Where frames come from.
+    #[arg(
+        long,
+        default_value = "kinect",
+        help = "kinect, simulated[:KIND] or a folder; without a Kinect the simulator"
+    )]
     pub source: String,
 }
 
