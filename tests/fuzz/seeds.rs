@@ -148,7 +148,7 @@ pub fn write(folder: &Path) {
     corpus.add("obj", "sheet", obj::emit(&mesh));
     corpus.add("obj", "quads", "o a\nv 0 0 0\nv 1 0 0 .5 .5 .5\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl s\nf 1/1/1 2/1/1 3//1 -1\n");
     for dense in [false, true] {
-        let mut glb = morphs::build(&mesh, &shapes, 1.0, dense);
+        let mut glb = morphs::build(&mesh, &shapes, 1.0, dense, None);
         glb.json["extensions"] = serde_json::json!({
             "VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "A", "binds": []}]}},
             "VRMC_vrm": {"expressions": {"preset": {"aa": {}}, "custom": {"b": {}}}},
