@@ -66,21 +66,6 @@ impl Learners {
         }
     }
 
-    /// The stored history of a measure, see [`super::Expression::history`].
-    pub(super) fn history(&self, m: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
-        let (nodes, growth, samples) = match self {
-            Self::Robust(learners) => {
-                let nodes = learners[m].nodes();
-                (nodes.as_slice(), nodes.growth(), &[][..])
-            }
-            Self::Paper(learners) => (&[][..], 1.0, learners[m].samples()),
-        };
-        let nodes = nodes
-            .iter()
-            .map(move |n| [n.value, n.rest / growth, n.range / growth]);
-        nodes.chain(samples.iter().map(|s| [s.value, s.weight, s.weight]))
-    }
-
     /// A frame's value of a measure, or none of which to be certain.
     pub(super) fn observe(&mut self, m: usize, g: Option<f64>, omega: f64, dt: f64) {
         match (self, g) {

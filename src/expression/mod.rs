@@ -170,12 +170,6 @@ impl Expression {
         self.together.as_ref().map(Together::departures)
     }
 
-    /// The stored history of a learned measure, ascending: value, its weight for rest and for the ends (seconds; with the
-    /// paper's method both are the sample's weight).
-    pub fn history(&self, measure: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
-        self.learners.history(measure)
-    }
-
     /// The range of each column's unit, in the order of [`Self::unit_names`].
     #[must_use]
     pub fn unit_ranges(&self) -> heapless::Vec<UnitRange, UNITS> {

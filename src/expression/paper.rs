@@ -78,12 +78,6 @@ impl PaperLearner {
         *self = Self::new(self.settings, self.prior, self.kind, phase.fract());
     }
 
-    /// The stored history, ascending.
-    #[must_use]
-    pub fn samples(&self) -> &[Sample] {
-        self.samples.samples()
-    }
-
     /// Adds a frame's value of weight ω, `dt` seconds after the last.
     pub fn observe(&mut self, g: f64, omega: f64, dt: f64) {
         let spread = match self.settings.compensation_scale {

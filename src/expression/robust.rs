@@ -228,12 +228,6 @@ impl RobustLearner {
         }
     }
 
-    /// The stored history.
-    #[must_use]
-    pub fn nodes(&self) -> &Nodes<RANGE_NODES> {
-        &self.nodes
-    }
-
     /// Deviation of the measure's noise.
     #[must_use]
     pub fn sigma(&self) -> f64 {
@@ -465,7 +459,7 @@ mod tests {
             learner.observe(g, omega, DT);
         }
         // Of three the median would still be 1.
-        let last = learner.nodes().as_slice().last().map(|node| node.value);
+        let last = learner.nodes.as_slice().last().map(|node| node.value);
         assert!(last.is_some_and(|value| value > 1.9), "{last:?}");
         assert_eq!(learner.frames, 1);
     }
