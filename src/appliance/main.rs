@@ -46,8 +46,19 @@ fn main() -> ExitCode {
         Command::CheckConfig(file) => {
             service::settings(file.as_deref()).and_then(|settings| Ok(wires::check(&settings)?))
         }
-        Command::PrintConfig(file) => service::settings(file.as_deref())
-            .map(|settings: Settings| print!("{}", settings.to_toml())),
+        Command::PrintConfig(file) => {
+            service::settings(file.as_deref()).map(|settings: Settings| {
+                print!("{}", settings.to_toml());
+                let without = wires::not_built();
+                if !without.is_empty() {
+                    // Not among what is printed, which may become a file for another build.
+                    mien::appliance::log::say(format_args!(
+                        "mien: built without {}; build with --features wires, or install the package",
+                        without.join(", ")
+                    ));
+                }
+            })
+        }
         Command::Devices => {
             print!("{}", mien::appliance::devices::report());
             Ok(())

@@ -96,6 +96,13 @@ pub fn check(settings: &Settings) -> Result<(), OutputError> {
     }
 }
 
+/// Sections of the outputs that this build is without.
+#[must_use]
+pub fn not_built() -> Vec<&'static str> {
+    let rows = OUTPUTS.iter().filter(|row| row.open.is_none());
+    rows.map(|row| row.section).collect()
+}
+
 /// Opens every enabled output. `units` are the names in the order of the weights.
 pub(crate) fn open(
     settings: &Settings,

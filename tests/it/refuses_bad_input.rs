@@ -67,6 +67,14 @@ fn what_is_printed_is_accepted() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let printed = mien(&["print-config"]);
     assert!(printed.status.success());
+    // What this build cannot do is said beside it.
+    let said = String::from_utf8_lossy(&printed.stderr);
+    assert_eq!(
+        said.contains("built without"),
+        !cfg!(feature = "wires"),
+        "{said}"
+    );
+    assert_eq!(said.contains("mqtt"), !cfg!(feature = "wires"), "{said}");
     let copy = file(folder.path(), "copy.toml", printed.stdout);
     let checked = mien(&["check-config", &copy]);
     assert_eq!(

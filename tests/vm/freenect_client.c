@@ -14,10 +14,10 @@ enum { PIXELS = 640 * 480 };
 
 static int depth_frames, depth_wrong, colour_frames, colour_wrong;
 
-/* The test pattern of src/simulator/virtual_kinect.rs. */
-static uint64_t mixed(uint64_t number)
+/* The test pattern of src/simulator/virtual_kinect/test_pattern.rs; hash() of virtual_head/random.rs. */
+static uint64_t mixed(uint64_t seed, uint64_t index)
 {
-	uint64_t z = number + 0x9e3779b97f4a7c15u;
+	uint64_t z = seed ^ index * 0x9e3779b97f4a7c15u;
 	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
 	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
 	return z ^ z >> 31;
@@ -31,7 +31,7 @@ static void on_depth(freenect_device *device, void *data, uint32_t stamp)
 	for (int i = 0; i < 4; i++)
 		number |= (uint64_t)(depth[i] & 0xff) << 8 * i;
 	for (uint64_t group = 1; group < PIXELS / 4; group++) {
-		uint64_t bits = mixed(number ^ group << 32);
+		uint64_t bits = mixed(number, group);
 		for (int i = 0; i < 4; i++)
 			wrong += depth[4 * group + i] != (bits >> 16 * i & 0x7ff);
 	}
@@ -48,7 +48,7 @@ static void on_colour(freenect_device *device, void *data, uint32_t stamp)
 	for (int i = 0; i < 4; i++)
 		number |= (uint64_t)bayer[i] << 8 * i;
 	for (uint64_t group = 1; group < PIXELS / 8; group++) {
-		uint64_t bits = mixed(~number ^ group << 32);
+		uint64_t bits = mixed(~number, group);
 		for (int i = 0; i < 8; i++)
 			wrong += bayer[8 * group + i] != (bits >> 8 * i & 0xff);
 	}
