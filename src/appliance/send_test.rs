@@ -171,7 +171,7 @@ impl Sender<'_> {
             user: Some(0),
             state: TrackingState::Tracking,
             confidence: 1.0,
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             landmarks: Some(&landmarks),
             weights,
             ..Report::default()

@@ -43,7 +43,7 @@ impl Output for Front {
             *known = true;
             weights.observe(report);
             let present = report.state.is_present();
-            let pose = report.sensor_from_head.filter(|_| present);
+            let pose = report.sensor_from_face.filter(|_| present);
             let pose = pose.map(|pose| {
                 let pose = self.view.pose(pose);
                 let (place, turn) = (pose.translation.vector, pose.rotation.coords);

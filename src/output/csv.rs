@@ -112,7 +112,7 @@ impl Rows {
 
         // Lost and absent users have no values, posed ones no face, whatever is handed in.
         let present = report.state.is_present();
-        let pose = report.sensor_from_head.filter(|_| present);
+        let pose = report.sensor_from_face.filter(|_| present);
         let place = pose.map(|pose| pose.translation.vector);
         (0..3).for_each(|i| self.number(place.map(|place| place[i]), FINE));
         // nalgebra keeps quaternions as x, y, z, w.

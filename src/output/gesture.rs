@@ -285,7 +285,7 @@ impl Gestures {
         let sees = report.state == TrackingState::Tracking;
         let opening = self.mouth.iter().map(weight).sum();
         let speaks = sees && self.speech[slot].hear(opening, report.at);
-        let facing = report.sensor_from_head.map_or(1.0, |pose| {
+        let facing = report.sensor_from_face.map_or(1.0, |pose| {
             -face_normal(pose).dot(&pose.translation.vector.normalize())
         });
         for Made {
@@ -484,7 +484,7 @@ mod tests {
                 }]),
                 "gone" => gestures.observe(&mut [Report { user: None, ..now }]),
                 "turned" => gestures.observe(&mut [Report {
-                    sensor_from_head: Some(&turned),
+                    sensor_from_face: Some(&turned),
                     ..now
                 }]),
                 "clock" => gestures.observe(&mut [user(1, 0, &faces)]),

@@ -200,7 +200,7 @@ impl Output for LiveLink {
                     .iter()
                     .all(|n| n.is_finite())
             };
-            if let Some(pose) = report.sensor_from_head.filter(finite) {
+            if let Some(pose) = report.sensor_from_face.filter(finite) {
                 let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
                 self.turn = [yaw, pitch, roll];
             }
@@ -277,7 +277,7 @@ mod tests {
             user: Some(0),
             state: TrackingState::Tracking,
             weights: &[0.75, 0.5, 1.0, 0.5],
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             at: Timestamp::from_us(2_050_000),
             ..Report::default()
         };

@@ -226,7 +226,7 @@ impl Osc {
                 wire.message(format_args!("/{slot}/au/{name}"), [Argument::Float(weight)]);
             }
         }
-        if let Some(pose) = report.sensor_from_head.filter(|_| present) {
+        if let Some(pose) = report.sensor_from_face.filter(|_| present) {
             let pose = self.view.pose(pose);
             let place = pose.translation.vector;
             // nalgebra keeps quaternions as x, y, z, w.

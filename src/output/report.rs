@@ -29,8 +29,8 @@ pub struct Report<'a> {
     pub confidence: f32,
     /// Whether learning is frozen for this user.
     pub frozen: bool,
-    /// Pose of the head; `None` when lost or absent.
-    pub sensor_from_head: Option<&'a Rigid>,
+    /// Pose of the face; `None` when lost or absent.
+    pub sensor_from_face: Option<&'a Rigid>,
     /// The head's box in the depth picture; `None` when lost or absent, and when a held head is not seen.
     pub head_box: Option<PixelRect>,
     /// The 68 points; `None` when posed, lost or absent.

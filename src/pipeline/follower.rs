@@ -428,7 +428,7 @@ impl Follower {
         }
         let known = Report {
             confidence: self.confidence,
-            sensor_from_head: self.head.as_deref(),
+            sensor_from_face: self.head.as_deref(),
             head_box: self.rect,
             frozen: self.expression.weights().frozen,
             ..known

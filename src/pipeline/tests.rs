@@ -228,7 +228,7 @@ fn follow(pipeline: &mut Pipeline, scene: Scene, seconds: &[[u64; 2]], lines: &m
             let user = report.user.map_or("-".to_owned(), |user| user.to_string());
             let mut line = format!("{scene:?} {tick} {user} {}", report.state.name());
             write!(line, " {:.0}", 100.0 * report.confidence).unwrap();
-            if let Some(pose) = report.sensor_from_head {
+            if let Some(pose) = report.sensor_from_face {
                 for metres in pose.translation.vector.iter() {
                     write!(line, " {:.0}", metres * 5e3).unwrap();
                 }

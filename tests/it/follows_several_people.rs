@@ -38,7 +38,7 @@ fn play(scene: Scene, settings: &Settings, [from, to]: [f64; 2], step: usize) ->
             let mut people = vec![None; truths.len()];
             let mut ghosts = 0;
             for report in &pipeline.reports() {
-                let Some(pose) = report.sensor_from_head else {
+                let Some(pose) = report.sensor_from_face else {
                     continue;
                 };
                 let near = truths.iter().position(|truth| {

@@ -71,7 +71,7 @@ fn the_papers_system_follows_the_actor() {
         let report = pipeline.report();
         let (true, Some(pose), Some(found)) = (
             report.state.is_present(),
-            report.sensor_from_head,
+            report.sensor_from_face,
             report.landmarks,
         ) else {
             continue;

@@ -71,7 +71,7 @@ fn csv_has_the_columns_in_their_order_and_stable_numbers() {
         let mut csv = Csv::new(&mut bytes, &MEASURES, &UNITS, &[]).unwrap();
         let weights = [1.25, f32::NAN, -0.1];
         let full = Report {
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             head_box: Some(PixelRect {
                 x0: 7,
                 y0: 120,
@@ -213,7 +213,7 @@ fn osc_tells_everything_of_a_face() {
     let pose = pose();
     let weights = [0.5, f32::NAN, 1.5];
     osc.send(&Report {
-        sensor_from_head: Some(&pose),
+        sensor_from_face: Some(&pose),
         ..report(33, 1, TrackingState::Tracking, &weights)
     })
     .unwrap();
@@ -391,7 +391,7 @@ fn vmc_moves_an_avatar() {
     let pose = pose();
     let weights = [0.25, 1.0, 0.0, 0.5, 0.5, 1.0];
     let face = Report {
-        sensor_from_head: Some(&pose),
+        sensor_from_face: Some(&pose),
         ..report(1500, 0, TrackingState::Tracking, &weights)
     };
     vmc.send(&face).unwrap();
@@ -476,7 +476,7 @@ fn vmc_with_everything_measured_applies_once_and_last() {
     .unwrap();
     let pose = pose();
     let face = Report {
-        sensor_from_head: Some(&pose),
+        sensor_from_face: Some(&pose),
         ..report(0, 0, TrackingState::Tracking, &[1.0; 210])
     };
     vmc.send(&face).unwrap();
@@ -583,7 +583,7 @@ fn faceosc_sends_distances_on_the_face() {
     (face.head[39], face.head[42]) = (Point::new(-0.018, 0.0, 0.0), Point::new(0.018, 0.0, 0.0));
     (face.pixels[39], face.pixels[42]) = ([300.0, 200.0], [320.0, 200.0]);
     let whole = Report {
-        sensor_from_head: Some(&pose),
+        sensor_from_face: Some(&pose),
         landmarks: Some(&face),
         ..report(0, 0, TrackingState::Tracking, &[0.0; 3])
     };
@@ -689,7 +689,7 @@ fn serial_lines_are_the_references() {
     };
     serial
         .send(&Report {
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             ..first
         })
         .unwrap();

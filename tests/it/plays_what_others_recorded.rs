@@ -129,7 +129,7 @@ fn play(folder: &Path) -> (Vec<Played>, u64) {
             ms: frame.at.as_us() / 1000,
             state: report.state,
             user: report.user,
-            pose: report.sensor_from_head.copied(),
+            pose: report.sensor_from_face.copied(),
             head: report.head_box,
             face: report.landmarks.is_some(),
         });

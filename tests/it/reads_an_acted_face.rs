@@ -98,7 +98,7 @@ fn units_follow_the_actor() {
         if n < LEARNING {
             continue;
         }
-        let head = report.sensor_from_head.expect("a face has a head");
+        let head = report.sensor_from_face.expect("a face has a head");
         turned.push(
             head.rotation
                 .angle_to(&truth.sensor_from_head.rotation)

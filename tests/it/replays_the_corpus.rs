@@ -89,7 +89,7 @@ fn replayed(folder: &Path) -> (Vec<String>, u64) {
         for report in pipeline.reports() {
             let user = report.user.map_or("-".to_owned(), |user| user.to_string());
             let mut line = format!("{} {user} {}", frame.index, report.state.name());
-            if let Some(pose) = report.sensor_from_head {
+            if let Some(pose) = report.sensor_from_face {
                 for metres in pose.translation.vector.iter() {
                     write!(line, " {:.0}", metres * 1e3).unwrap();
                 }

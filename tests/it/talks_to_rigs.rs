@@ -123,7 +123,7 @@ fn names_gains_and_the_mirror_are_the_output_s() {
         rotation_from_yaw_pitch_roll(0.5, 0.0, 0.0),
     );
     let face = Report {
-        sensor_from_head: Some(&pose),
+        sensor_from_face: Some(&pose),
         ..report(0, &[0.3, 0.8, 0.2, 0.0])
     };
     let settings = osc::Settings {

@@ -406,7 +406,7 @@ fn a_week_of_visitors() {
                 user: Some(number),
                 state: seat.state,
                 confidence: 0.9,
-                sensor_from_head: there.then_some(&sensor_from_head),
+                sensor_from_face: there.then_some(&sensor_from_head),
                 landmarks: there.then_some(&seat.landmarks),
                 measures: if there { &weights.measures } else { &[] },
                 weights: if there { weights.units() } else { &[] },

@@ -110,7 +110,7 @@ fn all_wires_at_once_cost_no_memory() {
             user: Some(0),
             state: TrackingState::Tracking,
             confidence: 0.9,
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             landmarks: Some(&landmarks),
             weights: &weights,
             ranges: &ranges,

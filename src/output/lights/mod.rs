@@ -15,7 +15,7 @@ pub mod sacn;
 
 use super::features::LightSettings;
 use super::{OneFace, OutputError, Report, TrackingState, View};
-use crate::base::geometry::yaw_pitch_roll;
+use crate::base::geometry::{smoothstep, yaw_pitch_roll};
 
 /// Channels of a universe.
 pub const CHANNELS: usize = 512;
@@ -47,7 +47,7 @@ impl Curve {
             Self::Linear => weight,
             Self::Square => weight * weight,
             Self::Root => weight.sqrt(),
-            Self::Smooth => weight * weight * (3.0 - 2.0 * weight),
+            Self::Smooth => smoothstep(0.0, 1.0, weight),
         }
     }
 }
@@ -229,7 +229,7 @@ impl Desk {
             return false;
         };
         let present = state.is_present();
-        if let Some(pose) = report.sensor_from_head.filter(|_| present) {
+        if let Some(pose) = report.sensor_from_face.filter(|_| present) {
             let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
             self.turn = [yaw, pitch, roll].map(|angle| super::unit_range(0.5 + 0.5 * angle / TURN));
         }
@@ -361,7 +361,7 @@ mod tests {
             user: Some(0),
             state: TrackingState::Tracking,
             weights: &[0.5, 0.25],
-            sensor_from_head: Some(&turned),
+            sensor_from_face: Some(&turned),
             ..Report::default()
         };
         assert!(desk.observe(&report));
@@ -374,7 +374,7 @@ mod tests {
         assert_eq!(one[8], (255.0_f32 * 0.225).round() as u8);
         assert_eq!((desk.universes[1].0, two[511]), (2, 128));
         // Lost for long: back to the ends, but what is to be held.
-        (report.state, report.weights, report.sensor_from_head) = (TrackingState::Lost, &[], None);
+        (report.state, report.weights, report.sensor_from_face) = (TrackingState::Lost, &[], None);
         report.at = Timestamp::from_us(9_000_000);
         assert!(desk.observe(&report));
         assert_eq!(desk.universes[0].1[..6], [0, 0, 0, 0, 255, 0]);

@@ -163,7 +163,7 @@ impl Output for FaceOsc {
         let Some(state) = self.face.follow(report) else {
             return Ok(());
         };
-        match (report.sensor_from_head, report.landmarks) {
+        match (report.sensor_from_face, report.landmarks) {
             (Some(pose), Some(landmarks)) if state.has_face() => {
                 self.last = Some((self.measure(pose, landmarks), report.at));
             }

@@ -286,7 +286,7 @@ mod tests {
             user: Some(2),
             state: TrackingState::Tracking,
             confidence: 0.75,
-            sensor_from_head: Some(&pose),
+            sensor_from_face: Some(&pose),
             weights: &[0.25, 0.5],
             ranges: &[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]].map(|[low, rest, high]| UnitRange {
                 low,

@@ -189,7 +189,7 @@ impl Output for Vmc {
         if let Some(state) = self.face.follow(report) {
             self.seconds = (report.at.as_us() as f64 * 1e-6) as f32;
             let present = state.is_present();
-            self.send_frame(present, report.sensor_from_head.filter(|_| present));
+            self.send_frame(present, report.sensor_from_face.filter(|_| present));
         }
         Ok(())
     }

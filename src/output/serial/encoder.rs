@@ -97,7 +97,7 @@ impl Encoder {
             0.0
         };
         let pose = report
-            .sensor_from_head
+            .sensor_from_face
             .filter(|_| self.pose && state.is_present());
         let frame = Frame {
             count: self.count,

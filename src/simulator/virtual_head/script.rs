@@ -5,7 +5,7 @@
 //! Acts and seats are tables; what moves besides is in [`Scene::play_person`].
 
 use super::random::uniform;
-use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll};
+use crate::base::geometry::{Point, Rigid, rotation_from_yaw_pitch_roll, smoothstep};
 
 /// What is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -163,15 +163,9 @@ fn wander(seed: u64, channel: u64, t: f32, period_s: f32) -> f32 {
         + mb * (f3 - f2)
 }
 
-/// 0 below `from`, 1 above `to`, smooth between.
-fn ramp(t: f32, from: f32, to: f32) -> f32 {
-    let f = ((t - from) / (to - from)).clamp(0.0, 1.0);
-    f * f * (3.0 - 2.0 * f)
-}
-
 /// Up, hold, down within an act.
 fn envelope(t: f32) -> f32 {
-    ramp(t, 0.15, 0.55) * (1.0 - ramp(t, 1.1, 1.55))
+    smoothstep(0.15, 0.55, t) * (1.0 - smoothstep(1.1, 1.55, t))
 }
 
 /// There and back: 0 at the start, 1 after a quarter of the period, −1 after three, smooth at both ends.
@@ -235,7 +229,7 @@ impl Scene {
         let (turned, [x, y, z], sway) = self.seat(person)?;
         let aside = self.aside(person, t)?;
         self.express(seed, t, &mut set);
-        let calm = ramp(t, 1.0, 3.0);
+        let calm = smoothstep(1.0, 3.0, t);
         let walk = |channel, period, range: f32| {
             (wander(seed, channel, t, period) * 1.3 * range).clamp(-range, range) * calm
         };
@@ -253,8 +247,9 @@ impl Scene {
             Self::Fast => {
                 // 64° in 0.48 s, at most half as fast again as on average; then a rest.
                 let phase = t % 2.4;
-                let side = 2.0 * (ramp(phase, 0.6, 1.08) - ramp(phase, 1.8, 2.28)) - 1.0;
-                [yaw * side * ramp(t, 0.0, 0.5), 0.0, 0.0]
+                let side =
+                    2.0 * (smoothstep(0.6, 1.08, phase) - smoothstep(1.8, 2.28, phase)) - 1.0;
+                [yaw * side * smoothstep(0.0, 0.5, t), 0.0, 0.0]
             }
             Self::Behind => [180.0 + wandering[0], wandering[1], wandering[2]],
             _ => wandering,
@@ -308,13 +303,19 @@ impl Scene {
         let phase = t % 20.0;
         Some(match self {
             Self::Leaving if (8.0..13.0).contains(&phase) => return None,
-            Self::Leaving => (ramp(phase, 6.0, 8.0) - ramp(phase, 13.0, 15.0)) * 1.1,
+            Self::Leaving => (smoothstep(6.0, 8.0, phase) - smoothstep(13.0, 15.0, phase)) * 1.1,
             Self::Hand => 0.01 * swing(t, 6.1),
             Self::Crossing => [0.33, -0.40][person % 2] * swing(t, 10.0),
             Self::Swap => {
                 let (side, away) = match person {
-                    0 => (-1.0, ramp(phase, 4.5, 6.0) - ramp(phase, 14.0, 15.5)),
-                    _ => (1.0, 1.0 - ramp(phase, 7.0, 8.5) + ramp(phase, 11.5, 13.0)),
+                    0 => (
+                        -1.0,
+                        smoothstep(4.5, 6.0, phase) - smoothstep(14.0, 15.5, phase),
+                    ),
+                    _ => (
+                        1.0,
+                        1.0 - smoothstep(7.0, 8.5, phase) + smoothstep(11.5, 13.0, phase),
+                    ),
                 };
                 return (away < 1.0).then_some(side * away);
             }
@@ -328,7 +329,7 @@ impl Scene {
             #[cfg(feature = "studio")]
             Self::Moods => {
                 let (mood, within) = ((t / MOOD_S) as usize % MOODS.len(), t % MOOD_S);
-                let height = ramp(within, 0.3, 0.9) * (1.0 - ramp(within, 2.2, 2.8));
+                let height = smoothstep(0.3, 0.9, within) * (1.0 - smoothstep(2.2, 2.8, within));
                 play(MOODS[mood], height, set);
             }
             Self::Acted | Self::Demo | Self::Leaving | Self::Wide => act(seed, t, set),
@@ -345,7 +346,8 @@ impl Scene {
         let (turn, phase) = ((t / HAND_EVERY_S) as usize, t % HAND_EVERY_S);
         let comes = 2.0 - HAND_MOVES_S;
         let goes = 2.0 + HAND_STAYS_S[turn % HAND_STAYS_S.len()];
-        let up = ramp(phase, comes, comes + HAND_MOVES_S) - ramp(phase, goes, goes + HAND_MOVES_S);
+        let up = smoothstep(comes, comes + HAND_MOVES_S, phase)
+            - smoothstep(goes, goes + HAND_MOVES_S, phase);
         (up > 0.0).then(|| Point::new(0.0, 0.02 + 0.5 * (1.0 - up), 0.66))
     }
 }
@@ -379,7 +381,7 @@ fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     let height = 0.85 + 0.15 * uniform(seed ^ 0x51, slot);
     let mut go = |act: &str, strength: f32| {
         if act == "speech" {
-            let loud = ramp(within, 0.0, 0.25) * (1.0 - ramp(within, 1.5, 1.8));
+            let loud = smoothstep(0.0, 0.25, within) * (1.0 - smoothstep(1.5, 1.8, within));
             let talk =
                 |channel, period| (0.5 + 0.6 * wander(seed, channel, t, period)).clamp(0.0, 1.0);
             set("jawOpen", 0.4 * loud * talk(11, 0.13));
@@ -405,7 +407,7 @@ fn act(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
 
 /// How far lids are closed, seconds after a blink began.
 fn blink_of(since: f32) -> f32 {
-    ramp(since, 0.0, 0.1) * (1.0 - ramp(since, 0.14, 0.32))
+    smoothstep(0.0, 0.1, since) * (1.0 - smoothstep(0.14, 0.32, since))
 }
 
 /// Voices of [`mix`] that come and go by themselves, and how long each holds an expression, seconds.
@@ -463,7 +465,7 @@ fn gaze(seed: u64, t: f32, set: &mut impl FnMut(&str, f32)) {
     const JUMP_S: f32 = 0.06;
     const FAR: [f32; 2] = [0.5, 0.35];
     let glance = (t / GLANCE_S) as u64;
-    let there = ramp(t % GLANCE_S, 0.0, JUMP_S);
+    let there = smoothstep(0.0, JUMP_S, t % GLANCE_S);
     let [left, up] = [(0x67, FAR[0]), (0x68, FAR[1])].map(|(channel, far)| {
         let [from, to] = [glance, glance + 1].map(|k| far * uniform(seed ^ channel, k));
         from + (to - from) * there

@@ -7,13 +7,14 @@
 //!
 //! Units: eye distances; displacements in and out in the mesh's. Cost: a few k-d tree queries a vertex.
 
+use crate::base::geometry::smoothstep;
 use std::num::NonZeroUsize;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{DMatrix, Matrix3};
 use rayon::prelude::*;
 
-use super::head::{Head, smooth};
+use super::head::Head;
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::prior::{Place, Prior};
@@ -145,7 +146,7 @@ fn around(p: &Place, places: &ImmutableKdTree<f64, 6>) -> [(u32, f32); NEIGHBOUR
     if !last.is_finite() || last <= 0.0 {
         return taken;
     }
-    let trust = 1.0 - smooth(NEAR[0], NEAR[1], nearest[0].0);
+    let trust = 1.0 - smoothstep(NEAR[0], NEAR[1], nearest[0].0);
     let share = |far: f64| (1.0 - far / last).powi(2) / (far + 0.02 * last);
     let sum: f64 = nearest[..NEIGHBOURS].iter().map(|n| share(n.0)).sum();
     for (taken, (far, q)) in taken.iter_mut().zip(nearest) {

@@ -2,10 +2,11 @@
 //!
 //! Units: the mesh's.
 
+use crate::base::geometry::smoothstep;
 use std::collections::BTreeMap;
 
 use super::contact::LID_MARGIN;
-use super::head::{Head, smooth};
+use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;
 
@@ -54,5 +55,5 @@ pub(super) fn goals(head: &Head, target: &Target) -> BTreeMap<u32, Vec3> {
 
 /// 1 along a lid line, falling to 0 at its ends, where the lids are one skin: `t` from 0 to 1 across.
 fn near_corner(t: f64) -> f64 {
-    smooth(0.0, 0.035, t) * smooth(1.0, 0.965, t)
+    smoothstep(0.0, 0.035, t) * smoothstep(1.0, 0.965, t)
 }

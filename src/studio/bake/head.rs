@@ -124,12 +124,6 @@ pub struct Head {
     pub hinge: Vec3,
 }
 
-/// Smooth step from 0 at `a` to 1 at `b`.
-pub(super) fn smooth(a: f64, b: f64, x: f64) -> f64 {
-    let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
 /// The landmarks as vertices of a mesh.
 fn vertices(mesh: &Mesh, landmarks: &[u64]) -> Result<Vec<u32>, HeadError> {
     let vertices = mesh.positions.len();

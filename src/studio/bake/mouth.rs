@@ -11,12 +11,13 @@
 //! Limits: a piece that touches no teeth follows the jaw by the height of its vertices; a mouth without lower teeth has
 //! no tongue.
 
-use super::head::{Head, smooth};
+use super::head::Head;
 use super::laplacian::Operator;
 use super::mesh::Vec3;
 use super::nearest::Nearest;
 use super::seam::distances;
 use super::sparse::Factor;
+use crate::base::geometry::smoothstep;
 
 /// Gum nearer to a tooth than this moves as the tooth does, in eye distances.
 const AT_TOOTH: f64 = 0.04;
@@ -94,7 +95,7 @@ impl Piece<'_> {
             return None;
         }
         harmonic(&self.head.operator, self.vertices, &mut value);
-        let share = |&v: &u32| smooth(STAYS, GOES, value[v as usize]);
+        let share = |&v: &u32| smoothstep(STAYS, GOES, value[v as usize]);
         Some(self.vertices.iter().map(share).collect())
     }
 
@@ -131,7 +132,7 @@ impl Piece<'_> {
         });
         let along = self.vertices.iter().map(|&v| f64::from(far[v as usize]));
         let member: Vec<f64> = along
-            .map(|d| 1.0 - smooth(near, last, d.min(last)))
+            .map(|d| 1.0 - smoothstep(near, last, d.min(last)))
             .collect();
         let depth = |k: usize| positions[self.vertices[k] as usize].dot(&out);
         let inside = || (0..member.len()).filter(|&k| member[k] > 0.5).map(depth);
@@ -141,7 +142,7 @@ impl Piece<'_> {
         );
         if front > back {
             for (k, share) in none.iter_mut().enumerate() {
-                *share = member[k] * smooth(back + ROOT * (front - back), front, depth(k));
+                *share = member[k] * smoothstep(back + ROOT * (front - back), front, depth(k));
             }
         }
         none

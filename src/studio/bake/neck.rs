@@ -3,10 +3,11 @@
 //! Every vertex takes a share of the head's turns: all of it above a slanted border at the chin, none a neck's length lower, a
 //! smooth step between. Lengths in distances between the inner eye corners, in the face's axes; they are those of the built-in head.
 
+use crate::base::geometry::smoothstep;
 use serde_json::json;
 
 use super::glb::{FLOAT, Glb, VERTICES};
-use super::head::{Head, smooth};
+use super::head::Head;
 use super::mesh::Vec3;
 
 /// The border leans: it is higher in front by this share of the depth, counted from `BEHIND` the eyes.
@@ -39,7 +40,8 @@ impl Neck {
         let (middle, w) = ((at(39) + at(42)) / 2.0, head.eye_distance);
         let seen = |p: Vec3| head.axes.transpose() * (p - middle) / w;
         let chin = seen(at(8)).y;
-        let share = |q: Vec3| smooth(chin + NONE, chin + ALL, q.y + LEAN * (q.z + BEHIND)) as f32;
+        let share =
+            |q: Vec3| smoothstep(chin + NONE, chin + ALL, q.y + LEAN * (q.z + BEHIND)) as f32;
         let shares: Vec<f32> = positions.iter().map(|&p| share(seen(p))).collect();
         let place = |[height, behind]: [f64; 2]| {
             middle + head.axes * Vec3::new(0.0, height * chin, -behind) * w

@@ -3,12 +3,13 @@
 //! Told apart by place and size alone. Units and frame as in [`super::head`]. Cost: linear, and a few k-d tree queries.
 
 use super::eyeball::Ball;
-use super::head::{Follow, Head, smooth};
+use super::head::{Follow, Head};
 use super::mesh::{Vec3, connected};
 use super::mouth::Piece;
 use super::names::LANDMARKS;
 use super::nearest::Nearest;
 use super::seam::{Seam, distances};
+use crate::base::geometry::smoothstep;
 
 /// A part of the mouth smaller than this is a tooth and moves as a whole, in eye distances.
 const TOOTH: f64 = 1.2;
@@ -160,7 +161,7 @@ impl Head {
         }
         let [stays, goes] = LOWER.map(|d| d * self.eye_distance);
         for v in inside {
-            self.socket[v] = smooth(stays, goes, nearer[v]) as f32;
+            self.socket[v] = smoothstep(stays, goes, nearer[v]) as f32;
         }
         self.from_lips = from_lips;
     }
@@ -408,7 +409,7 @@ impl Head {
                 let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
                 vertices
                     .iter()
-                    .map(|v| smooth(-soft, soft, height(v)))
+                    .map(|v| smoothstep(-soft, soft, height(v)))
                     .collect()
             });
             let tongue = piece.tongue(&shares);

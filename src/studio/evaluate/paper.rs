@@ -139,7 +139,7 @@ impl Experiments<'_> {
                 }
             }
             for ((pipeline, front), name) in pipelines.iter().zip(&mut front).zip(SYSTEMS) {
-                let found = pipeline.report().sensor_from_head.copied();
+                let found = pipeline.report().sensor_from_face.copied();
                 if let (Some(found), [0.0, 0.0]) = (found, [yaw, pitch]) {
                     *front = truth.inverse() * found;
                 }

@@ -80,7 +80,7 @@ pub(super) fn play(
         pipeline.follow(&frame);
         let report = pipeline.report();
         let (TrackingState::Warming | TrackingState::Tracking, Some(pose), Some(landmarks)) =
-            (report.state, report.sensor_from_head, report.landmarks)
+            (report.state, report.sensor_from_face, report.landmarks)
         else {
             continue;
         };

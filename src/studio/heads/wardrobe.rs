@@ -6,6 +6,7 @@
 //! where a vertex faces the camera, is not hidden and does not fall on the backdrop; elsewhere colours spread over the mesh from
 //! where it does (a membrane: the mean of the neighbours, relaxed).
 
+use crate::base::geometry::smoothstep;
 use std::collections::HashMap;
 
 use nalgebra::{Point3, Vector2, Vector3};
@@ -30,11 +31,6 @@ const DISTINCT_M: f32 = 0.003;
 const FRINGE: usize = 2;
 /// Sweeps of the relaxation: colours travel about as many vertices.
 const SWEEPS: usize = 300;
-
-fn smooth(x: f32, [from, to]: [f32; 2]) -> f32 {
-    let f = ((x - from) / (to - from)).clamp(0.0, 1.0);
-    f * f * (3.0 - 2.0 * f)
-}
 
 /// What all heads share, made once.
 pub struct Wardrobe {
@@ -166,7 +162,7 @@ impl Wardrobe {
                     return SHOWS_BACKDROP;
                 }
             }
-            smooth(facing, FACING)
+            smoothstep(FACING[0], FACING[1], facing)
         };
         let mut share: Vec<f32> = (0..expressed.len()).map(of_vertex).collect();
         self.leave_out_backdrop(&mut share);

@@ -171,7 +171,7 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
         draw_head(&mut picture, cloud, camera, *colour);
     }
     for report in reports.iter().filter(|report| report.state.is_present()) {
-        if let Some(pose) = report.sensor_from_head {
+        if let Some(pose) = report.sensor_from_face {
             draw_axes(&mut picture, pose, |point| camera.depth_pixel(point));
         }
     }
@@ -197,7 +197,7 @@ struct Counts {
 impl Counts {
     fn add(&mut self, frame: &KinectFrame, pipeline: &Pipeline) {
         let report = pipeline.report();
-        let posed = report.sensor_from_head.is_some();
+        let posed = report.sensor_from_face.is_some();
         self.frames += 1;
         self.coloured += usize::from(frame.has_colour);
         self.heads += usize::from(!pipeline.segmenter().heads().is_empty());
@@ -237,7 +237,7 @@ impl Counts {
 fn values(pipeline: &Pipeline) -> [Option<f64>; CURVE_NAMES.len()] {
     let mut values = [None; CURVE_NAMES.len()];
     let report = pipeline.report();
-    if let Some(pose) = report.sensor_from_head {
+    if let Some(pose) = report.sensor_from_face {
         let t = pose.translation.vector;
         let (yaw, pitch, roll) = yaw_pitch_roll(&pose.rotation);
         let turn = [yaw, pitch, roll].map(f32::to_degrees);
@@ -274,7 +274,7 @@ fn draw_colour(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
         if let Some(landmarks) = report.landmarks {
             canvas::landmarks(&mut picture, &landmarks.pixels, &landmarks.point_confidence);
         }
-        if let Some(pose) = report.sensor_from_head {
+        if let Some(pose) = report.sensor_from_face {
             let camera = pipeline.camera();
             draw_axes(&mut picture, pose, |point| camera.colour_pixel(point));
         }

@@ -344,7 +344,7 @@ impl Thread {
             aside,
             confidence: sample.confidence,
             frozen: sample.frozen,
-            sensor_from_head: pose.as_ref(),
+            sensor_from_face: pose.as_ref(),
             weights: if seen { &sample.weights } else { &[] },
             ..Report::default()
         };
@@ -375,7 +375,7 @@ impl Thread {
                 user: Some(0),
                 state: TrackingState::Tracking,
                 confidence: 1.0,
-                sensor_from_head: Some(&pose),
+                sensor_from_face: Some(&pose),
                 weights: &weights,
                 ..Report::default()
             };

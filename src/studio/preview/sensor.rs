@@ -34,7 +34,7 @@ fn sample(report: &Report, latency_ms: Option<f32>) -> Sample {
         confidence: report.confidence,
         latency_ms,
         frozen: report.frozen,
-        pose: report.sensor_from_head.filter(|_| present).map(|pose| {
+        pose: report.sensor_from_face.filter(|_| present).map(|pose| {
             let (place, turn) = (pose.translation.vector, pose.rotation.coords);
             [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
         }),

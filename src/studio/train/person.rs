@@ -70,7 +70,7 @@ pub fn learn_frames(
         frames += 1;
         let report = pipeline.report();
         let (TrackingState::Tracking, Some(pose), Some(points)) =
-            (report.state, report.sensor_from_head, report.landmarks)
+            (report.state, report.sensor_from_face, report.landmarks)
         else {
             continue;
         };
@@ -240,7 +240,7 @@ mod tests {
                 .draw(timestamp_from_ticks(n * 4_000_000), &mut frame)
                 .unwrap();
             pipeline.follow(&frame);
-            let Some(pose) = pipeline.report().sensor_from_head else {
+            let Some(pose) = pipeline.report().sensor_from_face else {
                 continue;
             };
             let pose = crate::pose::HeadPose {

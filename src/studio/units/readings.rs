@@ -214,7 +214,7 @@ fn practise(
         let eyes = report.landmarks.and_then(|face| face.eyes);
         examples.push(Example {
             departures,
-            glance: Glance::at(number, eyes, report.sensor_from_head, look(&shown)),
+            glance: Glance::at(number, eyes, report.sensor_from_face, look(&shown)),
             truth: core::array::from_fn(|k| acted.of(UNITS[k].0, &shown).unwrap_or(0.0)),
         });
     }

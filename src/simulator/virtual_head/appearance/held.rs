@@ -2,8 +2,8 @@
 
 use super::look::{Held, Look};
 use super::outfit::{Cloth, Outfit};
-use super::stuff::{Stuff, part, share, slope};
-use crate::base::geometry::{Point, Vector};
+use super::stuff::{Stuff, part, share};
+use crate::base::geometry::{Point, Vector, smoothstep};
 
 const SKIN: [f32; 3] = [198.0, 152.0, 128.0];
 
@@ -144,9 +144,7 @@ impl Held {
             _ => (9.0, 3.0, 0.7, 3.5),
         };
         let (phase, goes) = (t % every, comes + takes + stays);
-        let smooth = |f: f32| f * f * (3.0 - 2.0 * f);
-        let up =
-            smooth(slope(phase, comes, comes + takes)) - smooth(slope(phase, goes, goes + takes));
+        let up = smoothstep(comes, comes + takes, phase) - smoothstep(goes, goes + takes, phase);
         (up > 0.0).then(|| Point::new(place.x, place.y + 0.55 * (1.0 - up), place.z))
     }
 }

@@ -52,7 +52,7 @@ impl Film {
             .collect();
         let mut ghost = false;
         for report in &pipeline.reports() {
-            let Some(pose) = report.sensor_from_head else {
+            let Some(pose) = report.sensor_from_face else {
                 continue;
             };
             let apart =

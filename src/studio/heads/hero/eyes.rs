@@ -1,8 +1,9 @@
 //! Eyes: one picture for both, seen from in front.
 
+use crate::base::geometry::smoothstep;
 use image::RgbImage;
 
-use super::palette::{dice, mix, noise, picture, smooth};
+use super::palette::{dice, mix, noise, picture};
 use crate::studio::bake::mesh::Vec3;
 
 /// Middle of the left eyeball; of the right one x is negative.
@@ -36,24 +37,24 @@ pub(super) fn paint() -> RgbImage {
         let (x, y) = (at(col), -at(row));
         let (r, angle) = (x.hypot(y), y.atan2(x));
         let white = {
-            let red = smooth(0.009, 0.015, r) as f32;
+            let red = smoothstep(0.009, 0.015, r) as f32;
             mix([0.93, 0.925, 0.91], [0.88, 0.78, 0.74], 0.6 * red)
         };
         let iris = {
             let t = (r - PUPIL_M) / (IRIS_M - PUPIL_M);
             let fibre = noise(angle * 16.0, r * 400.0, 5) * 0.6 + noise(angle * 40.0, 3.0, 9) * 0.4;
-            let ring = smooth(0.45, 0.0, t) as f32;
+            let ring = smoothstep(0.45, 0.0, t) as f32;
             let base = mix([0.24, 0.44, 0.50], [0.55, 0.47, 0.28], 0.75 * ring);
             let lit = 1.0 + 0.30 * fibre as f32;
             // Light that falls in from above leaves the lower half brighter.
             let below = 1.0 + 0.22 * (-(y / IRIS_M)) as f32;
             base.map(|c| c * lit * below)
         };
-        let rim = (smooth(IRIS_M * 0.80, IRIS_M * 0.97, r)) as f32;
+        let rim = (smoothstep(IRIS_M * 0.80, IRIS_M * 0.97, r)) as f32;
         let iris = mix(iris, [0.07, 0.11, 0.13], 0.85 * rim);
-        let pupil = smooth(PUPIL_M * 1.08, PUPIL_M * 0.92, r) as f32;
+        let pupil = smoothstep(PUPIL_M * 1.08, PUPIL_M * 0.92, r) as f32;
         let iris = mix(iris, [0.015, 0.012, 0.012], pupil);
-        let inside = smooth(IRIS_M * 1.05, IRIS_M * 0.96, r) as f32;
+        let inside = smoothstep(IRIS_M * 1.05, IRIS_M * 0.96, r) as f32;
         let mut colour = mix(white, iris, inside);
         // Reflections of a window, to one side of both eyes, so that they look at the same.
         for (dx, dy, size, strength) in [
@@ -61,7 +62,7 @@ pub(super) fn paint() -> RgbImage {
             (0.0022, -0.0024, 0.0007, 0.35),
         ] {
             let d = (x - dx).hypot(y - dy);
-            let share = strength * smooth(size * 1.15, size * 0.75, d) as f32;
+            let share = strength * smoothstep(size * 1.15, size * 0.75, d) as f32;
             colour = mix(colour, [1.0; 3], share);
         }
         let grain = (dice((row * SIDE + col) as u32) as f32 - 0.5) * 0.012;

@@ -3,11 +3,12 @@
 //! The skull is taken as a distance from its middle in every direction, so that a lock is a path over directions with a height
 //! above the skin. The hairline is a height of direction by angle around the head.
 
+use crate::base::geometry::smoothstep;
 use nalgebra::{Rotation3, Unit};
 
 use super::layer::Layer;
 use super::look;
-use super::palette::{HAIR, curve, dice, linear, mix, noise, smooth};
+use super::palette::{HAIR, curve, dice, linear, mix, noise};
 use crate::studio::bake::mesh::Vec3;
 
 /// Middle of the skull.
@@ -135,22 +136,22 @@ impl Skull {
 /// Thickness of the hair in a direction, metres: full on top and in front, short beside and behind.
 fn thickness(d: &Vec3) -> f64 {
     let [around, above] = angles(d);
-    let inside = smooth(-0.02, 0.38, above - line(around));
-    let top = smooth(0.35, 0.95, above);
-    let front = smooth(0.1, 0.9, d.z) * top;
+    let inside = smoothstep(-0.02, 0.38, above - line(around));
+    let top = smoothstep(0.35, 0.95, above);
+    let front = smoothstep(0.1, 0.9, d.z) * top;
     inside * (0.0065 + 0.0115 * top + 0.006 * front)
 }
 
 /// Where hair is combed to, along the skull.
 fn combed(d: &Vec3) -> Vec3 {
     let part = 0.30;
-    let top = smooth(0.30, 0.75, d.y);
+    let top = smoothstep(0.30, 0.75, d.y);
     let across = if d.x > part {
         Vec3::new(0.85, -0.35, -0.55)
     } else {
         Vec3::new(-0.85, 0.10, -0.62)
     };
-    let behind = smooth(0.25, -0.45, d.z);
+    let behind = smoothstep(0.25, -0.45, d.z);
     let down = Vec3::new(-0.15 * (1.0 - behind), -0.75, -0.65 * (1.0 - behind));
     let crown = Vec3::new(-0.35, -0.4, -0.85);
     let over = across * (1.0 - behind) + crown * behind;
@@ -198,9 +199,9 @@ fn cap(dress: &mut Layer, skull: &Skull) {
                 let d = direction([around, above]);
                 let ripple = 0.0009 * noise(around * 24.0, t * 5.0, 31);
                 // It comes out of the skin behind the roots of the first locks.
-                let height = (0.5 + 0.22 * smooth(0.3, 0.75, d.y)) * thickness(&d)
-                    - 0.0022 * smooth(0.09, 0.0, above - from)
-                    + ripple * smooth(0.05, 0.2, t);
+                let height = (0.5 + 0.22 * smoothstep(0.3, 0.75, d.y)) * thickness(&d)
+                    - 0.0022 * smoothstep(0.09, 0.0, above - from)
+                    + ripple * smoothstep(0.05, 0.2, t);
                 dress.vertex(MIDDLE + d * (skull.radius(&d) + height), dark)
             })
             .collect();
@@ -221,11 +222,11 @@ fn cap(dress: &mut Layer, skull: &Skull) {
 /// A lock that begins in direction `d`.
 fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
     let roll = |of: u32| dice(k * 16 + of + 1000);
-    let top = smooth(0.30, 0.75, d.y);
-    let front = top * smooth(0.25, 0.75, d.z);
+    let top = smoothstep(0.30, 0.75, d.y);
+    let front = top * smoothstep(0.25, 0.75, d.z);
     let [around, above] = angles(&d);
     // Short and close at the nape, so that none hangs below the hairline.
-    let nape = smooth(0.45, 0.0, above - line(around)) * smooth(1.75, 2.2, around.abs());
+    let nape = smoothstep(0.45, 0.0, above - line(around)) * smoothstep(1.75, 2.2, around.abs());
     let long = (0.027 + 0.029 * top + 0.008 * front) * (0.8 + 0.45 * roll(0)) * (1.0 - 0.62 * nape);
     let wide = (0.0088 + 0.0014 * top) * (0.75 + 0.5 * roll(1)) * (1.0 - 0.3 * nape);
     let stray = (0.5 - 0.2 * nape) * (roll(2) - 0.5);
@@ -240,15 +241,16 @@ fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
             .try_normalize(1e-9)
             .unwrap_or_else(Vec3::x);
         let flow = Rotation3::from_axis_angle(&Unit::new_normalize(d), stray) * flow;
-        let profile = smooth(0.0, 0.30, t + 0.08) * (1.0 - smooth(0.45, 1.04, t));
+        let profile = smoothstep(0.0, 0.30, t + 0.08) * (1.0 - smoothstep(0.45, 1.04, t));
         let arch = (std::f64::consts::PI * t.powf(0.8)).sin();
         let base = thickness(&d);
         let height = base * (0.62 + 0.30 * profile) + lift * arch + 0.0009 * profile;
         let p = MIDDLE + d * (skull.radius(&d) + height);
         let side = flow.cross(&d);
         let colour = {
-            let sheen = 1.0 + 0.55 * smooth(0.15, 0.45, t) as f32 * smooth(0.8, 0.5, t) as f32;
-            let root = mix(HAIR.map(|c| c * 0.8), HAIR, smooth(0.0, 0.3, t) as f32);
+            let sheen =
+                1.0 + 0.55 * smoothstep(0.15, 0.45, t) as f32 * smoothstep(0.8, 0.5, t) as f32;
+            let root = mix(HAIR.map(|c| c * 0.8), HAIR, smoothstep(0.0, 0.3, t) as f32);
             root.map(|c| linear(c * bright * sheen))
         };
         let corners = (0..CORNERS).map(|c| {

@@ -24,12 +24,13 @@ mod palette;
 mod shirt;
 mod skin;
 
+use crate::base::geometry::smoothstep;
 use image::RgbImage;
 
 use crate::simulator::virtual_head::{HeadAsset, Part};
 use crate::studio::bake::mesh::Vec3;
 pub use layer::Layer;
-use palette::{linear, smooth};
+use palette::linear;
 
 /// What a surface looks like.
 pub struct Look {
@@ -66,7 +67,7 @@ pub const NECK: Vec3 = Vec3::new(0.0, -0.165, -0.112);
 #[must_use]
 pub fn turns(p: &Vec3) -> f64 {
     // The neck leans: its front is higher than its back by a third of how far it is in front.
-    smooth(-0.172, -0.098, p.y + 0.35 * (p.z + 0.085))
+    smoothstep(-0.172, -0.098, p.y + 0.35 * (p.z + 0.085))
 }
 
 impl Hero {
@@ -183,18 +184,18 @@ fn tint(part: Part, light: f32, p: &Vec3, normal: &Vec3, marks: &[Vec3]) -> [f32
         Part::Skin => {
             // Hollows are dark, the rest is left to the lamps of whoever shows it.
             let light = f64::from(light);
-            let shade = (0.12 + 0.88 * smooth(0.0, 0.5, light)) * (0.84 + 0.16 * light);
+            let shade = (0.12 + 0.88 * smoothstep(0.0, 0.5, light)) * (0.84 + 0.16 * light);
             let shade = shade as f32 * (1.0 - 0.62 * lid(p, marks));
             // Light that has been through skin is red.
             let [r, g, b] = [0.60, 1.0, 1.08].map(|k: f32| shade.powf(k));
-            let ear = smooth(0.070, 0.082, p.x.abs()) as f32;
-            let ear = ear * smooth(-0.075, -0.055, p.y) as f32;
+            let ear = smoothstep(0.070, 0.082, p.x.abs()) as f32;
+            let ear = ear * smoothstep(-0.075, -0.055, p.y) as f32;
             // The inner side of the lips is as red as they are; the nape is as high and looks back too.
-            let front = smooth(-0.060, -0.040, p.z);
+            let front = smoothstep(-0.060, -0.040, p.z);
             let near = front
-                * smooth(0.012, 0.006, (p.y + 0.0665).abs())
-                * smooth(0.030, 0.024, p.x.abs());
-            let inner = (near * smooth(0.15, -0.25, normal.z)) as f32;
+                * smoothstep(0.012, 0.006, (p.y + 0.0665).abs())
+                * smoothstep(0.030, 0.024, p.x.abs());
+            let inner = (near * smoothstep(0.15, -0.25, normal.z)) as f32;
             let red = |k: usize| 1.0 - ear * [0.0, 0.16, 0.18][k] - inner * [0.30, 0.55, 0.52][k];
             [r * red(0), g * red(1), b * red(2)]
         }
@@ -223,7 +224,7 @@ fn lid(p: &Vec3, marks: &[Vec3]) -> f32 {
         }
         for k in 0..=24 {
             let d = (palette::curve(&points, f64::from(k) / 8.0) - p).norm();
-            best = best.max(strength * smooth(WIDE_M, 0.0003, d));
+            best = best.max(strength * smoothstep(WIDE_M, 0.0003, d));
         }
     }
     best as f32

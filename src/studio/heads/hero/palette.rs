@@ -1,5 +1,6 @@
 //! Colours of the hero and how they are put on: sRGB 0…1 unless called linear.
 
+use crate::base::geometry::smoothstep;
 use image::RgbImage;
 
 use crate::studio::bake::mesh::Vec3;
@@ -27,12 +28,6 @@ pub(super) fn linear(v: f32) -> f32 {
     srgb::linear(f64::from(v.clamp(0.0, 1.0))) as f32
 }
 
-/// Smooth step from 0 at `a` to 1 at `b`, which may be the smaller.
-pub(super) fn smooth(a: f64, b: f64, x: f64) -> f64 {
-    let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
 /// From `a` to `b` by `share`.
 pub(super) fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
     [0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * share)
@@ -50,7 +45,7 @@ pub(super) fn dice(k: u32) -> f64 {
 /// Smooth noise of a place, -1…1, about one wave a unit.
 pub(super) fn noise(x: f64, y: f64, seed: u32) -> f64 {
     let (i, j) = (x.floor(), y.floor());
-    let (u, v) = (smooth(0.0, 1.0, x - i), smooth(0.0, 1.0, y - j));
+    let (u, v) = (smoothstep(0.0, 1.0, x - i), smoothstep(0.0, 1.0, y - j));
     let corner = |a: f64, b: f64| {
         let k = ((i + a) as i32 as u32).wrapping_mul(73_856_093);
         dice(k ^ ((j + b) as i32 as u32).wrapping_mul(19_349_663) ^ seed)

@@ -2,7 +2,7 @@
 
 use super::layer::Layer;
 use super::look;
-use super::palette::smooth;
+use crate::base::geometry::smoothstep;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::mesh::{Mesh, Vec3};
 
@@ -13,7 +13,7 @@ const SHADE: [f32; 3] = [1.0; 3];
 /// How far below the collar a place is.
 fn below(p: &Vec3) -> f64 {
     // Lower in front than behind.
-    -0.134 - 0.020 * smooth(-0.160, -0.050, p.z) - p.y
+    -0.134 - 0.020 * smoothstep(-0.160, -0.050, p.z) - p.y
 }
 
 /// Whether a place is well under the shirt: skin there has its colour, for the edge below.

@@ -3,10 +3,11 @@
 //! A place of the picture is an angle about the axis and a height. What lies behind the ears has no picture; its edges
 //! are plain skin, so that there is no seam. Lengths in metres along the picture: angle times [`RADIUS_M`], and height.
 
+use crate::base::geometry::smoothstep;
 use image::RgbImage;
 
 use super::hair;
-use super::palette::{HAIR, SKIN, curve, dice, mix, noise, picture, smooth};
+use super::palette::{HAIR, SKIN, curve, dice, mix, noise, picture};
 use crate::studio::bake::mesh::Vec3;
 
 /// The axis.
@@ -93,12 +94,13 @@ fn brow(marks: &[Vec3], seed: u32) -> Vec<Stroke> {
             let ahead = ahead.try_normalize(1e-12).unwrap_or_else(Vec3::x);
             let up = Vec3::new(-ahead.y * side, ahead.x * side, 0.0);
             // Full near the nose, a point at the temple.
-            let thick =
-                0.0040 * smooth(-0.10, 0.16, share) * (1.0 - 0.80 * smooth(0.45, 1.0, share));
+            let thick = 0.0040
+                * smoothstep(-0.10, 0.16, share)
+                * (1.0 - 0.80 * smoothstep(0.45, 1.0, share));
             let root = p + up * (thick * (2.0 * roll(1) - 1.0) - 0.0004);
             // Upright near the nose, along the brow further out; upper hairs lean down, lower ones up.
             let lean =
-                1.15 * smooth(0.32, 0.0, share) + 0.25 * (p - root).dot(&up) / thick.max(1e-4);
+                1.15 * smoothstep(0.32, 0.0, share) + 0.25 * (p - root).dot(&up) / thick.max(1e-4);
             let long = 0.0048 * (0.7 + 0.5 * roll(2)) * (1.0 - 0.3 * share);
             let along = ahead * lean.cos() + up * lean.sin();
             Stroke(root, root + along * long, 0.00010 + 0.00006 * roll(3))
@@ -117,7 +119,7 @@ fn covered(strokes: &[Stroke], x: f64, y: f64) -> f32 {
         let along = b - a;
         let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
         let d = (a + along * t - p).norm();
-        bare *= 1.0 - 0.46 * smooth(half * (1.0 - 0.6 * t) + 0.00030, 0.0, d);
+        bare *= 1.0 - 0.46 * smoothstep(half * (1.0 - 0.6 * t) + 0.00030, 0.0, d);
     }
     (1.0 - bare) as f32
 }
@@ -172,12 +174,12 @@ pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
         let around = x.abs() < 0.045 && (-0.090..-0.045).contains(&y);
         if around {
             let d = lips.distance(x, y);
-            let share = smooth(0.0009, -0.0011, d) as f32;
+            let share = smoothstep(0.0009, -0.0011, d) as f32;
             let lines = noise(x * 1500.0, y * 120.0, 4) as f32;
             // The upper lip faces down and is the darker.
-            let upper = smooth(-0.0680, -0.0640, y) as f32;
+            let upper = smoothstep(-0.0680, -0.0640, y) as f32;
             let lip = LIP.map(|c| c * (1.0 - 0.07 * upper) * (1.0 + 0.035 * lines));
-            let line = smooth(0.0016, 0.0, (y - (-0.0662 - 9.0 * x * x)).abs()) as f32;
+            let line = smoothstep(0.0016, 0.0, (y - (-0.0662 - 9.0 * x * x)).abs()) as f32;
             let lip = mix(lip, [0.40, 0.17, 0.16], 0.5 * line);
             colour = mix(colour, lip, 0.92 * share);
         }
@@ -196,11 +198,14 @@ pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
         let angle = x / RADIUS_M;
         let p = Vec3::new(0.094 * angle.sin(), y, AXIS_Z_M + 0.094 * angle.cos());
         let ragged = 0.030 * noise(x * 900.0, y * 60.0, 8) + 0.02 * noise(x * 300.0, y * 40.0, 9);
-        let grown = smooth(-0.07, 0.05, hair::above_line(&p) + ragged) as f32;
+        let grown = smoothstep(-0.07, 0.05, hair::above_line(&p) + ragged) as f32;
         let colour = mix(colour, HAIR, 0.8 * grown);
         // Plain at the edges.
-        let edge =
-            smooth(0.85, 0.97, x.abs() / (REACH * RADIUS_M)).max(smooth(bottom + 0.015, bottom, y));
+        let edge = smoothstep(0.85, 0.97, x.abs() / (REACH * RADIUS_M)).max(smoothstep(
+            bottom + 0.015,
+            bottom,
+            y,
+        ));
         mix(colour, SKIN, edge as f32)
     })
 }
