@@ -83,6 +83,15 @@ def main():
     parts = material.GetMaterialBindSubsets() or [mesh]
     bound = [UsdShade.MaterialBindingAPI(p.GetPrim()).ComputeBoundMaterial()[0] for p in parts]
     assert all(bound), "a material everywhere"
+    # Skin with a picture is white beneath it; where plain skin meets it, the plain one keeps its colour.
+    shown = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("displayColor")
+    colours = np.array(shown.ComputeFlattened())
+    if shown.GetInterpolation() == "vertex":
+        colours = colours[mesh.GetFaceVertexIndicesAttr().Get()]
+    starts = np.cumsum([0] + [len(face) for face in faces])
+    (plain,) = (p for p in parts if p.GetPrim().GetName() == "skin_behind")
+    plain = [colours[starts[f] : starts[f + 1]] for f in plain.GetIndicesAttr().Get()]
+    assert np.concatenate(plain).max() < 0.8, "plain skin as white as the pictured one"
 
     names = [s["name"] for s in listed]
     assert names == glb_names(glb), "names of the glTF targets"

@@ -19,9 +19,9 @@
 //! Normals and texture coordinates are written if the mesh has them. Normals turn with the shapes where a vertex has one;
 //! with several (hard edges) they stay as they are, for UsdSkel has no such offsets.
 //!
-//! Materials have the head's colours and pictures, the pictures as files beside this one; colours of vertices are
-//! `displayColor`, times the material's, and shown where there is no picture. Limits: skeletons and animations stay behind.
-//!
+//! Materials have the head's colours and pictures, the pictures as files beside this one; colours of vertices, times the
+//! material's, are `displayColor` of the corners, and shown where there is no picture. Limits: skeletons and animations stay
+//! behind.
 
 mod text;
 
@@ -188,14 +188,19 @@ fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
         set(out, "int[] primvars:displayColor:indices", whole(material));
         return;
     }
-    let mut tints = mesh.tints.clone();
+    // Vertices where two materials meet have a colour of each.
+    let (mut tints, mut corners, mut known) = (Vec::new(), Vec::new(), HashMap::new());
     for (f, &k) in material.iter().enumerate() {
+        let colour = of(&used[k]);
         for v in mesh.face(f).iter().map(|c| c.vertex as usize) {
-            let colour = of(&used[k]);
-            tints[v] = [0, 1, 2].map(|c| mesh.tints[v][c] * colour[c]);
+            corners.push(*known.entry((v, k)).or_insert_with(|| {
+                tints.push([0, 1, 2].map(|c| mesh.tints[v][c] * colour[c]));
+                tints.len() - 1
+            }));
         }
     }
-    attribute(out, NAME, &tuples(tints), "vertex");
+    attribute(out, NAME, &tuples(tints), "faceVarying");
+    set(out, "int[] primvars:displayColor:indices", whole(corners));
 }
 
 /// The geometry of the neutral head.
