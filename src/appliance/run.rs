@@ -405,7 +405,7 @@ fn table(
         CsvTarget::File(path) => Pipe::create(path, &signals.stop),
     };
     let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
-    let rows = rows.map_err(|source| OutputError::Csv { source })?;
+    let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
     Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
 }

@@ -62,7 +62,7 @@ impl Failure {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Settings(_) | Self::Output(OutputError::NotBuilt { .. }) => 2,
+            Self::Settings(_) | Self::Output(OutputError::NotBuilt(_)) => 2,
             Self::Source(SourceError::Missing(_)) => 3,
             _ => 1,
         }

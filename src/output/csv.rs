@@ -190,7 +190,7 @@ impl<W: Write> Csv<W> {
         match self.to.write_all(row).and_then(|()| self.to.flush()) {
             Ok(()) => self.count += 1,
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.dropped += 1,
-            Err(source) => return Err(OutputError::Csv { source }),
+            Err(source) => return Err(OutputError::Csv(source)),
         }
         Ok(())
     }

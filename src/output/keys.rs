@@ -76,10 +76,7 @@ impl Keys {
     /// # Errors
     /// If it cannot be opened.
     pub fn new(path: &str) -> Result<Self, OutputError> {
-        let failed = |source| OutputError::Keys {
-            path: path.to_owned(),
-            source,
-        };
+        let failed = |source| OutputError::Keys(path.to_owned(), source);
         let mut device = OpenOptions::new()
             .write(true)
             .custom_flags(libc::O_NONBLOCK)

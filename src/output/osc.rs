@@ -169,7 +169,7 @@ impl Osc {
             });
         }
         if prefix.is_empty() {
-            return Err(OutputError::Prefix { prefix });
+            return Err(OutputError::Prefix(prefix));
         }
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),

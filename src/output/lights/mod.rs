@@ -172,10 +172,7 @@ impl Desk {
         units: &[&str],
         universes_of: Universes,
     ) -> Result<Self, OutputError> {
-        let refuse = |row: &str, expected: &'static str| OutputError::Channel {
-            row: row.to_owned(),
-            expected,
-        };
+        let refuse = |row: &str, expected| OutputError::Channel(row.to_owned(), expected);
         let mut universes: Vec<(u16, [u8; CHANNELS])> = Vec::new();
         let mut taken: Vec<[bool; CHANNELS]> = Vec::new();
         let mut channels = Vec::new();

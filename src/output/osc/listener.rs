@@ -63,9 +63,7 @@ impl Listener {
     /// If it is not an address with a port.
     pub(super) fn open(address: &str, prefix: &str) -> Result<Self, OutputError> {
         let parsed = address.parse();
-        let address = parsed.map_err(|_| OutputError::Listen {
-            address: address.to_owned(),
-        })?;
+        let address = parsed.map_err(|_| OutputError::Listen(address.to_owned()))?;
         Ok(Self {
             socket: bind(address).ok(),
             address,

@@ -58,7 +58,7 @@ impl Target {
                 Self::named(target, resolve)
             } else {
                 let target = target.to_owned();
-                Err(OutputError::Target { target })
+                Err(OutputError::Target(target))
             };
         };
         let any = match address {
@@ -99,7 +99,7 @@ impl Target {
                     std::thread::sleep(LOOK_UP_PAUSE);
                 }
             })
-            .map_err(|source| OutputError::Thread { source })?;
+            .map_err(OutputError::Thread)?;
         // The socket is made for IPv4 before the name is known.
         Self::over(ANY, To::Name(name, thread.thread().clone()))
     }
@@ -112,7 +112,7 @@ impl Target {
                 socket.set_broadcast(true).ok();
                 Ok(socket)
             })
-            .map_err(|source| OutputError::Socket { source })?;
+            .map_err(OutputError::Socket)?;
         Ok(Self { socket, to })
     }
 

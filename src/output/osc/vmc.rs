@@ -10,7 +10,7 @@
 //! One face: the first seen, until lost.
 
 use super::packet::Argument;
-use super::parameters::{Parameter, Rig};
+use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
 use crate::base::defaults;
 use crate::base::geometry::Rigid;
@@ -97,8 +97,8 @@ impl Vmc {
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
             Names::Arkit => Parameter::of_arkit(settings.derived, units),
-            Names::Vrm0 => Parameter::of_rig(Rig::Vrm0, units),
-            Names::Vrm1 => Parameter::of_rig(Rig::Vrm1, units),
+            Names::Vrm0 => Parameter::of_rig("vrm0", units),
+            Names::Vrm1 => Parameter::of_rig("vrm1", units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
         let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum(sum, units));

@@ -9,7 +9,7 @@
 //! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
-use super::parameters::{Parameter, Rig};
+use super::parameters::Parameter;
 use super::wire::{self, Targets, Wire};
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
@@ -101,7 +101,7 @@ impl VrChat {
     /// If the prefix is unusable.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
-        let parameters = Parameter::of_rig(Rig::Unified, units).into_iter();
+        let parameters = Parameter::of_rig("unified", units).into_iter();
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),
             face: OneFace::new(units, &settings.view, settings.loss),

@@ -87,7 +87,7 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
     let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
     if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
-        return Err(OutputError::Prefix { prefix });
+        return Err(OutputError::Prefix(prefix));
     }
     Ok(prefix)
 }

@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn weights_are_the_reference_frame() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         let values = [0.0, 128.0 / 255.0, 1.0];
         assert!(weights(
             1,
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn flags_tell_state_and_slot() {
         let flags = |state, user, frozen| {
-            let mut line = Line::new();
+            let mut line = Line::default();
             let report = Report {
                 user: Some(user),
                 frozen,
@@ -235,7 +235,7 @@ mod tests {
                     }
                 });
                 let payload: Payload = bytes.collect();
-                let mut line = Line::new();
+                let mut line = Line::default();
                 assert!(append(payload.clone(), &mut line));
                 let back = unstuffed(line.bytes());
                 let (back, checksum) = back.split_at(length);
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn hello_names_the_units_and_a_pose_its_numbers() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(hello(&["AU25".into(), "AU12L".into()], &mut line));
         let payload = unstuffed(line.bytes());
         assert_eq!(
@@ -273,7 +273,7 @@ mod tests {
     #[test]
     fn many_names_come_in_frames_that_fit_the_ring() {
         let names: Vec<String> = (0..40).map(|i| format!("AU{i}L")).collect();
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(hello(&names, &mut line));
         let mut back = Vec::new();
         for frame in line.bytes().split_inclusive(|&byte| byte == 0) {
@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn fifty_two_units_fit_the_ring_of_an_avr() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         let values = core::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
         assert!(weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line));
         assert!(line.bytes().len() <= 63, "{}", line.bytes().len());

@@ -51,7 +51,7 @@ impl Encoder {
         let channels = view.channels(units);
         let channels = plan.units.iter().map(|&unit| channels[unit]);
         let encoder = Self {
-            line: Line::new(),
+            line: Line::default(),
             count: 0,
             scale,
             style: settings.style,
@@ -121,7 +121,7 @@ const NAMES_MOST: usize = line::LARGEST / 2;
 
 /// What is sent on opening and every few seconds.
 fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
-    let mut header = Line::new();
+    let mut header = Line::default();
     let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
     let names_fit = match style {
         Style::Text => header.sentence(|line| {
@@ -146,7 +146,7 @@ fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
 fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
-        found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
+        found.ok_or_else(|| OutputError::Unit(name.clone()))
     };
     let listed = settings.units.iter().map(index);
     let listed: Vec<usize> = listed.collect::<Result<_, _>>()?;
@@ -162,7 +162,7 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     // Names too long for a line are told before any plan is made.
     header(settings.style, &names(&wanted))?;
     let bytes = |of: &[usize], scale: Scale| {
-        let (names, mut line) = (names(of), Line::new());
+        let (names, mut line) = (names(of), Line::default());
         let most = core::iter::repeat_n(scale.longest(), of.len());
         Frame::longest(settings.pose, scale).write(settings.style, &names, most, &mut line);
         let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());

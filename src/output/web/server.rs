@@ -226,9 +226,8 @@ impl Place {
 
 /// Where to listen.
 pub(super) fn address(listen: &str) -> Result<SocketAddr, OutputError> {
-    listen.parse().map_err(|_| OutputError::Listen {
-        address: listen.to_owned(),
-    })
+    let unusable = |_| OutputError::Listen(listen.to_owned());
+    listen.parse().map_err(unusable)
 }
 
 /// The service, its connections and its listening socket.
