@@ -104,10 +104,7 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let name: SourceName = match settings.sensor.source.parse() {
-        Ok(name) => name,
-        Err(never) => match never {},
-    };
+    let Ok(name) = settings.sensor.source.parse::<SourceName>();
     let Some(serial) = name.on_usb() else {
         let text = format_args!("using {}, none needed on USB", settings.sensor.source);
         return lines.say(Verdict::Ok, "sensor", text);
@@ -126,9 +123,7 @@ fn sensor(
             if let Some(wanted) = serial
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
-                let found = listed.len();
-                let wanted = wanted.to_owned();
-                let problem = DeviceError::OtherSerial { wanted, found };
+                let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
                 lines.say(Verdict::Fail, "sensor", problem);
             }
         }

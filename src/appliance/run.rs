@@ -190,10 +190,8 @@ impl<'r> Session<'r> {
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
         // What a pipe would give is not waited for.
         if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
-            return Err(Failure::Settings(SettingsError::Unreadable {
-                path: path.into(),
-                reason: "not a regular file".to_owned(),
-            }));
+            let reason = "not a regular file".to_owned();
+            return Err(SettingsError::Unreadable(path.into(), reason).into());
         }
         let (new, old) = (settings(config)?, &self.settings);
         if new == *old {

@@ -83,14 +83,9 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording.
     #[error(
-        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {name}{hint}"
+        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]
-    Unknown {
-        /// What was asked for.
-        name: String,
-        /// What may have been meant.
-        hint: String,
-    },
+    Unknown(String, String),
     /// Nor a depth camera's.
     #[error(transparent)]
     Rgbd(#[from] RgbdError),
@@ -134,8 +129,7 @@ impl Source {
         let name = directory.to_string_lossy();
         let hint = hint(&name, ["kinect", "simulated"]);
         if !hint.is_empty() && !directory.exists() {
-            let name = name.into_owned();
-            return Err(SourceError::Unknown { name, hint });
+            return Err(SourceError::Unknown(name.into_owned(), hint));
         }
         if Rgbd::is_in(directory) {
             return Ok(Self::Rgbd(Box::new(Rgbd::open(directory)?)));

@@ -81,20 +81,12 @@ pub enum UnitsError {
     #[error("units table: {0}")]
     Syntax(#[from] toml::de::Error),
     /// A row that does not fit.
-    #[error("units table: {row}: expected {expected}")]
-    Row {
-        /// The row's measure, feature or unit.
-        row: String,
-        /// What it should be.
-        expected: &'static str,
-    },
+    #[error("units table: {0}: expected {1}")]
+    Row(String, &'static str),
 }
 
 fn refused(row: &str, expected: &'static str) -> UnitsError {
-    UnitsError::Row {
-        row: row.chars().take(16).collect(),
-        expected,
-    }
+    UnitsError::Row(row.chars().take(16).collect(), expected)
 }
 
 /// Whether all that a row has to be is true; else the first that is not.

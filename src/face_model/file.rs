@@ -76,11 +76,9 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 
 /// The sections of a file that is whole and of a version that is understood, and its checksum.
 fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
-    let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
-    if !is_model {
-        return Err(ModelError::NotAModel {
-            found: bytes[..bytes.len().min(MAGIC.len())].to_vec(),
-        });
+    if !bytes.starts_with(&MAGIC) {
+        let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
+        return Err(ModelError::NotAModel(found));
     }
     let length = |expected| ModelError::Length {
         expected,
@@ -123,7 +121,7 @@ fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, Mo
         let (_, bytes) = *sections.find(|(tag, _)| *tag == section.as_bytes())?;
         Some(Reader { section, bytes })
     };
-    let needed = |section| optional(section).ok_or(ModelError::Missing { section });
+    let needed = |section| optional(section).ok_or(ModelError::Missing(section));
     let shape = parse_shape(needed("SHAP")?)?;
     let modes = shape.modes.len();
     let stages = |section| parse_stages(needed(section)?, VIEW_PARAMETERS + modes, lasting);
@@ -435,10 +433,10 @@ mod tests {
     #[test]
     fn every_damage_is_named() {
         let bytes = emit(&example());
-        assert!(matches!(parse(b""), Err(ModelError::NotAModel { .. })));
+        assert!(matches!(parse(b""), Err(ModelError::NotAModel(_))));
         assert!(matches!(
             parse(b"P5 640 480 255 pixels"),
-            Err(ModelError::NotAModel { .. })
+            Err(ModelError::NotAModel(_))
         ));
         let mut other = bytes.clone();
         other[8] = 9;

@@ -44,19 +44,14 @@ use signature::{Difference, Signature};
 use tracker::Tracker;
 use trail::{COAST_S, Trail};
 
-/// Why a tracker cannot be created.
+/// Why a tracker cannot be created: a standard head of so many points is unusable.
 #[derive(Debug, thiserror::Error)]
-pub enum PoseError {
-    /// The anchor is unusable.
-    #[error(
-        "standard head: expected {} to 65534 finite points, found {found} points; the face model is not one of mien's",
-        icp::MIN_PAIRS
-    )]
-    StandardHead {
-        /// Points given.
-        found: usize,
-    },
-}
+#[error(
+    "standard head: expected {} to 65534 finite points, found {} points; the face model is not one of mien's",
+    icp::MIN_PAIRS,
+    .0
+)]
+pub struct PoseError(pub usize);
 
 /// Steps of a search, each of which may run in a separate frame.
 const SEARCH_HALVES: u32 = 2;
@@ -101,9 +96,7 @@ impl PoseTracker {
     /// # Errors
     /// When the standard head has too few points or one that is not finite.
     pub fn new(settings: Settings, standard_head: &[(Point, Vector)]) -> Result<Self, PoseError> {
-        let anchor = Anchor::new(standard_head).ok_or(PoseError::StandardHead {
-            found: standard_head.len(),
-        })?;
+        let anchor = Anchor::new(standard_head).ok_or(PoseError(standard_head.len()))?;
         let surface = (settings.method == Method::Paper).then(|| Arc::new(anchor.fine_surface()));
         Ok(Self::over(settings, Arc::new(anchor), surface))
     }

@@ -21,11 +21,8 @@ pub(super) enum Damage {
     Unreadable(#[from] std::io::Error),
     #[error("is no whole PGM, PPM, PNG or JPEG")]
     Format,
-    #[error("has {found:?} pixels, expected {expected:?}")]
-    Size {
-        expected: [usize; 2],
-        found: [usize; 2],
-    },
+    #[error("has {1:?} pixels, expected {0:?}")]
+    Size([usize; 2], [usize; 2]),
     #[error("ends before its last pixel")]
     Short,
     #[error("expected {0}")]
@@ -203,7 +200,7 @@ fn pixels(
     expected: [usize; 2],
 ) -> Result<Pixels<'_>, Damage> {
     if found != expected {
-        return Err(Damage::Size { expected, found });
+        return Err(Damage::Size(expected, found));
     }
     let columns = found[0];
     let bytes = columns * found[1] * channels * (1 + usize::from(wide));

@@ -44,11 +44,8 @@ impl View for Drawn {
 
 /// There is no scene of that name.
 #[derive(Debug, thiserror::Error)]
-#[error("expected one of the scenes {}, found {name}{}", scene_names(), hint(name, Scene::NAMES.iter().map(|s| s.0)))]
-pub struct UnknownScene {
-    /// What was asked for.
-    pub name: String,
-}
+#[error("expected one of the scenes {}, found {}{}", scene_names(), .0, hint(.0, Scene::NAMES.iter().map(|s| s.0)))]
+pub struct UnknownScene(pub String);
 
 /// A simulated sensor that is running. Never ends.
 pub struct Simulated {
@@ -65,9 +62,7 @@ impl Simulated {
     pub fn new(scene: Option<&str>) -> Result<Self, UnknownScene> {
         let scene = match scene {
             None => Scene::Demo,
-            Some(name) => Scene::named(name).ok_or_else(|| UnknownScene {
-                name: name.to_owned(),
-            })?,
+            Some(name) => Scene::named(name).ok_or_else(|| UnknownScene(name.to_owned()))?,
         };
         let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
         Ok(Self::from(if scene == Scene::Demo {

@@ -33,13 +33,8 @@ const MOST: usize = 1 << 20;
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum SettingsError {
     /// The file cannot be read.
-    #[error("{}: cannot be read ({reason}); give an existing file or leave --config out", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        reason: String,
-    },
+    #[error("{}: cannot be read ({}); give an existing file or leave --config out", .0.display(), .1)]
+    Unreadable(PathBuf, String),
     /// An invalid entry in the file.
     #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
     Wrong {
@@ -65,10 +60,8 @@ impl Settings {
         let text = bounded_read::read(path, MOST).and_then(|bytes| {
             String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
         });
-        let text = text.map_err(|error| SettingsError::Unreadable {
-            path: path.into(),
-            reason: error.to_string(),
-        })?;
+        let text =
+            text.map_err(|error| SettingsError::Unreadable(path.into(), error.to_string()))?;
         Self::parse(&text, path)
     }
 

@@ -172,53 +172,28 @@ pub enum DeviceError {
     )]
     NoPower,
     /// Cameras there, but not the one asked for.
-    #[error(
-        "no Kinect with serial {wanted} among the {found} on USB; `mien devices` lists the serials"
-    )]
-    OtherSerial {
-        /// Serial asked for.
-        wanted: String,
-        /// Cameras found.
-        found: usize,
-    },
+    #[error("no Kinect with serial {0} among the {1} on USB; `mien devices` lists the serials")]
+    OtherSerial(String, usize),
     /// The device node may not be opened.
     #[error(
-        "no permission to open the Kinect at /dev/bus/usb/{bus:03}/{address:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
+        "no permission to open the Kinect at /dev/bus/usb/{0:03}/{1:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
     )]
-    Access {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
+    Access(u8, u8),
     /// Another program or a driver that cannot be detached holds the interface.
     #[error(
-        "the Kinect at bus {bus} address {address} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
+        "the Kinect at bus {0} address {1} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
     )]
-    Busy {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
+    Busy(u8, u8),
     /// The device was not configured by the kernel.
     #[error(
-        "the Kinect at bus {bus} address {address} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
+        "the Kinect at bus {0} address {1} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
     )]
-    NotConfigured {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
+    NotConfigured(u8, u8),
     /// Connected at a speed that cannot carry the streams.
     #[error(
-        "the Kinect is connected at {speed}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
+        "the Kinect is connected at {0}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
     )]
-    Slow {
-        /// Speed found.
-        speed: &'static str,
-    },
+    Slow(&'static str),
     /// The chosen alternate setting lacks an isochronous endpoint.
     #[error(
         "the {model} has no isochronous endpoint 0x{endpoint:02x} in alternate setting {alternate}; unplug it, wait a second and plug it in again"
@@ -238,12 +213,9 @@ pub enum DeviceError {
     NoUsb,
     /// The host controller refused the isochronous reservation.
     #[error(
-        "the USB controller has no room for the {stream:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
+        "the USB controller has no room for the {0:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
     )]
-    Bandwidth {
-        /// The stream refused.
-        stream: Stream,
-    },
+    Bandwidth(Stream),
     /// The device left.
     #[error("the Kinect was unplugged or lost power; plug it in again")]
     Gone,
@@ -257,9 +229,6 @@ pub enum DeviceError {
     #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
     NoMotor,
     /// Anything else libusb reports.
-    #[error("USB: {problem} (libusb); unplug the Kinect and plug it in again")]
-    Other {
-        /// In its words.
-        problem: String,
-    },
+    #[error("USB: {0} (libusb); unplug the Kinect and plug it in again")]
+    Other(String),
 }

@@ -71,22 +71,14 @@ pub enum KinectError {
     Device(#[from] DeviceError),
     /// A command got no reply.
     #[error(
-        "the Kinect did not reply to command 0x{command:02x} within 1 s; unplug it and plug it in again"
+        "the Kinect did not reply to command 0x{0:02x} within 1 s; unplug it and plug it in again"
     )]
-    NoReply {
-        /// Number of the command.
-        command: u16,
-    },
+    NoReply(u16),
     /// A command got a wrong reply, three times.
     #[error(
-        "the Kinect's reply to command 0x{command:02x} is wrong: {problem}; unplug it and plug it in again"
+        "the Kinect's reply to command 0x{0:02x} is wrong: {1}; unplug it and plug it in again"
     )]
-    BadReply {
-        /// Number of the command.
-        command: u16,
-        /// What is wrong.
-        problem: BadReply,
-    },
+    BadReply(u16, BadReply),
     /// The camera answered with an error.
     #[error(
         "the Kinect refused command 0x{command:02x} for 0x{register:03x} with status {status}; unplug it and plug it in again"
@@ -104,12 +96,9 @@ pub enum KinectError {
     Calibration(#[from] CalibrationError),
     /// No packets although the stream was restarted.
     #[error(
-        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it its own USB controller"
+        "the Kinect sends no {0:?} packets although it was restarted; check its power supply and give it its own USB controller"
     )]
-    Silent {
-        /// The stream.
-        stream: Stream,
-    },
+    Silent(Stream),
 }
 
 /// Counts since opening.
@@ -371,7 +360,7 @@ impl<S: PacketSource> Kinect<S> {
                 tracing::warn!("no {stream:?} packets for 1 s; restarting the Kinect's streams");
                 self.failed_restarts += 1;
             }
-            Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
+            Some(stream @ Stream::Depth) => return Err(KinectError::Silent(stream)),
             _ if now >= self.restart_at && !self.is_lossy(unpaired) => {
                 tracing::warn!(
                     "depth and colour pictures do not pair; restarting the Kinect's streams"

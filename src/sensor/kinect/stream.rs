@@ -155,7 +155,7 @@ impl Assembler {
             Ok(header) => header,
             Err(problem) => {
                 match problem {
-                    NotAPacket::Short { .. } => self.tally.wrong_length += 1,
+                    NotAPacket::Short(_) => self.tally.wrong_length += 1,
                     NotAPacket::Damaged => self.tally.damaged += 1,
                 }
                 self.unreadable = self.unreadable.saturating_add(1);

@@ -297,7 +297,7 @@ impl PacketSource for UsbKinect {
             Some(LIBUSB_ERROR_NO_DEVICE) => Err(DeviceError::Gone),
             Some(_) => {
                 self.stop(stream);
-                Err(DeviceError::Bandwidth { stream })
+                Err(DeviceError::Bandwidth(stream))
             }
         }
     }
@@ -399,7 +399,7 @@ mod tests {
                 DeviceError::Absent
                     | DeviceError::NoUsb
                     | DeviceError::NoPower
-                    | DeviceError::OtherSerial { .. }
+                    | DeviceError::OtherSerial(..)
             ),
             "{problem}"
         );

@@ -116,10 +116,9 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
     let cameras: Vec<_> = bus.cameras().collect();
     let mut failure = match serial {
         _ if cameras.is_empty() && bus.has_parts() => DeviceError::NoPower,
-        Some(wanted) if !cameras.is_empty() => DeviceError::OtherSerial {
-            wanted: wanted.to_owned(),
-            found: cameras.len(),
-        },
+        Some(wanted) if !cameras.is_empty() => {
+            DeviceError::OtherSerial(wanted.to_owned(), cameras.len())
+        }
         _ => DeviceError::Absent,
     };
     for (device, model) in cameras {
@@ -277,7 +276,7 @@ impl Bus {
         let driver = driver(device);
         let trouble = match device.open() {
             Err(problem) => Some(opening(problem, bus, address)),
-            Ok(_) if driver == Driver::Program => Some(DeviceError::Busy { bus, address }),
+            Ok(_) if driver == Driver::Program => Some(DeviceError::Busy(bus, address)),
             Ok(_) => fit(device, model).err(),
         };
         Listed {
@@ -320,15 +319,11 @@ impl Bus {
 /// both have an isochronous endpoint: the model's usual one first.
 fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
     if matches!(device.speed(), Speed::Low | Speed::Full) {
-        return Err(DeviceError::Slow {
-            speed: speed(device.speed()),
-        });
+        return Err(DeviceError::Slow(speed(device.speed())));
     }
     let usual = model.alternate_setting();
-    let configuration = (device.active_config_descriptor()).map_err(|_| {
-        let (bus, address) = (device.bus_number(), device.address());
-        DeviceError::NotConfigured { bus, address }
-    })?;
+    let configuration = (device.active_config_descriptor())
+        .map_err(|_| DeviceError::NotConfigured(device.bus_number(), device.address()))?;
     let carries = |setting: &rusb::InterfaceDescriptor<'_>, stream: Stream| {
         setting.endpoint_descriptors().any(|endpoint| {
             endpoint.address() == stream.endpoint()

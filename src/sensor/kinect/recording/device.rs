@@ -25,19 +25,12 @@ const LONGEST_CM: f32 = 1000.0;
 /// # Errors
 /// If the file is there and cannot be read or understood.
 pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
-    let path_buf = || path.to_path_buf();
     match bounded_read::regular(path, LARGEST_BYTES) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(RecordingError::File {
-            path: path_buf(),
-            source,
-        }),
+        Err(problem) => Err(RecordingError::File(path.into(), problem)),
         Ok(text) => from_json(&text)
             .map(Some)
-            .map_err(|problem| RecordingError::Device {
-                path: path_buf(),
-                problem,
-            }),
+            .map_err(|problem| RecordingError::Device(path.into(), problem)),
     }
 }
 
