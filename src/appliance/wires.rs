@@ -88,10 +88,8 @@ pub fn check(settings: &Settings) -> Result<(), OutputError> {
     if !ENABLED && !settings.gestures.is_empty() {
         return Err(OutputError::NotBuilt("gesture"));
     }
-    match enabled(settings).find(|row| row.open.is_none()) {
-        Some(row) => Err(OutputError::NotBuilt(row.section)),
-        None => Ok(()),
-    }
+    let missing = enabled(settings).find(|row| row.open.is_none());
+    missing.map_or(Ok(()), |row| Err(OutputError::NotBuilt(row.section)))
 }
 
 /// Sections of the outputs that this build is without.

@@ -14,12 +14,12 @@ pub use sections::{
     LogSettings, NetworkSettings, SensorSettings, Settings, StateSettings, StatusSettings,
 };
 
-use std::fmt::{Display, Write as _};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use keys::{GESTURE, Key, Kind, SECTIONS, Section, UNITS};
+use keys::{GESTURE, Key, Kind, Number, SECTIONS, Section, UNITS};
 use toml_words::{describe, integer, toml_string};
 
 use crate::base::bounded_read;
@@ -206,29 +206,21 @@ impl Kind<'_> {
     /// What is allowed, and the value as TOML.
     fn text(&self) -> (String, String) {
         match self {
-            Self::Float {
+            Self::Number {
                 value,
                 min,
                 max,
                 unit,
-            } => (span(min, max, unit), value.text()),
-            Self::Integer {
-                value,
-                min,
-                max,
-                unit,
-            } => (span(min, max, unit), value.to_string()),
+            } => {
+                let span = format!("{min} to {max} {unit}");
+                (span.trim_end().into(), value.text())
+            }
             Self::Bool(value) => ("true or false".into(), value.to_string()),
             Self::Text { value, form, .. } => ((*form).into(), toml_string(value)),
             Self::Texts { value, form, .. } => ((*form).into(), toml_strings(value)),
             Self::Choice { value, names, .. } => (quoted(names), toml_string(names[*value])),
         }
     }
-}
-
-/// A range in words.
-fn span(min: impl Display, max: impl Display, unit: &str) -> String {
-    format!("{min} to {max} {unit}").trim_end().into()
 }
 
 fn quoted(names: &[&str]) -> String {
@@ -272,30 +264,23 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
 fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
     let (allowed, _) = slot.text();
     let expected = match slot {
-        Kind::Float { .. } => format!("{path} from {allowed}"),
-        Kind::Integer { .. } => format!("{path} as a whole number from {allowed}"),
+        Kind::Number {
+            value: Number::Whole(_),
+            ..
+        } => format!("{path} as a whole number from {allowed}"),
+        Kind::Number { .. } => format!("{path} from {allowed}"),
         _ => format!("{path} to be {allowed}"),
     };
     let stored = match slot {
-        Kind::Float {
+        Kind::Number {
             value: slot,
             min,
             max,
             ..
         } => float(value)
+            .filter(|_| value.as_integer().is_some() || !matches!(slot, Number::Whole(_)))
             .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
             .map(|number| slot.set(number)),
-        Kind::Integer {
-            value: slot,
-            min,
-            max,
-            ..
-        } => value
-            .as_integer()
-            .and_then(integer)
-            .and_then(|number| u32::try_from(number).ok())
-            .filter(|number| (min..=max).contains(number))
-            .map(|number| *slot = number),
         Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
         Kind::Text {
             value: slot, valid, ..

@@ -15,7 +15,7 @@ type Term<'a> = (f32, Vec<&'a str>);
 
 /// A parameter in terms of units. Of several units in one term the largest counts: left and right, where the parameter has
 /// no sides, or a unit without sides, where the parameter has them.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Default, PartialEq)]
 struct Sum<'a> {
     /// Value at rest.
     rest: f32,
@@ -27,10 +27,7 @@ struct Sum<'a> {
 impl<'a> Sum<'a> {
     /// Reads `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` if it is no such sum.
     fn read(text: &'a str) -> Option<Self> {
-        let mut sum = Self {
-            rest: 0.0,
-            terms: Vec::new(),
-        };
+        let mut sum = Self::default();
         // Sign of the term that is being read, and its gain, if one stands there.
         let (mut sign, mut gain) = (Some(1.0), None);
         for word in text.split_whitespace() {
@@ -103,17 +100,9 @@ impl Parameter {
     }
 
     fn resolve(name: &str, sum: &Sum, units: &[&str]) -> Option<Self> {
-        let there = |names: &[&str]| -> Box<[usize]> {
-            names
-                .iter()
-                .filter_map(|name| units.iter().position(|unit| unit == name))
-                .collect()
-        };
-        let terms: Box<[(f32, Box<[usize]>)]> = sum
-            .terms
-            .iter()
-            .map(|(gain, names)| (*gain, there(names)))
-            .collect();
+        let index = |name: &&str| units.iter().position(|unit| unit == name);
+        let there = |(gain, names): &Term| (*gain, names.iter().filter_map(index).collect());
+        let terms: Box<[(f32, Box<[usize]>)]> = sum.terms.iter().map(there).collect();
         let measured = terms.first().is_some_and(|(_, units)| !units.is_empty());
         measured.then(|| Self {
             name: name.to_owned().into(),

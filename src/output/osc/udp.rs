@@ -51,15 +51,11 @@ struct Name {
 impl Target {
     fn open(target: &str) -> Result<Self, OutputError> {
         let Ok(address) = target.parse() else {
-            let host_and_port = target.rsplit_once(':');
-            let named = host_and_port
-                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
-            return if named {
-                Self::named(target, resolve)
-            } else {
-                let target = target.to_owned();
-                Err(OutputError::Target(target))
-            };
+            let named = target.rsplit_once(':');
+            if named.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
+                return Self::named(target, resolve);
+            }
+            return Err(OutputError::Target(target.to_owned()));
         };
         let any = match address {
             SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),

@@ -149,10 +149,8 @@ impl Sent {
             || (value != self.value && [-1.0, 0.0, 1.0].contains(&value));
         if always || changed {
             self.value = value;
-            wire.message(
-                format_args!("/{}", self.parameter.name),
-                [Argument::Float(value)],
-            );
+            let name = &self.parameter.name;
+            wire.message(format_args!("/{name}"), [Argument::Float(value)]);
         }
     }
 
@@ -202,11 +200,10 @@ impl Output for VrChat {
 impl Drop for VrChat {
     /// Neutral, and no face.
     fn drop(&mut self) {
-        if !self.wire.to.is_used() {
-            return;
+        if self.wire.to.is_used() {
+            self.face.weights.reset();
+            self.refresh = Every::default();
+            self.send_frame(Timestamp::default(), false);
         }
-        self.face.weights.reset();
-        self.refresh = Every::default();
-        self.send_frame(Timestamp::default(), false);
     }
 }

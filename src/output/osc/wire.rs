@@ -52,11 +52,8 @@ impl Sender {
     }
 
     fn count(&mut self, taken: bool) {
-        *(if taken {
-            &mut self.sent
-        } else {
-            &mut self.dropped
-        }) += 1;
+        self.sent += u64::from(taken);
+        self.dropped += u64::from(!taken);
     }
 
     /// Whether anything was sent; otherwise there is nothing to close.

@@ -109,20 +109,11 @@ pub(super) fn weights(
 ) -> bool {
     let byte = |value: f32| (value * 255.0).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let head = [
-        1,
-        number as u8,
-        ms_low,
-        ms_high,
-        flags,
-        byte(confidence),
-        weights.len() as u8,
-    ];
+    let head = [1, number as u8, ms_low, ms_high, flags, byte(confidence)];
     let mut payload = Payload::new();
     let filled = payload.extend_from_slice(&head).is_ok()
-        && weights
-            .into_iter()
-            .all(|weight| payload.push(byte(weight)).is_ok());
+        && payload.push(weights.len() as u8).is_ok()
+        && weights.map(byte).all(|weight| payload.push(weight).is_ok());
     filled && append(payload, line)
 }
 
@@ -132,16 +123,10 @@ pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Li
     // nalgebra keeps quaternions as x, y, z, w.
     let turn = sensor_from_head.rotation.coords * 32767.0;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let mut payload = Payload::new();
-    let filled = payload
-        .extend_from_slice(&[2, number as u8, ms_low, ms_high])
-        .is_ok()
-        && place.iter().chain(turn.iter()).all(|value| {
-            payload
-                .extend_from_slice(&(value.round() as i16).to_le_bytes())
-                .is_ok()
-        });
-    filled && append(payload, line)
+    let head = [2, number as u8, ms_low, ms_high];
+    let numbers = place.iter().chain(turn.iter());
+    let numbers = numbers.flat_map(|value| (value.round() as i16).to_le_bytes());
+    append(head.into_iter().chain(numbers).collect(), line)
 }
 
 /// A gesture that is on or off.

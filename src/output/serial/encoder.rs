@@ -96,9 +96,8 @@ impl Encoder {
         } else {
             0.0
         };
-        let pose = report
-            .sensor_from_face
-            .filter(|_| self.pose && state.is_present());
+        let pose = report.sensor_from_face;
+        let pose = pose.filter(|_| self.pose && state.is_present());
         let frame = Frame {
             count: self.count,
             scale: self.scale,
@@ -180,22 +179,20 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     let planned = |scale: Scale| {
         let bytes = |of: &[usize]| bytes(of, scale);
         let (baud, least) = (settings.baud, settings.min_rate_hz);
-        (
-            budget::plan(baud, least, longest, wanted.clone(), rank, bytes),
-            scale,
-        )
+        let plan = budget::plan(baud, least, longest, wanted.clone(), rank, bytes);
+        (plan, scale)
     };
-    let full = settings.full;
-    if settings.style != Style::Cobs && full < Scale::FINE {
-        let fine = planned(Scale { full, tenths: true });
+    let scale = |tenths| Scale {
+        full: settings.full,
+        tenths,
+    };
+    if settings.style != Style::Cobs && settings.full < Scale::FINE {
+        let fine = planned(scale(true));
         if fine.0.units.len() == wanted.len() && fine.0.rate_hz >= budget::FRAMES_HZ {
             return Ok(fine);
         }
     }
-    Ok(planned(Scale {
-        full,
-        tenths: false,
-    }))
+    Ok(planned(scale(false)))
 }
 
 #[cfg(test)]

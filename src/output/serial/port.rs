@@ -5,7 +5,7 @@
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -194,13 +194,9 @@ fn stable_name(path: &Path, names: &Path) -> Option<String> {
     }
     let device = path.canonicalize().ok()?;
     let links = std::fs::read_dir(names).ok()?;
-    links
-        .filter_map(|link| Some(link.ok()?.path()))
-        .filter(|link| link.canonicalize().is_ok_and(|leads_to| leads_to == device))
-        .min()?
-        .into_os_string()
-        .into_string()
-        .ok()
+    let links = links.filter_map(|link| Some(link.ok()?.path()));
+    let leads_there = |link: &PathBuf| link.canonicalize().is_ok_and(|end| end == device);
+    links.filter(leads_there).min()?.to_str().map(str::to_owned)
 }
 
 /// Writes to an open port.
@@ -250,22 +246,15 @@ impl Writer<'_> {
                     self.cut = !bytes.is_empty();
                     progress = Instant::now();
                 }
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
-                    ) =>
-                {
-                    let limit = if self.shared.lock().stop {
-                        STUCK_AT_THE_END
-                    } else {
-                        STUCK
-                    };
-                    if progress.elapsed() > limit {
-                        return Err(ErrorKind::TimedOut.into());
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
+                        let stops = self.shared.lock().stop;
+                        if progress.elapsed() > if stops { STUCK_AT_THE_END } else { STUCK } {
+                            return Err(ErrorKind::TimedOut.into());
+                        }
                     }
-                }
-                Err(error) => return Err(error),
+                    _ => return Err(error),
+                },
             }
         }
         std::thread::sleep(Duration::from_secs_f32(line_s).saturating_sub(start.elapsed()));

@@ -192,22 +192,17 @@ impl Service for Page {
 
 impl Page {
     fn write(&self, board: &Board, message: &mut String) -> std::fmt::Result {
-        let silent = self
-            .newest
-            .2
-            .map_or(u128::MAX, |at| at.elapsed().as_millis());
+        let (frame, _, at) = self.newest;
+        let silent = at.map_or(u128::MAX, |at| at.elapsed().as_millis());
         write!(
             message,
             "{{\"frame\":{},\"silent_ms\":{},\"rate\":{:.1},\"users\":[",
-            self.newest.0,
+            frame,
             silent.min(u128::from(u32::MAX)),
             self.rate
         )?;
-        let known = board
-            .users
-            .iter()
-            .enumerate()
-            .filter(|(_, shot)| shot.count > 0);
+        let users = board.users.iter().enumerate();
+        let known = users.filter(|(_, shot)| shot.count > 0);
         for (i, (slot, shot)) in known.enumerate() {
             let comma = if i > 0 { "," } else { "" };
             write!(
