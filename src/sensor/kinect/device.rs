@@ -118,46 +118,6 @@ pub enum Request<'a> {
     AudioAnswer(&'a mut [u8]),
 }
 
-/// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
-pub trait PacketSource {
-    /// Which sensor it is.
-    fn model(&self) -> Model;
-
-    /// Serial number of the unit, as printed by `mien devices`.
-    fn serial(&self) -> &str;
-
-    /// Makes a request. The length of what was read, or 0; a reply has none while it is not ready.
-    ///
-    /// # Errors
-    /// No such device, or the transfer failed.
-    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError>;
-
-    /// Puts transfers in flight on a stream, so that nothing of its first picture is missed.
-    ///
-    /// # Errors
-    /// The host refused the transfers.
-    fn start(&mut self, stream: Stream) -> Result<(), DeviceError>;
-
-    /// Cancels a stream's transfers and takes the last of them back.
-    fn stop(&mut self, stream: Stream);
-
-    /// Hands on what has arrived since the last call, oldest first per stream, waiting at most `wait` for something.
-    ///
-    /// # Errors
-    /// The device is gone.
-    fn poll(
-        &mut self,
-        wait: Duration,
-        sink: &mut dyn FnMut(Received<'_>),
-    ) -> Result<(), DeviceError>;
-
-    /// Time since some fixed moment; the device's own, so that a virtual one can run faster than the world.
-    fn clock(&self) -> Duration;
-
-    /// Lets time pass.
-    fn sleep(&mut self, time: Duration);
-}
-
 /// Why a Kinect cannot be reached. Each text is one sentence with the way out.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
@@ -231,4 +191,44 @@ pub enum DeviceError {
     /// Anything else libusb reports.
     #[error("USB: {0} (libusb); unplug the Kinect and plug it in again")]
     Other(String),
+}
+
+/// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
+pub trait PacketSource {
+    /// Which sensor it is.
+    fn model(&self) -> Model;
+
+    /// Serial number of the unit, as printed by `mien devices`.
+    fn serial(&self) -> &str;
+
+    /// Makes a request. The length of what was read, or 0; a reply has none while it is not ready.
+    ///
+    /// # Errors
+    /// No such device, or the transfer failed.
+    fn request(&mut self, request: Request<'_>) -> Result<usize, DeviceError>;
+
+    /// Puts transfers in flight on a stream, so that nothing of its first picture is missed.
+    ///
+    /// # Errors
+    /// The host refused the transfers.
+    fn start(&mut self, stream: Stream) -> Result<(), DeviceError>;
+
+    /// Cancels a stream's transfers and takes the last of them back.
+    fn stop(&mut self, stream: Stream);
+
+    /// Hands on what has arrived since the last call, oldest first per stream, waiting at most `wait` for something.
+    ///
+    /// # Errors
+    /// The device is gone.
+    fn poll(
+        &mut self,
+        wait: Duration,
+        sink: &mut dyn FnMut(Received<'_>),
+    ) -> Result<(), DeviceError>;
+
+    /// Time since some fixed moment; the device's own, so that a virtual one can run faster than the world.
+    fn clock(&self) -> Duration;
+
+    /// Lets time pass.
+    fn sleep(&mut self, time: Duration);
 }

@@ -296,9 +296,8 @@ impl<S: PacketSource> Kinect<S> {
                 return;
             };
             let number = assembler.tally.pictures - 1;
-            if let Some(pair) =
-                pairing.offer(received.stream, number, ticks, &mut assembler.picture)
-            {
+            let picture = &mut assembler.picture;
+            if let Some(pair) = pairing.offer(received.stream, number, ticks, picture) {
                 let made = u64::from(pair.has_colour());
                 paired |= made > 0;
                 health.pairs += made;
@@ -307,11 +306,8 @@ impl<S: PacketSource> Kinect<S> {
             }
         })?;
         let now = self.source.clock();
-        for stream in Stream::BOTH {
-            let i = stream.index();
-            if heard[i] {
-                self.heard[i] = now;
-            }
+        for (at, _) in self.heard.iter_mut().zip(heard).filter(|(_, heard)| *heard) {
+            *at = now;
         }
         if heard == [true; 2] {
             self.failed_restarts = 0;
@@ -421,19 +417,13 @@ pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl Dev
 
 /// The depth half of [`develop`].
 pub(crate) fn develop_depth(pair: &RawPair, frame: &mut Frame) {
-    let packed = &pair.pictures[Stream::Depth.index()];
-    unpack_depth(
-        packed.first_chunk().expect("a depth picture's length"),
-        &mut frame.depth,
-    );
+    let packed = pair.pictures[Stream::Depth.index()].first_chunk();
+    unpack_depth(packed.expect("a depth picture's length"), &mut frame.depth);
 }
 
 /// The colour half of [`develop`].
 pub(crate) fn develop_colour(pair: &RawPair, frame: &mut Frame) {
-    let bayer = &pair.pictures[Stream::Colour.index()];
+    let bayer = pair.pictures[Stream::Colour.index()].first_chunk();
     frame.has_colour = true;
-    colour::luma_from_bayer(
-        bayer.first_chunk().expect("a colour picture's length"),
-        &mut frame.luma,
-    );
+    colour::luma_from_bayer(bayer.expect("a colour picture's length"), &mut frame.luma);
 }

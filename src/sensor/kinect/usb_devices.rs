@@ -75,10 +75,7 @@ impl core::fmt::Display for Listed {
             Driver::Kernel(name) => write!(f, "driver {name} (detached while mien runs)")?,
             Driver::Program => f.write_str("in use by a program")?,
         }
-        if self.motor {
-            return Ok(());
-        }
-        f.write_str(", no motor")
+        f.write_str(if self.motor { "" } else { ", no motor" })
     }
 }
 
@@ -89,8 +86,8 @@ impl core::fmt::Display for Listed {
 /// there and no camera.
 pub fn devices() -> Result<Vec<Listed>, DeviceError> {
     let bus = Bus::scan()?;
-    let cameras: Vec<_> = bus
-        .cameras()
+    let cameras = bus.cameras();
+    let cameras: Vec<_> = cameras
         .map(|(device, model)| bus.list(device, model))
         .collect();
     if cameras.is_empty() && bus.has_parts() {
@@ -202,9 +199,8 @@ impl Bus {
     }
 
     fn has_parts(&self) -> bool {
-        self.devices
-            .iter()
-            .any(|(_, product, _)| *product == MOTOR || *product == HUB)
+        let mut products = self.devices.iter().map(|(_, product, _)| *product);
+        products.any(|product| [MOTOR, HUB].contains(&product))
     }
 
     /// The device with one of these products that belongs to the camera.
@@ -220,10 +216,9 @@ impl Bus {
             let mut near = parts.iter().copied().filter(|part| is_near(part));
             near.next().filter(|_| near.next().is_none())
         };
-        let of_hub = parts.iter().copied();
-        let mut of_hub = of_hub.filter(|part| hub(camera).is_some() && hub(part) == hub(camera));
+        let of_hub = |part: &&&Device<Context>| hub(camera).is_some() && hub(part) == hub(camera);
+        let of_hub = parts.iter().find(of_hub).copied();
         of_hub
-            .next()
             .or_else(|| only(&|part| part.bus_number() == camera.bus_number()))
             .or_else(|| only(&|_| true))
     }

@@ -70,11 +70,9 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
                 .as_f64()
                 .map(|centimetres| centimetres as f32)
                 .filter(|&centimetres| centimetres > 0.0 && centimetres <= LONGEST_CM)
-                .ok_or_else(|| {
-                    format!(
-                        "{name} is {value}, expected centimetres above 0 and at most {LONGEST_CM}"
-                    )
-                })?;
+                .ok_or(format!(
+                    "{name} is {value}, expected centimetres above 0 and at most {LONGEST_CM}"
+                ))?;
         }
     }
     Ok(registration)
@@ -86,12 +84,10 @@ fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(),
         *field = value
             .as_i64()
             .and_then(|number| T::try_from(number).ok())
-            .ok_or_else(|| {
-                format!(
-                    "{name} is {value}, expected a whole number of {} bits",
-                    8 * size_of::<T>()
-                )
-            })?;
+            .ok_or(format!(
+                "{name} is {value}, expected a whole number of {} bits",
+                8 * size_of::<T>()
+            ))?;
     }
     Ok(())
 }
