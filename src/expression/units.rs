@@ -64,8 +64,6 @@ pub struct Units {
     pub rows: [Unit; LEARNT_MEASURES],
     /// Population mean of the inner-eye-corner distance in metres.
     pub eye_distance_m: f32,
-    /// Its standard deviation in metres.
-    pub eye_distance_sd_m: f32,
     /// Priors of the features in order, if the table has readings.
     pub features: Option<[Prior; FEATURES]>,
     /// Readings of units from all measures together; a unit without one is read from its own measure.
@@ -316,7 +314,6 @@ impl Units {
         Ok(Self {
             rows: table.rows()?,
             eye_distance_m: distance,
-            eye_distance_sd_m: sd,
             readings: table.readings()?,
             features: features.transpose()?,
             gaze: table.gaze,

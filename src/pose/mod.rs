@@ -105,10 +105,10 @@ impl PoseTracker {
         let tracker: Box<dyn Tracker> = match &surface {
             Some(surface) => Box::new(PaperTracker::new(
                 &settings,
-                Arc::clone(&anchor),
-                Arc::clone(surface),
+                anchor.clone(),
+                surface.clone(),
             )),
-            None => Box::new(PlaneTracker::new(&settings, Arc::clone(&anchor))),
+            None => Box::new(PlaneTracker::new(&settings, anchor.clone())),
         };
         Self {
             trail: Trail::new(&settings),
@@ -123,11 +123,7 @@ impl PoseTracker {
     /// A tracker of another head, with the same settings and a shared standard head.
     #[must_use]
     pub fn another(&self) -> Self {
-        Self::over(
-            self.settings,
-            Arc::clone(&self.anchor),
-            self.surface.clone(),
-        )
+        Self::over(self.settings, self.anchor.clone(), self.surface.clone())
     }
 
     /// Frames from which this head's shape was learned.
@@ -204,10 +200,8 @@ impl PoseTracker {
                 self.lose();
             }
         }
-        let found = self
-            .tracker
-            .find(cloud, &self.trail, at, &mut searches)
-            .map(|(found, known)| self.trail.keep(found, known, at));
+        let found = self.tracker.find(cloud, &self.trail, at, &mut searches);
+        let found = found.map(|(found, known)| self.trail.keep(found, known, at));
         if found.is_none() {
             self.trail.earlier = None;
         }
