@@ -338,10 +338,10 @@ mod tests {
         // Relative to the cloud's own middle: the same head farther away weighs the same.
         let there = one_point(&anchor, 1.2, 0.0, 1.2);
         assert!((near.total - there.total).abs() < 1e-6);
-        // Half a cut-off away: (1 - 1/4)^2, and the step home along the normal is that distance.
+        // Half a cut-off away: (1 - 1/4)^2, and the gradient says how far that is.
         let off = one_point(&anchor, 0.6, 0.01, 0.6);
         assert!((off.total / near.total - 0.5625).abs() < 0.02);
-        let distance = off.g[5].abs() / off.rows[5][5];
+        let distance = off.g[5].abs() / (off.rows[5][5] * off.total).sqrt();
         assert!((distance - 0.01).abs() < 5e-4, "{distance}");
         // As far as the cut-off: nothing, but it is on the face.
         let none = one_point(&anchor, 0.6, 0.021, 0.6);

@@ -12,8 +12,7 @@ use crate::sensor::kinect::device::Model;
 use crate::sensor::kinect::driver::{Kinect, Settings, develop};
 use crate::sensor::kinect::frame::{Developed, KinectFrame};
 use crate::sensor::kinect::pairing::RawPair;
-use crate::sensor::kinect::picture_clock::PictureClock;
-use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
+use crate::sensor::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
 use crate::sensor::kinect::registration::Registration;
 
 /// Seed of the scene's movements and noise: every run is the same.
