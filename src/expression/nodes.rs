@@ -264,8 +264,10 @@ mod tests {
     fn all_is_divided_when_the_growth_passes_a_million_and_not_at_it() {
         // The next power of two is more than a million, and divides exactly.
         for (grown, left) in [(1e6, 1e6), (1_048_576.0, 1.0)] {
-            let mut nodes = Nodes::<8>::default();
-            nodes.growth = grown;
+            let mut nodes = Nodes::<8> {
+                growth: grown,
+                ..Nodes::default()
+            };
             nodes.push(1.0, 2.0, 4.0);
             nodes.advance(0.0, 300.0);
             let node = nodes.as_slice()[0];

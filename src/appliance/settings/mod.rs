@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 use keys::{GESTURE, Key, Kind, Number, SECTIONS, Section, UNITS};
-use toml_words::{describe, integer, toml_string};
+use toml_words::{describe, float, toml_string};
 
 use crate::base::bounded_read;
 use crate::base::nearest_word::hint;
@@ -229,15 +229,6 @@ fn quoted(names: &[&str]) -> String {
         .map(|name| format!("{name:?}"))
         .collect::<Vec<_>>()
         .join(" or ")
-}
-
-/// Any number.
-fn float(value: &DeValue<'_>) -> Option<f64> {
-    match value {
-        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
-        DeValue::Integer(number) => integer(number).map(|number| number as f64),
-        _ => None,
-    }
 }
 
 /// One string as such, any other number of them as an array.

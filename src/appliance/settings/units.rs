@@ -7,7 +7,7 @@ use crate::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::toml_words::{describe, toml_string};
+use super::toml_words::{describe, float, toml_string};
 use crate::expression::units::Units;
 use crate::output::{UnitView, is_name};
 
@@ -59,7 +59,7 @@ pub(super) fn assign(
     for (key, value) in table {
         let key_name: &str = key.get_ref();
         match key_name {
-            "gain" => match super::float(value.get_ref()).map(|gain| gain as f32) {
+            "gain" => match float(value.get_ref()).map(|gain| gain as f32) {
                 Some(gain) if (0.0..=LARGEST_GAIN).contains(&gain) => view.gain = gain,
                 _ => {
                     let expected = format!("units.{unit}.gain from 0 to {LARGEST_GAIN}");
