@@ -10,7 +10,7 @@
 use std::io::{self, Write};
 use std::time::Instant;
 
-use crate::appliance::cli::Bench;
+use crate::appliance::cli::Run;
 use crate::appliance::memory;
 use crate::appliance::service::{self, Failure};
 use crate::appliance::settings::Settings;
@@ -127,7 +127,7 @@ const SOURCES: [&str; 2] = ["simulated", "simulated:four"];
 ///
 /// # Errors
 /// If a source cannot be opened or a table not written; as [`Failure`] lists.
-pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
+pub fn run(bench: &Run, allocations: fn() -> u64, out: &mut impl Write) -> Result<(), Failure> {
     let settings = service::settings(bench.config.as_deref())?;
     crate::appliance::log::start(settings.log.level);
     let frames = bench.frames.unwrap_or(FRAMES);
@@ -143,11 +143,8 @@ pub fn run(bench: &Bench, allocations: fn() -> u64, out: &mut impl Write) -> Res
             .and_then(|()| times.write(out))
             .map_err(Failure::Print)?;
     }
-    let written = match memory::peak_resident_bytes() {
-        Some(bytes) => writeln!(out, "peak_rss_bytes {bytes}"),
-        None => Ok(()),
-    };
-    written
+    let peak = memory::peak_resident_bytes();
+    peak.map_or(Ok(()), |bytes| writeln!(out, "peak_rss_bytes {bytes}"))
         .and_then(|()| writeln!(out, "allocations_after_start {allocated}"))
         .map_err(Failure::Print)
 }
@@ -193,12 +190,9 @@ fn time(
         let counts = number >= WARM_UP;
         if counts {
             allocated += allocations() - before;
-            let present = |report: &Report| report.user.is_some() && report.state.is_present();
-            times.seen += pipeline
-                .reports()
-                .iter()
-                .filter(|report| present(report))
-                .count();
+            let reports = pipeline.reports();
+            let present = |report: &&Report| report.user.is_some() && report.state.is_present();
+            times.seen += reports.iter().filter(present).count();
         }
         times.end_frame(counts);
     }
@@ -212,10 +206,10 @@ mod tests {
     #[test]
     fn every_step_is_timed_and_sums_are_the_sums() {
         let mut out = Vec::new();
-        let bench = Bench {
+        let bench = Run {
             source: Some("simulated".into()),
             frames: Some(3),
-            ..Bench::default()
+            ..Run::default()
         };
         run(&bench, || 7, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
@@ -233,9 +227,9 @@ mod tests {
     #[test]
     fn without_a_source_one_person_and_four_are_timed() {
         let mut out = Vec::new();
-        let bench = Bench {
+        let bench = Run {
             frames: Some(8),
-            ..Bench::default()
+            ..Run::default()
         };
         run(&bench, || 7, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();

@@ -51,7 +51,7 @@ pub enum Command {
     /// `doctor`, with the file if one was named.
     Doctor(Option<PathBuf>),
     /// `bench`
-    Bench(Bench),
+    Bench(Run),
     /// `send-test`, with the file if one was named.
     SendTest(Option<PathBuf>),
     /// `help`, of one command if it is named.
@@ -60,17 +60,17 @@ pub enum Command {
     Version,
 }
 
-/// Arguments of `run`.
+/// Arguments of `run`, and the first of them of `bench`.
 #[derive(Debug, Default, PartialEq)]
 pub struct Run {
     /// Configuration file.
     pub config: Option<PathBuf>,
     /// Source of frames, in place of the configuration's.
     pub source: Option<String>,
-    /// Where the CSV goes.
-    pub csv: Option<CsvTarget>,
     /// Stop after this many frames.
     pub frames: Option<u64>,
+    /// Where the CSV goes.
+    pub csv: Option<CsvTarget>,
     /// As fast as possible instead of in real time.
     pub fast: bool,
     /// Face model, in place of the configuration's.
@@ -103,17 +103,6 @@ impl Talk {
             Self::More => level.max(tracing::Level::DEBUG),
         }
     }
-}
-
-/// Arguments of `bench`.
-#[derive(Debug, Default, PartialEq)]
-pub struct Bench {
-    /// Configuration file.
-    pub config: Option<PathBuf>,
-    /// Source of frames; else the simulated sensor.
-    pub source: Option<String>,
-    /// Frames measured.
-    pub frames: Option<u64>,
 }
 
 /// Where a CSV goes.
@@ -218,8 +207,8 @@ pub fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Command, Usage
         return Ok(Command::Help(Some(name)));
     }
     let command = match name {
-        "run" => return run(&mut parser),
-        "bench" => return bench(&mut parser),
+        "run" => Command::Run(run(&mut parser, name)?),
+        "bench" => Command::Bench(run(&mut parser, name)?),
         "help" => Command::Help(None),
         "devices" => Command::Devices,
         "check-config" => Command::CheckConfig(file(&mut parser, name)?),
@@ -243,25 +232,15 @@ fn file(parser: &mut lexopt::Parser, command: &str) -> Result<Option<PathBuf>, U
     })
 }
 
-fn bench(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
-    let mut bench = Bench::default();
-    while let Some(word) = parser.next()? {
-        match word {
-            Long("config") => bench.config = Some(parser.value()?.into()),
-            Long("source") => bench.source = Some(parser.value()?.string()?),
-            Long("frames") => bench.frames = Some(parser.value()?.parse()?),
-            other => return Err(unexpected(&other, "bench")),
-        }
-    }
-    Ok(Command::Bench(bench))
-}
-
-fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
+/// What a run is to do, or a `bench`.
+fn run(parser: &mut lexopt::Parser, command: &str) -> Result<Run, UsageError> {
     let mut run = Run::default();
     while let Some(word) = parser.next()? {
         match word {
             Long("config") => run.config = Some(parser.value()?.into()),
             Long("source") => run.source = Some(parser.value()?.string()?),
+            Long("frames") => run.frames = Some(parser.value()?.parse()?),
+            other if command == "bench" => return Err(unexpected(&other, command)),
             Long("csv") => {
                 let target = parser.value()?;
                 run.csv = Some(if target == "-" {
@@ -270,16 +249,15 @@ fn run(parser: &mut lexopt::Parser) -> Result<Command, UsageError> {
                     CsvTarget::File(target.into())
                 });
             }
-            Long("frames") => run.frames = Some(parser.value()?.parse()?),
             Long("fast") => run.fast = true,
             Long("model") => run.model = Some(parser.value()?.into()),
             Long("require-device") => run.require_device = true,
             Long("quiet") | Short('q') => run.talk = Talk::Less,
             Long("verbose") | Short('v') => run.talk = Talk::More,
-            other => return Err(unexpected(&other, "run")),
+            other => return Err(unexpected(&other, command)),
         }
     }
-    Ok(Command::Run(run))
+    Ok(run)
 }
 
 #[cfg(test)]
@@ -310,10 +288,11 @@ mod tests {
         assert_eq!(words("print-config").unwrap(), Command::PrintConfig(None));
         assert_eq!(words("devices").unwrap(), Command::Devices);
         assert_eq!(words("doctor").unwrap(), Command::Doctor(None));
-        let bench = Bench {
+        let bench = Run {
             config: Some("a.toml".into()),
             source: Some("session".into()),
             frames: Some(60),
+            ..Run::default()
         };
         assert_eq!(
             words("bench --config a.toml --source session --frames 60").unwrap(),

@@ -120,7 +120,7 @@ mod tests {
             listed(
                 Model::Windows1517,
                 Driver::Program,
-                Some(DeviceError::Busy { bus: 1, address: 5 }),
+                Some(DeviceError::Busy(1, 5)),
             ),
         ]);
         let ports = [Port {
@@ -166,7 +166,7 @@ mod tests {
         for product in usb_devices::PRODUCTS {
             assert!(rule.contains(&format!("{product:04x}")), "{product:04x}");
         }
-        let sentence = DeviceError::Access { bus: 1, address: 5 }.to_string();
+        let sentence = DeviceError::Access(1, 5).to_string();
         assert!(sentence.contains("systemd/mien.rules") && rule.contains("60-mien.rules"));
     }
 

@@ -66,8 +66,7 @@ pub fn report(config: Option<&Path>) -> (String, u8) {
     let known = found.as_ref().map(|_| "all keys are known and in range");
     lines.judge(Verdict::Fail, "configuration", known);
     let settings = found.unwrap_or_default();
-    let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
-    let model = service::model(named).map(|model| format!("{:08x}", model.id));
+    let model = service::model(settings.sensor.model()).map(|model| format!("{:08x}", model.id));
     lines.judge(Verdict::Fail, "face model", model);
     sensor(&mut lines, &settings, usb_devices::devices());
     if let Some(megabytes) = read_number(USB_MEMORY)
@@ -104,10 +103,7 @@ fn sensor(
     settings: &Settings,
     found: Result<Vec<usb_devices::Listed>, DeviceError>,
 ) {
-    let name: SourceName = match settings.sensor.source.parse() {
-        Ok(name) => name,
-        Err(never) => match never {},
-    };
+    let name = SourceName::from(settings.sensor.source.as_str());
     let Some(serial) = name.on_usb() else {
         let text = format_args!("using {}, none needed on USB", settings.sensor.source);
         return lines.say(Verdict::Ok, "sensor", text);
@@ -126,9 +122,7 @@ fn sensor(
             if let Some(wanted) = serial
                 && listed.iter().all(|sensor| sensor.serial != wanted)
             {
-                let found = listed.len();
-                let wanted = wanted.to_owned();
-                let problem = DeviceError::OtherSerial { wanted, found };
+                let problem = DeviceError::OtherSerial(wanted.to_owned(), listed.len());
                 lines.say(Verdict::Fail, "sensor", problem);
             }
         }

@@ -4,12 +4,22 @@ use std::process::ExitCode;
 
 use mien::appliance::cli::{self, Command};
 use mien::appliance::memory::Counting;
-use mien::appliance::settings::Settings;
 use mien::appliance::{run, send_test, service, wires};
 use mien::face_model::FaceModel;
 
 #[global_allocator]
 static MEMORY: Counting = Counting::new();
+
+fn version() -> String {
+    let optional = [
+        (" studio", cfg!(feature = "studio")),
+        (" wires", cfg!(feature = "wires")),
+    ];
+    let built = optional.iter().filter(|(_, is_built)| *is_built);
+    let features: String = built.map(|(name, _)| *name).collect();
+    let (version, model) = (env!("CARGO_PKG_VERSION"), FaceModel::shipped().id);
+    format!("mien {version} (features std{features}, model {model:08x})")
+}
 
 #[expect(clippy::print_stdout, reason = "the program's own output")]
 fn main() -> ExitCode {
@@ -26,28 +36,14 @@ fn main() -> ExitCode {
             Ok(())
         }
         Command::Version => {
-            println!(
-                "mien {} (features std{}{}, model {:08x})",
-                env!("CARGO_PKG_VERSION"),
-                if cfg!(feature = "studio") {
-                    " studio"
-                } else {
-                    ""
-                },
-                if cfg!(feature = "wires") {
-                    " wires"
-                } else {
-                    ""
-                },
-                FaceModel::shipped().id
-            );
+            println!("{}", version());
             Ok(())
         }
         Command::CheckConfig(file) => {
             service::settings(file.as_deref()).and_then(|settings| Ok(wires::check(&settings)?))
         }
         Command::PrintConfig(file) => {
-            service::settings(file.as_deref()).map(|settings: Settings| {
+            service::settings(file.as_deref()).map(|settings| {
                 print!("{}", settings.to_toml());
                 let without = wires::not_built();
                 if !without.is_empty() {

@@ -2,7 +2,7 @@
 //! One file: the sequence of a run from start to end.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
@@ -71,13 +71,9 @@ impl<'r> Session<'r> {
     fn start(run: &'r Run) -> Result<Option<Self>, Failure> {
         let settings = settings(run.config.as_deref())?;
         crate::appliance::log::start(run.talk.level(settings.log.level));
-        let named =
-            Some(PathBuf::from(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
-        let model = model(run.model.as_deref().or(named.as_deref()))?;
-        let name = run
-            .source
-            .clone()
-            .unwrap_or_else(|| settings.sensor.source.clone());
+        let model = model(run.model.as_deref().or(settings.sensor.model()))?;
+        let name = run.source.as_ref().unwrap_or(&settings.sensor.source);
+        let name = name.clone();
         // Who names the sensor on the command line wants that one, now or when it is plugged in.
         let missing = match (run.require_device, &run.source) {
             (true, _) => Missing::Refuse,
@@ -88,30 +84,19 @@ impl<'r> Session<'r> {
         let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
         let signals = Signals::watch()?;
         let csv = run.csv.as_ref();
-        let csv = csv.map(|to| table(to, &signals, &source, &pipeline, &settings));
+        let csv = csv.map(|to| table(to, &signals, source.is_live(), &pipeline, &settings));
         let csv = match csv.transpose() {
             // Nobody came to read it.
             Err(_) if signals.stop.load(Ordering::Relaxed) => return Ok(None),
             csv => csv?,
         };
         let wires = wires::open(&settings, &pipeline.unit_names())?;
-        let gestures = Gestures::new(&settings.gestures, &pipeline.unit_names());
-        let status = Status::new(
-            &settings.status.path,
-            &name,
-            &pipeline.unit_names(),
-            &settings.gesture_names(),
-        );
+        let (gestures, status) = shown(&settings, &name, &pipeline);
         let people = people(&settings, &source);
         if let Some(people) = &people {
             pipeline.recall(people.load());
         }
-        let live = (run.csv != Some(CsvTarget::StandardOutput) && run.talk != Talk::Less)
-            .then(Live::on_a_terminal)
-            .flatten();
-        if let Some(live) = &live {
-            live.greet(&name, &wires::named(&settings));
-        }
+        let live = live(run, &name, &settings);
         let manager = ServiceManager::from_environment();
         lock_memory(&manager);
         manager.ready();
@@ -170,12 +155,9 @@ impl<'r> Session<'r> {
                     self.pipeline = renewed;
                 }
                 self.release();
-                self.gestures = Gestures::new(&self.settings.gestures, &self.pipeline.unit_names());
                 // Those before say goodbye, and leave their ports.
                 self.wires = opened;
-                let (path, units) = (&self.settings.status.path, self.pipeline.unit_names());
-                let gestures = self.settings.gesture_names();
-                self.status = Status::new(path, &self.name, &units, &gestures);
+                (self.gestures, self.status) = shown(&self.settings, &self.name, &self.pipeline);
                 self.people = people(&self.settings, &self.source);
             }
             Err(problem) => tracing::error!("{problem}; keeping the old configuration"),
@@ -190,10 +172,8 @@ impl<'r> Session<'r> {
         let path = config.unwrap_or(Path::new(SYSTEM_CONFIG));
         // What a pipe would give is not waited for.
         if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
-            return Err(Failure::Settings(SettingsError::Unreadable {
-                path: path.into(),
-                reason: "not a regular file".to_owned(),
-            }));
+            let reason = "not a regular file".to_owned();
+            return Err(SettingsError::Unreadable(path.into(), reason).into());
         }
         let (new, old) = (settings(config)?, &self.settings);
         if new == *old {
@@ -341,6 +321,23 @@ fn tell_gestures(gestures: &mut Gestures, wires: &mut [Box<dyn Output>]) {
     gestures.tell(|switch| wires.iter_mut().for_each(|wire| wire.switch(switch)));
 }
 
+/// What of the units is looked at besides sending them.
+fn shown(settings: &Settings, source: &str, pipeline: &Pipeline) -> (Gestures, Status) {
+    let (units, names) = (pipeline.unit_names(), settings.gesture_names());
+    let status = Status::new(&settings.status.path, source, &units, &names);
+    (Gestures::new(&settings.gestures, &units), status)
+}
+
+/// The line on a terminal that goes with the run, unless the CSV goes there or it was asked to be quiet.
+fn live(run: &Run, source: &str, settings: &Settings) -> Option<Live> {
+    if run.csv == Some(CsvTarget::StandardOutput) || run.talk == Talk::Less {
+        return None;
+    }
+    let live = Live::on_a_terminal()?;
+    live.greet(source, &wires::named(settings));
+    Some(live)
+}
+
 fn lock_memory(manager: &ServiceManager) {
     match memory::lock() {
         Ok(()) => tracing::debug!("memory is locked"),
@@ -396,7 +393,7 @@ type Standing = (Option<Pipeline>, Vec<Box<dyn Output>>);
 fn table(
     to: &CsvTarget,
     signals: &Signals,
-    source: &Source,
+    is_live: bool,
     pipeline: &Pipeline,
     settings: &Settings,
 ) -> Result<Csv<Rows>, OutputError> {
@@ -404,8 +401,8 @@ fn table(
         CsvTarget::StandardOutput => Pipe::of(io::stdout()),
         CsvTarget::File(path) => Pipe::create(path, &signals.stop),
     };
-    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, source.is_live()));
-    let rows = rows.map_err(|source| OutputError::Csv { source })?;
+    let rows = rows.map(|pipe| Rows::to(pipe, &signals.stop, is_live));
+    let rows = rows.map_err(OutputError::Csv)?;
     let (units, gestures) = (pipeline.unit_names(), settings.gesture_names());
     Csv::new(rows, &Pipeline::measure_names(), &units, &gestures)
 }

@@ -39,9 +39,8 @@ pub fn send_test(config: Option<&Path>) -> Result<(), Failure> {
     let settings = settings(config)?;
     // The names are what the command is for.
     crate::appliance::log::start(settings.log.level.max(tracing::Level::INFO));
-    let named = Some(Path::new(&settings.sensor.model)).filter(|path| !path.as_os_str().is_empty());
-    let signals = Signals::watch()?;
-    Ok(sweep(&settings, &model(named)?, &signals.stop)?)
+    let (model, signals) = (model(settings.sensor.model())?, Signals::watch()?);
+    Ok(sweep(&settings, &model, &signals.stop)?)
 }
 
 /// How landmarks move at the full expression: points, and millimetres to the subject's left, down, into the head.

@@ -25,21 +25,11 @@ pub enum Failure {
     #[error(transparent)]
     Settings(#[from] SettingsError),
     /// The model file cannot be read.
-    #[error("{}: cannot be read ({source}); give the path of a model made by mien-studio train", path.display())]
-    ModelFile {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("{}: cannot be read ({}); give the path of a model made by mien-studio train", .0.display(), .1)]
+    ModelFile(PathBuf, io::Error),
     /// The model file is not a model.
-    #[error("{}: {source}", path.display())]
-    Model {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: ModelError,
-    },
+    #[error("{}: {}", .0.display(), .1)]
+    Model(PathBuf, ModelError),
     /// The source of frames.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -62,7 +52,7 @@ impl Failure {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Settings(_) | Self::Output(OutputError::NotBuilt { .. }) => 2,
+            Self::Settings(_) | Self::Output(OutputError::NotBuilt(_)) => 2,
             Self::Source(SourceError::Missing(_)) => 3,
             _ => 1,
         }
@@ -98,12 +88,7 @@ pub fn model(file: Option<&Path>) -> Result<FaceModel, Failure> {
     let Some(path) = file else {
         return Ok(FaceModel::shipped());
     };
-    let bytes = bounded_read::read(path, MODEL_MOST).map_err(|source| Failure::ModelFile {
-        path: path.into(),
-        source,
-    })?;
-    FaceModel::read(&bytes).map_err(|source| Failure::Model {
-        path: path.into(),
-        source,
-    })
+    let bytes = bounded_read::read(path, MODEL_MOST)
+        .map_err(|problem| Failure::ModelFile(path.into(), problem))?;
+    FaceModel::read(&bytes).map_err(|problem| Failure::Model(path.into(), problem))
 }

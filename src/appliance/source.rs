@@ -1,7 +1,6 @@
 //! The sources by name, behind one interface, and the pace at which simulated or recorded frames are delivered.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use crate::base::nearest_word::hint;
@@ -24,22 +23,16 @@ pub const DEFAULT: &str = "kinect";
 ///
 /// ```
 /// use mien::appliance::source::SourceName;
-/// assert_eq!("kinect".parse(), Ok(SourceName::Kinect { serial: None }));
-/// assert_eq!("simulated:two".parse(), Ok(SourceName::Simulated { scene: Some("two".into()) }));
-/// assert_eq!("/tmp/session".parse(), Ok(SourceName::Recording("/tmp/session".into())));
+/// assert_eq!(SourceName::from("kinect"), SourceName::Kinect(None));
+/// assert_eq!(SourceName::from("simulated:two"), SourceName::Simulated(Some("two".into())));
+/// assert_eq!(SourceName::from("/tmp/session"), SourceName::Recording("/tmp/session".into()));
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SourceName {
-    /// `kinect` or `kinect:SERIAL`.
-    Kinect {
-        /// The one with this serial number; else the first found.
-        serial: Option<String>,
-    },
-    /// `simulated` or `simulated:SCENE`.
-    Simulated {
-        /// Name of the scene; else the standard one.
-        scene: Option<String>,
-    },
+    /// `kinect`, the first found, or `kinect:SERIAL`.
+    Kinect(Option<String>),
+    /// `simulated`, the standard scene, or `simulated:SCENE`.
+    Simulated(Option<String>),
     /// The path of a recording's directory.
     Recording(PathBuf),
 }
@@ -49,29 +42,22 @@ impl SourceName {
     #[must_use]
     pub fn on_usb(&self) -> Option<Option<&str>> {
         match self {
-            Self::Kinect { serial } => Some(serial.as_deref()),
+            Self::Kinect(serial) => Some(serial.as_deref()),
             _ => None,
         }
     }
 }
 
-impl FromStr for SourceName {
-    type Err = std::convert::Infallible;
-
+impl From<&str> for SourceName {
     /// Everything that is not a kind of sensor is a path; `./kinect` is the directory of that name.
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let (kind, detail) = match text.split_once(':') {
-            Some((kind, detail)) => (
-                kind,
-                Some(detail.to_owned()).filter(|detail| !detail.is_empty()),
-            ),
-            None => (text, None),
-        };
-        Ok(match kind {
-            "kinect" => Self::Kinect { serial: detail },
-            "simulated" => Self::Simulated { scene: detail },
+    fn from(text: &str) -> Self {
+        let (kind, detail) = text.split_once(':').unwrap_or((text, ""));
+        let detail = Some(detail.to_owned()).filter(|detail| !detail.is_empty());
+        match kind {
+            "kinect" => Self::Kinect(detail),
+            "simulated" => Self::Simulated(detail),
             _ => Self::Recording(text.into()),
-        })
+        }
     }
 }
 
@@ -83,14 +69,9 @@ pub enum SourceError {
     Recording(#[from] RecordingError),
     /// Neither a sensor nor a recording.
     #[error(
-        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {name}{hint}"
+        "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]
-    Unknown {
-        /// What was asked for.
-        name: String,
-        /// What may have been meant.
-        hint: String,
-    },
+    Unknown(String, String),
     /// Nor a depth camera's.
     #[error(transparent)]
     Rgbd(#[from] RgbdError),
@@ -134,8 +115,7 @@ impl Source {
         let name = directory.to_string_lossy();
         let hint = hint(&name, ["kinect", "simulated"]);
         if !hint.is_empty() && !directory.exists() {
-            let name = name.into_owned();
-            return Err(SourceError::Unknown { name, hint });
+            return Err(SourceError::Unknown(name.into_owned(), hint));
         }
         if Rgbd::is_in(directory) {
             return Ok(Self::Rgbd(Box::new(Rgbd::open(directory)?)));
@@ -277,10 +257,10 @@ pub enum Missing {
 /// # Errors
 /// If the source does not exist or cannot be opened.
 pub fn open(name: &str, missing: Missing, settings: SensorSettings) -> Result<Source, SourceError> {
-    let serial = match name.parse().unwrap_or_else(|never| match never {}) {
+    let serial = match SourceName::from(name) {
         SourceName::Recording(path) => return Source::recording(&path),
-        SourceName::Simulated { scene } => return Source::simulated(scene.as_deref()),
-        SourceName::Kinect { serial } => serial,
+        SourceName::Simulated(scene) => return Source::simulated(scene.as_deref()),
+        SourceName::Kinect(serial) => serial,
     };
     let (source, problem) = Source::kinect(serial.as_deref(), settings);
     match (missing, problem) {

@@ -164,43 +164,44 @@ impl Status {
         let users = self.users.iter().enumerate();
         let users = users.filter_map(|(slot, user)| Some((slot, user.as_ref()?)));
         for (i, (slot, user)) in users.enumerate() {
-            let comma = if i > 0 { "," } else { "" };
-            write!(
-                text,
-                "{comma}\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
-                user.state.name(),
-                Finite(user.confidence),
-                user.frozen
-            )?;
-            if ENABLED && !self.gestures.is_empty() {
-                let names = self.gestures.iter().map(|name| Quoted(name));
-                let on = names
-                    .enumerate()
-                    .filter(|(i, _)| user.gestures >> i & 1 == 1);
-                text.push_str("\"gestures\": [");
-                for (i, (_, name)) in on.enumerate() {
-                    let comma = if i > 0 { ", " } else { "" };
-                    write!(text, "{comma}{name}")?;
-                }
-                text.push_str("], ");
-            }
-            text.push_str("\"units\": {");
-            let units = self.units.iter().zip(&user.weights).zip(&user.ranges);
-            for (i, ((name, weight), range)) in units.enumerate() {
-                let comma = if i > 0 { "," } else { "" };
-                let [low, rest, high, noise] =
-                    [range.low, range.rest, range.high, range.noise].map(Finite);
-                write!(
-                    text,
-                    "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
-                    Quoted(name),
-                    Finite(*weight),
-                    Finite(range.readiness)
-                )?;
-            }
-            write!(text, "}}}}")?;
+            text.push_str(if i > 0 { "," } else { "" });
+            self.user(slot, user, text)?;
         }
         writeln!(text, "\n  ]\n}}")
+    }
+
+    fn user(&self, slot: usize, user: &User, text: &mut String) -> std::fmt::Result {
+        write!(
+            text,
+            "\n    {{\"slot\": {slot}, \"state\": \"{}\", \"confidence\": {:.3}, \"frozen\": {}, ",
+            user.state.name(),
+            Finite(user.confidence),
+            user.frozen
+        )?;
+        if ENABLED && !self.gestures.is_empty() {
+            let on = (0..self.gestures.len()).filter(|i| user.gestures >> i & 1 == 1);
+            text.push_str("\"gestures\": [");
+            for (k, i) in on.enumerate() {
+                let comma = if k > 0 { ", " } else { "" };
+                write!(text, "{comma}{}", Quoted(&self.gestures[i]))?;
+            }
+            text.push_str("], ");
+        }
+        text.push_str("\"units\": {");
+        let units = self.units.iter().zip(&user.weights).zip(&user.ranges);
+        for (i, ((name, weight), range)) in units.enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            let [low, rest, high, noise] =
+                [range.low, range.rest, range.high, range.noise].map(Finite);
+            write!(
+                text,
+                "{comma}\n      {}: {{\"weight\": {:.3}, \"low\": {low:.4}, \"rest\": {rest:.4}, \"high\": {high:.4}, \"noise\": {noise:.4}, \"readiness\": {:.2}}}",
+                Quoted(name),
+                Finite(*weight),
+                Finite(range.readiness)
+            )?;
+        }
+        write!(text, "}}}}")
     }
 
     fn prometheus<I: Iterator<Item = Tally>>(
@@ -225,14 +226,14 @@ impl Status {
              # TYPE mien_output_sent_total counter\n\
              # TYPE mien_output_errors_total counter\n\
              # TYPE mien_output_refused_total counter\n\
-             # TYPE mien_output_connected gauge\n",
+             # TYPE mien_output_connected gauge\n\
+             # TYPE mien_users gauge\n",
             env!("CARGO_PKG_VERSION"),
             self.frames,
             self.lost,
             u8::from(self.sensor),
             self.start.elapsed().as_secs_f64()
         )?;
-        writeln!(text, "# TYPE mien_users gauge")?;
         for state in &TrackingState::ALL[1..] {
             let count = users().filter(|user| user.state == *state).count();
             writeln!(text, "mien_users{{state=\"{}\"}} {count}", state.name())?;
@@ -241,17 +242,12 @@ impl Status {
             let name = tally.name;
             writeln!(
                 text,
-                "mien_output_sent_total{{output=\"{name}\"}} {}",
-                tally.sent
-            )?;
-            writeln!(
-                text,
-                "mien_output_errors_total{{output=\"{name}\"}} {}",
-                tally.dropped
-            )?;
-            writeln!(
-                text,
-                "mien_output_refused_total{{output=\"{name}\"}} {}\nmien_output_connected{{output=\"{name}\"}} {}",
+                "mien_output_sent_total{{output=\"{name}\"}} {}\n\
+                 mien_output_errors_total{{output=\"{name}\"}} {}\n\
+                 mien_output_refused_total{{output=\"{name}\"}} {}\n\
+                 mien_output_connected{{output=\"{name}\"}} {}",
+                tally.sent,
+                tally.dropped,
                 tally.commands[1],
                 u8::from(tally.connected)
             )?;

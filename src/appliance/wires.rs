@@ -86,14 +86,10 @@ pub(crate) fn enabled(settings: &Settings) -> impl Iterator<Item = &'static Row>
 /// If it is without one.
 pub fn check(settings: &Settings) -> Result<(), OutputError> {
     if !ENABLED && !settings.gestures.is_empty() {
-        return Err(OutputError::NotBuilt { section: "gesture" });
+        return Err(OutputError::NotBuilt("gesture"));
     }
-    match enabled(settings).find(|row| row.open.is_none()) {
-        Some(row) => Err(OutputError::NotBuilt {
-            section: row.section,
-        }),
-        None => Ok(()),
-    }
+    let missing = enabled(settings).find(|row| row.open.is_none());
+    missing.map_or(Ok(()), |row| Err(OutputError::NotBuilt(row.section)))
 }
 
 /// Sections of the outputs that this build is without.

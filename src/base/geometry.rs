@@ -12,7 +12,7 @@
 
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use nalgebra::{Isometry3, Point3, RealField, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 /// A point in metres.
 pub type Point = Point3<f32>;
@@ -57,7 +57,7 @@ pub(crate) fn mean(points: impl Iterator<Item = Point>) -> Point {
 }
 
 /// 0 at `from`, 1 at `to`, which may be the smaller, smooth between and level beyond.
-pub fn smoothstep<T: RealField + Copy>(from: T, to: T, x: T) -> T {
+pub fn smoothstep<T: nalgebra::RealField + Copy>(from: T, to: T, x: T) -> T {
     let t = ((x - from) / (to - from)).clamp(T::zero(), T::one());
     t * t * (nalgebra::convert::<f64, T>(3.0) - nalgebra::convert::<f64, T>(2.0) * t)
 }

@@ -102,7 +102,7 @@ mod tests {
     }
 
     fn rested(seconds: f64) -> Nodes<64> {
-        let mut nodes = Nodes::new();
+        let mut nodes = Nodes::default();
         nodes.push(1.0, seconds, seconds);
         nodes
     }

@@ -158,16 +158,10 @@ impl Expression {
         self.learners.ranges()
     }
 
-    /// Learned measures of the last frame, cross-talk removed (robust), in units of the inner-eye-corner distance.
-    #[must_use]
-    pub fn corrected(&self) -> &[f64; LEARNT_MEASURES] {
-        &self.corrected
-    }
-
     /// Deviations of all inputs of the readings from rest in the last frame, in units of the inner-eye-corner distance.
     #[must_use]
     pub fn departures(&self) -> Option<&[f64; INPUTS]> {
-        self.together.as_ref().map(Together::departures)
+        Some(&self.together.as_ref()?.departures)
     }
 
     /// The range of each column's unit, in the order of [`Self::unit_names`].

@@ -68,20 +68,14 @@ pub struct Nodes<const N: usize> {
 
 impl<const N: usize> Default for Nodes<N> {
     fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl<const N: usize> Nodes<N> {
-    /// Empty.
-    #[must_use]
-    pub const fn new() -> Self {
         Self {
             nodes: heapless::Vec::new(),
             growth: 1.0,
         }
     }
+}
 
+impl<const N: usize> Nodes<N> {
     /// Ascending by value; divide weights by [`Self::growth`] to get seconds.
     #[must_use]
     pub fn as_slice(&self) -> &[Node] {
@@ -137,7 +131,7 @@ impl<const N: usize> Nodes<N> {
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        *self = Self::new();
+        *self = Self::default();
     }
 
     /// Totals of both weights, in current seconds: (rest, range).
@@ -183,7 +177,7 @@ mod tests {
     #[test]
     fn merging_preserves_totals_mean_and_order() {
         let mut random = fastrand::Rng::with_seed(5);
-        let mut nodes = Nodes::<16>::new();
+        let mut nodes = Nodes::<16>::default();
         let (mut rest, mut range, mut sum) = (0.0, 0.0, 0.0);
         for _ in 0..10_000 {
             let (value, w, c) = (random.f64(), random.f64(), 0.1 + random.f64());
@@ -222,7 +216,7 @@ mod tests {
     fn a_late_smile_keeps_its_place() {
         // Nearest-neighbour merging would average it into the resting crowd.
         let mut random = fastrand::Rng::with_seed(6);
-        let mut nodes = Nodes::<16>::new();
+        let mut nodes = Nodes::<16>::default();
         for _ in 0..3000 {
             nodes.push(0.05 * random.f64(), 0.03, 0.03);
         }
@@ -239,7 +233,7 @@ mod tests {
     #[test]
     fn forgetting_bounds_the_sums_over_a_year() {
         // A year in steps of ten seconds, half-life 300 s: the total is 1/(1 − 2^(−10/300)).
-        let mut nodes = Nodes::<8>::new();
+        let mut nodes = Nodes::<8>::default();
         for i in 0..3_153_600u32 {
             nodes.advance(10.0, 300.0);
             nodes.push(f64::from(i % 5), 1.0, 1.0);
@@ -254,7 +248,7 @@ mod tests {
 
     #[test]
     fn what_was_is_halved_after_the_half_life() {
-        let mut nodes = Nodes::<8>::new();
+        let mut nodes = Nodes::<8>::default();
         nodes.push(1.0, 2.0, 4.0);
         nodes.advance(300.0, 300.0);
         let (rest, range) = nodes.totals();
@@ -270,8 +264,10 @@ mod tests {
     fn all_is_divided_when_the_growth_passes_a_million_and_not_at_it() {
         // The next power of two is more than a million, and divides exactly.
         for (grown, left) in [(1e6, 1e6), (1_048_576.0, 1.0)] {
-            let mut nodes = Nodes::<8>::new();
-            nodes.growth = grown;
+            let mut nodes = Nodes::<8> {
+                growth: grown,
+                ..Nodes::default()
+            };
             nodes.push(1.0, 2.0, 4.0);
             nodes.advance(0.0, 300.0);
             let node = nodes.as_slice()[0];

@@ -61,7 +61,7 @@ impl PaperLearner {
             settings,
             prior,
             kind,
-            samples: SampleSet::new(),
+            samples: SampleSet::default(),
             first: None,
             moves: false,
             estimate: None,

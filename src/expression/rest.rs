@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn without_data_it_is_the_population() {
         assert_eq!(
-            find(&Nodes::new(), 1.0),
+            find(&Nodes::default(), 1.0),
             Mode {
                 value: 1.0,
                 seconds: 0.0
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn the_crowd_wins_over_tails_and_prior() {
-        let mut nodes = Nodes::new();
+        let mut nodes = Nodes::default();
         for i in 0..100 {
             nodes.push(1.2 + 0.0004 * f64::from(i % 11) - 0.002, 0.03, 0.03);
             nodes.push(1.3 + 0.005 * f64::from(i), 0.01, 0.03);
@@ -127,7 +127,7 @@ mod tests {
         // Within h of r0 lie 2 h/(s0 √2π) = 0.199 47 of the people, worth 0.059 84 s; one s0 off lie 0.120 98 of them, 0.036 30 s,
         // and all counts 0.882 50 there. So a node there wins with more than 0.031 51 s of its own. Neither is far from 1.1.
         for (seconds, rest) in [(0.030, 1.0), (0.033, 1.2)] {
-            let mut nodes = Nodes::new();
+            let mut nodes = Nodes::default();
             nodes.push(1.2, seconds, seconds);
             assert_eq!(find(&nodes, 1.1).value, rest, "{seconds} s");
         }
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_far_competitor_must_win_clearly() {
-        let mut nodes = Nodes::new();
+        let mut nodes = Nodes::default();
         nodes.push(0.9, 10.0, 10.0);
         // Same distance from the population's mean, so the prior is neutral.
         nodes.push(1.1, 12.0, 12.0);
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_population_decides_between_equals() {
-        let mut nodes = Nodes::new();
+        let mut nodes = Nodes::default();
         nodes.push(1.1, 5.0, 5.0);
         nodes.push(1.6, 6.0, 6.0);
         assert!(
@@ -159,7 +159,7 @@ mod tests {
     #[test]
     fn a_window_has_both_its_ends() {
         // All of it exact in binary: ends at 0.75 and 1.25 about 1.
-        let mut nodes: Nodes<64> = Nodes::new();
+        let mut nodes: Nodes<64> = Nodes::default();
         for value in [0.75, 1.0, 1.25] {
             nodes.push(value, 2.0, 2.0);
         }
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn of_equals_the_lower_is_rest() {
         // All of it exact in binary: a quarter below and above what people have, so that their scores are the same.
-        let mut nodes: Nodes<64> = Nodes::new();
+        let mut nodes: Nodes<64> = Nodes::default();
         nodes.push(0.75, 2.0, 2.0);
         nodes.push(1.25, 2.0, 2.0);
         let mode = mode(nodes.as_slice(), nodes.growth(), 0.125, &PRIOR, 1.0);

@@ -85,7 +85,7 @@ impl RobustLearner {
             settings,
             prior,
             phase,
-            nodes: Nodes::new(),
+            nodes: Nodes::default(),
             noise: Noise::new(ASSUMED_NOISE),
             last: [0.0; 2],
             frames: 0,

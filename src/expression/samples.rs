@@ -39,26 +39,12 @@ impl Sample {
 const FORGOTTEN: f64 = 1e-3;
 
 /// At most `N` samples, ascending by value.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SampleSet<const N: usize> {
     samples: heapless::Vec<Sample, N>,
 }
 
-impl<const N: usize> Default for SampleSet<N> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<const N: usize> SampleSet<N> {
-    /// Empty.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            samples: heapless::Vec::new(),
-        }
-    }
-
     /// Ascending by value.
     #[must_use]
     pub fn samples(&self) -> &[Sample] {
@@ -133,7 +119,7 @@ pub(crate) mod tests {
     use super::*;
 
     pub(crate) fn set<const N: usize>(samples: &[(f64, f64)]) -> SampleSet<N> {
-        let mut set = SampleSet::new();
+        let mut set = SampleSet::default();
         for &(value, weight) in samples {
             set.push(Sample { value, weight });
         }
@@ -170,7 +156,7 @@ pub(crate) mod tests {
     #[test]
     fn merging_preserves_total_weight_mean_and_order() {
         let mut random = fastrand::Rng::with_seed(7);
-        let mut set = SampleSet::<16>::new();
+        let mut set = SampleSet::<16>::default();
         let (mut total, mut sum) = (0.0, 0.0);
         for _ in 0..20_000 {
             let sample = Sample {
@@ -223,7 +209,7 @@ pub(crate) mod tests {
 
     #[test]
     fn decay_keeps_values_and_bounds_weights() {
-        let mut set = SampleSet::<4>::new();
+        let mut set = SampleSet::<4>::default();
         // Half-life of 1000 pushes: the total never passes 1000/ln 2.
         let factor = 0.5f64.powf(1e-3);
         for i in 0..100_000 {

@@ -37,14 +37,9 @@ pub enum SavedError {
     Header,
     /// A malformed line.
     #[error(
-        "saved ranges, line {line}: expected \"{measure} low rest high\" with low <= rest <= high within 20; delete the file to start over"
+        "saved ranges, line {0}: expected \"{1} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]
-    Line {
-        /// Counted from 1.
-        line: usize,
-        /// The measure expected there.
-        measure: &'static str,
-    },
+    Line(usize, &'static str),
 }
 
 impl Learned {
@@ -83,10 +78,10 @@ impl Learned {
                 let ordered = low <= rest && rest <= high && low >= -LARGEST && high <= LARGEST;
                 (ordered && words.next().is_none()).then_some(Range { low, rest, high })
             };
-            *range = lines.next().and_then(parse).ok_or(SavedError::Line {
-                line: m + 2,
-                measure,
-            })?;
+            *range = lines
+                .next()
+                .and_then(parse)
+                .ok_or(SavedError::Line(m + 2, measure))?;
         }
         Ok(Self {
             eye_distance_m,
@@ -138,7 +133,7 @@ mod tests {
             ("mouth_width", "mouth", 3),
         ] {
             match Learned::read(&whole.replacen(from, to, 1)) {
-                Err(SavedError::Line { line: found, .. }) => assert_eq!(found, line),
+                Err(SavedError::Line(found, _)) => assert_eq!(found, line),
                 other => panic!("{other:?}"),
             }
         }

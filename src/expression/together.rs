@@ -42,7 +42,7 @@ pub(super) struct Together {
     strays: [Option<SlowNoise>; UNITS],
     filters: [MeasureFilter; UNITS],
     values: [f64; FEATURES],
-    departures: [f64; INPUTS],
+    pub(super) departures: [f64; INPUTS],
     read: [f64; UNITS],
     gaze: Option<Gaze>,
     /// Whether the eyes were seen open in the last frame.
@@ -74,11 +74,6 @@ impl Together {
             gaze: units.gaze.clone(),
             sees: false,
         })
-    }
-
-    /// Deviations in the last frame.
-    pub(super) fn departures(&self) -> &[f64; INPUTS] {
-        &self.departures
     }
 
     /// Processes a frame: the face, its rotation, the eye distance to divide by (metres), the measures and the learners of their

@@ -64,8 +64,6 @@ pub struct Units {
     pub rows: [Unit; LEARNT_MEASURES],
     /// Population mean of the inner-eye-corner distance in metres.
     pub eye_distance_m: f32,
-    /// Its standard deviation in metres.
-    pub eye_distance_sd_m: f32,
     /// Priors of the features in order, if the table has readings.
     pub features: Option<[Prior; FEATURES]>,
     /// Readings of units from all measures together; a unit without one is read from its own measure.
@@ -81,20 +79,12 @@ pub enum UnitsError {
     #[error("units table: {0}")]
     Syntax(#[from] toml::de::Error),
     /// A row that does not fit.
-    #[error("units table: {row}: expected {expected}")]
-    Row {
-        /// The row's measure, feature or unit.
-        row: String,
-        /// What it should be.
-        expected: &'static str,
-    },
+    #[error("units table: {0}: expected {1}")]
+    Row(String, &'static str),
 }
 
 fn refused(row: &str, expected: &'static str) -> UnitsError {
-    UnitsError::Row {
-        row: row.chars().take(16).collect(),
-        expected,
-    }
+    UnitsError::Row(row.chars().take(16).collect(), expected)
 }
 
 /// Whether all that a row has to be is true; else the first that is not.
@@ -324,7 +314,6 @@ impl Units {
         Ok(Self {
             rows: table.rows()?,
             eye_distance_m: distance,
-            eye_distance_sd_m: sd,
             readings: table.readings()?,
             features: features.transpose()?,
             gaze: table.gaze,

@@ -8,12 +8,9 @@ use crate::base::prelude::*;
 pub enum ModelError {
     /// Not a model at all.
     #[error(
-        "expected a face model (first bytes \"MIENFACE\"), found {found:?}; give a file written by `mien-studio train`"
+        "expected a face model (first bytes \"MIENFACE\"), found {0:?}; give a file written by `mien-studio train`"
     )]
-    NotAModel {
-        /// The first bytes.
-        found: Vec<u8>,
-    },
+    NotAModel(Vec<u8>),
     /// Another version of the format.
     #[error(
         "expected a face model of version {expected}, found version {found}; train it again with this mien-studio"
@@ -44,12 +41,9 @@ pub enum ModelError {
     },
     /// A section is not there.
     #[error(
-        "expected a section {section} in the face model, found none; train it again with this mien-studio"
+        "expected a section {0} in the face model, found none; train it again with this mien-studio"
     )]
-    Missing {
-        /// Tag of the section.
-        section: &'static str,
-    },
+    Missing(&'static str),
     /// A section says something impossible.
     #[error(
         "section {section} of the face model: expected {expected}, found {found}; train it again with this mien-studio"

@@ -44,27 +44,15 @@ impl FaceModel {
     /// # Errors
     /// If it is no model, of another version, damaged or inconsistent; the text says what to do.
     pub fn read(bytes: &[u8]) -> Result<Self, ModelError> {
-        parse(bytes)
+        parse_with(bytes, |_| None)
     }
 
     /// The model built into the binary.
     #[must_use]
     pub fn shipped() -> Self {
-        parse_in_place(SHIPPED).expect("the shipped model is read by a test")
+        // It stays in memory anyway: what is big is used where it lies.
+        parse_with(SHIPPED, Some).expect("the shipped model is read by a test")
     }
-}
-
-/// Parses a model file; see [`FaceModel::read`].
-///
-/// # Errors
-/// If it is no model, of another version, damaged or inconsistent.
-pub fn parse(bytes: &[u8]) -> Result<FaceModel, ModelError> {
-    parse_with(bytes, |_| None)
-}
-
-/// As [`parse`], for a file that stays in memory anyway: what is big is used where it lies.
-pub(super) fn parse_in_place(bytes: &'static [u8]) -> Result<FaceModel, ModelError> {
-    parse_with(bytes, Some)
 }
 
 /// What makes bytes of a file stay, if they do.
@@ -76,11 +64,9 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
 
 /// The sections of a file that is whole and of a version that is understood, and its checksum.
 fn checked(bytes: &[u8]) -> Result<(&[u8], u32), ModelError> {
-    let is_model = bytes.len() >= MAGIC.len() && bytes[..MAGIC.len()] == MAGIC;
-    if !is_model {
-        return Err(ModelError::NotAModel {
-            found: bytes[..bytes.len().min(MAGIC.len())].to_vec(),
-        });
+    if !bytes.starts_with(&MAGIC) {
+        let found = bytes[..bytes.len().min(MAGIC.len())].to_vec();
+        return Err(ModelError::NotAModel(found));
     }
     let length = |expected| ModelError::Length {
         expected,
@@ -123,7 +109,7 @@ fn parse_with<'a>(bytes: &'a [u8], lasting: Lasting<'a>) -> Result<FaceModel, Mo
         let (_, bytes) = *sections.find(|(tag, _)| *tag == section.as_bytes())?;
         Some(Reader { section, bytes })
     };
-    let needed = |section| optional(section).ok_or(ModelError::Missing { section });
+    let needed = |section| optional(section).ok_or(ModelError::Missing(section));
     let shape = parse_shape(needed("SHAP")?)?;
     let modes = shape.modes.len();
     let stages = |section| parse_stages(needed(section)?, VIEW_PARAMETERS + modes, lasting);
@@ -218,11 +204,12 @@ fn parse_confidence(mut reader: Reader) -> Result<ConfidenceModel, ModelError> {
         face: {
             // Version 2 has the first signs only.
             let is_first = reader.bytes.len() == 4 * FIRST_FACE_SIGNS;
-            let slopes = reader.floats(if is_first {
+            let signs = if is_first {
                 FIRST_FACE_SIGNS
             } else {
                 FACE_SIGNS
-            })?;
+            };
+            let slopes = reader.floats(signs)?;
             core::array::from_fn(|k| slopes.get(k).copied().unwrap_or(0.0))
         },
     };
@@ -279,7 +266,7 @@ fn framed<'a>(version: u32, sections: impl Iterator<Item = (&'a [u8], &'a [u8])>
 pub(crate) fn sections(
     bytes: &[u8],
 ) -> Result<impl Iterator<Item = (&[u8], &[u8])> + Clone, ModelError> {
-    parse(bytes)?;
+    FaceModel::read(bytes)?;
     let mut rest = Reader {
         section: "header",
         bytes: &bytes[HEADER..bytes.len() - CHECKSUM],
@@ -300,7 +287,7 @@ pub(crate) fn with_section(
     let sections = sections(bytes)?;
     let replaced = sections.map(|(other, kept)| (other, if other == tag { payload } else { kept }));
     let out = framed(u32_at(bytes, MAGIC.len()), replaced);
-    parse(&out)?;
+    FaceModel::read(&out)?;
     Ok(out)
 }
 
@@ -336,10 +323,8 @@ pub fn emit(model: &FaceModel) -> Vec<u8> {
     ];
     let refinement = refinement.iter().map(|bytes| ("REFI", bytes.as_slice()));
     let sections = sections.into_iter().chain(refinement);
-    framed(
-        VERSION,
-        sections.map(|(tag, payload)| (tag.as_bytes(), payload)),
-    )
+    let sections = sections.map(|(tag, payload)| (tag.as_bytes(), payload));
+    framed(VERSION, sections)
 }
 
 #[cfg(test)]
@@ -404,7 +389,10 @@ mod tests {
     fn one_section_is_replaced_and_the_others_stay_byte_for_byte() {
         let bytes = include_bytes!("../../config/face.model");
         let grafted = with_section(bytes, *b"PAAM", &[7; 33]).unwrap();
-        assert_eq!(parse(&grafted).unwrap().paper_aam.as_ref(), [7; 33]);
+        assert_eq!(
+            FaceModel::read(&grafted).unwrap().paper_aam.as_ref(),
+            [7; 33]
+        );
         let (mut same, mut other) = (0, 0);
         for (before, after) in sections(bytes).unwrap().zip(sections(&grafted).unwrap()) {
             assert_eq!(before.0, after.0);
@@ -417,7 +405,7 @@ mod tests {
         }
         assert_eq!((same, other), (7, 1));
         // With its own bytes it is the file it was.
-        let own = parse(bytes).unwrap().paper_aam;
+        let own = FaceModel::read(bytes).unwrap().paper_aam;
         assert_eq!(with_section(bytes, *b"PAAM", &own).unwrap(), bytes);
         assert!(with_section(&bytes[..100], *b"PAAM", &[]).is_err());
     }
@@ -426,7 +414,7 @@ mod tests {
     fn what_is_written_is_read() {
         let model = example();
         let bytes = emit(&model);
-        let mut read = parse(&bytes).expect("valid");
+        let mut read = FaceModel::read(&bytes).expect("valid");
         assert_eq!(emit(&read), bytes);
         read.id = 0;
         assert!(read == model);
@@ -435,15 +423,18 @@ mod tests {
     #[test]
     fn every_damage_is_named() {
         let bytes = emit(&example());
-        assert!(matches!(parse(b""), Err(ModelError::NotAModel { .. })));
         assert!(matches!(
-            parse(b"P5 640 480 255 pixels"),
-            Err(ModelError::NotAModel { .. })
+            FaceModel::read(b""),
+            Err(ModelError::NotAModel(_))
+        ));
+        assert!(matches!(
+            FaceModel::read(b"P5 640 480 255 pixels"),
+            Err(ModelError::NotAModel(_))
         ));
         let mut other = bytes.clone();
         other[8] = 9;
         assert_eq!(
-            parse(&other),
+            FaceModel::read(&other),
             Err(ModelError::Version {
                 expected: VERSION,
                 found: 9
@@ -451,7 +442,10 @@ mod tests {
         );
         for length in [8, 19, 23, 100, bytes.len() - 1] {
             assert!(
-                matches!(parse(&bytes[..length]), Err(ModelError::Length { .. })),
+                matches!(
+                    FaceModel::read(&bytes[..length]),
+                    Err(ModelError::Length { .. })
+                ),
                 "{length}"
             );
         }
@@ -459,7 +453,7 @@ mod tests {
             let mut flipped = bytes.clone();
             flipped[at] ^= 1;
             assert!(
-                matches!(parse(&flipped), Err(ModelError::Damaged { .. })),
+                matches!(FaceModel::read(&flipped), Err(ModelError::Damaged { .. })),
                 "{at}"
             );
         }
@@ -476,7 +470,7 @@ mod tests {
             let body = bad.len() - CHECKSUM;
             let checksum = crc32(&bad[..body]);
             bad[body..].copy_from_slice(&checksum.to_le_bytes());
-            let _ = parse(&bad);
+            let _ = FaceModel::read(&bad);
         }
     }
 

@@ -10,7 +10,7 @@ use crate::base::prelude::*;
 use crate::base::vectors::wide;
 
 use super::refinement::Refinement;
-use super::sizes::{FACE_SIGNS, VIEW_PARAMETERS};
+use super::sizes::FACE_SIGNS;
 
 /// 3D shape of faces: mean and modes of variation, head frame, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -133,12 +133,4 @@ pub struct FaceModel {
     pub standard_head: StandardHead,
     /// The paper's own active appearance model, as its module writes it; empty if the model has none.
     pub paper_aam: Cow<'static, [u8]>,
-}
-
-impl FaceModel {
-    /// Parameters that a stage updates: view and shape.
-    #[must_use]
-    pub fn parameters(&self) -> usize {
-        VIEW_PARAMETERS + self.shape.modes.len()
-    }
 }

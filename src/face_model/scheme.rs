@@ -10,16 +10,8 @@ use crate::base::prelude::*;
 
 /// Right ear to left ear along the jaw; 8 is the chin. Fixed points of the head, not the silhouette.
 pub const JAW: Range<usize> = 0..17;
-/// Right brow, outer to inner.
-pub const BROW_R: Range<usize> = 17..22;
-/// Left brow, inner to outer.
-pub const BROW_L: Range<usize> = 22..27;
 /// Bridge of the nose (27–30), then the nostrils (31–35).
 pub const NOSE: Range<usize> = 27..36;
-/// Right eye from its outer corner: 36 outer, 39 inner corner.
-pub const EYE_R: Range<usize> = 36..42;
-/// Left eye from its inner corner: 42 inner, 45 outer corner.
-pub const EYE_L: Range<usize> = 42..48;
 /// Both lips: outer contour 48–59, inner contour 60–67.
 pub const MOUTH: Range<usize> = 48..68;
 /// All but the jaw.

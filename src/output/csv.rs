@@ -47,10 +47,8 @@ impl Rows {
         (0..LANDMARKS).for_each(|i| name(format_args!(",x{i},y{i}")));
         (0..LANDMARKS).for_each(|i| name(format_args!(",c{i}")));
         for measure in measures {
-            name(format_args!(
-                ",m_{}",
-                measure.strip_prefix("m_").unwrap_or(measure)
-            ));
+            let measure = measure.strip_prefix("m_").unwrap_or(measure);
+            name(format_args!(",m_{measure}"));
         }
         for unit in units {
             name(format_args!(",w_{unit}"));
@@ -137,15 +135,12 @@ impl Rows {
                 value(report.weights, i).map(|weight| if weight < 0.0 { 0.0 } else { weight });
             self.number(weight, FINE);
         }
-        let sides = report.head_box.map(|r| [r.x0, r.y0, r.x1, r.y1]);
-        let sides = sides.filter(|_| present);
+        let sides = report.head_box.filter(|_| present);
+        let sides = sides.map(|r| [r.x0, r.y0, r.x1, r.y1]);
         (0..BOX.len()).for_each(|i| self.number(sides.map(|sides| sides[i].into()), 0));
         for i in 0..self.gestures {
-            self.row.push_str(if report.gestures >> i & 1 == 1 {
-                ",1"
-            } else {
-                ",0"
-            });
+            let is_on = report.gestures >> i & 1 == 1;
+            self.row.push_str(if is_on { ",1" } else { ",0" });
         }
         self.row.push('\n');
         true
@@ -190,7 +185,7 @@ impl<W: Write> Csv<W> {
         match self.to.write_all(row).and_then(|()| self.to.flush()) {
             Ok(()) => self.count += 1,
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => self.dropped += 1,
-            Err(source) => return Err(OutputError::Csv { source }),
+            Err(source) => return Err(OutputError::Csv(source)),
         }
         Ok(())
     }
@@ -199,10 +194,10 @@ impl<W: Write> Csv<W> {
 #[cfg(feature = "std")]
 impl<W: Write> Output for Csv<W> {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        if !self.rows.fill(report) {
-            return Ok(());
+        if self.rows.fill(report) {
+            self.write_row()?;
         }
-        self.write_row()
+        Ok(())
     }
 
     fn tally(&self) -> Tally {

@@ -21,6 +21,7 @@ defaults! {
 }
 
 /// The weights of one user as an output shows them.
+#[derive(Default)]
 pub(super) struct WireWeights {
     channels: Box<[Channel]>,
     weights: Box<[f32]>,
@@ -36,10 +37,8 @@ impl WireWeights {
         Self {
             weights: vec![0.0; channels.len()].into_boxed_slice(),
             channels,
-            seen: None,
-            share: 0.0,
             policy,
-            not_numbers: 0,
+            ..Self::default()
         }
     }
 

@@ -135,9 +135,6 @@ pub(super) fn password(path: &str) -> Result<Option<String>, OutputError> {
     }
     match std::fs::read_to_string(path) {
         Ok(text) => Ok(Some(text.lines().next().unwrap_or_default().to_owned())),
-        Err(source) => Err(OutputError::Password {
-            path: path.to_owned(),
-            source,
-        }),
+        Err(source) => Err(OutputError::Password(path.to_owned(), source)),
     }
 }

@@ -266,17 +266,15 @@ impl Gestures {
                 if report.state != TrackingState::Held {
                     self.follow(slot, report);
                 }
-                let on = self
-                    .all
-                    .iter()
-                    .map(|made| u32::from(made.lamps[slot].is_on));
-                report.gestures = on.rev().fold(0, |bits, on| bits << 1 | on);
+                let all = self.all.iter().rev();
+                let on = all.map(|made| u32::from(made.lamps[slot].is_on));
+                report.gestures = on.fold(0, |bits, on| bits << 1 | on);
             }
         }
         for slot in (0..USERS).filter(|&slot| !seen[slot]) {
-            self.all
-                .iter_mut()
-                .for_each(|made| made.lamps[slot] = Lamp::default());
+            for made in &mut self.all {
+                made.lamps[slot] = Lamp::default();
+            }
         }
     }
 
@@ -288,22 +286,14 @@ impl Gestures {
         let facing = report.sensor_from_face.map_or(1.0, |pose| {
             -face_normal(pose).dot(&pose.translation.vector.normalize())
         });
-        for Made {
-            gesture,
-            terms,
-            lamps,
-            ..
-        } in &mut self.all
-        {
+        for made in &mut self.all {
+            let gesture = &made.gesture;
             let theirs = gesture.person != Person::Shown || !report.aside;
             let counts = sees && theirs && facing >= gesture.turned_deg.to_radians().cos();
+            let terms = made.terms.iter().map(|(sign, unit)| sign * weight(unit));
             // Less than any level.
-            let sum = if counts {
-                terms.iter().map(|(sign, unit)| sign * weight(unit)).sum()
-            } else {
-                f32::MIN
-            };
-            lamps[slot].observe(gesture, sum, gesture.speaking || !speaks, report.at);
+            let sum = if counts { terms.sum() } else { f32::MIN };
+            made.lamps[slot].observe(gesture, sum, gesture.speaking || !speaks, report.at);
         }
     }
 
@@ -318,26 +308,18 @@ impl Gestures {
         if again {
             self.repeated = Some(self.at);
         }
-        for (
-            index,
-            Made {
-                gesture,
-                lamps,
-                told,
-                ..
-            },
-        ) in self.all.iter_mut().enumerate()
-        {
-            for (slot, told) in told.iter_mut().enumerate() {
+        for (index, made) in self.all.iter_mut().enumerate() {
+            let (gesture, lamps) = (&made.gesture, &made.lamps);
+            for (slot, told) in made.told.iter_mut().enumerate() {
                 // Behind the users, anybody.
                 if (gesture.person == Person::Each) != (slot < USERS) {
                     continue;
                 }
                 let user = Some(slot).filter(|&slot| slot < USERS);
-                let is_on = user.map_or_else(
-                    || lamps.iter().any(|lamp| lamp.is_on),
-                    |user| lamps[user].is_on,
-                );
+                let is_on = match user {
+                    Some(user) => lamps[user].is_on,
+                    None => lamps.iter().any(|lamp| lamp.is_on),
+                };
                 let is_new = core::mem::replace(told, is_on) != is_on;
                 if is_new || again {
                     each(&Switch {
@@ -354,9 +336,9 @@ impl Gestures {
 
     /// Everything off, as if nobody had ever been there.
     pub fn release(&mut self) {
-        self.all
-            .iter_mut()
-            .for_each(|made| made.lamps = Default::default());
+        for made in &mut self.all {
+            made.lamps = Default::default();
+        }
         self.speech = Default::default();
     }
 

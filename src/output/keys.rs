@@ -76,10 +76,7 @@ impl Keys {
     /// # Errors
     /// If it cannot be opened.
     pub fn new(path: &str) -> Result<Self, OutputError> {
-        let failed = |source| OutputError::Keys {
-            path: path.to_owned(),
-            source,
-        };
+        let failed = |source| OutputError::Keys(path.to_owned(), source);
         let mut device = OpenOptions::new()
             .write(true)
             .custom_flags(libc::O_NONBLOCK)
@@ -87,12 +84,8 @@ impl Keys {
             .map_err(failed)?;
         let name = Path::new(path).file_name().unwrap_or_default();
         let is_gadget = name.to_string_lossy().starts_with("hidg");
-        let is_device = device
-            .metadata()
-            .map_err(failed)?
-            .file_type()
-            .is_char_device();
-        if is_device && !is_gadget {
+        let kind = device.metadata().map_err(failed)?.file_type();
+        if kind.is_char_device() && !is_gadget {
             create(&mut device).map_err(failed)?;
         }
         let mut keys = Self {
@@ -124,9 +117,8 @@ impl Keys {
             } else {
                 self.device.write_all(&press(KEYS[i].1, is_down))
             };
-            if written.is_ok() {
-                self.sent += 1;
-            } else {
+            self.sent += u64::from(written.is_ok());
+            if written.is_err() {
                 self.dropped += 1;
                 self.is_down[i] = before;
             }
@@ -176,8 +168,7 @@ impl Output for Keys {
 
 impl Drop for Keys {
     fn drop(&mut self) {
-        self.held = [0; KEYS.len()];
-        self.tapped = [false; KEYS.len()];
+        (self.held, self.tapped) = ([0; KEYS.len()], [false; KEYS.len()]);
         // A gadget takes one report at a time, and whoever is at its other end may have gone.
         for _ in 0..TRIES {
             self.sync();

@@ -17,7 +17,7 @@ use super::features::LiveLinkSettings;
 use super::osc::parameters::Parameter;
 use super::osc::{Sender, udp};
 use super::{OneFace, Output, OutputError, Report, Tally, View, identity};
-use crate::base::geometry::yaw_pitch_roll;
+use crate::base::geometry::{Rigid, yaw_pitch_roll};
 use crate::base::time::Timestamp;
 
 /// The shapes in their order; ARKit's names but for the first letter.
@@ -195,11 +195,7 @@ impl Output for LiveLink {
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
         if self.face.follow(report).is_some() {
             self.at = report.at;
-            let finite = |pose: &&_| {
-                crate::base::geometry::Rigid::to_homogeneous(pose)
-                    .iter()
-                    .all(|n| n.is_finite())
-            };
+            let finite = |pose: &&Rigid| pose.to_homogeneous().iter().all(|n| n.is_finite());
             if let Some(pose) = report.sensor_from_face.filter(finite) {
                 let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(pose).rotation);
                 self.turn = [yaw, pitch, roll];

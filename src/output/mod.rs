@@ -148,41 +148,26 @@ pub trait Output {
 pub enum OutputError {
     /// The CSV cannot be written.
     #[cfg(feature = "std")]
-    #[error("cannot write the CSV: {source}; check the path and the space left")]
-    Csv {
-        /// The system's error.
-        source: std::io::Error,
-    },
+    #[error("cannot write the CSV: {0}; check the path and the space left")]
+    Csv(std::io::Error),
     /// No UDP socket.
     #[cfg(feature = "std")]
-    #[error("cannot open a UDP socket to send OSC: {source}; is the network configured?")]
-    Socket {
-        /// The system's error.
-        source: std::io::Error,
-    },
+    #[error("cannot open a UDP socket to send OSC: {0}; is the network configured?")]
+    Socket(std::io::Error),
     /// The command port cannot be opened.
     #[cfg(feature = "std")]
     #[error(
-        "cannot listen for OSC commands at {address:?}; expected address:port of this machine, like 127.0.0.1:9131"
+        "cannot listen for OSC commands at {0:?}; expected address:port of this machine, like 127.0.0.1:9131"
     )]
-    Listen {
-        /// What was given.
-        address: String,
-    },
+    Listen(String),
     /// Not a `host:port`.
-    #[error("OSC target is {target:?}, expected host:port like 127.0.0.1:9130")]
-    Target {
-        /// What was given.
-        target: String,
-    },
+    #[error("OSC target is {0:?}, expected host:port like 127.0.0.1:9130")]
+    Target(String),
     /// An OSC address must start with a slash and contain no pattern characters.
     #[error(
-        "OSC prefix is {prefix:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
+        "OSC prefix is {0:?}, expected printable ASCII like /face, at most 64 characters, without space # * , ? [ ] {{ }}"
     )]
-    Prefix {
-        /// What was given.
-        prefix: String,
-    },
+    Prefix(String),
     /// The names of the units do not fit one datagram or line.
     #[error(
         "names of {units} units take {bytes} bytes, expected at most {most}; shorten or drop some in the units table"
@@ -197,66 +182,37 @@ pub enum OutputError {
     },
     /// An unknown unit is requested.
     #[error(
-        "serial.units names {unit:?}, which is not measured with these settings; remove it from the list"
+        "serial.units names {0:?}, which is not measured with these settings; remove it from the list"
     )]
-    Unit {
-        /// What was given.
-        unit: String,
-    },
-    /// A row of the channel table is invalid.
-    #[error("lights.channels has {row:?}, expected {expected}")]
-    Channel {
-        /// What was given.
-        row: String,
-        /// What is expected.
-        expected: &'static str,
-    },
-    /// The password file cannot be read or has no password.
+    Unit(String),
+    /// A row of the channel table is invalid, and what is expected.
+    #[error("lights.channels has {0:?}, expected {1}")]
+    Channel(String, &'static str),
+    /// The password file, which cannot be read or has no password.
     #[cfg(feature = "std")]
     #[error(
-        "cannot use password_file {path:?}: {source}; expected the password in its first line, readable by mien's user"
+        "cannot use password_file {0:?}: {1}; expected the password in its first line, readable by mien's user"
     )]
-    Password {
-        /// The file.
-        path: String,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The certificate file cannot be read.
+    Password(String, std::io::Error),
+    /// The certificate file, which cannot be read.
     #[cfg(feature = "std")]
-    #[error("cannot read mqtt.ca_file {path:?}: {source}; expected the CA certificates in PEM")]
-    Certificates {
-        /// The file.
-        path: String,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// An output is enabled that this build does not contain.
+    #[error("cannot read mqtt.ca_file {0:?}: {1}; expected the CA certificates in PEM")]
+    Certificates(String, std::io::Error),
+    /// A section is enabled that this build does not contain.
     #[error(
-        "[{section}] is enabled, but this mien was built without it; build with --features wires, or install the package"
+        "[{0}] is enabled, but this mien was built without it; build with --features wires, or install the package"
     )]
-    NotBuilt {
-        /// Section of the configuration.
-        section: &'static str,
-    },
-    /// The device that presses keys cannot be used.
+    NotBuilt(&'static str),
+    /// The device that presses keys, which cannot be used.
     #[cfg(feature = "wires")]
     #[error(
-        "cannot press keys through {path:?}: {source}; is the module uinput loaded, and may mien's user write to it?"
+        "cannot press keys through {0:?}: {1}; is the module uinput loaded, and may mien's user write to it?"
     )]
-    Keys {
-        /// The device.
-        path: String,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Keys(String, std::io::Error),
     /// A thread cannot be started.
     #[cfg(feature = "std")]
-    #[error("cannot start a thread for an output: {source}; is there a limit on memory or tasks?")]
-    Thread {
-        /// The system's error.
-        source: std::io::Error,
-    },
+    #[error("cannot start a thread for an output: {0}; is there a limit on memory or tasks?")]
+    Thread(std::io::Error),
 }
 
 /// Decides when something that is repeated is due again, by capture time.

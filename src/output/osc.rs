@@ -120,6 +120,7 @@ pub struct Osc {
 }
 
 /// What was sent about one user.
+#[derive(Default)]
 struct User {
     count: i32,
     /// Whether any report has named this user.
@@ -169,7 +170,7 @@ impl Osc {
             });
         }
         if prefix.is_empty() {
-            return Err(OutputError::Prefix { prefix });
+            return Err(OutputError::Prefix(prefix));
         }
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),
@@ -177,12 +178,8 @@ impl Osc {
             ranges: settings.ranges,
             units: names,
             users: core::array::from_fn(|_| User {
-                count: 0,
-                known: false,
-                present: false,
-                presence: Every::default(),
-                range: Every::default(),
                 weights: WireWeights::new(view.channels(units), loss),
+                ..User::default()
             }),
             view,
             schema: Every::default(),
@@ -216,10 +213,8 @@ impl Osc {
         wire.message(format_args!("/{slot}/frame"), head);
         let (vector, scalar) = (self.style != Style::Scalar, self.style != Style::Vector);
         if user.known && vector {
-            wire.message(
-                format_args!("/{slot}/au"),
-                user.weights.shown().map(Argument::Float),
-            );
+            let weights = user.weights.shown().map(Argument::Float);
+            wire.message(format_args!("/{slot}/au"), weights);
         }
         if user.known && scalar {
             for (name, weight) in self.units.iter().zip(user.weights.shown()) {
@@ -233,20 +228,15 @@ impl Osc {
             let turn = pose.rotation.coords;
             let numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w];
             if numbers.iter().all(|number| number.is_finite()) {
-                wire.message(
-                    format_args!("/{slot}/pose"),
-                    numbers.into_iter().map(Argument::Float),
-                );
+                wire.message(format_args!("/{slot}/pose"), numbers.map(Argument::Float));
             }
         }
         let changed = user.present != present;
         user.present = present;
         // Asked in any case: a change starts the second anew.
         if user.presence.due(report.at, ALIVE_PERIOD_S) || changed {
-            wire.message(
-                format_args!("/{slot}/present"),
-                [Argument::Int(present.into())],
-            );
+            let argument = Argument::Int(present.into());
+            wire.message(format_args!("/{slot}/present"), [argument]);
         }
         // Ranges are of the unit itself, not of its reflection nor its gain.
         let wanted = self.ranges && present && !report.ranges.is_empty();
@@ -254,10 +244,8 @@ impl Osc {
             for (name, range) in self.units.iter().zip(report.ranges) {
                 let numbers = [range.low, range.rest, range.high, range.readiness];
                 let numbers = numbers.map(|bound| if bound.is_finite() { bound } else { 0.0 });
-                wire.message(
-                    format_args!("/{slot}/range/{name}"),
-                    numbers.into_iter().map(Argument::Float),
-                );
+                let address = format_args!("/{slot}/range/{name}");
+                wire.message(address, numbers.map(Argument::Float));
             }
         }
     }
@@ -360,15 +348,11 @@ impl Drop for Osc {
                 let user = &mut self.users[slot];
                 (user.known, user.present) = (true, true);
                 user.weights.reset();
-                let at = self.at;
-                self.send_user(
-                    slot,
-                    &Report {
-                        at,
-                        ..Report::default()
-                    },
-                    TrackingState::Absent,
-                );
+                let report = Report {
+                    at: self.at,
+                    ..Report::default()
+                };
+                self.send_user(slot, &report, TrackingState::Absent);
                 self.wire.flush();
             }
         }

@@ -37,8 +37,6 @@ mod settings;
 
 pub use encoder::Encoder;
 pub use line::Line;
-#[cfg(feature = "std")]
-pub use port::PortState;
 #[cfg(feature = "studio")]
 pub use receive::Receiver;
 #[cfg(feature = "std")]

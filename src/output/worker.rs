@@ -125,7 +125,7 @@ impl Worker {
             heard.set_nonblocking(true)?;
             Ok((bell, heard))
         });
-        let (bell, heard) = pair.map_err(|source| OutputError::Socket { source })?;
+        let (bell, heard) = pair.map_err(OutputError::Socket)?;
         let shared = Arc::new(Shared {
             board: Mutex::default(),
             bell,
@@ -140,7 +140,7 @@ impl Worker {
         let thread = std::thread::Builder::new()
             .name(name.to_owned())
             .spawn(move || work(its, Bell(heard)))
-            .map_err(|source| OutputError::Thread { source })?;
+            .map_err(OutputError::Thread)?;
         Ok(Self {
             name,
             shared,

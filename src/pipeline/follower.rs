@@ -488,7 +488,6 @@ mod tests {
         HeadPose {
             sensor_from_head: SensorFromHead::of(sensor_from_head),
             confidence: 0.9,
-            residual: 0.001,
             coverage: 0.9,
             proven: true,
         }

@@ -119,12 +119,9 @@ impl Anchor {
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL_M).ceil() as usize + 1);
         let mut grid = vec![NOWHERE; size[0] * size[1] * size[2]];
         for (cell, slot) in grid.iter_mut().enumerate() {
-            let (x, y, z) = (
-                cell % size[0],
-                cell / size[0] % size[1],
-                cell / size[0] / size[1],
-            );
-            let centre = low + Vector::new(x as f32, y as f32, z as f32) * CELL_M;
+            let (column, row) = (cell % size[0], cell / size[0] % size[1]);
+            let place = [column, row, cell / size[0] / size[1]].map(|k| k as f32);
+            let centre = low + Vector::from(place) * CELL_M;
             let (nearest, distance2) = target.nearest(&centre);
             if distance2 < MARGIN_M * MARGIN_M {
                 *slot = nearest as u16;
@@ -227,12 +224,8 @@ fn nearest_neighbours(points: &[Point]) -> Vec<[u16; NEIGHBOURS]> {
         .enumerate()
         .map(|(i, p)| {
             order.clear();
-            order.extend(
-                (0u16..)
-                    .zip(points)
-                    .filter(|&(k, _)| usize::from(k) != i)
-                    .map(|(k, q)| ((q - p).norm_squared(), k)),
-            );
+            let others = (0u16..).zip(points).filter(|&(k, _)| usize::from(k) != i);
+            order.extend(others.map(|(k, q)| ((q - p).norm_squared(), k)));
             let n = NEIGHBOURS.min(order.len());
             order.select_nth_unstable_by(n - 1, |a, b| a.0.total_cmp(&b.0));
             let mut found = [order[0].1; NEIGHBOURS];

@@ -44,19 +44,14 @@ use signature::{Difference, Signature};
 use tracker::Tracker;
 use trail::{COAST_S, Trail};
 
-/// Why a tracker cannot be created.
+/// Why a tracker cannot be created: a standard head of so many points is unusable.
 #[derive(Debug, thiserror::Error)]
-pub enum PoseError {
-    /// The anchor is unusable.
-    #[error(
-        "standard head: expected {} to 65534 finite points, found {found} points; the face model is not one of mien's",
-        icp::MIN_PAIRS
-    )]
-    StandardHead {
-        /// Points given.
-        found: usize,
-    },
-}
+#[error(
+    "standard head: expected {} to 65534 finite points, found {} points; the face model is not one of mien's",
+    icp::MIN_PAIRS,
+    .0
+)]
+pub struct PoseError(pub usize);
 
 /// Steps of a search, each of which may run in a separate frame.
 const SEARCH_HALVES: u32 = 2;
@@ -101,9 +96,7 @@ impl PoseTracker {
     /// # Errors
     /// When the standard head has too few points or one that is not finite.
     pub fn new(settings: Settings, standard_head: &[(Point, Vector)]) -> Result<Self, PoseError> {
-        let anchor = Anchor::new(standard_head).ok_or(PoseError::StandardHead {
-            found: standard_head.len(),
-        })?;
+        let anchor = Anchor::new(standard_head).ok_or(PoseError(standard_head.len()))?;
         let surface = (settings.method == Method::Paper).then(|| Arc::new(anchor.fine_surface()));
         Ok(Self::over(settings, Arc::new(anchor), surface))
     }
@@ -112,10 +105,10 @@ impl PoseTracker {
         let tracker: Box<dyn Tracker> = match &surface {
             Some(surface) => Box::new(PaperTracker::new(
                 &settings,
-                Arc::clone(&anchor),
-                Arc::clone(surface),
+                anchor.clone(),
+                surface.clone(),
             )),
-            None => Box::new(PlaneTracker::new(&settings, Arc::clone(&anchor))),
+            None => Box::new(PlaneTracker::new(&settings, anchor.clone())),
         };
         Self {
             trail: Trail::new(&settings),
@@ -130,11 +123,7 @@ impl PoseTracker {
     /// A tracker of another head, with the same settings and a shared standard head.
     #[must_use]
     pub fn another(&self) -> Self {
-        Self::over(
-            self.settings,
-            Arc::clone(&self.anchor),
-            self.surface.clone(),
-        )
+        Self::over(self.settings, self.anchor.clone(), self.surface.clone())
     }
 
     /// Frames from which this head's shape was learned.
@@ -211,10 +200,8 @@ impl PoseTracker {
                 self.lose();
             }
         }
-        let found = self
-            .tracker
-            .find(cloud, &self.trail, at, &mut searches)
-            .map(|(found, known)| self.trail.keep(found, known, at));
+        let found = self.tracker.find(cloud, &self.trail, at, &mut searches);
+        let found = found.map(|(found, known)| self.trail.keep(found, known, at));
         if found.is_none() {
             self.trail.earlier = None;
         }

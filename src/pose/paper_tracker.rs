@@ -82,13 +82,8 @@ impl Tracker for PaperTracker {
         };
         let start = match (self.previous.take(), trail.last) {
             (Some(previous), Some((last, _))) => {
-                let step = icp::align(
-                    &previous,
-                    cloud,
-                    Rigid::identity(),
-                    &roughly,
-                    &mut self.scratch,
-                )?;
+                let (start, scratch) = (Rigid::identity(), &mut self.scratch);
+                let step = icp::align(&previous, cloud, start, &roughly, scratch)?;
                 HeadFromSensor::of(*last.inverse() * step.target_from_moving)
             }
             _ => {
@@ -109,7 +104,6 @@ impl Tracker for PaperTracker {
         let pose = HeadPose {
             sensor_from_head: head_from_sensor.inverse(),
             confidence: found.paired,
-            residual: found.residual,
             coverage: 1.0,
             proven: true,
         };
@@ -186,14 +180,8 @@ impl PaperTracker {
         };
         let mut best: Option<icp::Alignment> = None;
         for start in start::starts(&self.anchor, cloud) {
-            let end = icp::align(
-                &self.anchor.target,
-                &thin,
-                *start,
-                &brief,
-                &mut self.scratch,
-            );
-            if let Some(end) = end
+            let (target, scratch) = (&self.anchor.target, &mut self.scratch);
+            if let Some(end) = icp::align(target, &thin, *start, &brief, scratch)
                 && best.is_none_or(|best| end.residual < best.residual)
             {
                 best = Some(end);

@@ -49,8 +49,6 @@ pub(crate) struct PlaneFit {
     pub(crate) agreement: f32,
     /// Share of all live points that agree with the head, including hair: ranks poses.
     pub(crate) support: f32,
-    /// Root mean square distance of the agreeing pairs along the normal, metres.
-    pub(crate) residual: f32,
     /// Live points on the bare face that agree.
     pub(crate) agreeing: u32,
     /// Information of the live points on rotation and shift (normal matrix, head frame, radians and metres), per unit of weight.
@@ -152,7 +150,6 @@ struct Sums {
     asked: u32,
     on_face: u32,
     agreeing: u32,
-    squares: f64,
     agreement: f64,
     support: f64,
     total: f64,
@@ -187,7 +184,6 @@ impl Sums {
             if bare {
                 sums.agreement += f64::from(biweight);
                 sums.agreeing += 1;
-                sums.squares += f64::from(biweight * r * r);
             }
             // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
             let nearer = middle2 / (p.z * p.z);
@@ -243,7 +239,6 @@ pub(crate) fn align(
                 scale: log_scale.exp() as f32,
                 agreement: (sums.agreement / f64::from(sums.on_face.max(1))) as f32,
                 support: sums.support as f32 / sums.asked as f32,
-                residual: (sums.squares / sums.agreement.max(1e-9)).sqrt() as f32,
                 agreeing: sums.agreeing * stride as u32,
                 known: SMatrix::from_fn(|a, b| rows[a.min(b)][a.max(b)] / total),
             });
@@ -343,10 +338,10 @@ mod tests {
         // Relative to the cloud's own middle: the same head farther away weighs the same.
         let there = one_point(&anchor, 1.2, 0.0, 1.2);
         assert!((near.total - there.total).abs() < 1e-6);
-        // Half a cut-off away: (1 - 1/4)^2, and the distance is what the sum of squares says.
+        // Half a cut-off away: (1 - 1/4)^2, and the gradient says how far that is.
         let off = one_point(&anchor, 0.6, 0.01, 0.6);
         assert!((off.total / near.total - 0.5625).abs() < 0.02);
-        let distance = (off.squares / off.agreement).sqrt();
+        let distance = off.g[5].abs() / (off.rows[5][5] * off.total).sqrt();
         assert!((distance - 0.01).abs() < 5e-4, "{distance}");
         // As far as the cut-off: nothing, but it is on the face.
         let none = one_point(&anchor, 0.6, 0.021, 0.6);

@@ -137,8 +137,7 @@ impl Tracker for PlaneTracker {
             return None;
         }
         let coverage = self.covered(cloud, &fit, COVERED_FOLLOWED)?;
-        self.finalists.clear();
-        self.ends.clear();
+        self.clear_search();
         // What is gathered around a pose has the middle of that pose.
         self.middle = None;
         let (pose, known) = self.believed(head, fit, coverage);
@@ -172,8 +171,7 @@ impl Tracker for PlaneTracker {
     }
 
     fn restart(&mut self) {
-        self.finalists.clear();
-        self.ends.clear();
+        self.clear_search();
         (self.middle, self.moved) = (None, Vector::zeros());
     }
 
@@ -205,6 +203,11 @@ impl PlaneTracker {
 
     /// How far the head's cut-out has moved, whose centre is now `middle`: until the head has a speed, that of a person walking
     /// in at 40 mm a frame is predicted from it.
+    fn clear_search(&mut self) {
+        self.finalists.clear();
+        self.ends.clear();
+    }
+
     fn measure_motion(&mut self, middle: Point) {
         let moved = self.middle.map(|before| middle - before);
         self.moved = moved.unwrap_or_default();
@@ -262,8 +265,7 @@ impl PlaneTracker {
     ) -> Option<Found> {
         let scale_sigma = self.scale_sigma();
         if !(0.0..=COAST_S).contains(&at.seconds_since(self.searched)) {
-            self.finalists.clear();
-            self.ends.clear();
+            self.clear_search();
         }
         // What the last search left goes first, if its pose was doubted and not lost: it costs little.
         if trail.last.is_some() {
@@ -295,7 +297,6 @@ impl PlaneTracker {
         let pose = HeadPose {
             sensor_from_head: fit.head_from_sensor.inverse(),
             confidence: (fit.agreement * (coverage / COVERED_FOUND).min(1.0)).clamp(0.0, 1.0),
-            residual: fit.residual,
             coverage,
             proven: true,
         };
@@ -310,14 +311,8 @@ impl PlaneTracker {
         }
         let mut second: Best<FINALISTS> = Best::new();
         for fit in &first.0 {
-            second.offer(self.aligned(
-                cloud,
-                fit.head_from_sensor,
-                &NARROW_M,
-                SEARCH_STRIDE,
-                scale_sigma,
-                1.0,
-            ));
+            let start = fit.head_from_sensor;
+            second.offer(self.aligned(cloud, start, &NARROW_M, SEARCH_STRIDE, scale_sigma, 1.0));
         }
         self.finalists = second.0.iter().map(|fit| fit.head_from_sensor).collect();
         self.moved = Vector::zeros();
@@ -340,8 +335,7 @@ impl PlaneTracker {
             // As many as finalists.
             let _ = ends.insert(place.unwrap_or(ends.len()), (proof, fit.head_from_sensor));
         }
-        self.finalists.clear();
-        self.ends.clear();
+        self.clear_search();
         for (_, end) in &ends {
             let is_new =
                 |other: &HeadFromSensor| (other.inverse() * *end).rotation.angle() > APART_RAD;
@@ -406,7 +400,6 @@ mod tests {
             scale: 1.0,
             agreement,
             support: 1.0,
-            residual: 0.0,
             agreeing,
             known: SMatrix::zeros(),
         };
@@ -465,7 +458,6 @@ mod tests {
                 scale: 1.0 + 0.001 * frame as f32,
                 agreement: 0.8,
                 support: 1.0,
-                residual: 0.0,
                 agreeing: 500,
                 known: SMatrix::zeros(),
             });
@@ -490,7 +482,6 @@ mod tests {
             scale: 1.0,
             agreement: name,
             support,
-            residual: 0.0,
             agreeing: 0,
             known: nalgebra::SMatrix::zeros(),
         };

@@ -11,8 +11,6 @@ pub struct HeadPose {
     pub sensor_from_head: SensorFromHead,
     /// Agreement, 0…1: share of the evidence that fits.
     pub confidence: f32,
-    /// Root mean square distance of the accepted pairs, metres.
-    pub residual: f32,
     /// Share of the middle of the face, or of the nose if that is less, that the cloud covers, 0…1; 1 with the paper's method,
     /// which does not compute it.
     pub coverage: f32,

@@ -49,13 +49,8 @@ impl HeadShape {
         self.log_scale = (self.log_scale + (found - self.log_scale) / self.frames)
             .clamp(-MAX_LOG_SCALE, MAX_LOG_SCALE);
         let inverse_scale = 1.0 / fit.scale;
-        self.note(
-            anchor,
-            cloud,
-            &fit.head_from_sensor,
-            inverse_scale,
-            MEMORY_FRAMES,
-        );
+        let (pose, memory) = (&fit.head_from_sensor, MEMORY_FRAMES);
+        self.note(anchor, cloud, pose, inverse_scale, memory);
         self.spread(anchor);
         self.settle(anchor);
     }
@@ -220,7 +215,6 @@ mod tests {
             scale,
             agreement: 1.0,
             support: 1.0,
-            residual: 0.0,
             agreeing: 1000,
             known: nalgebra::SMatrix::zeros(),
         };

@@ -113,7 +113,7 @@ impl Camera {
         size: [usize; 2],
         picture: Picture,
     ) -> Self {
-        let mut table = vec![0.0; RAW_DEPTH_VALUES].into_boxed_slice();
+        let mut table = vec![0.0; RAW_DEPTH_VALUES];
         // The last value means "none" and keeps its zero.
         for (raw, slot) in table.iter_mut().enumerate().take(RAW_DEPTH_VALUES - 1) {
             *slot = metres(raw as f64) as f32;

@@ -62,14 +62,8 @@ impl Default for Frame {
             index: 0,
             at: Timestamp::default(),
             has_colour: true,
-            depth: vec![NO_DEPTH; PIXELS]
-                .into_boxed_slice()
-                .try_into()
-                .expect("PIXELS long"),
-            luma: vec![0; PIXELS]
-                .into_boxed_slice()
-                .try_into()
-                .expect("PIXELS long"),
+            depth: vec![NO_DEPTH; PIXELS].try_into().expect("PIXELS long"),
+            luma: vec![0; PIXELS].try_into().expect("PIXELS long"),
         }
     }
 }

@@ -21,11 +21,8 @@ pub(super) enum Damage {
     Unreadable(#[from] std::io::Error),
     #[error("is no whole PGM, PPM, PNG or JPEG")]
     Format,
-    #[error("has {found:?} pixels, expected {expected:?}")]
-    Size {
-        expected: [usize; 2],
-        found: [usize; 2],
-    },
+    #[error("has {1:?} pixels, expected {0:?}")]
+    Size([usize; 2], [usize; 2]),
     #[error("ends before its last pixel")]
     Short,
     #[error("expected {0}")]
@@ -105,9 +102,8 @@ impl Pixels<'_> {
                 let mut sum = 0;
                 for y in 0..reduced {
                     let from = (row * reduced + y) * self.columns + col * reduced;
-                    sum += (from..from + reduced)
-                        .map(|at| self.luma(at, white))
-                        .sum::<u32>();
+                    let line = from..from + reduced;
+                    sum += line.map(|at| self.luma(at, white)).sum::<u32>();
                 }
                 *out = (sum / (reduced * reduced) as u32) as u8;
             }
@@ -149,14 +145,8 @@ impl PictureFile {
             return self.decode(format, got, size);
         }
         let (header, start) = netpbm(&self.bytes[..got]).ok_or(Damage::Format)?;
-        let [channels, columns, rows, most] = header;
-        pixels(
-            &self.bytes[start..got],
-            channels,
-            most > 255,
-            [columns, rows],
-            size,
-        )
+        let ([channels, columns, rows, most], body) = (header, &self.bytes[start..got]);
+        pixels(body, channels, most > 255, [columns, rows], size)
     }
 
     #[cfg(feature = "studio")]
@@ -203,7 +193,7 @@ fn pixels(
     expected: [usize; 2],
 ) -> Result<Pixels<'_>, Damage> {
     if found != expected {
-        return Err(Damage::Size { expected, found });
+        return Err(Damage::Size(expected, found));
     }
     let columns = found[0];
     let bytes = columns * found[1] * channels * (1 + usize::from(wide));
@@ -233,10 +223,8 @@ fn netpbm(bytes: &[u8]) -> Option<([usize; 4], usize)> {
         }
         let digits = bytes[at..].iter().take_while(|byte| byte.is_ascii_digit());
         let digits = digits.take(6).count();
-        *number = std::str::from_utf8(&bytes[at..at + digits])
-            .ok()?
-            .parse()
-            .ok()?;
+        let text = std::str::from_utf8(&bytes[at..at + digits]);
+        *number = text.ok()?.parse().ok()?;
         at += digits;
     }
     let is_header = bytes.get(at)?.is_ascii_whitespace() && (1..=65535).contains(&header[3]);

@@ -17,6 +17,7 @@
 mod calibration;
 mod index;
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::camera::{Camera, Picture, Pinhole, RANGE_M};
@@ -38,34 +39,18 @@ const UNLISTED: Damage =
 #[derive(Debug, thiserror::Error)]
 pub enum RgbdError {
     /// A file that must be there.
-    #[error("{}: cannot be read ({source}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error("{}: cannot be read ({}); a recording of a depth camera has depth.txt and camera.json, see docs/recordings.md", .0.display(), .1)]
+    File(PathBuf, std::io::Error),
     /// The calibration is not one.
-    #[error("{}: {problem}", path.display())]
-    Calibration {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and where.
-        problem: String,
-    },
+    #[error("{}: {}", .0.display(), .1)]
+    Calibration(PathBuf, String),
     /// Pictures that this program cannot decode.
     #[cfg(not(feature = "studio"))]
-    #[error("{}: names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md", path.display())]
-    Png {
-        /// The list.
-        path: PathBuf,
-    },
+    #[error("{}: names PNG, which this lean program does not read; play it with one built with --features studio, or convert it to PGM, see docs/recordings.md", .0.display())]
+    Png(PathBuf),
     /// A list without a picture.
-    #[error("{}: names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?", path.display())]
-    Empty {
-        /// The list.
-        path: PathBuf,
-    },
+    #[error("{}: names no picture, expected lines like 1305031102.160407 depth/1305031102.160407.png; is the recording complete?", .0.display())]
+    Empty(PathBuf),
 }
 
 /// One stream: its view as the frame has it, and what it takes to read a picture.
@@ -108,10 +93,7 @@ impl Stream {
 fn text(path: &Path, most: usize) -> Result<String, RgbdError> {
     match bounded_read::regular(path, most) {
         Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
-        Err(source) => Err(RgbdError::File {
-            path: path.to_owned(),
-            source,
-        }),
+        Err(source) => Err(RgbdError::File(path.to_owned(), source)),
     }
 }
 
@@ -155,27 +137,21 @@ impl Rgbd {
     pub fn open(folder: &Path) -> Result<Self, RgbdError> {
         let text = |name, most| text(&folder.join(name), most);
         let calibration = Calibration::parse(&text("camera.json", CALIBRATION_MOST)?);
-        let calibration = calibration.map_err(|problem| RgbdError::Calibration {
-            path: folder.join("camera.json"),
-            problem,
-        })?;
+        let calibration = calibration
+            .map_err(|problem| RgbdError::Calibration(folder.join("camera.json"), problem))?;
         let pictures = match text("rgb.txt", LIST_MOST) {
-            Err(RgbdError::File { source, .. })
-                if source.kind() == std::io::ErrorKind::NotFound =>
-            {
+            Err(RgbdError::File(_, source)) if source.kind() == ErrorKind::NotFound => {
                 String::new()
             }
             text => text?,
         };
         let index = Index::parse(&text("depth.txt", LIST_MOST)?, &pictures);
         if index.depth.is_empty() {
-            let path = folder.join("depth.txt");
-            return Err(RgbdError::Empty { path });
+            return Err(RgbdError::Empty(folder.join("depth.txt")));
         }
         #[cfg(not(feature = "studio"))]
         if index.depth[0].name.ends_with(".png") {
-            let path = folder.join("depth.txt");
-            return Err(RgbdError::Png { path });
+            return Err(RgbdError::Png(folder.join("depth.txt")));
         }
         let Calibration {
             depth,

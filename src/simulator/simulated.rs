@@ -12,8 +12,7 @@ use crate::sensor::kinect::device::Model;
 use crate::sensor::kinect::driver::{Kinect, Settings, develop};
 use crate::sensor::kinect::frame::{Developed, KinectFrame};
 use crate::sensor::kinect::pairing::RawPair;
-use crate::sensor::kinect::picture_clock::PictureClock;
-use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
+use crate::sensor::kinect::picture_clock::{FRAME_TICKS, PictureClock, timestamp_from_ticks};
 use crate::sensor::kinect::registration::Registration;
 
 /// Seed of the scene's movements and noise: every run is the same.
@@ -44,11 +43,8 @@ impl View for Drawn {
 
 /// There is no scene of that name.
 #[derive(Debug, thiserror::Error)]
-#[error("expected one of the scenes {}, found {name}{}", scene_names(), hint(name, Scene::NAMES.iter().map(|s| s.0)))]
-pub struct UnknownScene {
-    /// What was asked for.
-    pub name: String,
-}
+#[error("expected one of the scenes {}, found {}{}", scene_names(), .0, hint(.0, Scene::NAMES.iter().map(|s| s.0)))]
+pub struct UnknownScene(pub String);
 
 /// A simulated sensor that is running. Never ends.
 pub struct Simulated {
@@ -65,9 +61,7 @@ impl Simulated {
     pub fn new(scene: Option<&str>) -> Result<Self, UnknownScene> {
         let scene = match scene {
             None => Scene::Demo,
-            Some(name) => Scene::named(name).ok_or_else(|| UnknownScene {
-                name: name.to_owned(),
-            })?,
+            Some(name) => Scene::named(name).ok_or_else(|| UnknownScene(name.to_owned()))?,
         };
         let simulator = Simulator::new(HeadAsset::shipped(), scene, SEED);
         Ok(Self::from(if scene == Scene::Demo {

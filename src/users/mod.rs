@@ -66,14 +66,7 @@ impl TrackingState {
     /// Name in the CSV.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Absent => "absent",
-            Self::Warming => "warming",
-            Self::Tracking => "tracking",
-            Self::Held => "held",
-            Self::Lost => "lost",
-            Self::Posed => "posed",
-        }
+        ["absent", "warming", "tracking", "held", "lost", "posed"][self as usize]
     }
 
     /// Code in the other outputs.
@@ -140,7 +133,11 @@ impl Presence {
     pub fn seen(&mut self, at: Timestamp, ready: bool) -> TrackingState {
         (self.last_seen, self.face_seen) = (Some(at), Some(at));
         self.ready = ready;
-        if ready {
+        self.with_face()
+    }
+
+    fn with_face(&self) -> TrackingState {
+        if self.ready {
             TrackingState::Tracking
         } else {
             TrackingState::Warming
@@ -153,11 +150,7 @@ impl Presence {
         let face = self.face_seen.map(|seen| at.seconds_since(seen));
         if face.is_some_and(|gone| gone <= BLINK_S) {
             // A face that moves with its head for so short a time is still the one that was seen.
-            if self.ready {
-                TrackingState::Tracking
-            } else {
-                TrackingState::Warming
-            }
+            self.with_face()
         } else if face.is_some_and(|gone| gone <= self.hold_s) {
             TrackingState::Held
         } else {

@@ -14,7 +14,7 @@ use mien::output::osc::faceosc::{self, FaceOsc};
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc, Style};
-use mien::output::serial::{self, PortState, Serial};
+use mien::output::serial::{self, Serial};
 use mien::output::{Output, OutputError, Report, TrackingState};
 use mien::segment::PixelRect;
 use rosc::{OscMessage, OscPacket, OscType};
@@ -680,7 +680,7 @@ fn serial_lines_are_the_references() {
         &UNITS,
     )
     .unwrap();
-    wait_for("open", || serial.state() == PortState::Open);
+    wait_for("open", || serial.tally().connected);
     let pose = pose();
     let weights = [0.0, 0.5, 1.7];
     let first = Report {
@@ -734,7 +734,7 @@ fn serial_styles_plot_and_cobs_are_the_references() {
             ..serial_settings(&path)
         };
         let mut serial = Serial::new(&settings, &UNITS).unwrap();
-        wait_for("open", || serial.state() == PortState::Open);
+        wait_for("open", || serial.tally().connected);
         let mut bytes = Vec::new();
         let mut read = |enough: usize| {
             wait_for("bytes", || {
@@ -758,7 +758,7 @@ fn serial_styles_plot_and_cobs_are_the_references() {
 fn serial_follows_one_face_until_it_is_lost() {
     let (mut reader, _port, path) = terminal();
     let mut serial = Serial::new(&serial_settings(&path), &UNITS).unwrap();
-    wait_for("open", || serial.state() == PortState::Open);
+    wait_for("open", || serial.tally().connected);
     let mut said = |patience, report: &Report| {
         serial.send(report).unwrap();
         let text = read_for(patience, &mut reader, |text| {
@@ -789,7 +789,7 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
     let path = directory.path().join("by-id");
     let mut serial = Serial::new(&serial_settings(path.to_str().unwrap()), &UNITS).unwrap();
     for plugged in 0..2 {
-        assert_eq!(serial.state(), PortState::Absent);
+        assert!(!serial.tally().connected);
         let start = Instant::now();
         for ms in 0..100 {
             serial
@@ -803,7 +803,7 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
         );
         let (mut reader, _, port) = terminal();
         std::os::unix::fs::symlink(port, &path).unwrap();
-        wait_for("opened", || serial.state() == PortState::Open);
+        wait_for("opened", || serial.tally().connected);
         let text = read_until(&mut reader, |text| {
             text.contains("$AU,") && text.ends_with('\n')
         });
@@ -814,14 +814,14 @@ fn serial_port_that_is_absent_or_unplugged_is_found_again() {
             "the newest frame waited: {}",
             lines[1]
         );
-        assert!(serial.dropped() >= 99);
+        assert!(serial.tally().dropped >= 99);
         std::fs::remove_file(&path).unwrap();
         drop(reader);
         wait_for("lost", || {
             serial
                 .send(&report(200, 0, TrackingState::Tracking, &[0.1; 3]))
                 .unwrap();
-            serial.state() == PortState::Absent
+            !serial.tally().connected
         });
     }
 }
@@ -834,7 +834,7 @@ fn serial_port_that_takes_nothing_holds_nothing_up() {
         ..serial_settings(&path)
     };
     let mut serial = Serial::new(&settings, &["AU25"; 60]).unwrap();
-    wait_for("open", || serial.state() == PortState::Open);
+    wait_for("open", || serial.tally().connected);
     // Nobody reads; a pseudo-terminal takes some tens of kB, then no more.
     let mut in_calls = Duration::ZERO;
     for ms in 0..600 {
@@ -847,11 +847,11 @@ fn serial_port_that_takes_nothing_holds_nothing_up() {
     }
     println!(
         "600 calls took {in_calls:?}, {} frames replaced",
-        serial.dropped()
+        serial.tally().dropped
     );
     // If each waited for the port, if only until writing to it is given up after 20 ms, they would take twice as long.
     assert!(in_calls < Duration::from_secs(6));
-    assert!(serial.dropped() > 100);
+    assert!(serial.tally().dropped > 100);
     let start = Instant::now();
     drop(serial);
     assert!(start.elapsed() < PATIENCE, "closing does not wait for ever");
@@ -866,7 +866,7 @@ fn serial_keeps_to_the_baud_rate() {
         ..serial_settings(&path)
     };
     let mut serial = Serial::new(&settings, &UNITS).unwrap();
-    wait_for("open", || serial.state() == PortState::Open);
+    wait_for("open", || serial.tally().connected);
     let start = Instant::now();
     let mut bytes = 0;
     while bytes < 900 && start.elapsed() < PATIENCE {

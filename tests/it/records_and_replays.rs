@@ -302,7 +302,7 @@ fn what_cannot_be_opened_says_so_in_one_sentence() {
     let again = Recorder::create(at, &Registration::default(), 0.0)
         .err()
         .unwrap();
-    assert!(matches!(again, RecordingError::Exists { .. }), "{again}");
+    assert!(matches!(again, RecordingError::Exists(_)), "{again}");
     assert!(!again.to_string().contains('\n'));
 }
 

@@ -14,7 +14,7 @@ use mien::output::osc::faceosc::{self, FaceOsc};
 use mien::output::osc::vmc::{self, Vmc};
 use mien::output::osc::vrchat::{self, VrChat};
 use mien::output::osc::{self, Osc};
-use mien::output::serial::{self, PortState, Serial};
+use mien::output::serial::{self, Serial};
 use mien::output::{Output, Report, TrackingState};
 use serialport::{SerialPort, TTYPort};
 
@@ -51,7 +51,7 @@ fn all_wires_at_once_cost_no_memory() {
     };
     let serial = Serial::new(&serial, &UNITS).unwrap();
     let waited = Instant::now();
-    while serial.state() != PortState::Open && waited.elapsed() < Duration::from_secs(20) {
+    while !serial.tally().connected && waited.elapsed() < Duration::from_secs(20) {
         std::thread::sleep(Duration::from_millis(5));
     }
     let osc = osc::Settings {

@@ -48,16 +48,10 @@ pub(super) struct Key {
 
 /// Type and range of a key's value, and where it is stored.
 pub(super) enum Kind<'a> {
-    Float {
+    Number {
         value: Number<'a>,
         min: f32,
         max: f32,
-        unit: &'static str,
-    },
-    Integer {
-        value: &'a mut u32,
-        min: u32,
-        max: u32,
         unit: &'static str,
     },
     Bool(&'a mut bool),
@@ -83,6 +77,7 @@ pub(super) enum Kind<'a> {
 
 /// A number as the stages store it: single precision for images, double for what accumulates over months.
 pub(super) enum Number<'a> {
+    Whole(&'a mut u32),
     Single(&'a mut f32),
     Double(&'a mut f64),
 }
@@ -102,14 +97,16 @@ impl<'a> From<&'a mut f64> for Number<'a> {
 impl Number<'_> {
     pub(super) fn set(self, number: f64) {
         match self {
+            Self::Whole(slot) => *slot = number as u32,
             Self::Single(slot) => *slot = number as f32,
             Self::Double(slot) => *slot = number,
         }
     }
 
-    /// As TOML, always with a decimal point, so that it stays a float.
+    /// As TOML: a float always with a decimal point, so that it stays one.
     pub(super) fn text(&self) -> String {
         match self {
+            Self::Whole(value) => value.to_string(),
             Self::Single(value) => format!("{value:?}"),
             Self::Double(value) => format!("{value:?}"),
         }
@@ -397,9 +394,8 @@ sections! { s
 }
 
 fn float<'a>(value: impl Into<Number<'a>>, min: f32, max: f32, unit: &'static str) -> Kind<'a> {
-    let value = value.into();
-    Kind::Float {
-        value,
+    Kind::Number {
+        value: value.into(),
         min,
         max,
         unit,
@@ -411,12 +407,7 @@ fn seconds(value: &mut f32) -> Kind<'_> {
 }
 
 fn integer<'a>(value: &'a mut u32, min: u32, max: u32, unit: &'static str) -> Kind<'a> {
-    Kind::Integer {
-        value,
-        min,
-        max,
-        unit,
-    }
+    float(Number::Whole(value), min as f32, max as f32, unit)
 }
 
 fn flag(value: &mut bool) -> Kind<'_> {

@@ -14,13 +14,13 @@ pub use sections::{
     LogSettings, NetworkSettings, SensorSettings, Settings, StateSettings, StatusSettings,
 };
 
-use std::fmt::{Display, Write as _};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use keys::{GESTURE, Key, Kind, SECTIONS, Section, UNITS};
-use toml_words::{describe, integer, toml_string};
+use keys::{GESTURE, Key, Kind, Number, SECTIONS, Section, UNITS};
+use toml_words::{describe, float, toml_string};
 
 use crate::base::bounded_read;
 use crate::base::nearest_word::hint;
@@ -33,13 +33,8 @@ const MOST: usize = 1 << 20;
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum SettingsError {
     /// The file cannot be read.
-    #[error("{}: cannot be read ({reason}); give an existing file or leave --config out", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        reason: String,
-    },
+    #[error("{}: cannot be read ({}); give an existing file or leave --config out", .0.display(), .1)]
+    Unreadable(PathBuf, String),
     /// An invalid entry in the file.
     #[error("{}:{line}:{column}: expected {expected}, found {found}", path.display())]
     Wrong {
@@ -65,10 +60,8 @@ impl Settings {
         let text = bounded_read::read(path, MOST).and_then(|bytes| {
             String::from_utf8(bytes).map_err(|_| std::io::Error::other("not UTF-8 text"))
         });
-        let text = text.map_err(|error| SettingsError::Unreadable {
-            path: path.into(),
-            reason: error.to_string(),
-        })?;
+        let text =
+            text.map_err(|error| SettingsError::Unreadable(path.into(), error.to_string()))?;
         Self::parse(&text, path)
     }
 
@@ -213,18 +206,15 @@ impl Kind<'_> {
     /// What is allowed, and the value as TOML.
     fn text(&self) -> (String, String) {
         match self {
-            Self::Float {
+            Self::Number {
                 value,
                 min,
                 max,
                 unit,
-            } => (span(min, max, unit), value.text()),
-            Self::Integer {
-                value,
-                min,
-                max,
-                unit,
-            } => (span(min, max, unit), value.to_string()),
+            } => {
+                let span = format!("{min} to {max} {unit}");
+                (span.trim_end().into(), value.text())
+            }
             Self::Bool(value) => ("true or false".into(), value.to_string()),
             Self::Text { value, form, .. } => ((*form).into(), toml_string(value)),
             Self::Texts { value, form, .. } => ((*form).into(), toml_strings(value)),
@@ -233,26 +223,12 @@ impl Kind<'_> {
     }
 }
 
-/// A range in words.
-fn span(min: impl Display, max: impl Display, unit: &str) -> String {
-    format!("{min} to {max} {unit}").trim_end().into()
-}
-
 fn quoted(names: &[&str]) -> String {
     names
         .iter()
         .map(|name| format!("{name:?}"))
         .collect::<Vec<_>>()
         .join(" or ")
-}
-
-/// Any number.
-fn float(value: &DeValue<'_>) -> Option<f64> {
-    match value {
-        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
-        DeValue::Integer(number) => integer(number).map(|number| number as f64),
-        _ => None,
-    }
 }
 
 /// One string as such, any other number of them as an array.
@@ -279,30 +255,23 @@ fn texts<'a>(value: &'a DeValue<'_>) -> Option<Vec<&'a str>> {
 fn assign(slot: Kind<'_>, path: &str, value: &DeValue<'_>) -> Result<(), (String, String)> {
     let (allowed, _) = slot.text();
     let expected = match slot {
-        Kind::Float { .. } => format!("{path} from {allowed}"),
-        Kind::Integer { .. } => format!("{path} as a whole number from {allowed}"),
+        Kind::Number {
+            value: Number::Whole(_),
+            ..
+        } => format!("{path} as a whole number from {allowed}"),
+        Kind::Number { .. } => format!("{path} from {allowed}"),
         _ => format!("{path} to be {allowed}"),
     };
     let stored = match slot {
-        Kind::Float {
+        Kind::Number {
             value: slot,
             min,
             max,
             ..
         } => float(value)
+            .filter(|_| value.as_integer().is_some() || !matches!(slot, Number::Whole(_)))
             .filter(|number| (f64::from(min)..=f64::from(max)).contains(number))
             .map(|number| slot.set(number)),
-        Kind::Integer {
-            value: slot,
-            min,
-            max,
-            ..
-        } => value
-            .as_integer()
-            .and_then(integer)
-            .and_then(|number| u32::try_from(number).ok())
-            .filter(|number| (min..=max).contains(number))
-            .map(|number| *slot = number),
         Kind::Bool(slot) => value.as_bool().map(|value| *slot = value),
         Kind::Text {
             value: slot, valid, ..

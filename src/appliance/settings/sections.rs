@@ -1,5 +1,7 @@
 //! Everything that can be configured, section by section, in the stages' own types.
 
+use std::path::Path;
+
 use crate::appliance::source;
 use crate::base::defaults;
 use crate::output::features::{
@@ -112,6 +114,13 @@ defaults! {
     pub struct LogSettings {
         /// Least severity written to standard error.
         pub level: tracing::Level = tracing::Level::INFO,
+    }
+}
+
+impl SensorSettings {
+    /// The face model's file, if it is not the built-in one.
+    pub(in crate::appliance) fn model(&self) -> Option<&Path> {
+        Some(Path::new(&self.model)).filter(|path| !path.as_os_str().is_empty())
     }
 }
 

@@ -29,8 +29,17 @@ pub(super) fn describe(value: &DeValue<'_>) -> String {
     }
 }
 
-pub(super) fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
+fn integer(number: &toml::de::DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(&number.as_str().replace('_', ""), number.radix()).ok()
+}
+
+/// Any number.
+pub(super) fn float(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
+        DeValue::Integer(number) => integer(number).map(|number| number as f64),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

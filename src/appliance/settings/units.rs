@@ -7,7 +7,7 @@ use crate::expression::unit_words;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::toml_words::{describe, integer, toml_string};
+use super::toml_words::{describe, float, toml_string};
 use crate::expression::units::Units;
 use crate::output::{UnitView, is_name};
 
@@ -59,20 +59,13 @@ pub(super) fn assign(
     for (key, value) in table {
         let key_name: &str = key.get_ref();
         match key_name {
-            "gain" => {
-                let number = match value.get_ref() {
-                    DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
-                    DeValue::Integer(number) => integer(number).map(|number| number as f32),
-                    _ => None,
-                };
-                match number {
-                    Some(gain) if (0.0..=LARGEST_GAIN).contains(&gain) => view.gain = gain,
-                    _ => {
-                        let expected = format!("units.{unit}.gain from 0 to {LARGEST_GAIN}");
-                        return refuse(value, expected);
-                    }
+            "gain" => match float(value.get_ref()).map(|gain| gain as f32) {
+                Some(gain) if (0.0..=LARGEST_GAIN).contains(&gain) => view.gain = gain,
+                _ => {
+                    let expected = format!("units.{unit}.gain from 0 to {LARGEST_GAIN}");
+                    return refuse(value, expected);
                 }
-            }
+            },
             "name" => {
                 let name = value.get_ref().as_str();
                 let taken = |name: &str| {

@@ -37,7 +37,7 @@ fn rest_moves_to_the_middle_of_all_within_its_window_both_ends_counted() {
         down: 0.2,
     };
     // All of it exact in binary: the second is just within a quarter of the first.
-    let mut nodes: Nodes<64> = Nodes::new();
+    let mut nodes: Nodes<64> = Nodes::default();
     nodes.push(1.0, 2.0, 2.0);
     nodes.push(1.25, 2.0, 2.0);
     let mode = rest::mode(nodes.as_slice(), nodes.growth(), 0.25, &prior, 1.0);

@@ -25,9 +25,8 @@ const UNIVERSES: usize = 16;
 const TURN: f32 = std::f32::consts::FRAC_PI_4;
 
 /// Curve applied to a weight.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Curve {
-    #[default]
     Linear,
     Square,
     Root,
@@ -83,13 +82,9 @@ impl Row {
             Some(bits) => bits == "16",
             None => false,
         };
-        let named = words.peek().and_then(|word| {
-            let found = Curve::ALL.iter().find(|(name, _)| name == word);
-            found.map(|(_, curve)| *curve)
-        });
-        if named.is_some() {
-            words.next();
-        }
+        let is_named = |word: &&str| Curve::ALL.iter().any(|(name, _)| name == word);
+        let name = words.next_if(is_named).unwrap_or("linear");
+        let (_, curve) = Curve::ALL.into_iter().find(|curve| curve.0 == name)?;
         let mut ends = [0.0, 1.0];
         if words.peek().is_some_and(|word| *word != "hold") {
             for end in &mut ends {
@@ -104,7 +99,7 @@ impl Row {
             universe,
             channel,
             wide,
-            curve: named.unwrap_or_default(),
+            curve,
             ends,
             hold,
         };
@@ -172,29 +167,20 @@ impl Desk {
         units: &[&str],
         universes_of: Universes,
     ) -> Result<Self, OutputError> {
-        let refuse = |row: &str, expected: &'static str| OutputError::Channel {
-            row: row.to_owned(),
-            expected,
-        };
+        let refuse = |row: &str, expected| OutputError::Channel(row.to_owned(), expected);
         let mut universes: Vec<(u16, [u8; CHANNELS])> = Vec::new();
         let mut taken: Vec<[bool; CHANNELS]> = Vec::new();
         let mut channels = Vec::new();
         for text in &settings.channels {
-            let (unit, row) = Row::read(text).ok_or_else(|| {
-                refuse(
-                    text,
-                    "UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]",
-                )
-            })?;
+            let form = "UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]";
+            let (unit, row) = Row::read(text).ok_or_else(|| refuse(text, form))?;
             let driver = Driver::named(unit, units)
                 .ok_or_else(|| refuse(text, "a unit that is measured with these settings"))?;
             if !universes_of.valid.contains(&row.universe) {
                 return Err(refuse(text, universes_of.expected));
             }
-            let at = match universes
-                .iter()
-                .position(|(number, _)| *number == row.universe)
-            {
+            let known = universes.iter().position(|known| known.0 == row.universe);
+            let at = match known {
                 Some(at) => at,
                 None if universes.len() == UNIVERSES => {
                     return Err(refuse(text, "at most 16 universes"));
@@ -255,14 +241,10 @@ impl Desk {
                 Driver::Turn(axis) if present || row.hold => self.turn[axis],
                 Driver::Turn(_) => 0.5,
             };
-            let value = row.value(weight);
-            let [coarse, fine] = value.to_be_bytes();
-            let slots = &mut self.universes[*at].1[row.channel - 1..];
-            if row.wide {
-                slots[..2].copy_from_slice(&[coarse, fine]);
-            } else {
-                slots[0] = fine;
-            }
+            let value = row.value(weight).to_be_bytes();
+            // Coarse and fine, or the lower byte alone.
+            let bytes = &value[usize::from(!row.wide)..];
+            self.universes[*at].1[row.channel - 1..][..bytes.len()].copy_from_slice(bytes);
         }
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::poll::{PollFd, PollFlags, poll};
 
-use super::packet::{self, Hello, LONGEST, Message, Nonsense, Told};
+use super::packet::{self, LONGEST, Nonsense, Told};
 use super::stream::Stream;
 use super::talk::Talk;
 use super::watch::{Change, Draft, Watch};
@@ -112,13 +112,8 @@ struct Buffers {
 impl Buffers {
     /// Publishes the draft.
     fn publish(&mut self, retain: bool, number: Option<u16>) {
-        let message = Message {
-            topic: &self.draft.topic,
-            payload: self.draft.payload.as_bytes(),
-            retain,
-            number,
-        };
-        packet::publish(&message, &mut self.out);
+        let Draft { topic, payload } = &self.draft;
+        packet::publish(topic, payload.as_bytes(), retain, number, &mut self.out);
     }
 }
 
@@ -170,14 +165,15 @@ impl<'a> Connection<'a> {
 
     fn run(&mut self, bell: &mut Bell, watch: &mut Watch, buffers: &mut Buffers) -> End {
         buffers.out.clear();
-        let hello = Hello {
-            client: &self.talk.client,
-            keep_alive: KEEP_ALIVE_S,
-            will: [&self.talk.presence, "offline"],
-            user: self.talk.user.as_deref(),
-            password: self.talk.password.as_deref(),
-        };
-        packet::connect(&hello, &mut buffers.out);
+        let will = [self.talk.presence.as_str(), "offline"];
+        let login = [&self.talk.user, &self.talk.password].map(|part| part.as_deref());
+        packet::connect(
+            &self.talk.client,
+            KEEP_ALIVE_S,
+            will,
+            login,
+            &mut buffers.out,
+        );
         loop {
             if let Err(end) = self.step(bell, watch, buffers) {
                 return end;
@@ -402,10 +398,9 @@ impl<'a> Connection<'a> {
             let number = self.next_number();
             buffers.publish(true, Some(number));
         }
-        buffers
-            .draft
-            .about(&self.talk.base, format_args!("presence"));
-        buffers.draft.payload.push_str("offline");
+        let draft = &mut buffers.draft;
+        draft.about(&self.talk.base, format_args!("presence"));
+        draft.payload.push_str("offline");
         let number = self.next_number();
         buffers.publish(true, Some(number));
         packet::disconnect(&mut buffers.out);

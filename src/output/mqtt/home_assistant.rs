@@ -7,15 +7,7 @@ pub(super) fn entities(
     commands: bool,
     gestures: &[&str],
 ) -> Box<[(String, String)]> {
-    let entity = |kind: &str, id: &str, what: String| {
-        let version = env!("CARGO_PKG_VERSION");
-        (
-            format!("homeassistant/{kind}/mien_{name}/{id}/config"),
-            format!(
-                "{{\"unique_id\":\"mien_{name}_{id}\",{what},\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{version}\"}}}}"
-            ),
-        )
-    };
+    let entity = |kind: &str, id: &str, what: String| entity(base, name, kind, id, &what);
     let switch = |condition: &str| format!("'ON' if {condition} else 'OFF'");
     let value = |topic: &str, template: &str, rest: &str| {
         format!(
@@ -42,19 +34,18 @@ pub(super) fn entities(
         "value_json.rate_hz",
         r#""name":"Rate","unit_of_measurement":"Hz","device_class":"frequency","entity_category":"diagnostic""#,
     );
-    let button = |id: &str, shown: &str| {
-        let topic = format!("\"name\":\"{shown}\",\"command_topic\":\"{base}/cmd/{id}\"");
-        entity("button", id, topic + ",\"payload_press\":\"0\"")
-    };
-    let buttons = [("forget", "Forget"), ("neutral", "Set neutral")];
     let shown = [
         entity("binary_sensor", "face", face),
         entity("sensor", "faces", faces),
         entity("binary_sensor", "sensor", sensor),
         entity("sensor", "rate", rate),
     ];
-    let buttons = buttons.iter().filter(|_| commands);
-    let buttons = buttons.map(|(id, shown)| button(id, shown));
+    let buttons = [("forget", "Forget"), ("neutral", "Set neutral")];
+    let buttons = buttons.into_iter().filter(|_| commands);
+    let buttons = buttons.map(|(id, shown)| {
+        let topic = format!("\"name\":\"{shown}\",\"command_topic\":\"{base}/cmd/{id}\"");
+        entity("button", id, topic + ",\"payload_press\":\"0\"")
+    });
     // A sensor to show, and a trigger for automations.
     let gestures = gestures.iter().flat_map(|gesture| {
         let (id, shown) = (format!("gesture_{gesture}"), gesture.replace('_', " "));
@@ -66,4 +57,14 @@ pub(super) fn entities(
         [lamp, entity("device_automation", &id, trigger)]
     });
     shown.into_iter().chain(buttons).chain(gestures).collect()
+}
+
+fn entity(base: &str, name: &str, kind: &str, id: &str, what: &str) -> (String, String) {
+    let version = env!("CARGO_PKG_VERSION");
+    (
+        format!("homeassistant/{kind}/mien_{name}/{id}/config"),
+        format!(
+            "{{\"unique_id\":\"mien_{name}_{id}\",{what},\"availability_topic\":\"{base}/presence\",\"device\":{{\"identifiers\":[\"mien_{name}\"],\"name\":\"mien {name}\",\"model\":\"mien\",\"sw_version\":\"{version}\"}}}}"
+        ),
+    )
 }

@@ -4,28 +4,6 @@
 /// Longest packet accepted, bytes; a broker has no longer ones for us.
 pub(super) const LONGEST: usize = 2048;
 
-/// The CONNECT packet's contents.
-#[derive(Clone, Copy)]
-pub(super) struct Hello<'a> {
-    pub(super) client: &'a str,
-    /// Seconds.
-    pub(super) keep_alive: u16,
-    /// Last will, published by the broker when the client disappears: topic and payload.
-    pub(super) will: [&'a str; 2],
-    pub(super) user: Option<&'a str>,
-    pub(super) password: Option<&'a str>,
-}
-
-/// A PUBLISH packet from the client.
-#[derive(Clone, Copy)]
-pub(super) struct Message<'a> {
-    pub(super) topic: &'a str,
-    pub(super) payload: &'a [u8],
-    pub(super) retain: bool,
-    /// Packet number for QoS 1.
-    pub(super) number: Option<u16>,
-}
-
 /// A packet from the broker.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Told<'a> {
@@ -77,35 +55,42 @@ fn text(text: &str, into: &mut Vec<u8>) {
     into.extend_from_slice(bytes);
 }
 
-/// CONNECT, of version 4 (3.1.1).
-pub(super) fn connect(hello: &Hello, into: &mut Vec<u8>) {
+/// CONNECT, of version 4 (3.1.1): of user and password, whichever there are. The last will, a topic and a payload, is published
+/// by the broker when the client disappears.
+pub(super) fn connect(
+    client: &str,
+    keep_alive_s: u16,
+    will: [&str; 2],
+    login: [Option<&str>; 2],
+    into: &mut Vec<u8>,
+) {
     packet(0x10, into, |into| {
         text("MQTT", into);
         // A clean session, and a will that is acknowledged and retained.
-        let user = u8::from(hello.user.is_some()) << 7;
-        let password = u8::from(hello.password.is_some()) << 6;
-        into.extend_from_slice(&[4, 0b0010_1110 | user | password]);
-        word(hello.keep_alive, into);
-        let login = [hello.user, hello.password];
-        for part in [hello.client].iter().chain(&hello.will) {
-            text(part, into);
-        }
-        for part in login.into_iter().flatten() {
+        let [user, password] = login.map(|part| u8::from(part.is_some()));
+        into.extend_from_slice(&[4, 0b0010_1110 | user << 7 | password << 6]);
+        word(keep_alive_s, into);
+        for part in [client].iter().chain(&will).chain(login.iter().flatten()) {
             text(part, into);
         }
     });
 }
 
-/// PUBLISH.
-pub(super) fn publish(message: &Message, into: &mut Vec<u8>) {
-    let quality = u8::from(message.number.is_some());
-    let first = 0x30 | quality << 1 | u8::from(message.retain);
-    packet(first, into, |into| {
-        text(message.topic, into);
-        if let Some(number) = message.number {
+/// PUBLISH; with a number for QoS 1.
+pub(super) fn publish(
+    topic: &str,
+    payload: &[u8],
+    retain: bool,
+    number: Option<u16>,
+    into: &mut Vec<u8>,
+) {
+    let quality = u8::from(number.is_some());
+    packet(0x30 | quality << 1 | u8::from(retain), into, |into| {
+        text(topic, into);
+        if let Some(number) = number {
             word(number, into);
         }
-        into.extend_from_slice(message.payload);
+        into.extend_from_slice(payload);
     });
 }
 
@@ -206,27 +191,15 @@ mod tests {
 
     #[test]
     fn packets_are_those_of_the_standards() {
-        let hello = Hello {
-            client: "c",
-            keep_alive: 10,
-            will: ["t", "off"],
-            user: Some("u"),
-            password: Some("p"),
-        };
         let mut bytes = Vec::new();
-        connect(&hello, &mut bytes);
+        let login = [Some("u"), Some("p")];
+        connect("c", 10, ["t", "off"], login, &mut bytes);
         assert_eq!(
             bytes,
             b"\x10\x1b\0\x04MQTT\x04\xee\0\x0a\0\x01c\0\x01t\0\x03off\0\x01u\0\x01p"
         );
-        let message = Message {
-            topic: "a/b",
-            payload: b"xyz",
-            retain: true,
-            number: Some(258),
-        };
         bytes.clear();
-        publish(&message, &mut bytes);
+        publish("a/b", b"xyz", true, Some(258), &mut bytes);
         assert_eq!(bytes, b"\x33\x0a\0\x03a/b\x01\x02xyz");
         // What a client writes a broker passes on in the same form.
         let told = Told::Message {
@@ -244,13 +217,7 @@ mod tests {
         assert_eq!(bytes, b"\x82\x08\0\x07\0\x03a/+\x01");
         // Lengths of two bytes.
         bytes.clear();
-        publish(
-            &Message {
-                payload: &[7; 300],
-                ..message
-            },
-            &mut bytes,
-        );
+        publish("a/b", &[7; 300], true, Some(258), &mut bytes);
         assert_eq!(bytes[..3], [0x33, 0xb3, 0x02]);
         assert_eq!(bytes.len(), 3 + 307);
     }

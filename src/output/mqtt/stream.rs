@@ -33,10 +33,9 @@ pub(super) fn trust(settings: &MqttSettings) -> Result<Trust, OutputError> {
     if !settings.tls {
         return Ok(None);
     }
-    let roots = authorities(&settings.ca_file).map_err(|source| OutputError::Certificates {
-        path: settings.ca_file.clone(),
-        source,
-    })?;
+    let path = &settings.ca_file;
+    let roots =
+        authorities(path).map_err(|source| OutputError::Certificates(path.clone(), source))?;
     // The algorithms are named: no other part of the program chooses them.
     let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()

@@ -145,10 +145,8 @@ impl Watch {
             }
         }
         for gesture in 0..self.gestures.len() {
-            self.push(
-                Change::Gesture(gesture, self.on >> gesture & 1 == 1),
-                shared,
-            );
+            let is_on = self.on >> gesture & 1 == 1;
+            self.push(Change::Gesture(gesture, is_on), shared);
         }
         Change::Faces(self.faces)
     }
@@ -170,11 +168,8 @@ impl Watch {
                 self.push(self.state(slot), shared);
             }
         }
-        let on = self
-            .board
-            .users
-            .iter()
-            .fold(0, |on, shot| on | shot.gestures);
+        let users = self.board.users.iter();
+        let on = users.fold(0, |on, shot| on | shot.gestures);
         let changed = std::mem::replace(&mut self.on, on) ^ on;
         for gesture in (0..self.gestures.len()).filter(|gesture| changed >> gesture & 1 == 1) {
             self.push(Change::Gesture(gesture, on >> gesture & 1 == 1), shared);

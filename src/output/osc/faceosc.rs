@@ -10,7 +10,7 @@ use super::packet::Argument;
 use super::wire::{Targets, Wire};
 use crate::base::capacity::WIDTH;
 use crate::base::defaults;
-use crate::base::geometry::{Point, Rigid, yaw_pitch_roll};
+use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
 #[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
@@ -109,10 +109,8 @@ impl FaceOsc {
 
     fn measure(&self, sensor_from_head: &Rigid, landmarks: &Landmarks) -> Numbers {
         let count = landmarks.pixels.len() as f32;
-        let mean_px = |axis: usize| {
-            let sum: f32 = landmarks.pixels.iter().map(|pixel| pixel[axis]).sum();
-            sum / count
-        };
+        let pixels = landmarks.pixels.iter();
+        let mean_px = |axis: usize| pixels.clone().map(|pixel| pixel[axis]).sum::<f32>() / count;
         let mut x = mean_px(0);
         if self.view.mirror {
             x = (WIDTH - 1) as f32 - x;
@@ -124,10 +122,7 @@ impl FaceOsc {
         let scale = apart_px * UNIT_M / across.xy().norm();
         let (yaw, pitch, roll) = yaw_pitch_roll(&self.view.pose(sensor_from_head).rotation);
         let mean = |group: &[usize]| {
-            let sum = group
-                .iter()
-                .map(|&i| landmarks.head[i].coords)
-                .sum::<crate::base::geometry::Vector>();
+            let sum: Vector = group.iter().map(|&i| landmarks.head[i].coords).sum();
             Point::from(sum / group.len() as f32)
         };
         let distance = |i: usize| {
@@ -169,9 +164,8 @@ impl Output for FaceOsc {
             }
             _ => {
                 let hold_s = f64::from(self.hold_s);
-                self.last = self
-                    .last
-                    .filter(|&(_, seen)| report.at.seconds_since(seen) <= hold_s);
+                let is_held = |last: &(_, _)| report.at.seconds_since(last.1) <= hold_s;
+                self.last = self.last.filter(is_held);
             }
         }
         let found = self.last.is_some();
@@ -192,9 +186,8 @@ impl Output for FaceOsc {
 impl Drop for FaceOsc {
     /// Nobody.
     fn drop(&mut self) {
-        if !self.wire.to.is_used() {
-            return;
+        if self.wire.to.is_used() {
+            self.send_found(false);
         }
-        self.send_found(false);
     }
 }

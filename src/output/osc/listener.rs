@@ -63,9 +63,7 @@ impl Listener {
     /// If it is not an address with a port.
     pub(super) fn open(address: &str, prefix: &str) -> Result<Self, OutputError> {
         let parsed = address.parse();
-        let address = parsed.map_err(|_| OutputError::Listen {
-            address: address.to_owned(),
-        })?;
+        let address = parsed.map_err(|_| OutputError::Listen(address.to_owned()))?;
         Ok(Self {
             socket: bind(address).ok(),
             address,
@@ -90,18 +88,16 @@ impl Listener {
     fn socket(&mut self) -> Option<&UdpSocket> {
         let now = Instant::now();
         if self.socket.is_none() && now >= self.again {
-            match bind(self.address) {
-                Ok(socket) => self.socket = Some(socket),
-                Err(error) => {
-                    if self.back_off.tries == 0 {
-                        let address = self.address;
-                        tracing::warn!(
-                            "cannot listen for OSC commands at {address} ({error}), retrying until it is free"
-                        );
-                    }
-                    self.again = now + self.back_off.pause();
+            let address = self.address;
+            let bound = bind(address).inspect_err(|error| {
+                if self.back_off.tries == 0 {
+                    tracing::warn!(
+                        "cannot listen for OSC commands at {address} ({error}), retrying until it is free"
+                    );
                 }
-            }
+                self.again = now + self.back_off.pause();
+            });
+            self.socket = bound.ok();
         }
         self.socket.as_ref()
     }

@@ -18,32 +18,23 @@ pub(crate) enum Argument<'a> {
 }
 
 /// A bundle being filled.
-pub(crate) struct Packet {
-    bytes: [u8; LARGEST],
-    length: usize,
-}
+pub(crate) struct Packet(heapless::Vec<u8, LARGEST>);
 
 impl Packet {
     pub(crate) fn new() -> Self {
-        let mut packet = Self {
-            bytes: [0; LARGEST],
-            length: 0,
-        };
-        packet.clear();
-        packet
+        Self(HEADER.into_iter().collect())
     }
 
     pub(crate) fn clear(&mut self) {
-        self.bytes[..HEADER.len()].copy_from_slice(&HEADER);
-        self.length = HEADER.len();
+        self.0.truncate(HEADER.len());
     }
 
     pub(crate) fn is_empty(&self) -> bool {
-        self.length == HEADER.len()
+        self.0.len() == HEADER.len()
     }
 
     pub(crate) fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        &self.0
     }
 
     /// Appends a message to `prefix` + `address`; `false`, and nothing appended, if there is no room.
@@ -53,13 +44,13 @@ impl Packet {
         address: core::fmt::Arguments,
         arguments: impl Iterator<Item = Argument<'a>> + Clone,
     ) -> bool {
-        let start = self.length;
+        let start = self.0.len();
         let fits = self.append(prefix, address, arguments).is_ok();
         if fits {
-            let length = (self.length - start - 4) as u32;
-            self.bytes[start..start + 4].copy_from_slice(&length.to_be_bytes());
+            let length = (self.0.len() - start - 4) as u32;
+            self.0[start..start + 4].copy_from_slice(&length.to_be_bytes());
         } else {
-            self.length = start;
+            self.0.truncate(start);
         }
         fits
     }
@@ -72,11 +63,11 @@ impl Packet {
     ) -> core::fmt::Result {
         // The length goes here when it is known.
         self.put(&[0; 4])?;
-        let start = self.length;
-        self.write_str(prefix)?;
-        self.write_fmt(address)?;
+        let start = self.0.len();
+        self.put(prefix.as_bytes())?;
+        self.0.write_fmt(address)?;
         self.end_string(start)?;
-        let start = self.length;
+        let start = self.0.len();
         self.put(b",")?;
         for argument in arguments.clone() {
             self.put(match argument {
@@ -95,7 +86,7 @@ impl Packet {
                 // All said in its tag.
                 Argument::Bool(_) => {}
                 Argument::Text(text) => {
-                    let start = self.length;
+                    let start = self.0.len();
                     self.put(text.as_bytes())?;
                     self.end_string(start)?;
                 }
@@ -105,25 +96,13 @@ impl Packet {
     }
 
     fn end_string(&mut self, start: usize) -> core::fmt::Result {
-        let zeros = 4 - (self.length - start) % 4;
+        let zeros = 4 - (self.0.len() - start) % 4;
         self.put(&[0; 4][..zeros])
     }
 
     fn put(&mut self, bytes: &[u8]) -> core::fmt::Result {
-        let end = self.length + bytes.len();
-        let room = self
-            .bytes
-            .get_mut(self.length..end)
-            .ok_or(core::fmt::Error)?;
-        room.copy_from_slice(bytes);
-        self.length = end;
-        Ok(())
-    }
-}
-
-impl Write for Packet {
-    fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        self.put(text.as_bytes())
+        let put = self.0.extend_from_slice(bytes);
+        put.map_err(|_| core::fmt::Error)
     }
 }
 

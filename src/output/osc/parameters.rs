@@ -10,58 +10,12 @@ use alloc::collections::BTreeMap;
 /// The built-in table.
 const SHIPPED: &str = include_str!("../../../config/rigs.toml");
 
-/// A section of the table: whose names.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::output) enum Rig {
-    /// ARKit's blend shapes.
-    Arkit,
-    /// Unified Expressions v2.
-    Unified,
-    /// Expressions of VRM 0.
-    Vrm0,
-    /// Expressions of VRM 1.
-    Vrm1,
-    /// What of ARKit's shapes is not measured follows what it goes with.
-    Derived,
-}
-
-impl Rig {
-    fn section(self) -> &'static str {
-        match self {
-            Self::Arkit => "arkit",
-            Self::Derived => "derived",
-            Self::Unified => "unified",
-            Self::Vrm0 => "vrm0",
-            Self::Vrm1 => "vrm1",
-        }
-    }
-}
-
-/// Why a table of rigs is refused.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum RigError {
-    /// Not TOML, or not names with texts.
-    #[error("expected sections of names with sums in quotes: {0}")]
-    Toml(#[from] toml::de::Error),
-    /// A section is missing.
-    #[error("expected a section [{0}], found none")]
-    Section(&'static str),
-    /// A sum that is none.
-    #[error("expected a sum such as \"0.5 AU20 + AU12L|AU12R\" for {name}, found {found:?}")]
-    Sum {
-        /// The parameter.
-        name: String,
-        /// What stands there.
-        found: String,
-    },
-}
-
 /// A gain, and the units it applies to.
 type Term<'a> = (f32, Vec<&'a str>);
 
 /// A parameter in terms of units. Of several units in one term the largest counts: left and right, where the parameter has
 /// no sides, or a unit without sides, where the parameter has them.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Default, PartialEq)]
 struct Sum<'a> {
     /// Value at rest.
     rest: f32,
@@ -73,10 +27,7 @@ struct Sum<'a> {
 impl<'a> Sum<'a> {
     /// Reads `0.75 - 0.75 AU43L|AU43 + AU5L`; `None` if it is no such sum.
     fn read(text: &'a str) -> Option<Self> {
-        let mut sum = Self {
-            rest: 0.0,
-            terms: Vec::new(),
-        };
+        let mut sum = Self::default();
         // Sign of the term that is being read, and its gain, if one stands there.
         let (mut sign, mut gain) = (Some(1.0), None);
         for word in text.split_whitespace() {
@@ -113,15 +64,15 @@ pub(in crate::output) struct Parameter {
 
 impl Parameter {
     /// The parameters of a rig for which there are units, by name.
-    pub(in crate::output) fn of_rig(rig: Rig, units: &[&str]) -> Box<[Self]> {
+    pub(in crate::output) fn of_rig(rig: &str, units: &[&str]) -> Box<[Self]> {
         Self::read(SHIPPED, rig, units).expect("the shipped table is read by a test")
     }
 
     /// ARKit's shapes: those that are measured, and if asked for those that are derived too.
     pub(in crate::output) fn of_arkit(derived: bool, units: &[&str]) -> Box<[Self]> {
-        let mut shapes = Self::of_rig(Rig::Arkit, units).into_vec();
+        let mut shapes = Self::of_rig("arkit", units).into_vec();
         if derived {
-            let others = Self::of_rig(Rig::Derived, units).into_iter();
+            let others = Self::of_rig("derived", units).into_iter();
             let known: Vec<_> = shapes.iter().map(|shape| shape.name.clone()).collect();
             shapes.extend(others.filter(|other| !known.contains(&other.name)));
         }
@@ -133,33 +84,25 @@ impl Parameter {
         Self::resolve("", &Sum::read(sum)?, units)
     }
 
-    fn read(text: &str, rig: Rig, units: &[&str]) -> Result<Box<[Self]>, RigError> {
-        let table: BTreeMap<String, BTreeMap<String, String>> = toml::from_str(text)?;
-        let section = rig.section();
-        let rows = table.get(section).ok_or(RigError::Section(section))?;
+    fn read(text: &str, rig: &str, units: &[&str]) -> Result<Box<[Self]>, String> {
+        let table = toml::from_str::<BTreeMap<String, BTreeMap<String, String>>>(text)
+            .map_err(|error| format!("expected sections of names with sums in quotes: {error}"))?;
+        let none = || format!("expected a section [{rig}], found none");
+        let rows = table.get(rig).ok_or_else(none)?;
         let mut parameters = Vec::new();
         for (name, text) in rows {
-            let sum = Sum::read(text).ok_or_else(|| RigError::Sum {
-                name: name.clone(),
-                found: text.clone(),
-            })?;
+            let expected = r#"a sum such as "0.5 AU20 + AU12L|AU12R""#;
+            let sum = Sum::read(text)
+                .ok_or_else(|| format!("expected {expected} for {name}, found {text:?}"))?;
             parameters.extend(Self::resolve(name, &sum, units));
         }
         Ok(parameters.into())
     }
 
     fn resolve(name: &str, sum: &Sum, units: &[&str]) -> Option<Self> {
-        let there = |names: &[&str]| -> Box<[usize]> {
-            names
-                .iter()
-                .filter_map(|name| units.iter().position(|unit| unit == name))
-                .collect()
-        };
-        let terms: Box<[(f32, Box<[usize]>)]> = sum
-            .terms
-            .iter()
-            .map(|(gain, names)| (*gain, there(names)))
-            .collect();
+        let index = |name: &&str| units.iter().position(|unit| unit == name);
+        let there = |(gain, names): &Term| (*gain, names.iter().filter_map(index).collect());
+        let terms: Box<[(f32, Box<[usize]>)]> = sum.terms.iter().map(there).collect();
         let measured = terms.first().is_some_and(|(_, units)| !units.is_empty());
         measured.then(|| Self {
             name: name.to_owned().into(),
@@ -218,7 +161,7 @@ mod tests {
     #[test]
     fn parameters_are_sums_of_the_units_there_are() {
         let units = ["AU26", "AU12L", "AU4L", "AU4R", "AU43L"];
-        let parameters = Parameter::read(TABLE, Rig::Arkit, &units).expect("a table");
+        let parameters = Parameter::read(TABLE, "arkit", &units).expect("a table");
         let weights = [0.5, 0.25, 0.4, 0.8, 1.0];
         let values: Vec<_> = parameters
             .iter()
@@ -251,7 +194,7 @@ mod tests {
         let sent = |derived| Parameter::of_arkit(derived, &units).len();
         assert_eq!((sent(false), sent(true)), (39, 52));
         for unit in shipped.columns(false) {
-            let reached = Parameter::of_rig(Rig::Arkit, &[unit.as_str()]);
+            let reached = Parameter::of_rig("arkit", &[unit.as_str()]);
             assert!(!reached.is_empty() || unit == "AU25", "{unit}");
         }
     }
@@ -269,9 +212,7 @@ mod tests {
             "AU1 - 2",
         ] {
             let table = TABLE.replace("\"AU26\"", &format!("{bad:?}"));
-            let told = Parameter::read(&table, Rig::Arkit, &["AU26"])
-                .err()
-                .map(|e| e.to_string());
+            let told = Parameter::read(&table, "arkit", &["AU26"]).err();
             assert_eq!(
                 told,
                 Some(format!(
@@ -279,9 +220,7 @@ mod tests {
                 ))
             );
         }
-        let told = Parameter::read("[vrm0]", Rig::Vrm1, &[])
-            .err()
-            .map(|e| e.to_string());
+        let told = Parameter::read("[vrm0]", "vrm1", &[]).err();
         assert_eq!(
             told.as_deref(),
             Some("expected a section [vrm1], found none")

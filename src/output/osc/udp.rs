@@ -51,15 +51,11 @@ struct Name {
 impl Target {
     fn open(target: &str) -> Result<Self, OutputError> {
         let Ok(address) = target.parse() else {
-            let host_and_port = target.rsplit_once(':');
-            let named = host_and_port
-                .is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
-            return if named {
-                Self::named(target, resolve)
-            } else {
-                let target = target.to_owned();
-                Err(OutputError::Target { target })
-            };
+            let named = target.rsplit_once(':');
+            if named.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
+                return Self::named(target, resolve);
+            }
+            return Err(OutputError::Target(target.to_owned()));
         };
         let any = match address {
             SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
@@ -99,7 +95,7 @@ impl Target {
                     std::thread::sleep(LOOK_UP_PAUSE);
                 }
             })
-            .map_err(|source| OutputError::Thread { source })?;
+            .map_err(OutputError::Thread)?;
         // The socket is made for IPv4 before the name is known.
         Self::over(ANY, To::Name(name, thread.thread().clone()))
     }
@@ -112,7 +108,7 @@ impl Target {
                 socket.set_broadcast(true).ok();
                 Ok(socket)
             })
-            .map_err(|source| OutputError::Socket { source })?;
+            .map_err(OutputError::Socket)?;
         Ok(Self { socket, to })
     }
 

@@ -10,7 +10,7 @@
 //! One face: the first seen, until lost.
 
 use super::packet::Argument;
-use super::parameters::{Parameter, Rig};
+use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
 use crate::base::defaults;
 use crate::base::geometry::Rigid;
@@ -97,8 +97,8 @@ impl Vmc {
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Self {
         let shapes = match settings.names {
             Names::Arkit => Parameter::of_arkit(settings.derived, units),
-            Names::Vrm0 => Parameter::of_rig(Rig::Vrm0, units),
-            Names::Vrm1 => Parameter::of_rig(Rig::Vrm1, units),
+            Names::Vrm0 => Parameter::of_rig("vrm0", units),
+            Names::Vrm1 => Parameter::of_rig("vrm1", units),
             Names::Units => Parameter::of_units(units.iter().map(|unit| settings.view.name(unit))),
         };
         let gaze = ["AU61 - AU62", "AU63 - AU64"].map(|sum| Parameter::of_sum(sum, units));
@@ -132,24 +132,17 @@ impl Vmc {
         if let Some((place, turn)) =
             pose.filter(|(p, q)| p.iter().chain(q.iter()).all(|number| number.is_finite()))
         {
-            // nalgebra keeps quaternions as x, y, z, w.
-            let turn = turn.into();
-            match self.role {
+            let (address, place) = match self.role {
                 // The bone keeps its place on the neck.
-                Role::Performer => {
-                    wire.message(format_args!("/Bone/Pos"), placed("Head", [0.0; 3], turn))
-                }
-                Role::Assistant => wire.message(
-                    format_args!("/Tra/Pos"),
-                    placed("Head", (-place).into(), turn),
-                ),
-            }
+                Role::Performer => (format_args!("/Bone/Pos"), [0.0; 3]),
+                Role::Assistant => (format_args!("/Tra/Pos"), (-place).into()),
+            };
+            // nalgebra keeps quaternions as x, y, z, w.
+            wire.message(address, placed("Head", place, turn.into()));
         }
         if let Some(gaze) = &self.gaze {
-            let turn = eye_turn(
-                gaze.each_ref()
-                    .map(|way| way.value(self.face.weights.shown())),
-            );
+            let value = |way: &Parameter| way.value(self.face.weights.shown());
+            let turn = eye_turn(gaze.each_ref().map(value));
             for eye in ["LeftEye", "RightEye"] {
                 wire.message(format_args!("/Bone/Pos"), placed(eye, [0.0; 3], turn));
             }
@@ -203,11 +196,10 @@ impl Output for Vmc {
 impl Drop for Vmc {
     /// Neutral.
     fn drop(&mut self) {
-        if !self.wire.to.is_used() {
-            return;
+        if self.wire.to.is_used() {
+            self.face.weights.reset();
+            self.send_frame(false, None);
         }
-        self.face.weights.reset();
-        self.send_frame(false, None);
     }
 }
 

@@ -9,7 +9,7 @@
 //! |v| × (2ⁿ − 1), truncated, whose bits are `<Name>1`, `<Name>2`, `<Name>4`, …, and `<Name>Negative` where it has a sign.
 
 use super::packet::Argument;
-use super::parameters::{Parameter, Rig};
+use super::parameters::Parameter;
 use super::wire::{self, Targets, Wire};
 use crate::base::defaults;
 #[cfg(not(feature = "std"))]
@@ -101,7 +101,7 @@ impl VrChat {
     /// If the prefix is unusable.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
         let prefix = format!("/avatar/parameters/{}v2", settings.prefix);
-        let parameters = Parameter::of_rig(Rig::Unified, units).into_iter();
+        let parameters = Parameter::of_rig("unified", units).into_iter();
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),
             face: OneFace::new(units, &settings.view, settings.loss),
@@ -149,10 +149,8 @@ impl Sent {
             || (value != self.value && [-1.0, 0.0, 1.0].contains(&value));
         if always || changed {
             self.value = value;
-            wire.message(
-                format_args!("/{}", self.parameter.name),
-                [Argument::Float(value)],
-            );
+            let name = &self.parameter.name;
+            wire.message(format_args!("/{name}"), [Argument::Float(value)]);
         }
     }
 
@@ -202,11 +200,10 @@ impl Output for VrChat {
 impl Drop for VrChat {
     /// Neutral, and no face.
     fn drop(&mut self) {
-        if !self.wire.to.is_used() {
-            return;
+        if self.wire.to.is_used() {
+            self.face.weights.reset();
+            self.refresh = Every::default();
+            self.send_frame(Timestamp::default(), false);
         }
-        self.face.weights.reset();
-        self.refresh = Every::default();
-        self.send_frame(Timestamp::default(), false);
     }
 }

@@ -52,11 +52,8 @@ impl Sender {
     }
 
     fn count(&mut self, taken: bool) {
-        *(if taken {
-            &mut self.sent
-        } else {
-            &mut self.dropped
-        }) += 1;
+        self.sent += u64::from(taken);
+        self.dropped += u64::from(!taken);
     }
 
     /// Whether anything was sent; otherwise there is nothing to close.
@@ -87,7 +84,7 @@ pub(super) fn usable(prefix: String) -> Result<String, OutputError> {
     let plain = |c: char| c.is_ascii_graphic() && !"#*,?[]{}".contains(c);
     let shaped = prefix.is_empty() || prefix.starts_with('/') && !prefix.ends_with('/');
     if !shaped || prefix.len() > LONGEST_PREFIX || !prefix.chars().all(plain) {
-        return Err(OutputError::Prefix { prefix });
+        return Err(OutputError::Prefix(prefix));
     }
     Ok(prefix)
 }

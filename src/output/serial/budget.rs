@@ -74,10 +74,8 @@ pub(super) fn plan(
 
 /// Place of a unit in the default order of importance, 0 first.
 pub(super) fn rank(unit: &str) -> usize {
-    PRIORITY
-        .iter()
-        .position(|name| *name == unit)
-        .unwrap_or(PRIORITY.len())
+    let place = PRIORITY.iter().position(|name| *name == unit);
+    place.unwrap_or(PRIORITY.len())
 }
 
 #[cfg(test)]

@@ -109,20 +109,11 @@ pub(super) fn weights(
 ) -> bool {
     let byte = |value: f32| (value * 255.0).round() as u8;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let head = [
-        1,
-        number as u8,
-        ms_low,
-        ms_high,
-        flags,
-        byte(confidence),
-        weights.len() as u8,
-    ];
+    let head = [1, number as u8, ms_low, ms_high, flags, byte(confidence)];
     let mut payload = Payload::new();
     let filled = payload.extend_from_slice(&head).is_ok()
-        && weights
-            .into_iter()
-            .all(|weight| payload.push(byte(weight)).is_ok());
+        && payload.push(weights.len() as u8).is_ok()
+        && weights.map(byte).all(|weight| payload.push(weight).is_ok());
     filled && append(payload, line)
 }
 
@@ -132,16 +123,10 @@ pub(super) fn pose(number: u16, ms: u32, sensor_from_head: &Rigid, line: &mut Li
     // nalgebra keeps quaternions as x, y, z, w.
     let turn = sensor_from_head.rotation.coords * 32767.0;
     let [ms_low, ms_high, ..] = ms.to_le_bytes();
-    let mut payload = Payload::new();
-    let filled = payload
-        .extend_from_slice(&[2, number as u8, ms_low, ms_high])
-        .is_ok()
-        && place.iter().chain(turn.iter()).all(|value| {
-            payload
-                .extend_from_slice(&(value.round() as i16).to_le_bytes())
-                .is_ok()
-        });
-    filled && append(payload, line)
+    let head = [2, number as u8, ms_low, ms_high];
+    let numbers = place.iter().chain(turn.iter());
+    let numbers = numbers.flat_map(|value| (value.round() as i16).to_le_bytes());
+    append(head.into_iter().chain(numbers).collect(), line)
 }
 
 /// A gesture that is on or off.
@@ -177,7 +162,7 @@ mod tests {
 
     #[test]
     fn weights_are_the_reference_frame() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         let values = [0.0, 128.0 / 255.0, 1.0];
         assert!(weights(
             1,
@@ -196,7 +181,7 @@ mod tests {
     #[test]
     fn flags_tell_state_and_slot() {
         let flags = |state, user, frozen| {
-            let mut line = Line::new();
+            let mut line = Line::default();
             let report = Report {
                 user: Some(user),
                 frozen,
@@ -235,7 +220,7 @@ mod tests {
                     }
                 });
                 let payload: Payload = bytes.collect();
-                let mut line = Line::new();
+                let mut line = Line::default();
                 assert!(append(payload.clone(), &mut line));
                 let back = unstuffed(line.bytes());
                 let (back, checksum) = back.split_at(length);
@@ -249,7 +234,7 @@ mod tests {
 
     #[test]
     fn hello_names_the_units_and_a_pose_its_numbers() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(hello(&["AU25".into(), "AU12L".into()], &mut line));
         let payload = unstuffed(line.bytes());
         assert_eq!(
@@ -273,7 +258,7 @@ mod tests {
     #[test]
     fn many_names_come_in_frames_that_fit_the_ring() {
         let names: Vec<String> = (0..40).map(|i| format!("AU{i}L")).collect();
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(hello(&names, &mut line));
         let mut back = Vec::new();
         for frame in line.bytes().split_inclusive(|&byte| byte == 0) {
@@ -300,7 +285,7 @@ mod tests {
 
     #[test]
     fn fifty_two_units_fit_the_ring_of_an_avr() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         let values = core::iter::repeat_n(0.5, 52).collect::<Vec<_>>();
         assert!(weights(0, 0, 0xff, 0.0, values.into_iter(), &mut line));
         assert!(line.bytes().len() <= 63, "{}", line.bytes().len());

@@ -51,7 +51,7 @@ impl Encoder {
         let channels = view.channels(units);
         let channels = plan.units.iter().map(|&unit| channels[unit]);
         let encoder = Self {
-            line: Line::new(),
+            line: Line::default(),
             count: 0,
             scale,
             style: settings.style,
@@ -96,9 +96,8 @@ impl Encoder {
         } else {
             0.0
         };
-        let pose = report
-            .sensor_from_face
-            .filter(|_| self.pose && state.is_present());
+        let pose = report.sensor_from_face;
+        let pose = pose.filter(|_| self.pose && state.is_present());
         let frame = Frame {
             count: self.count,
             scale: self.scale,
@@ -121,7 +120,7 @@ const NAMES_MOST: usize = line::LARGEST / 2;
 
 /// What is sent on opening and every few seconds.
 fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
-    let mut header = Line::new();
+    let mut header = Line::default();
     let bytes = names.iter().map(|name| name.len() + 5).sum::<usize>() + 64;
     let names_fit = match style {
         Style::Text => header.sentence(|line| {
@@ -146,7 +145,7 @@ fn header(style: Style, names: &[String]) -> Result<Line, OutputError> {
 fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), OutputError> {
     let index = |name: &String| {
         let found = units.iter().position(|unit| unit == name);
-        found.ok_or_else(|| OutputError::Unit { unit: name.clone() })
+        found.ok_or_else(|| OutputError::Unit(name.clone()))
     };
     let listed = settings.units.iter().map(index);
     let listed: Vec<usize> = listed.collect::<Result<_, _>>()?;
@@ -162,7 +161,7 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     // Names too long for a line are told before any plan is made.
     header(settings.style, &names(&wanted))?;
     let bytes = |of: &[usize], scale: Scale| {
-        let (names, mut line) = (names(of), Line::new());
+        let (names, mut line) = (names(of), Line::default());
         let most = core::iter::repeat_n(scale.longest(), of.len());
         Frame::longest(settings.pose, scale).write(settings.style, &names, most, &mut line);
         let header = header(settings.style, &names).map_or(0, |header| header.bytes().len());
@@ -180,22 +179,20 @@ fn plan(settings: &Settings, units: &[&str]) -> Result<(budget::Plan, Scale), Ou
     let planned = |scale: Scale| {
         let bytes = |of: &[usize]| bytes(of, scale);
         let (baud, least) = (settings.baud, settings.min_rate_hz);
-        (
-            budget::plan(baud, least, longest, wanted.clone(), rank, bytes),
-            scale,
-        )
+        let plan = budget::plan(baud, least, longest, wanted.clone(), rank, bytes);
+        (plan, scale)
     };
-    let full = settings.full;
-    if settings.style != Style::Cobs && full < Scale::FINE {
-        let fine = planned(Scale { full, tenths: true });
+    let scale = |tenths| Scale {
+        full: settings.full,
+        tenths,
+    };
+    if settings.style != Style::Cobs && settings.full < Scale::FINE {
+        let fine = planned(scale(true));
         if fine.0.units.len() == wanted.len() && fine.0.rate_hz >= budget::FRAMES_HZ {
             return Ok(fine);
         }
     }
-    Ok(planned(Scale {
-        full,
-        tenths: false,
-    }))
+    Ok(planned(scale(false)))
 }
 
 #[cfg(test)]

@@ -170,7 +170,7 @@ mod tests {
                 flags: 0,
                 pose: None,
             };
-            let mut line = Line::new();
+            let mut line = Line::default();
             frame.write(Style::Text, &[], weights.iter().copied(), &mut line);
             let text = core::str::from_utf8(line.bytes()).unwrap();
             let (sentence, _) = text.strip_prefix("$AU,").unwrap().split_once('*').unwrap();
@@ -189,7 +189,7 @@ mod tests {
                     "{back} {weight}"
                 );
             }
-            let mut longest = Line::new();
+            let mut longest = Line::default();
             let most = core::iter::repeat_n(scale.longest(), units);
             Frame::longest(false, scale).write(Style::Text, &[], most, &mut longest);
             assert!(line.bytes().len() <= longest.bytes().len());

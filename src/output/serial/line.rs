@@ -6,40 +6,24 @@ use core::fmt::Write;
 pub(super) const LARGEST: usize = 2048;
 
 /// Bytes waiting to be sent. A line that does not fit leaves no trace.
-#[derive(Clone)]
-pub struct Line {
-    bytes: [u8; LARGEST],
-    length: usize,
-}
+#[derive(Clone, Default)]
+pub struct Line(heapless::Vec<u8, LARGEST>);
 
 impl Line {
-    pub(super) const fn new() -> Self {
-        Self {
-            bytes: [0; LARGEST],
-            length: 0,
-        }
-    }
-
     pub(super) fn clear(&mut self) {
-        self.length = 0;
+        self.0.clear();
     }
 
     /// The bytes.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        &self.0
     }
 
     /// Appends bytes, if there is room for all.
     pub(super) fn put(&mut self, bytes: &[u8]) -> core::fmt::Result {
-        let end = self.length + bytes.len();
-        let room = self
-            .bytes
-            .get_mut(self.length..end)
-            .ok_or(core::fmt::Error)?;
-        room.copy_from_slice(bytes);
-        self.length = end;
-        Ok(())
+        let put = self.0.extend_from_slice(bytes);
+        put.map_err(|_| core::fmt::Error)
     }
 
     /// Appends everything that `write` writes, or nothing; returns whether it did.
@@ -47,23 +31,21 @@ impl Line {
         &mut self,
         write: impl FnOnce(&mut Self) -> core::fmt::Result,
     ) -> bool {
-        let start = self.length;
+        let start = self.0.len();
         let written = write(self).is_ok();
         if !written {
-            self.length = start;
+            self.0.truncate(start);
         }
         written
     }
 
     /// Appends `$`, what `write` writes, `*`, the checksum and the line's end; `false` if there is no room.
     pub(super) fn sentence(&mut self, write: impl FnOnce(&mut Self) -> core::fmt::Result) -> bool {
-        let start = self.length;
+        let start = self.0.len();
         self.all_or_nothing(|line| {
             line.put(b"$")?;
             write(line)?;
-            let checksum = line.bytes[start + 1..line.length]
-                .iter()
-                .fold(0, |sum, byte| sum ^ byte);
+            let checksum = line.0[start + 1..].iter().fold(0, |sum, byte| sum ^ byte);
             write!(line, "*{checksum:02X}\r\n")
         })
     }
@@ -81,14 +63,14 @@ mod tests {
 
     #[test]
     fn the_reference_sentence_has_its_checksum() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(line.sentence(|line| line.write_str("AU,1,33,2,78,0,50,100")));
         assert_eq!(line.bytes(), b"$AU,1,33,2,78,0,50,100*30\r\n");
     }
 
     #[test]
     fn a_sentence_that_does_not_fit_leaves_no_trace() {
-        let mut line = Line::new();
+        let mut line = Line::default();
         assert!(line.sentence(|line| line.write_str("AUH")));
         let before = line.bytes().to_vec();
         for length in [LARGEST - before.len() - 5, LARGEST] {

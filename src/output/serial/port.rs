@@ -5,7 +5,7 @@
 
 use std::io::{ErrorKind, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -32,50 +32,29 @@ const STUCK: Duration = Duration::from_secs(2);
 /// The same when the program is ending.
 const STUCK_AT_THE_END: Duration = Duration::from_millis(200);
 
-/// Whether a port is there.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PortState {
-    /// Absent; it is retried.
-    #[default]
-    Absent,
-    /// Open and written to.
-    Open,
-}
-
 /// What the pipeline and the thread share.
+#[derive(Default)]
 pub(super) struct Shared {
     waiting: Mutex<Waiting>,
     /// Wakes the thread.
     changed: Condvar,
-    sent: AtomicU64,
-    dropped: AtomicU64,
+    /// Frames written.
+    pub(super) sent: AtomicU64,
+    /// Frames replaced by a newer one before the port accepted them, and gestures without room.
+    pub(super) dropped: AtomicU64,
 }
 
+#[derive(Default)]
 struct Waiting {
     /// The newest unsent frame; empty if there is none.
     line: Line,
     /// Gestures that went on or off since.
     switches: Line,
-    state: PortState,
+    is_open: bool,
     stop: bool,
 }
 
 impl Shared {
-    pub(super) fn new() -> Self {
-        Self {
-            waiting: Mutex::new(Waiting {
-                line: Line::new(),
-                switches: Line::new(),
-                state: PortState::Absent,
-                stop: false,
-            }),
-            changed: Condvar::new(),
-            sent: AtomicU64::new(0),
-            dropped: AtomicU64::new(0),
-        }
-    }
-
-    /// Locked by either side for no longer than copying a line.
     fn lock(&self) -> MutexGuard<'_, Waiting> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -104,21 +83,8 @@ impl Shared {
         self.changed.notify_one();
     }
 
-    pub(super) fn state(&self) -> PortState {
-        self.lock().state
-    }
-
-    /// Frames written.
-    pub(super) fn sent(&self) -> u64 {
-        self.sent.load(Ordering::Relaxed)
-    }
-
-    pub(super) fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
-    }
-
-    fn set_state(&self, state: PortState) {
-        self.lock().state = state;
+    pub(super) fn is_open(&self) -> bool {
+        self.lock().is_open
     }
 
     /// Waits at most `time`, or until told to stop; returns whether it was.
@@ -172,12 +138,12 @@ pub(super) fn feed(
                             tracing::info!("serial port {path} will be reopened as {name}");
                             path = name;
                         }
-                        shared.set_state(PortState::Open);
+                        shared.lock().is_open = true;
                         let opened = Instant::now();
                         let mut writer = Writer { port: port.as_mut(), baud, shared: &shared, cut };
                         let end = writer.frames(delimiter, &header);
                         cut = writer.cut;
-                        shared.set_state(PortState::Absent);
+                        shared.lock().is_open = false;
                         let Err(error) = end else { return };
                         tracing::warn!("serial port {path} is lost ({error}), reopening it");
                         failures = 2;
@@ -198,7 +164,7 @@ pub(super) fn feed(
                 }
             }
         })
-        .map_err(|source| OutputError::Thread { source })
+        .map_err(OutputError::Thread)
 }
 
 /// Opens a device or connects to a serial server.
@@ -228,13 +194,9 @@ fn stable_name(path: &Path, names: &Path) -> Option<String> {
     }
     let device = path.canonicalize().ok()?;
     let links = std::fs::read_dir(names).ok()?;
-    links
-        .filter_map(|link| Some(link.ok()?.path()))
-        .filter(|link| link.canonicalize().is_ok_and(|leads_to| leads_to == device))
-        .min()?
-        .into_os_string()
-        .into_string()
-        .ok()
+    let links = links.filter_map(|link| Some(link.ok()?.path()));
+    let leads_there = |link: &PathBuf| link.canonicalize().is_ok_and(|end| end == device);
+    links.filter(leads_there).min()?.to_str().map(str::to_owned)
 }
 
 /// Writes to an open port.
@@ -249,7 +211,7 @@ struct Writer<'a> {
 impl Writer<'_> {
     /// Writes frames until told to stop (`Ok`) or the port fails.
     fn frames(&mut self, delimiter: &[u8], header: &Line) -> std::io::Result<()> {
-        let mut line = Line::new();
+        let mut line = Line::default();
         let mut header_sent: Option<Instant> = None;
         if self.cut {
             self.paced(delimiter)?;
@@ -284,22 +246,15 @@ impl Writer<'_> {
                     self.cut = !bytes.is_empty();
                     progress = Instant::now();
                 }
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
-                    ) =>
-                {
-                    let limit = if self.shared.lock().stop {
-                        STUCK_AT_THE_END
-                    } else {
-                        STUCK
-                    };
-                    if progress.elapsed() > limit {
-                        return Err(ErrorKind::TimedOut.into());
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock => {
+                        let stops = self.shared.lock().stop;
+                        if progress.elapsed() > if stops { STUCK_AT_THE_END } else { STUCK } {
+                            return Err(ErrorKind::TimedOut.into());
+                        }
                     }
-                }
-                Err(error) => return Err(error),
+                    _ => return Err(error),
+                },
             }
         }
         std::thread::sleep(Duration::from_secs_f32(line_s).saturating_sub(start.elapsed()));
@@ -331,8 +286,8 @@ mod tests {
 
     #[test]
     fn what_was_cut_off_is_ended_before_anything_else_is_sent() {
-        let shared = Shared::new();
-        let mut header = Line::new();
+        let shared = Shared::default();
+        let mut header = Line::default();
         header.put(b"$AUH*00\r\n").unwrap();
         let mut cut = false;
         for (takes, expected) in [
@@ -348,7 +303,7 @@ mod tests {
                 shared: &shared,
                 cut,
             };
-            let mut frame = Line::new();
+            let mut frame = Line::default();
             frame.put(b"$AU").unwrap();
             shared.put(&frame);
             assert!(writer.frames(b"\r\n", &header).is_err());

@@ -1,11 +1,12 @@
 //! The serial line as an output: an encoder, and a thread that feeds the port.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
 use super::budget::{self, Plan};
 use super::encoder::Encoder;
-use super::port::{self, PortState, Shared};
+use super::port::{self, Shared};
 use super::settings::Settings;
 use crate::output::closing;
 use crate::output::{Output, OutputError, Report, Tally};
@@ -27,7 +28,7 @@ impl Serial {
     pub fn new(settings: &Settings, units: &[&str]) -> Result<Self, OutputError> {
         let (encoder, plan) = Encoder::planned(settings, units)?;
         tell(settings, units, &plan);
-        let shared = Arc::new(Shared::new());
+        let shared = Arc::<Shared>::default();
         let thread = port::feed(settings, encoder.header(), Arc::clone(&shared))?;
         Ok(Self {
             encoder,
@@ -36,18 +37,6 @@ impl Serial {
             style: settings.style,
             thread: Some(thread),
         })
-    }
-
-    /// Whether the port is open.
-    #[must_use]
-    pub fn state(&self) -> PortState {
-        self.shared.state()
-    }
-
-    /// Frames replaced by a newer one before the port accepted them.
-    #[must_use]
-    pub fn dropped(&self) -> u64 {
-        self.shared.dropped()
     }
 
     /// Output names of the units sent.
@@ -102,10 +91,11 @@ impl Output for Serial {
     }
 
     fn tally(&self) -> Tally {
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         Tally {
-            sent: self.shared.sent(),
-            dropped: self.dropped(),
-            connected: self.state() == PortState::Open,
+            sent: of(&self.shared.sent),
+            dropped: of(&self.shared.dropped),
+            connected: self.shared.is_open(),
             not_numbers: self.encoder.face.weights.not_numbers(),
             ..Tally::of("serial")
         }

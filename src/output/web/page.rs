@@ -87,11 +87,8 @@ fn knows(header: &str, password: &str) -> bool {
     let mut room = [0; 3 * PASSWORD];
     let length = coded.and_then(|(_, coded)| STANDARD.decode_slice(coded.trim(), &mut room).ok());
     let told = &room[..length.unwrap_or_default()];
-    let start = told
-        .iter()
-        .position(|&byte| byte == b':')
-        .map_or(told.len(), |at| at + 1);
-    is_equal(&told[start..], password.as_bytes())
+    let mut parts = told.splitn(2, |&byte| byte == b':').skip(1);
+    is_equal(parts.next().unwrap_or_default(), password.as_bytes())
 }
 
 impl Page {
@@ -100,13 +97,10 @@ impl Page {
         if host.parse::<SocketAddr>().is_ok() {
             return true;
         }
-        let plain = host.rsplit_once(':').map_or(host, |(name, port)| {
-            if port.parse::<u16>().is_ok() {
-                name
-            } else {
-                host
-            }
-        });
+        let split = host.rsplit_once(':');
+        let plain = split
+            .filter(|(_, port)| port.parse::<u16>().is_ok())
+            .map_or(host, |(name, _)| name);
         let bare = plain
             .strip_prefix('[')
             .and_then(|six| six.strip_suffix(']'));
@@ -115,9 +109,7 @@ impl Page {
             || plain == "localhost"
             || name.eq_ignore_ascii_case(&self.name)
     }
-}
 
-impl Page {
     /// Whether whoever asks may have it.
     ///
     /// # Errors
@@ -136,32 +128,22 @@ impl Page {
         {
             return Err(403);
         }
-        let login = request.header("authorization");
-        match &self.password {
-            // A login that is no text is wrong like any other.
-            Some(password)
-                if !login
-                    .ok()
-                    .flatten()
-                    .is_some_and(|told| knows(told, password)) =>
-            {
-                Err(401)
-            }
-            _ => Ok(()),
-        }
+        // A login that is no text is wrong like any other.
+        let login = request.header("authorization").ok().flatten();
+        let is_known = |password: &String| login.is_some_and(|told| knows(told, password));
+        let admitted = self.password.as_ref().is_none_or(is_known);
+        admitted.then_some(()).ok_or(401)
     }
 }
 
 /// The command that a POST to `path` gives.
 fn order(path: &str) -> Option<Command> {
-    let mut steps = path.split('/').skip(1);
-    if let Some((gesture, level)) = path
-        .strip_prefix("/level/")
-        .and_then(|it| it.split_once('/'))
-    {
+    let (what, rest) = path.strip_prefix('/')?.split_once('/')?;
+    if what == "level" {
+        let (gesture, level) = rest.split_once('/')?;
         return Some(Command::Level(gesture.parse().ok()?, level.parse().ok()?));
     }
-    Command::of_words(steps.next()?, steps)
+    Command::of_words(what, rest.split('/'))
 }
 
 impl Service for Page {
@@ -169,17 +151,15 @@ impl Service for Page {
 
     fn answer(&self, request: &Request, peer: IpAddr, body: &mut String) -> Result<Answer, u16> {
         self.admits(request, peer)?;
-        match (request.is_post, request.path) {
+        let (document, headers) = match (request.is_post, request.path) {
             (true, path) => return order(path).map(Answer::Order).ok_or(404),
             (false, "/events") => return Ok(Answer::Stream),
-            (false, "/box.json") => body.push_str(&self.about),
-            (false, "/") => {
-                body.push_str(PAGE);
-                return Ok(Answer::Document(HTML));
-            }
+            (false, "/box.json") => (self.about.as_str(), PLAIN),
+            (false, "/") => (PAGE, HTML),
             _ => return Err(404),
-        }
-        Ok(Answer::Document(PLAIN))
+        };
+        body.push_str(document);
+        Ok(Answer::Document(headers))
     }
 
     fn next_message(&mut self, board: &mut Board, message: &mut String) -> bool {
@@ -212,22 +192,17 @@ impl Service for Page {
 
 impl Page {
     fn write(&self, board: &Board, message: &mut String) -> std::fmt::Result {
-        let silent = self
-            .newest
-            .2
-            .map_or(u128::MAX, |at| at.elapsed().as_millis());
+        let (frame, _, at) = self.newest;
+        let silent = at.map_or(u128::MAX, |at| at.elapsed().as_millis());
         write!(
             message,
             "{{\"frame\":{},\"silent_ms\":{},\"rate\":{:.1},\"users\":[",
-            self.newest.0,
+            frame,
             silent.min(u128::from(u32::MAX)),
             self.rate
         )?;
-        let known = board
-            .users
-            .iter()
-            .enumerate()
-            .filter(|(_, shot)| shot.count > 0);
+        let users = board.users.iter().enumerate();
+        let known = users.filter(|(_, shot)| shot.count > 0);
         for (i, (slot, shot)) in known.enumerate() {
             let comma = if i > 0 { "," } else { "" };
             write!(
@@ -305,10 +280,9 @@ pub fn open(
     let password = password(&settings.password_file)?;
     if password.as_ref().is_some_and(|word| !is_password(word)) {
         let problem = "its first line is not 8 to 64 printable ASCII characters";
-        return Err(OutputError::Password {
-            path: settings.password_file.clone(),
-            source: std::io::Error::new(std::io::ErrorKind::InvalidData, problem),
-        });
+        let problem = std::io::Error::new(std::io::ErrorKind::InvalidData, problem);
+        let path = settings.password_file.clone();
+        return Err(OutputError::Password(path, problem));
     }
     let name = identity::name(name);
     let page = Page {

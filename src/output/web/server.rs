@@ -226,9 +226,8 @@ impl Place {
 
 /// Where to listen.
 pub(super) fn address(listen: &str) -> Result<SocketAddr, OutputError> {
-    listen.parse().map_err(|_| OutputError::Listen {
-        address: listen.to_owned(),
-    })
+    let unusable = |_| OutputError::Listen(listen.to_owned());
+    listen.parse().map_err(unusable)
 }
 
 /// The service, its connections and its listening socket.
@@ -410,16 +409,14 @@ impl<S: Service> Server<S> {
         let place = &mut self.places[at];
         self.body.clear();
         // One who is gone already has no address.
-        let peer = place
-            .stream
-            .as_ref()
-            .and_then(|stream| stream.peer_addr().ok());
-        let answer = match Request::read(&place.heard[..place.length]) {
-            Ok(None) => return,
-            Ok(Some(request)) => peer
-                .ok_or(400)
-                .and_then(|peer| self.service.answer(&request, peer.ip(), &mut self.body)),
-            Err(status) => Err(status),
+        let peer = place.stream.as_ref().map(TcpStream::peer_addr);
+        let answer = match (Request::read(&place.heard[..place.length]), peer) {
+            (Ok(None), _) => return,
+            (Ok(Some(request)), Some(Ok(peer))) => {
+                self.service.answer(&request, peer.ip(), &mut self.body)
+            }
+            (Ok(Some(_)), _) => Err(400),
+            (Err(status), _) => Err(status),
         };
         let (status, headers) = match answer {
             Ok(Answer::WebSocket(accepted)) => {

@@ -72,12 +72,10 @@ impl Pages {
             shot.latency_us
         )?;
         match shot.pose {
-            Some([x, y, z, a, b, c, d]) => {
-                write!(
-                    message,
-                    "[{x:.5},{y:.5},{z:.5},{a:.6},{b:.6},{c:.6},{d:.6}]"
-                )?;
-            }
+            Some([x, y, z, a, b, c, d]) => write!(
+                message,
+                "[{x:.5},{y:.5},{z:.5},{a:.6},{b:.6},{c:.6},{d:.6}]"
+            )?,
             None => message.write_str("null")?,
         }
         message.write_str(",\"weights\":{")?;

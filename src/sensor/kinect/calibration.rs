@@ -57,39 +57,20 @@ const CAMERA_DISTANCE: f32 = 2.4;
 pub enum CalibrationError {
     /// Not the length this model sends.
     #[error(
-        "the Kinect's calibration block {block} has {found} bytes, expected {expected}; unplug it and plug it in again"
+        "the Kinect's calibration block {0} has {1} bytes, expected {2}; unplug it and plug it in again"
     )]
-    Length {
-        /// Name of the block.
-        block: &'static str,
-        /// Bytes expected.
-        expected: usize,
-        /// Bytes found.
-        found: usize,
-    },
+    Length(&'static str, usize, usize),
     /// A length of the optics that no Kinect has.
     #[error(
-        "the Kinect's calibration says {name} is {found}, expected {least} to {most}; unplug it and plug it in again"
+        "the Kinect's calibration says {} is {}, expected {} to {}; unplug it and plug it in again",
+        .0, .1, .2[0], .2[1]
     )]
-    Range {
-        /// What it is.
-        name: &'static str,
-        /// Value found.
-        found: f32,
-        /// Lower limit.
-        least: f32,
-        /// Upper limit.
-        most: f32,
-    },
+    Range(&'static str, f32, [f32; 2]),
 }
 
 fn of_length(block: &'static str, bytes: &[u8], expected: usize) -> Result<(), CalibrationError> {
     let found = bytes.len();
-    let problem = CalibrationError::Length {
-        block,
-        expected,
-        found,
-    };
+    let problem = CalibrationError::Length(block, found, expected);
     (found == expected).then_some(()).ok_or(problem)
 }
 
@@ -101,12 +82,7 @@ pub fn parse_fixed(block: &[u8], model: Model) -> Result<ZeroPlane, CalibrationE
     of_length("fixed parameters", block, model.fixed_parameters_len())?;
     let checked = |i: usize, name, least, most| {
         let found = f32::from_le_bytes(block[OPTICS..].as_chunks().0[i]);
-        let problem = CalibrationError::Range {
-            name,
-            found,
-            least,
-            most,
-        };
+        let problem = CalibrationError::Range(name, found, [least, most]);
         let fits = (least..=most).contains(&found);
         fits.then_some(found).ok_or(problem)
     };
@@ -168,20 +144,18 @@ pub fn emit_fixed(registration: &Registration, model: Model) -> Vec<u8> {
 /// One algorithm block, without its status word.
 #[must_use]
 pub fn emit_block(block: Block, registration: &Registration) -> Vec<u8> {
-    let Padding {
-        start_lines,
-        end_lines,
-        cropping_lines,
-    } = registration.padding;
+    let padding = &registration.padding;
     let bytes = |shorts: &[u16]| {
-        shorts
-            .iter()
-            .flat_map(|short| short.to_le_bytes())
-            .collect()
+        let bytes = shorts.iter().flat_map(|short| short.to_le_bytes());
+        bytes.collect()
     };
     match block {
         Block::ConstShift => bytes(&[registration.const_shift]),
-        Block::Padding => bytes(&[start_lines, end_lines, cropping_lines]),
+        Block::Padding => bytes(&[
+            padding.start_lines,
+            padding.end_lines,
+            padding.cropping_lines,
+        ]),
         Block::Registration => {
             let integers = registration.integers.iter();
             integers.flat_map(|integer| integer.to_le_bytes()).collect()

@@ -93,17 +93,11 @@ pub mod image_sensor {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadReply {
     /// Does not start with "RB".
-    #[error("it starts with {found:02x?}, expected 52 42")]
-    Magic {
-        /// What it starts with.
-        found: [u8; 2],
-    },
+    #[error("it starts with {0:02x?}, expected 52 42")]
+    Magic([u8; 2]),
     /// Answers another command.
-    #[error("it replies to command 0x{found:02x}")]
-    Command {
-        /// Command answered.
-        found: u16,
-    },
+    #[error("it replies to command 0x{0:02x}")]
+    Command(u16),
     /// Answers another question.
     #[error("it carries tag {found}, expected {expected}")]
     Tag {
@@ -154,14 +148,10 @@ pub fn parse_reply(bytes: &[u8], command: Command, tag: u16) -> Result<&[u8], Ba
     }
     let body = &bytes[HEADER..];
     if bytes[..2] != FROM_CAMERA {
-        return Err(BadReply::Magic {
-            found: [bytes[0], bytes[1]],
-        });
+        return Err(BadReply::Magic([bytes[0], bytes[1]]));
     }
     if word(bytes, 4) != command as u16 {
-        return Err(BadReply::Command {
-            found: word(bytes, 4),
-        });
+        return Err(BadReply::Command(word(bytes, 4)));
     }
     if word(bytes, 6) != tag {
         return Err(BadReply::Tag {
@@ -222,7 +212,7 @@ mod tests {
             reply[at] = value;
             parse_reply(&reply, Command::SetParameter, 0x1267).unwrap_err()
         };
-        assert!(matches!(check(0, 0), BadReply::Magic { .. }));
+        assert!(matches!(check(0, 0), BadReply::Magic(_)));
         assert!(matches!(
             check(2, 2),
             BadReply::Length {
@@ -230,7 +220,7 @@ mod tests {
                 found: 10
             }
         ));
-        assert!(matches!(check(4, 2), BadReply::Command { found: 2 }));
+        assert!(matches!(check(4, 2), BadReply::Command(2)));
         assert!(matches!(check(6, 0), BadReply::Tag { .. }));
     }
 

@@ -118,6 +118,81 @@ pub enum Request<'a> {
     AudioAnswer(&'a mut [u8]),
 }
 
+/// Why a Kinect cannot be reached. Each text is one sentence with the way out.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeviceError {
+    /// Nothing of a Kinect on any bus.
+    #[error(
+        "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too"
+    )]
+    Absent,
+    /// Hub or motor there, camera not.
+    #[error(
+        "a Kinect's hub or motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
+    )]
+    NoPower,
+    /// Cameras there, but not the one asked for.
+    #[error("no Kinect with serial {0} among the {1} on USB; `mien devices` lists the serials")]
+    OtherSerial(String, usize),
+    /// The device node may not be opened.
+    #[error(
+        "no permission to open the Kinect at /dev/bus/usb/{0:03}/{1:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
+    )]
+    Access(u8, u8),
+    /// Another program or a driver that cannot be detached holds the interface.
+    #[error(
+        "the Kinect at bus {0} address {1} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
+    )]
+    Busy(u8, u8),
+    /// The device was not configured by the kernel.
+    #[error(
+        "the Kinect at bus {0} address {1} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
+    )]
+    NotConfigured(u8, u8),
+    /// Connected at a speed that cannot carry the streams.
+    #[error(
+        "the Kinect is connected at {0}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
+    )]
+    Slow(&'static str),
+    /// The chosen alternate setting lacks an isochronous endpoint.
+    #[error(
+        "the {model} has no isochronous endpoint 0x{endpoint:02x} in alternate setting {alternate}; unplug it, wait a second and plug it in again"
+    )]
+    NoEndpoint {
+        /// The model found.
+        model: Model,
+        /// Endpoint that is missing.
+        endpoint: u8,
+        /// Alternate setting in force.
+        alternate: u8,
+    },
+    /// The kernel offers no USB to programs.
+    #[error(
+        "no USB devices visible to programs (/dev/bus/usb is missing); load the kernel's USB driver or, in a container, pass /dev/bus/usb through"
+    )]
+    NoUsb,
+    /// The host controller refused the isochronous reservation.
+    #[error(
+        "the USB controller has no room for the {0:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
+    )]
+    Bandwidth(Stream),
+    /// The device left.
+    #[error("the Kinect was unplugged or lost power; plug it in again")]
+    Gone,
+    /// The device answered a request with a stall.
+    #[error("the Kinect refused a request (stall); unplug it and plug it in again")]
+    Stall,
+    /// A transfer took longer than its limit.
+    #[error("the Kinect did not answer a USB request in time; unplug it and plug it in again")]
+    TimedOut,
+    /// This model has no motor device, or it was not found.
+    #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
+    NoMotor,
+    /// Anything else libusb reports.
+    #[error("USB: {0} (libusb); unplug the Kinect and plug it in again")]
+    Other(String),
+}
+
 /// The USB functions of one Kinect, opened and claimed. Implementations bound every wait.
 pub trait PacketSource {
     /// Which sensor it is.
@@ -156,110 +231,4 @@ pub trait PacketSource {
 
     /// Lets time pass.
     fn sleep(&mut self, time: Duration);
-}
-
-/// Why a Kinect cannot be reached. Each text is one sentence with the way out.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DeviceError {
-    /// Nothing of a Kinect on any bus.
-    #[error(
-        "no Kinect on USB (expected a camera 045e:02ae or 045e:02bf); plug it in, and its own power supply too"
-    )]
-    Absent,
-    /// Hub or motor there, camera not.
-    #[error(
-        "a Kinect's hub or motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
-    )]
-    NoPower,
-    /// Cameras there, but not the one asked for.
-    #[error(
-        "no Kinect with serial {wanted} among the {found} on USB; `mien devices` lists the serials"
-    )]
-    OtherSerial {
-        /// Serial asked for.
-        wanted: String,
-        /// Cameras found.
-        found: usize,
-    },
-    /// The device node may not be opened.
-    #[error(
-        "no permission to open the Kinect at /dev/bus/usb/{bus:03}/{address:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
-    )]
-    Access {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
-    /// Another program or a driver that cannot be detached holds the interface.
-    #[error(
-        "the Kinect at bus {bus} address {address} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
-    )]
-    Busy {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
-    /// The device was not configured by the kernel.
-    #[error(
-        "the Kinect at bus {bus} address {address} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
-    )]
-    NotConfigured {
-        /// Bus number.
-        bus: u8,
-        /// Address on the bus.
-        address: u8,
-    },
-    /// Connected at a speed that cannot carry the streams.
-    #[error(
-        "the Kinect is connected at {speed}, expected 480 Mbit/s; plug it into a USB 2.0 or 3.0 port on the computer itself, with a good cable"
-    )]
-    Slow {
-        /// Speed found.
-        speed: &'static str,
-    },
-    /// The chosen alternate setting lacks an isochronous endpoint.
-    #[error(
-        "the {model} has no isochronous endpoint 0x{endpoint:02x} in alternate setting {alternate}; unplug it, wait a second and plug it in again"
-    )]
-    NoEndpoint {
-        /// The model found.
-        model: Model,
-        /// Endpoint that is missing.
-        endpoint: u8,
-        /// Alternate setting in force.
-        alternate: u8,
-    },
-    /// The kernel offers no USB to programs.
-    #[error(
-        "no USB devices visible to programs (/dev/bus/usb is missing); load the kernel's USB driver or, in a container, pass /dev/bus/usb through"
-    )]
-    NoUsb,
-    /// The host controller refused the isochronous reservation.
-    #[error(
-        "the USB controller has no room for the {stream:?} stream; give the Kinect its own controller (not behind a hub, no other camera or sound card)"
-    )]
-    Bandwidth {
-        /// The stream refused.
-        stream: Stream,
-    },
-    /// The device left.
-    #[error("the Kinect was unplugged or lost power; plug it in again")]
-    Gone,
-    /// The device answered a request with a stall.
-    #[error("the Kinect refused a request (stall); unplug it and plug it in again")]
-    Stall,
-    /// A transfer took longer than its limit.
-    #[error("the Kinect did not answer a USB request in time; unplug it and plug it in again")]
-    TimedOut,
-    /// This model has no motor device, or it was not found.
-    #[error("motor, LED and tilt of this Kinect are not available; the pictures do not need them")]
-    NoMotor,
-    /// Anything else libusb reports.
-    #[error("USB: {problem} (libusb); unplug the Kinect and plug it in again")]
-    Other {
-        /// In its words.
-        problem: String,
-    },
 }

@@ -71,22 +71,14 @@ pub enum KinectError {
     Device(#[from] DeviceError),
     /// A command got no reply.
     #[error(
-        "the Kinect did not reply to command 0x{command:02x} within 1 s; unplug it and plug it in again"
+        "the Kinect did not reply to command 0x{0:02x} within 1 s; unplug it and plug it in again"
     )]
-    NoReply {
-        /// Number of the command.
-        command: u16,
-    },
+    NoReply(u16),
     /// A command got a wrong reply, three times.
     #[error(
-        "the Kinect's reply to command 0x{command:02x} is wrong: {problem}; unplug it and plug it in again"
+        "the Kinect's reply to command 0x{0:02x} is wrong: {1}; unplug it and plug it in again"
     )]
-    BadReply {
-        /// Number of the command.
-        command: u16,
-        /// What is wrong.
-        problem: BadReply,
-    },
+    BadReply(u16, BadReply),
     /// The camera answered with an error.
     #[error(
         "the Kinect refused command 0x{command:02x} for 0x{register:03x} with status {status}; unplug it and plug it in again"
@@ -104,12 +96,9 @@ pub enum KinectError {
     Calibration(#[from] CalibrationError),
     /// No packets although the stream was restarted.
     #[error(
-        "the Kinect sends no {stream:?} packets although it was restarted; check its power supply and give it its own USB controller"
+        "the Kinect sends no {0:?} packets although it was restarted; check its power supply and give it its own USB controller"
     )]
-    Silent {
-        /// The stream.
-        stream: Stream,
-    },
+    Silent(Stream),
 }
 
 /// Counts since opening.
@@ -307,9 +296,8 @@ impl<S: PacketSource> Kinect<S> {
                 return;
             };
             let number = assembler.tally.pictures - 1;
-            if let Some(pair) =
-                pairing.offer(received.stream, number, ticks, &mut assembler.picture)
-            {
+            let picture = &mut assembler.picture;
+            if let Some(pair) = pairing.offer(received.stream, number, ticks, picture) {
                 let made = u64::from(pair.has_colour());
                 paired |= made > 0;
                 health.pairs += made;
@@ -318,11 +306,8 @@ impl<S: PacketSource> Kinect<S> {
             }
         })?;
         let now = self.source.clock();
-        for stream in Stream::BOTH {
-            let i = stream.index();
-            if heard[i] {
-                self.heard[i] = now;
-            }
+        for (at, _) in self.heard.iter_mut().zip(heard).filter(|(_, heard)| *heard) {
+            *at = now;
         }
         if heard == [true; 2] {
             self.failed_restarts = 0;
@@ -371,7 +356,7 @@ impl<S: PacketSource> Kinect<S> {
                 tracing::warn!("no {stream:?} packets for 1 s; restarting the Kinect's streams");
                 self.failed_restarts += 1;
             }
-            Some(stream @ Stream::Depth) => return Err(KinectError::Silent { stream }),
+            Some(stream @ Stream::Depth) => return Err(KinectError::Silent(stream)),
             _ if now >= self.restart_at && !self.is_lossy(unpaired) => {
                 tracing::warn!(
                     "depth and colour pictures do not pair; restarting the Kinect's streams"
@@ -432,19 +417,13 @@ pub fn develop(pair: &mut RawPair, clock: &mut PictureClock, into: &mut impl Dev
 
 /// The depth half of [`develop`].
 pub(crate) fn develop_depth(pair: &RawPair, frame: &mut Frame) {
-    let packed = &pair.pictures[Stream::Depth.index()];
-    unpack_depth(
-        packed.first_chunk().expect("a depth picture's length"),
-        &mut frame.depth,
-    );
+    let packed = pair.pictures[Stream::Depth.index()].first_chunk();
+    unpack_depth(packed.expect("a depth picture's length"), &mut frame.depth);
 }
 
 /// The colour half of [`develop`].
 pub(crate) fn develop_colour(pair: &RawPair, frame: &mut Frame) {
-    let bayer = &pair.pictures[Stream::Colour.index()];
+    let bayer = pair.pictures[Stream::Colour.index()].first_chunk();
     frame.has_colour = true;
-    colour::luma_from_bayer(
-        bayer.first_chunk().expect("a colour picture's length"),
-        &mut frame.luma,
-    );
+    colour::luma_from_bayer(bayer.expect("a colour picture's length"), &mut frame.luma);
 }

@@ -17,7 +17,7 @@ defaults! {
         /// The colour picture's stamp, same counter; 0 without one.
         pub colour_ticks: u32 = 0,
         /// Bayer mosaic of the colour camera: even rows G R G R…, odd rows B G B G…; black without a picture.
-        pub bayer: Box<[u8; PIXELS]> = vec![0; PIXELS].into_boxed_slice().try_into().expect("PIXELS long"),
+        pub bayer: Box<[u8; PIXELS]> = vec![0; PIXELS].try_into().expect("PIXELS long"),
     }
 
     /// A frame of a Kinect and what it was made from.

@@ -83,8 +83,24 @@ pub struct LiveKinect {
     /// Opening of the last frame, and when it was taken from the ring.
     last: Option<(u64, Instant)>,
     arrived: Option<Instant>,
-    registration: Registration,
-    camera: Camera,
+    calibration: Calibration,
+}
+
+defaults! {
+    /// What was read from the sensor that the last frame came from, nominal before the first.
+    struct Calibration {
+        registration: Registration = Registration::default(),
+        camera: Camera = Registration::default().camera(),
+    }
+}
+
+impl Calibration {
+    fn read(&mut self, registration: &Registration) {
+        if self.registration != *registration {
+            self.registration.clone_from(registration);
+            self.camera = registration.camera();
+        }
+    }
 }
 
 impl LiveKinect {
@@ -115,8 +131,7 @@ impl LiveKinect {
             clock: PictureClock::default(),
             last: None,
             arrived: None,
-            registration: Registration::default(),
-            camera: Registration::default().camera(),
+            calibration: Calibration::default(),
         }
     }
 
@@ -134,11 +149,7 @@ impl LiveKinect {
             self.clock.restart(now - at);
         }
         if self.last.is_none_or(|(former, _)| former != opening) {
-            calibrate(
-                &mut self.registration,
-                &mut self.camera,
-                &inner.registration,
-            );
+            self.calibration.read(&inner.registration);
         }
         self.last = Some((opening, now));
         drop(inner);
@@ -150,20 +161,10 @@ impl LiveKinect {
     /// Waits until a sensor has been opened or the first attempt has failed, at most `wait`.
     #[must_use]
     pub fn wait_for_first_attempt(&mut self, wait: Duration) -> Status {
-        let attempted = |inner: &Inner| {
-            let Status {
-                openings,
-                waiting_for,
-                ..
-            } = &inner.status;
-            *openings > 0 || waiting_for.is_some()
-        };
+        let attempted =
+            |inner: &Inner| inner.status.openings > 0 || inner.status.waiting_for.is_some();
         let inner = self.shared.wait(wait, attempted);
-        calibrate(
-            &mut self.registration,
-            &mut self.camera,
-            &inner.registration,
-        );
+        self.calibration.read(&inner.registration);
         inner.status.clone()
     }
 
@@ -176,13 +177,13 @@ impl LiveKinect {
     /// Calibration of the sensor behind the last frame; the usual one before the first.
     #[must_use]
     pub const fn registration(&self) -> &Registration {
-        &self.registration
+        &self.calibration.registration
     }
 
     /// The same in the form the stages use.
     #[must_use]
     pub const fn camera(&self) -> &Camera {
-        &self.camera
+        &self.calibration.camera
     }
 
     /// When the last frame was whole in this machine's memory.
@@ -205,13 +206,6 @@ impl Drop for LiveKinect {
             // A panic there has been reported already.
             let _ = thread.join();
         }
-    }
-}
-
-fn calibrate(known: &mut Registration, camera: &mut Camera, read: &Registration) {
-    if known != read {
-        known.clone_from(read);
-        *camera = read.camera();
     }
 }
 
@@ -270,10 +264,8 @@ fn stream<S: PacketSource>(
     kinect.stop();
     let health = kinect.health();
     *pictures += health.streams[Stream::Depth.index()].pictures;
+    let (alone, restarts) = (health.alone, health.restarts);
     for stream in Stream::BOTH {
-        let Health {
-            alone, restarts, ..
-        } = health;
         let unpaired = health.unpaired[stream.index()];
         let Tally {
             pictures,
@@ -302,11 +294,8 @@ fn deliver<S: PacketSource>(
     former: u64,
 ) -> Result<(), KinectError> {
     kinect.start()?;
-    tracing::info!(
-        "streaming from {}, serial {}",
-        kinect.model(),
-        kinect.serial()
-    );
+    let (model, serial) = (kinect.model(), kinect.serial());
+    tracing::info!("streaming from {model}, serial {serial}");
     let mut shown = None;
     loop {
         let mut delivered = false;

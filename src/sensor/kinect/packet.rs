@@ -50,11 +50,8 @@ pub struct Header {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotAPacket {
     /// No room for a header.
-    #[error("{found} bytes, a packet has at least 12")]
-    Short {
-        /// Bytes there.
-        found: usize,
-    },
+    #[error("{0} bytes, a packet has at least 12")]
+    Short(usize),
     /// Wrong magic or flag: not the start of a packet, or not of this stream.
     #[error("no packet header of this stream")]
     Damaged,
@@ -74,7 +71,7 @@ impl Header {
     /// Too short, or not a header of that stream.
     pub fn parse(bytes: &[u8], stream: Stream) -> Result<Self, NotAPacket> {
         let Some(header) = bytes.first_chunk::<HEADER>() else {
-            return Err(NotAPacket::Short { found: bytes.len() });
+            return Err(NotAPacket::Short(bytes.len()));
         };
         let [m0, m1, _, flag, _, sequence, _, _, ticks @ ..] = *header;
         let place = match flag ^ stream_nibble(stream) {
@@ -130,7 +127,7 @@ mod tests {
         );
         assert_eq!(
             Header::parse(&bytes[..11], Stream::Depth),
-            Err(NotAPacket::Short { found: 11 })
+            Err(NotAPacket::Short(11))
         );
     }
 

@@ -71,13 +71,13 @@ impl Recording {
         let text = text.map_err(|source| {
             let path = path.clone();
             match source.kind() {
-                ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::File { path, source },
-                kind => RecordingError::NoIndex { path, kind },
+                ErrorKind::Other | ErrorKind::FileTooLarge => RecordingError::File(path, source),
+                kind => RecordingError::NoIndex(path, kind),
             }
         })?;
         let index = Index::parse(&text);
         if index.depth.is_empty() {
-            return Err(RecordingError::NoDepth { path });
+            return Err(RecordingError::NoDepth(path));
         }
         let registration = device::read(&directory.join(DEVICE_NAME))?.unwrap_or_default();
         Ok(Self {

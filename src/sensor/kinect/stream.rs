@@ -135,9 +135,7 @@ impl Assembler {
 
     /// Forgets the picture in progress and the sequence, keeps the tally: after the stream was stopped.
     pub fn restart(&mut self) {
-        self.state = State::Joining;
-        self.previous = None;
-        self.unreadable = 0;
+        (self.state, self.previous, self.unreadable) = (State::Joining, None, 0);
     }
 
     /// Takes what came in one microframe. `Some(ticks)` if that completed a picture; it stays in [`Self::picture`] until
@@ -155,7 +153,7 @@ impl Assembler {
             Ok(header) => header,
             Err(problem) => {
                 match problem {
-                    NotAPacket::Short { .. } => self.tally.wrong_length += 1,
+                    NotAPacket::Short(_) => self.tally.wrong_length += 1,
                     NotAPacket::Damaged => self.tally.damaged += 1,
                 }
                 self.unreadable = self.unreadable.saturating_add(1);
@@ -168,10 +166,8 @@ impl Assembler {
         }
         self.tally.packets += 1;
         if let Some(previous) = self.previous {
-            let gap = header
-                .sequence
-                .wrapping_sub(previous.sequence)
-                .wrapping_sub(1);
+            let step = header.sequence.wrapping_sub(previous.sequence);
+            let gap = step.wrapping_sub(1);
             if gap != 0 {
                 self.tally.lost += u64::from(gap.saturating_sub(self.unreadable));
                 self.give_up();

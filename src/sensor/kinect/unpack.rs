@@ -22,17 +22,12 @@ fn drawn_apart(packed: u64) -> [u16; 4] {
 // As for luma: inlined, the pictures could overlap for all the compiler knows.
 #[inline(never)]
 pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
-    for (bytes, pixels) in packed
-        .as_chunks::<11>()
-        .0
-        .iter()
-        .zip(depth.as_chunks_mut::<8>().0)
-    {
+    let (groups, _) = packed.as_chunks::<11>();
+    for (bytes, pixels) in groups.iter().zip(depth.as_chunks_mut::<8>().0) {
         // Two words that overlap: the upper 44 bits of one, the lower 44 of the other.
         let word = |from: usize| {
-            bytes[from..]
-                .first_chunk()
-                .map_or(0, |word| u64::from_be_bytes(*word))
+            let word = bytes[from..].first_chunk();
+            word.map_or(0, |word| u64::from_be_bytes(*word))
         };
         let (first, second) = pixels.split_at_mut(4);
         first.copy_from_slice(&drawn_apart(word(0) >> 20));
@@ -42,15 +37,10 @@ pub fn unpack_depth(packed: &[u8; PACKED_DEPTH], depth: &mut [u16; PIXELS]) {
 
 /// Packs a depth picture; values are taken modulo 2048.
 pub fn pack_depth(depth: &[u16; PIXELS], packed: &mut [u8; PACKED_DEPTH]) {
-    for (pixels, bytes) in depth
-        .as_chunks::<8>()
-        .0
-        .iter()
-        .zip(packed.as_chunks_mut::<11>().0)
-    {
-        let word = pixels
-            .iter()
-            .fold(0u128, |word, &pixel| word << 11 | u128::from(pixel) & 0x7ff);
+    let (groups, _) = depth.as_chunks::<8>();
+    for (pixels, bytes) in groups.iter().zip(packed.as_chunks_mut::<11>().0) {
+        let join = |word, &pixel| word << 11 | u128::from(pixel) & 0x7ff;
+        let word = pixels.iter().fold(0u128, join);
         bytes.copy_from_slice(&word.to_be_bytes()[5..]);
     }
 }

@@ -97,11 +97,8 @@ impl UsbKinect {
                 stream.endpoint(),
             )
         };
-        let size = usize::try_from(found)
-            .ok()
-            .filter(|&size| size > 0)
-            .unwrap_or(LONGEST)
-            .min(LONGEST);
+        let size = usize::try_from(found).unwrap_or(0);
+        let size = if size > 0 { size.min(LONGEST) } else { LONGEST };
         let mut flight = Flight {
             transfers: Vec::with_capacity(TRANSFERS),
             buffers: Vec::with_capacity(TRANSFERS),
@@ -283,21 +280,16 @@ impl PacketSource for UsbKinect {
         }
         let flight = self.allocate(stream)?;
         self.inbox.borrow_mut().stopping[i] = false;
-        let mut failure = None;
-        for &transfer in &flight.transfers {
-            let result = self.submit(stream, transfer);
-            if result != 0 {
-                failure = Some(result);
-                break;
-            }
-        }
+        let results = flight.transfers.iter();
+        let mut results = results.map(|&transfer| self.submit(stream, transfer));
+        let failure = results.find(|&result| result != 0);
         self.flights[i] = Some(flight);
         match failure {
             None => Ok(()),
             Some(LIBUSB_ERROR_NO_DEVICE) => Err(DeviceError::Gone),
             Some(_) => {
                 self.stop(stream);
-                Err(DeviceError::Bandwidth { stream })
+                Err(DeviceError::Bandwidth(stream))
             }
         }
     }
@@ -399,7 +391,7 @@ mod tests {
                 DeviceError::Absent
                     | DeviceError::NoUsb
                     | DeviceError::NoPower
-                    | DeviceError::OtherSerial { .. }
+                    | DeviceError::OtherSerial(..)
             ),
             "{problem}"
         );

@@ -75,10 +75,7 @@ impl core::fmt::Display for Listed {
             Driver::Kernel(name) => write!(f, "driver {name} (detached while mien runs)")?,
             Driver::Program => f.write_str("in use by a program")?,
         }
-        if self.motor {
-            return Ok(());
-        }
-        f.write_str(", no motor")
+        f.write_str(if self.motor { "" } else { ", no motor" })
     }
 }
 
@@ -89,8 +86,8 @@ impl core::fmt::Display for Listed {
 /// there and no camera.
 pub fn devices() -> Result<Vec<Listed>, DeviceError> {
     let bus = Bus::scan()?;
-    let cameras: Vec<_> = bus
-        .cameras()
+    let cameras = bus.cameras();
+    let cameras: Vec<_> = cameras
         .map(|(device, model)| bus.list(device, model))
         .collect();
     if cameras.is_empty() && bus.has_parts() {
@@ -116,10 +113,9 @@ pub(super) fn open(serial: Option<&str>, reset_audio: bool) -> Result<Opened, De
     let cameras: Vec<_> = bus.cameras().collect();
     let mut failure = match serial {
         _ if cameras.is_empty() && bus.has_parts() => DeviceError::NoPower,
-        Some(wanted) if !cameras.is_empty() => DeviceError::OtherSerial {
-            wanted: wanted.to_owned(),
-            found: cameras.len(),
-        },
+        Some(wanted) if !cameras.is_empty() => {
+            DeviceError::OtherSerial(wanted.to_owned(), cameras.len())
+        }
         _ => DeviceError::Absent,
     };
     for (device, model) in cameras {
@@ -203,9 +199,8 @@ impl Bus {
     }
 
     fn has_parts(&self) -> bool {
-        self.devices
-            .iter()
-            .any(|(_, product, _)| *product == MOTOR || *product == HUB)
+        let mut products = self.devices.iter().map(|(_, product, _)| *product);
+        products.any(|product| [MOTOR, HUB].contains(&product))
     }
 
     /// The device with one of these products that belongs to the camera.
@@ -221,10 +216,9 @@ impl Bus {
             let mut near = parts.iter().copied().filter(|part| is_near(part));
             near.next().filter(|_| near.next().is_none())
         };
-        let of_hub = parts.iter().copied();
-        let mut of_hub = of_hub.filter(|part| hub(camera).is_some() && hub(part) == hub(camera));
+        let of_hub = |part: &&&Device<Context>| hub(camera).is_some() && hub(part) == hub(camera);
+        let of_hub = parts.iter().find(of_hub).copied();
         of_hub
-            .next()
             .or_else(|| only(&|part| part.bus_number() == camera.bus_number()))
             .or_else(|| only(&|_| true))
     }
@@ -277,7 +271,7 @@ impl Bus {
         let driver = driver(device);
         let trouble = match device.open() {
             Err(problem) => Some(opening(problem, bus, address)),
-            Ok(_) if driver == Driver::Program => Some(DeviceError::Busy { bus, address }),
+            Ok(_) if driver == Driver::Program => Some(DeviceError::Busy(bus, address)),
             Ok(_) => fit(device, model).err(),
         };
         Listed {
@@ -320,15 +314,11 @@ impl Bus {
 /// both have an isochronous endpoint: the model's usual one first.
 fn fit(device: &Device<Context>, model: Model) -> Result<u8, DeviceError> {
     if matches!(device.speed(), Speed::Low | Speed::Full) {
-        return Err(DeviceError::Slow {
-            speed: speed(device.speed()),
-        });
+        return Err(DeviceError::Slow(speed(device.speed())));
     }
     let usual = model.alternate_setting();
-    let configuration = (device.active_config_descriptor()).map_err(|_| {
-        let (bus, address) = (device.bus_number(), device.address());
-        DeviceError::NotConfigured { bus, address }
-    })?;
+    let configuration = (device.active_config_descriptor())
+        .map_err(|_| DeviceError::NotConfigured(device.bus_number(), device.address()))?;
     let carries = |setting: &rusb::InterfaceDescriptor<'_>, stream: Stream| {
         setting.endpoint_descriptors().any(|endpoint| {
             endpoint.address() == stream.endpoint()

@@ -50,14 +50,12 @@ impl Index {
         let (depth, pictures) = (list(depth), list(pictures));
         let known = |list: &[(Option<i64>, String)]| -> Vec<(i64, usize)> {
             let known = list.iter().enumerate();
-            known
-                .filter_map(|(k, (time, _))| Some(((*time)?, k)))
-                .collect()
+            let known = known.filter_map(|(k, (time, _))| Some(((*time)?, k)));
+            known.collect()
         };
-        let mut periods: Vec<i64> = known(&depth)
-            .windows(2)
-            .map(|two| two[1].0 - two[0].0)
-            .collect();
+        let of_depth = known(&depth);
+        let periods = of_depth.windows(2).map(|two| two[1].0 - two[0].0);
+        let mut periods: Vec<i64> = periods.collect();
         periods.sort_unstable();
         let period = periods.get(periods.len() / 2).copied().unwrap_or(PERIOD_US);
         let others = known(&pictures);

@@ -106,7 +106,8 @@ impl HeadPainter {
     /// Sets the pose of what is in `deformed`, above upright shoulders.
     #[cfg(feature = "studio")]
     pub(crate) fn place_deformed(&mut self, sensor_from_head: &Rigid) {
-        self.place_above(sensor_from_head, &shoulders_below(sensor_from_head));
+        let upright = shoulders_below(sensor_from_head, &Rotation::identity());
+        self.place_above(sensor_from_head, &upright);
     }
 
     /// Sets the pose of what is in `deformed`, above these shoulders.
@@ -210,14 +211,9 @@ impl HeadPainter {
 /// Top of the neck, about which the head turns, head frame.
 const PIVOT: Vector = Vector::new(0.0, 0.08, 0.09);
 
-/// Where the shoulders are: upright below a head that turns about the top of its neck.
-pub(crate) fn shoulders_below(sensor_from_head: &Rigid) -> Rigid {
-    let shift = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT - PIVOT;
-    Rigid::translation(shift.x, shift.y, shift.z)
-}
-
-/// Likewise where the sensor does not stand upright: the world's vertical is turned by `tilt` in its view.
-pub(crate) fn shoulders_tilted(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
+/// Where the shoulders are: below a head that turns about the top of its neck, and as upright as the world's vertical, which
+/// is turned by `tilt` in the sensor's view.
+pub(crate) fn shoulders_below(sensor_from_head: &Rigid, tilt: &Rotation) -> Rigid {
     let neck = sensor_from_head.translation.vector + sensor_from_head.rotation * PIVOT;
     Rigid::from_parts((neck - tilt * PIVOT).into(), *tilt)
 }

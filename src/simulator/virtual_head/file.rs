@@ -45,17 +45,11 @@ pub enum HeadFileError {
         found: u32,
     },
     /// Cut short, or with something behind its end.
-    #[error("head file has the wrong length at {what}; fetch or make it again")]
-    Length {
-        /// The array being read.
-        what: &'static str,
-    },
+    #[error("head file has the wrong length at {0}; fetch or make it again")]
+    Length(&'static str),
     /// A number that cannot be.
-    #[error("head file has an impossible value in {what}; fetch or make it again")]
-    Value {
-        /// The array being read.
-        what: &'static str,
-    },
+    #[error("head file has an impossible value in {0}; fetch or make it again")]
+    Value(&'static str),
 }
 
 /// Contexts of the coder; those of several axes take as many.
@@ -141,10 +135,10 @@ impl<C: Coder> File<C> {
         let what = self.what;
         let number = before + self.coder.number(context, number - before);
         if self.coder.is_cut_short() {
-            return Err(HeadFileError::Length { what });
+            return Err(HeadFileError::Length(what));
         }
         let fits = range.contains(&number);
-        fits.then_some(number).ok_or(HeadFileError::Value { what })
+        fits.then_some(number).ok_or(HeadFileError::Value(what))
     }
 
     fn count(&mut self, count: usize, most: i32) -> Result<usize, HeadFileError> {
@@ -173,7 +167,7 @@ impl<C: Coder> File<C> {
         *value = f32::from_le_bytes(bytes);
         let what = self.what;
         let fits = value.is_finite();
-        fits.then_some(()).ok_or(HeadFileError::Value { what })
+        fits.then_some(()).ok_or(HeadFileError::Value(what))
     }
 
     fn head(&mut self, asset: &mut HeadAsset) -> Result<(), HeadFileError> {
@@ -234,8 +228,7 @@ impl<C: Coder> File<C> {
             }
             first = corners[0].cast_signed();
             kind = self.next(context::PART, *part as i32, kind, BYTE)?;
-            let what = self.what;
-            *part = Part::from_index(kind as u8).ok_or(HeadFileError::Value { what })?;
+            *part = Part::from_index(kind as u8).ok_or(HeadFileError::Value(self.what))?;
         }
         asset.triangles = triangles.into();
         asset.parts = parts.into();
@@ -283,7 +276,7 @@ impl<C: Coder> File<C> {
             *letter = self.next(context::BYTE, (*letter).into(), 0, BYTE)? as u8;
         }
         let what = self.what;
-        expression.name = String::from_utf8(name).map_err(|_| HeadFileError::Value { what })?;
+        expression.name = String::from_utf8(name).map_err(|_| HeadFileError::Value(what))?;
         let largest = expression.offsets.iter().map(Vector::amax);
         let mut unit = largest.fold(1e-9, f32::max) / 127.0;
         self.f32(&mut unit)?;
@@ -371,7 +364,7 @@ impl HeadAsset {
         file.head(&mut asset)?;
         let whole = file.coder.is_finished();
         let what = file.what;
-        whole.then_some(asset).ok_or(HeadFileError::Length { what })
+        whole.then_some(asset).ok_or(HeadFileError::Length(what))
     }
 
     /// The bytes of the file, quantised; places within ±0.32 m.

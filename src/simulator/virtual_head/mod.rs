@@ -190,8 +190,7 @@ impl Simulator {
     /// Draws the room that belongs to dressed people.
     fn furnish(&mut self) {
         let (camera, sensor) = (&self.camera, self.sensor);
-        let room = appearance::room(self.seed);
-        let mut painter = OutfitPainter::new(room);
+        let mut painter = OutfitPainter::new(appearance::room(self.seed));
         let view = sensor.viewpoint();
         painter.place(&[], &view, &view);
         self.depth.inverse.fill(0.0);
@@ -269,11 +268,7 @@ impl Simulator {
                 }
             });
             if let Some(pose) = pose {
-                let pose = if self.sensor.above == 0.0 {
-                    pose
-                } else {
-                    view * pose
-                };
+                let pose = view * pose;
                 if truth {
                     person.place(&pose, &view.rotation);
                 } else if person.truth.is_some() {

@@ -103,8 +103,7 @@ impl DepthReading {
         seed: u64,
         depth: &mut [u16; PIXELS],
     ) {
-        let offset = |k| (hash(seed, k) as usize) % SIDE;
-        let (o1, o2, o3, o4) = (offset(1), offset(2), offset(3), offset(4));
+        let [o1, o2, o3, o4] = [1, 2, 3, 4].map(|k| (hash(seed, k) as usize) % SIDE);
         let mut dark = [false; WIDTH];
         for row in 0..HEIGHT {
             let line = |row: usize| {
@@ -112,11 +111,8 @@ impl DepthReading {
                     .first_chunk::<WIDTH>()
                     .expect("a row of the picture")
             };
-            let (above, here, below) = (
-                line(row.saturating_sub(1)),
-                line(row),
-                line((row + 1).min(HEIGHT - 1)),
-            );
+            let rows = [row.saturating_sub(1), row, (row + 1).min(HEIGHT - 1)];
+            let [above, here, below] = rows.map(line);
             self.shade(here, &mut dark);
             let jitter = Tiles::row(&tiles.white, row + o1);
             let wobble = Tiles::row(&tiles.smooth, row + o2);
@@ -178,8 +174,7 @@ pub(crate) fn expose(
     seed: u64,
     bayer: &mut [u8; PIXELS],
 ) {
-    let offset = |k| (hash(seed, k) as usize) % SIDE;
-    let (o5, o6) = (offset(5), offset(6));
+    let [o5, o6] = [5, 6].map(|k| (hash(seed, k) as usize) % SIDE);
     for row in 0..HEIGHT {
         let noise = Tiles::row(&tiles.white, row + o5);
         let colours = rgb[row * WIDTH..(row + 1) * WIDTH]

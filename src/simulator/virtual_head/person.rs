@@ -5,7 +5,7 @@ use super::appearance::Held;
 use super::appearance::{Look, Outfit, OutfitPainter, Stuff};
 use super::asset::HeadAsset;
 use super::body::Shape;
-use super::draw::{self, Canvas, HeadPainter, Light, ShapePainter};
+use super::draw::{Canvas, HeadPainter, Light, ShapePainter, shoulders_below};
 use super::raster::{DepthBuffer, Window};
 use crate::base::capacity::{LANDMARKS, USERS};
 #[cfg(feature = "studio")]
@@ -113,11 +113,7 @@ impl Person {
 
     pub(super) fn pose(&mut self, sensor_from_head: &Rigid, tilt: &Rotation) {
         self.pose = *sensor_from_head;
-        let torso = if *tilt == Rotation::identity() {
-            draw::shoulders_below(sensor_from_head)
-        } else {
-            draw::shoulders_tilted(sensor_from_head, tilt)
-        };
+        let torso = shoulders_below(sensor_from_head, tilt);
         self.asset.deform(&self.weights, &mut self.head.deformed);
         self.head.place_above(sensor_from_head, &torso);
         match &mut self.worn {

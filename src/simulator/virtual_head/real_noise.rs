@@ -246,10 +246,8 @@ impl Seen<'_> {
         let ragged = around.map(|(dr, dc)| answer(self.stuff[self.near(dr, dc)])[2]);
         let reach = ragged.into_iter().fold(0.0, f32::max) * self.strength;
         [0, 1].map(|k| {
-            let (still, moving) = (
-                self.still(&self.real.lobes, k + 1),
-                self.moving(&self.real.lobes, k),
-            );
+            let still = self.still(&self.real.lobes, k + 1);
+            let moving = self.moving(&self.real.lobes, k);
             (reach * (0.72 * still + 0.69 * moving)).round() as isize
         })
     }

@@ -110,11 +110,8 @@ impl<D: View> Player<D> {
             if !self.next_frame() {
                 return false;
             }
-            self.began = Some(if now.saturating_sub(next) > SLIP {
-                now
-            } else {
-                next
-            });
+            let slips = now.saturating_sub(next) > SLIP;
+            self.began = Some(if slips { now } else { next });
         }
     }
 }

@@ -340,7 +340,7 @@ impl Preview {
         let given = request.meshes.iter().map(|path| read_mesh(path));
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let source = match &request.feed {
-            Feed::Sensor { name, .. } => name.parse().ok(),
+            Feed::Sensor { name, .. } => Some(SourceName::from(name.as_str())),
             _ => None,
         };
         let recording = match source {

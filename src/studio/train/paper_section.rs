@@ -8,7 +8,7 @@ use super::args::{TrainArgs, write};
 use super::error::TrainError;
 use super::paper_aam::{PaperPractice, paper_aam_block};
 use super::person::learn_session;
-use crate::face_model::{SHIPPED, ShapeModel, file};
+use crate::face_model::{FaceModel, SHIPPED, ShapeModel, file};
 use crate::studio::nrsfm::Tracks;
 
 /// Where the section comes from. Read before anything is trained, so that a wrong file is told of at once.
@@ -21,7 +21,7 @@ pub(super) enum Source {
 impl Source {
     pub(super) fn of(args: &TrainArgs) -> Result<Self, TrainError> {
         if let Some(path) = &args.paper_of {
-            return Ok(Self::Kept(file::parse(&model_bytes(path)?)?.paper_aam));
+            return Ok(Self::Kept(FaceModel::read(&model_bytes(path)?)?.paper_aam));
         }
         let tracks = args.tracks.as_deref().map(Tracks::read).transpose()?;
         Ok(Self::Learned(tracks))
@@ -61,7 +61,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
         Some(path) => model_bytes(path)?,
         None => SHIPPED.to_vec(),
     };
-    let model = file::parse(&bytes)?;
+    let model = FaceModel::read(&bytes)?;
     let block = match &args.person {
         Some(session) => learn_session(session, &model, args.seed, say)?.into(),
         None => Source::of(args)?.section(args, &model.shape, say)?,

@@ -246,7 +246,6 @@ mod tests {
             let pose = crate::pose::HeadPose {
                 sensor_from_head: crate::base::frames::SensorFromHead::of(*pose),
                 confidence: 1.0,
-                residual: 0.0,
                 coverage: 1.0,
                 proven: true,
             };

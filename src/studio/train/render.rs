@@ -24,7 +24,7 @@ use super::photograph::{backdrop, develop, grey_of, mix_skins};
 use super::random::{either, normal};
 use super::worn::wear;
 use crate::base::capacity::LANDMARKS;
-use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
+use crate::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
 use crate::face_model::scheme::MIRROR;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::body::Shape;
@@ -340,7 +340,7 @@ fn shoulders(
     canvas: &mut Canvas,
 ) {
     if rng.f32() < 0.75 {
-        bust.place(&shoulders_below(sensor_from_head));
+        bust.place(&shoulders_below(sensor_from_head, &Rotation::identity()));
         let mut clothes = *light;
         let dye = rng.f32() * 2.2;
         clothes.tint = light.tint.map(|t| t * dye * (0.7 + 0.6 * rng.f32()));

@@ -59,9 +59,7 @@ impl<S: PacketSource> Kinect<S> {
         words: &[u16],
         mut read: impl FnMut(&[u8]) -> Result<T, BadReply>,
     ) -> Result<T, KinectError> {
-        let mut failure = KinectError::NoReply {
-            command: command as u16,
-        };
+        let mut failure = KinectError::NoReply(command as u16);
         for _ in 0..TRIES {
             let tag = self.tag;
             // A new tag for every try: a late reply to the last one cannot be taken for this one's.
@@ -77,9 +75,9 @@ impl<S: PacketSource> Kinect<S> {
             }
             match self.reply(command, tag, &mut read) {
                 Ok(value) => return Ok(value),
-                Err(KinectError::Device(
-                    problem @ (DeviceError::Gone | DeviceError::Other { .. }),
-                )) => return Err(problem.into()),
+                Err(KinectError::Device(problem @ (DeviceError::Gone | DeviceError::Other(_)))) => {
+                    return Err(problem.into());
+                }
                 Err(problem) => failure = problem,
             }
         }
@@ -93,9 +91,7 @@ impl<S: PacketSource> Kinect<S> {
         read: &mut impl FnMut(&[u8]) -> Result<T, BadReply>,
     ) -> Result<T, KinectError> {
         let deadline = self.source.clock() + REPLY_LIMIT;
-        let mut failure = KinectError::NoReply {
-            command: command as u16,
-        };
+        let mut failure = KinectError::NoReply(command as u16);
         loop {
             let mut buffer = [0; command::REPLY];
             let reply = Request::Reply(&mut buffer);
@@ -104,12 +100,9 @@ impl<S: PacketSource> Kinect<S> {
                 match command::parse_reply(&buffer[..n], command, tag).and_then(&mut *read) {
                     Ok(value) => return Ok(value),
                     Err(problem) => {
-                        failure = KinectError::BadReply {
-                            command: command as u16,
-                            problem,
-                        };
+                        failure = KinectError::BadReply(command as u16, problem);
                         // The reply to an older question: ours may still come.
-                        if !matches!(problem, BadReply::Tag { .. } | BadReply::Command { .. }) {
+                        if !matches!(problem, BadReply::Tag { .. } | BadReply::Command(_)) {
                             return Err(failure);
                         }
                     }

@@ -25,19 +25,12 @@ const LONGEST_CM: f32 = 1000.0;
 /// # Errors
 /// If the file is there and cannot be read or understood.
 pub fn read(path: &Path) -> Result<Option<Registration>, RecordingError> {
-    let path_buf = || path.to_path_buf();
     match bounded_read::regular(path, LARGEST_BYTES) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(RecordingError::File {
-            path: path_buf(),
-            source,
-        }),
+        Err(problem) => Err(RecordingError::File(path.into(), problem)),
         Ok(text) => from_json(&text)
             .map(Some)
-            .map_err(|problem| RecordingError::Device {
-                path: path_buf(),
-                problem,
-            }),
+            .map_err(|problem| RecordingError::Device(path.into(), problem)),
     }
 }
 
@@ -77,11 +70,9 @@ fn from_json(text: &[u8]) -> Result<Registration, String> {
                 .as_f64()
                 .map(|centimetres| centimetres as f32)
                 .filter(|&centimetres| centimetres > 0.0 && centimetres <= LONGEST_CM)
-                .ok_or_else(|| {
-                    format!(
-                        "{name} is {value}, expected centimetres above 0 and at most {LONGEST_CM}"
-                    )
-                })?;
+                .ok_or(format!(
+                    "{name} is {value}, expected centimetres above 0 and at most {LONGEST_CM}"
+                ))?;
         }
     }
     Ok(registration)
@@ -93,12 +84,10 @@ fn whole<T: TryFrom<i64>>(from: &Value, name: &str, field: &mut T) -> Result<(),
         *field = value
             .as_i64()
             .and_then(|number| T::try_from(number).ok())
-            .ok_or_else(|| {
-                format!(
-                    "{name} is {value}, expected a whole number of {} bits",
-                    8 * size_of::<T>()
-                )
-            })?;
+            .ok_or(format!(
+                "{name} is {value}, expected a whole number of {} bits",
+                8 * size_of::<T>()
+            ))?;
     }
     Ok(())
 }

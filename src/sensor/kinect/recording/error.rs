@@ -10,40 +10,19 @@ pub(super) const DEVICE_NAME: &str = "device.json";
 /// Why a recording cannot be opened or written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// No directory, or no index in it.
-    #[error("{}: no recording there ({kind}); a recording is a directory with INDEX.txt and the files it names", path.display())]
-    NoIndex {
-        /// The index looked for.
-        path: PathBuf,
-        /// What the system said.
-        kind: std::io::ErrorKind,
-    },
+    /// No directory, or no index in it: what was looked for.
+    #[error("{}: no recording there ({}); a recording is a directory with INDEX.txt and the files it names", .0.display(), .1)]
+    NoIndex(PathBuf, std::io::ErrorKind),
     /// An index without depth pictures.
-    #[error("{}: names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?", path.display())]
-    NoDepth {
-        /// The index.
-        path: PathBuf,
-    },
-    /// The calibration is there but unusable.
-    #[error("{}: {problem}; correct it, or remove the file to use the nominal calibration", path.display())]
-    Device {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and where.
-        problem: String,
-    },
+    #[error("{}: names no depth picture, expected lines like d-1700000000.033333-2000000.pgm; is the recording complete?", .0.display())]
+    NoDepth(PathBuf),
+    /// The calibration is there but unusable: what is wrong with it, and where.
+    #[error("{}: {}; correct it, or remove the file to use the nominal calibration", .0.display(), .1)]
+    Device(PathBuf, String),
     /// The place to record to is taken.
-    #[error("{}: holds a recording already; choose another directory, nothing was changed", path.display())]
-    Exists {
-        /// The directory.
-        path: PathBuf,
-    },
+    #[error("{}: holds a recording already; choose another directory, nothing was changed", .0.display())]
+    Exists(PathBuf),
     /// A file cannot be read or written.
-    #[error("{}: {source}; check the path, its permissions and the space left", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error("{}: {}; check the path, its permissions and the space left", .0.display(), .1)]
+    File(PathBuf, std::io::Error),
 }

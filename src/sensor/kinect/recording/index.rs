@@ -158,13 +158,8 @@ fn steps_back(list: &[Entry]) -> usize {
 /// Brings a list into the order in which its pictures were taken, if it is in another.
 fn order(list: &mut [Entry]) {
     let mut back = steps_back(list);
-    let known = |entry: &&Entry| entry.ticks.is_some();
-    if back > 0
-        && list
-            .iter()
-            .filter(known)
-            .all(|entry| entry.wall_us.is_some())
-    {
+    let mut known = list.iter().filter(|entry| entry.ticks.is_some());
+    if back > 0 && known.all(|entry| entry.wall_us.is_some()) {
         let mut by_wall = list.to_vec();
         sort(&mut by_wall, |entry| entry.wall_us);
         let less = steps_back(&by_wall);
@@ -176,11 +171,9 @@ fn order(list: &mut [Entry]) {
     if back > 1 && back * SHUFFLED > list.len() {
         // The counter is a ring: the widest stretch without a picture is before the first.
         sort(list, |entry| entry.ticks.map(i64::from));
-        let ticks: Vec<(usize, u32)> = list
-            .iter()
-            .enumerate()
-            .filter_map(|(at, entry)| Some((at, entry.ticks?)))
-            .collect();
+        let known = list.iter().enumerate();
+        let known = known.filter_map(|(at, entry)| Some((at, entry.ticks?)));
+        let ticks: Vec<(usize, u32)> = known.collect();
         let before = ticks.iter().cycle().skip(ticks.len().saturating_sub(1));
         let gaps = ticks.iter().zip(before);
         let first = gaps.max_by_key(|((_, one), (_, before))| one.wrapping_sub(*before));
@@ -216,12 +209,8 @@ fn mark_strays(list: &mut [Entry]) {
 /// Gives colour pictures the time of the depth pictures nearest in wall time, and their counters' difference; `false` if
 /// wall times are missing or stand still.
 fn time_by_walls(colour: &mut [Entry], depth: &[Entry]) -> bool {
-    let known = |entry: &&Entry| entry.ticks.is_some();
-    let all = colour
-        .iter()
-        .filter(known)
-        .chain(depth.iter().filter(known));
-    if all.clone().any(|entry| entry.wall_us.is_none()) {
+    let mut all = colour.iter().chain(depth);
+    if all.any(|entry| entry.ticks.is_some() && entry.wall_us.is_none()) {
         return false;
     }
     let timed = depth.iter().filter(|entry| entry.time.is_some());

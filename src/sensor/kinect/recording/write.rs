@@ -39,15 +39,13 @@ impl Recorder {
     ) -> Result<Self, RecordingError> {
         let file_error = |path: &Path| {
             let path = path.to_path_buf();
-            |source| RecordingError::File { path, source }
+            |problem| RecordingError::File(path, problem)
         };
         std::fs::create_dir_all(directory).map_err(file_error(directory))?;
         let path = directory.join(INDEX_NAME);
-        let index = File::create_new(&path).map_err(|source| match source.kind() {
-            std::io::ErrorKind::AlreadyExists => RecordingError::Exists {
-                path: directory.to_path_buf(),
-            },
-            _ => file_error(&path)(source),
+        let index = File::create_new(&path).map_err(|problem| match problem.kind() {
+            std::io::ErrorKind::AlreadyExists => RecordingError::Exists(directory.to_path_buf()),
+            _ => file_error(&path)(problem),
         })?;
         let path = directory.join(DEVICE_NAME);
         std::fs::write(&path, device::to_json(registration)).map_err(file_error(&path))?;
@@ -105,10 +103,10 @@ impl Recorder {
         });
         let line = format!("{name}\n");
         let written = written.and_then(|()| self.index.write_all(line.as_bytes()));
-        written.map_err(|source| {
+        written.map_err(|problem| {
             // Not being able to remove it adds nothing to what the user must already do.
             std::fs::remove_file(&path).ok();
-            RecordingError::File { path, source }
+            RecordingError::File(path, problem)
         })
     }
 }
