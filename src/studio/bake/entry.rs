@@ -8,36 +8,7 @@ use super::mesh::Vec3;
 use super::names::{self, NAMES, mirrored};
 use super::promise::{Deed, Promise};
 use super::target::Target;
-
-/// Why a recipe is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum RecipeError {
-    /// Not TOML, or a key that does not exist.
-    #[error("{0}")]
-    Toml(#[from] toml::de::Error),
-    /// A shape's entry.
-    #[error("shape {shape}: expected {expected}, found {found:?}")]
-    Entry {
-        /// Shape.
-        shape: String,
-        /// What should be there.
-        expected: &'static str,
-        /// The word.
-        found: String,
-    },
-    /// A corrective of a shape that the recipe does not have.
-    #[error("a corrective: expected the names of two shapes of the recipe, found {found:?}")]
-    Pair {
-        /// The name it gives.
-        found: String,
-    },
-    /// A name given twice.
-    #[error("two shapes are called {name:?}; names must differ")]
-    Twice {
-        /// The name.
-        name: String,
-    },
-}
+use crate::studio::fault::Fault;
 
 /// What the numbers of `move` count.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
@@ -150,16 +121,15 @@ impl<'a> Side<'a> {
         if self.mirror { -1.0 } else { 1.0 }
     }
 
-    fn refuse(&self, expected: &'static str, found: &str) -> RecipeError {
-        RecipeError::Entry {
-            shape: self.entry.name.clone(),
-            expected,
-            found: found.to_owned(),
-        }
+    fn refuse(&self, expected: &str, found: &str) -> Fault {
+        let shape = &self.entry.name;
+        Fault::new(format!(
+            "shape {shape}: expected {expected}, found {found:?}"
+        ))
     }
 
     /// Control points of a row; `_S` stands for both sides.
-    fn points(&self, words: &str) -> Result<Vec<usize>, RecipeError> {
+    fn points(&self, words: &str) -> Result<Vec<usize>, Fault> {
         let mut points = Vec::new();
         for word in words.split_whitespace() {
             let both = word.find("_S").filter(|&at| {
@@ -181,7 +151,7 @@ impl<'a> Side<'a> {
         Ok(points)
     }
 
-    fn side(&self, word: &str) -> Result<usize, RecipeError> {
+    fn side(&self, word: &str) -> Result<usize, Fault> {
         match word {
             "L" => Ok(usize::from(self.mirror)),
             "R" => Ok(usize::from(!self.mirror)),
@@ -196,7 +166,7 @@ impl<'a> Side<'a> {
     }
 
     /// What the shape must do.
-    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, RecipeError> {
+    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
         let (what, one, other, bound) = match asked {
             Asked::Of(what, one, bound) => (what, one, "", *bound),
             Asked::Between(what, one, other, bound) => (what, one, other.as_str(), *bound),
@@ -242,7 +212,7 @@ impl<'a> Side<'a> {
     }
 
     /// What `move` says.
-    fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), RecipeError> {
+    fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), Fault> {
         for (words, outwards, up, forwards) in &self.entry.moves {
             for point in self.points(words)? {
                 let unit = match self.entry.measure {
@@ -258,7 +228,7 @@ impl<'a> Side<'a> {
     }
 
     /// The jaw's motion, and what points take of it.
-    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, RecipeError> {
+    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, Fault> {
         let (turn, shift) = (self.entry.jaw_turn, self.entry.jaw_shift);
         if turn == [0.0; 2] && shift == [0.0; 3] {
             return Ok(None);
@@ -287,7 +257,7 @@ impl<'a> Side<'a> {
         head: &Head,
         above: &[Target],
         d: &mut Moves,
-    ) -> Result<Option<(String, f64)>, RecipeError> {
+    ) -> Result<Option<(String, f64)>, Fault> {
         let mut undo = None;
         for (words, shape, share) in &self.entry.undo {
             let other = above.iter().find(|t| t.name == *shape);
@@ -305,7 +275,7 @@ impl<'a> Side<'a> {
         Ok(undo)
     }
 
-    pub(super) fn target(&self, head: &Head, above: &[Target]) -> Result<Target, RecipeError> {
+    pub(super) fn target(&self, head: &Head, above: &[Target]) -> Result<Target, Fault> {
         let entry = self.entry;
         let mut d: Moves = vec![None; NAMES.len()];
         d[..names::LANDMARKS].fill(Some(Vec3::zeros()));

@@ -9,30 +9,8 @@
 use std::fmt::Write as _;
 
 use super::mesh::{Corner, Mesh, Vec3};
+use crate::studio::fault::Fault;
 use crate::studio::srgb::linear;
-
-/// Why an OBJ text is refused.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ObjError {
-    /// A line is not what its first word promises.
-    #[error("line {line}: expected {expected}, found {found:?}")]
-    Line {
-        /// Counted from 1.
-        line: usize,
-        /// What the line should hold.
-        expected: &'static str,
-        /// The line.
-        found: String,
-    },
-    /// No vertices or no faces.
-    #[error("expected a mesh with v and f lines, found {vertices} vertices and {faces} faces")]
-    Empty {
-        /// How many vertices.
-        vertices: usize,
-        /// How many faces.
-        faces: usize,
-    },
-}
 
 /// Corners of the largest face, and materials: each has a primitive with all shapes in glTF.
 const CORNERS: usize = 1024;
@@ -79,20 +57,20 @@ fn unmarked(text: &str) -> &str {
 ///
 /// # Errors
 /// If a vertex or face line is malformed or names something that is not there, with its line number.
-pub fn parse(text: &str) -> Result<Mesh, ObjError> {
+pub fn parse(text: &str) -> Result<Mesh, Fault> {
     let (mut mesh, mut material) = (Mesh::default(), 0);
     for (text, line) in unmarked(text).lines().zip(1..) {
-        add_line(&mut mesh, &mut material, text).map_err(|expected| ObjError::Line {
-            line,
-            expected,
-            found: text.chars().take(80).collect(),
+        add_line(&mut mesh, &mut material, text).map_err(|expected| {
+            let found: String = text.chars().take(80).collect();
+            Fault::new(format!("line {line}: expected {expected}, found {found:?}"))
         })?;
     }
     if mesh.positions.is_empty() || mesh.faces() == 0 {
-        return Err(ObjError::Empty {
-            vertices: mesh.positions.len(),
-            faces: mesh.faces(),
-        });
+        return Err(Fault::new(format!(
+            "expected a mesh with v and f lines, found {} vertices and {} faces",
+            mesh.positions.len(),
+            mesh.faces()
+        )));
     }
     if mesh.tints.len() != mesh.positions.len() {
         mesh.tints.clear();

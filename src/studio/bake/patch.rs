@@ -14,14 +14,15 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Matrix4, Point3};
 use serde_json::{Value, json};
 
-use super::glb::{FLOAT, Glb, GlbError, list};
+use super::glb::{FLOAT, Glb, list, unexpected};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::{Encoded, single};
 use super::scene::placed;
 use super::shape::Shape;
-use super::vrm::{Bound, add_expressions, add_expressions_to};
+use super::vrm::{Bound, add_expressions, add_expressions_to, beginning};
 use super::weld::{faces, sewn};
+use crate::studio::fault::Fault;
 
 /// What a row or a corner takes while it is read: place, its number, its edges.
 const ROW_BYTES: usize = 64;
@@ -62,17 +63,17 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn of(glb: &Glb) -> Result<Self, GlbError> {
+    fn of(glb: &Glb) -> Result<Self, Fault> {
         let mut all = Self::default();
         let mut known: HashMap<usize, usize> = HashMap::new();
         // What may refer to the same data again and again.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
-            left = left.checked_sub(rows).ok_or(GlbError::Content {
-                expected: "vertices and triangles that the size of the file accounts for",
-                found: "the same data used over and over".to_owned(),
+            left = left.checked_sub(rows).ok_or_else(|| {
+                let expected = "vertices and triangles that the size of the file accounts for";
+                unexpected(expected, "the same data used over and over")
             })?;
-            Ok::<_, GlbError>(())
+            Ok::<_, Fault>(())
         };
         let placed = placed(glb);
         let meshes = list(&glb.json["meshes"]).iter().zip(&placed);
@@ -104,10 +105,8 @@ impl Gathered {
             };
             take(order.len())?;
             if order.iter().any(|&k| k as usize >= count) {
-                return Err(GlbError::Content {
-                    expected: "indices of vertices that exist",
-                    found: format!("one beyond the {count} of accessor {accessor}"),
-                });
+                let found = format!("one beyond the {count} of accessor {accessor}");
+                return Err(unexpected("indices of vertices that exist", found));
             }
             for t in order.as_chunks::<3>().0 {
                 all.triangles.push(t.map(|k| first + k));
@@ -125,7 +124,7 @@ impl Gathered {
         attributes: &Value,
         accessor: usize,
         placed: Option<&Matrix4<f64>>,
-    ) -> Result<(), GlbError> {
+    ) -> Result<(), Fault> {
         let first = self.places.len();
         let rows = glb.floats(accessor, 3)?;
         self.places.extend(rows.chunks_exact(3).map(|r| {
@@ -245,17 +244,15 @@ impl Foreign {
     ///
     /// # Errors
     /// If it has no triangles, or data that are compressed, external or damaged.
-    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
+    pub fn read(glb: Glb) -> Result<(Mesh, Self), Fault> {
         is_plain(&glb.json)?;
         can_be_added_to(&glb.json)?;
         let mut gathered = Gathered::of(&glb)?;
         let mesh = gathered.mesh(&material_names(&glb.json));
         let finite = |p: &Vec3| p.iter().all(|x| x.is_finite());
         if mesh.faces() == 0 || !mesh.positions.iter().all(finite) {
-            return Err(GlbError::Content {
-                expected: "triangles with finite positions",
-                found: format!("{} faces", mesh.faces()),
-            });
+            let found = format!("{} faces", mesh.faces());
+            return Err(unexpected("triangles with finite positions", found));
         }
         let sources = gathered.sources;
         Ok((mesh, Self { glb, sources }))
@@ -392,7 +389,7 @@ fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
 }
 
 /// Whether positions are stored as they are, not packed: by the name of the extension if not.
-fn is_plain(json: &Value) -> Result<(), GlbError> {
+fn is_plain(json: &Value) -> Result<(), Fault> {
     let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
     let mut used = list(&json["extensionsUsed"])
         .iter()
@@ -406,21 +403,17 @@ fn is_plain(json: &Value) -> Result<(), GlbError> {
         _ => false,
     });
     packed.map_or(Ok(()), |name| {
-        Err(GlbError::Content {
-            expected: "positions that are not compressed",
-            found: format!(
-                "{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"
-            ),
-        })
+        let undo = "undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb";
+        Err(unexpected(
+            "positions that are not compressed",
+            format!("{name}; {undo}"),
+        ))
     })
 }
 
 /// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
-fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
-    let refuse = |expected, found: &Value| {
-        let found = found.to_string().chars().take(40).collect();
-        Err(GlbError::Content { expected, found })
-    };
+fn can_be_added_to(json: &Value) -> Result<(), Fault> {
+    let refuse = |expected, found: &Value| Err(unexpected(expected, beginning(found)));
     for primitive in primitives(json) {
         if !primitive.is_object() {
             return refuse("primitives that are objects", primitive);

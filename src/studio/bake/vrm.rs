@@ -6,7 +6,8 @@
 
 use serde_json::{Value, json};
 
-use super::glb::{GlbError, list, push};
+use super::glb::{list, push, unexpected};
+use crate::studio::fault::Fault;
 
 /// Where the targets of one mesh went: the glTF mesh, and name and number of each target that moves something there.
 pub(super) struct Bound {
@@ -15,7 +16,7 @@ pub(super) struct Bound {
 }
 
 /// Whether expressions can be added: where they belong is what it should be, or not there yet.
-pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
+pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
     let old = &json["extensions"]["VRM"]["blendShapeMaster"];
     let new = &json["extensions"]["VRMC_vrm"]["expressions"];
     let (groups, custom) = (&old["blendShapeGroups"], &new["custom"]);
@@ -34,11 +35,15 @@ pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
         ),
     ] {
         if !fits && !value.is_null() {
-            let found = value.to_string().chars().take(40).collect();
-            return Err(GlbError::Content { expected, found });
+            return Err(unexpected(expected, beginning(value)));
         }
     }
     Ok(())
+}
+
+/// The beginning of what is there instead.
+pub(super) fn beginning(value: &Value) -> String {
+    value.to_string().chars().take(40).collect()
 }
 
 /// Adds expressions for the targets; files that are no VRM stay as they are.

@@ -7,35 +7,17 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector4};
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Rigid, Vector};
-use crate::pipeline::PipelineError;
 use crate::simulator::virtual_head::{Light, Truth};
-use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
+use crate::studio::fault::Fault;
+use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
-use crate::studio::train::dataset::DatasetError;
 
-/// Why sessions cannot be played.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionsError {
-    /// The data sets.
-    #[error(transparent)]
-    Heads(#[from] HeadsError),
-    /// The stages.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// Still pictures.
-    #[error(transparent)]
-    Pictures(#[from] DatasetError),
-    /// Kept examples.
-    #[error("cannot read or write {path}: {source}; give another place with --examples")]
-    Examples {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Nobody of that number.
-    #[error("no held-out people in {0}; expected annotated portraits in faces_frl189")]
-    Nobody(String),
+/// No data set has anybody to play.
+pub(in crate::studio) fn nobody(data: &Path) -> Fault {
+    Fault::new(format!(
+        "no held-out people in {}; expected annotated portraits in faces_frl189",
+        data.display()
+    ))
 }
 
 /// How much is played.
@@ -98,11 +80,11 @@ impl Display for Spread {
 }
 
 /// The people who play: those of the split, at most so many.
-pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, SessionsError> {
+pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, Fault> {
     let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
     heads.truncate(sessions.people);
     if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
+        return Err(nobody(data));
     }
     Ok(heads)
 }

@@ -13,13 +13,14 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::played::{self, Played, Seen};
-use super::sessions::{Sessions, SessionsError, Spread, held_out, mean, mean_offset, median};
+use super::sessions::{Sessions, Spread, held_out, mean, mean_offset, median};
 use crate::appliance::settings::Settings;
 use crate::base::geometry::{Rigid, yaw_pitch_roll};
 use crate::expression::measures::Measure;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::studio::correlation::correlation;
+use crate::studio::fault::Fault;
 use crate::studio::progress::Progress;
 
 /// The person a figure is worst for.
@@ -131,7 +132,7 @@ pub fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Table, SessionsError> {
+) -> Result<Table, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let played: Vec<Played> = heads

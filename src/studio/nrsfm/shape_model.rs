@@ -5,9 +5,9 @@
 //! PCA. Cost: one eigenproblem of as many rows as frames.
 
 use super::align::{centred, rotation_onto};
-use super::error::Error;
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
+use crate::studio::fault::Fault;
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.
@@ -33,13 +33,13 @@ pub fn shape_model_from_sequences(
     rigid: &[usize],
     modes: usize,
     settings: &Settings,
-) -> Result<ShapeBases, Error> {
+) -> Result<ShapeBases, Fault> {
     let points = reference.len();
     if let Some(other) = sequences.iter().find(|tracks| tracks.points() != points) {
-        return Err(Error::PointCount {
-            expected: points,
-            found: other.points(),
-        });
+        return Err(Fault::new(format!(
+            "expected tracks of the reference's {points} points, found {}; track the same landmarks",
+            other.points()
+        )));
     }
     let mut mean = vec![Vector3::zeros(); points];
     let mut departures: Vec<Vec<Vector3<f64>>> = Vec::new();

@@ -30,9 +30,10 @@ use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::body::Shape;
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
 use crate::simulator::virtual_head::{HeadAsset, Light, Part};
+use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::heads::reduce::Reduction;
-use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
+use crate::studio::heads::{PersonHead, plain_head, textured_heads};
 use crate::studio::progress::Progress;
 
 /// One picture with its truth.
@@ -92,7 +93,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If mesh or portraits cannot be read.
-    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, HeadsError> {
+    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, Fault> {
         let mut heads = textured_heads(data, keep)?;
         let ict = IctHead::read(&data.join("ict_facekit"))?;
         let plain = plain_head(&ict);

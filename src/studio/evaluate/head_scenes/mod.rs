@@ -23,10 +23,11 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::sessions::{Sessions, SessionsError, held_out};
+use super::sessions::{Sessions, held_out};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::simulator::virtual_head::Scene;
+use crate::studio::fault::Fault;
 use crate::users::TrackingState;
 use cast::Cast;
 use measure::{Film, Sight, pose_errors};
@@ -87,7 +88,7 @@ pub fn play(
     settings: &Settings,
     sessions: &Sessions,
     only: &[String],
-) -> Result<Table, SessionsError> {
+) -> Result<Table, Fault> {
     let heads = held_out(data, sessions)?;
     let cast = Cast {
         heads,
@@ -152,7 +153,7 @@ fn tracked(films: &[Film]) -> String {
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }
 
-fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let near: Vec<Film> = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| cast.near_and_far(k))
@@ -165,7 +166,7 @@ fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let mean = |values: &dyn Fn(&Film) -> f64, films: &[Film]| {
         films.iter().map(values).sum::<f64>() / films.len() as f64
     };
@@ -186,7 +187,7 @@ fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let firsts = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| cast.first_poses(k))
@@ -202,7 +203,7 @@ fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), SessionsError> {
+fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), Fault> {
     for (name, scene, seconds) in [
         ("two side by side", Scene::Two, 15.0),
         ("two crossing", Scene::Crossing, 20.0),
@@ -228,7 +229,7 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<()
     Ok(())
 }
 
-fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let hands = cast.films(Scene::Hand, 480)?;
     let worst = hands
         .iter()
@@ -243,7 +244,7 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), SessionsErr
     Ok(())
 }
 
-fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let films: Vec<covered::Errors> = (0..cast.heads.len())
         .into_par_iter()
         .map(|k| covered::play(cast, k))
@@ -256,7 +257,7 @@ fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), SessionsErro
     Ok(())
 }
 
-fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), SessionsError> {
+fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
     let mut ghosts = Vec::new();
     for (name, scene) in [
         ("empty", Scene::Empty),

@@ -20,7 +20,8 @@ use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
-use crate::studio::evaluate::sessions::{Sessions, SessionsError, held_out, lighting, seed_of};
+use crate::studio::evaluate::sessions::{Sessions, held_out, lighting, seed_of};
+use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
@@ -37,7 +38,7 @@ pub(super) fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Seen, SessionsError> {
+) -> Result<Seen, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len());
     let played: Vec<Seen> = heads
