@@ -85,7 +85,8 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
         })
         .collect();
     let mut far = vec![f64::INFINITY; left.len()];
-    let mut chosen = vec![(head.points[30], place_of(&face, head.points[30]))];
+    let tip = face.iter().find(|p| p.0 == head.points[30]);
+    let mut chosen = vec![(head.points[30], tip.unwrap_or(&face[0]).1)];
     while chosen.len() < PLACES.min(left.len()) {
         let last = chosen[chosen.len() - 1].1;
         for (far, (_, p)) in far.iter_mut().zip(&left) {
@@ -110,12 +111,6 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
         .collect();
     chosen.extend(right);
     chosen
-}
-
-fn place_of(face: &[(u32, Place)], vertex: u32) -> Place {
-    face.iter()
-        .find(|p| p.0 == vertex)
-        .map_or(face[0].1, |p| p.1)
 }
 
 impl<'a> Lesson<'a> {

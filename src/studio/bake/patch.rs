@@ -211,9 +211,8 @@ impl Gathered {
             at += face.len() - 2;
             let row = |v: u32| rows.iter().copied().find(|&row| vertex[row as usize] == v);
             let corners = face.iter().map(|&vertex| Corner {
-                vertex,
                 uv: row(vertex).filter(|_| has_uv),
-                normal: None,
+                ..Corner::bare(vertex)
             });
             mesh.push_face(&corners.collect::<Vec<_>>(), material);
         }
@@ -234,12 +233,6 @@ impl Rows {
 }
 
 impl Foreign {
-    /// The rows of a position accessor, if it was read.
-    pub(in crate::studio) fn rows_of(&self, accessor: &Value) -> Option<&Rows> {
-        let accessor = accessor.as_u64()?;
-        self.sources.iter().find(|s| s.accessor as u64 == accessor)
-    }
-
     /// Reads the meshes of a file as one.
     ///
     /// # Errors
@@ -292,6 +285,7 @@ impl Foreign {
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
         let mut written: HashMap<(usize, usize), usize> = HashMap::new();
         let mut bound: Vec<Bound> = Vec::new();
+        let added: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
         for m in 0..list(&self.glb.json["meshes"]).len() {
             let mut mesh = self.glb.json["meshes"][m].take();
             if self.is_moved(&mesh, shapes) {
@@ -316,25 +310,22 @@ impl Foreign {
                         node["weights"] = lengthened(&node["weights"], names.len());
                     }
                 }
-                let names = shapes.iter().map(|s| s.name.clone());
-                bound.push(Bound {
-                    mesh: m,
-                    targets: names.zip(places).collect(),
-                });
+                bound.push((m, places));
             }
             self.glb.json["meshes"][m] = mesh;
         }
-        add_expressions(&mut self.glb.json, &bound);
+        add_expressions(&mut self.glb.json, &added, &bound);
         self.glb
     }
 
-    fn source(&self, accessor: usize) -> Option<&Rows> {
+    /// The rows of a position accessor, if it was read.
+    pub(in crate::studio) fn rows_of(&self, accessor: usize) -> Option<&Rows> {
         self.sources.iter().find(|s| s.accessor == accessor)
     }
 
     fn is_moved(&self, mesh: &Value, shapes: &[Shape]) -> bool {
         let positions = list(&mesh["primitives"]).iter().filter_map(position);
-        let mut sources = positions.filter_map(|accessor| self.source(accessor));
+        let mut sources = positions.filter_map(|accessor| self.rows_of(accessor));
         sources.any(|source| {
             let moves = |s: &Shape, v: u32| s.displacement[v as usize] != Vec3::zeros();
             shapes
@@ -345,7 +336,7 @@ impl Foreign {
 
     /// Writes how a shape moves the rows of an accessor.
     fn push(&mut self, accessor: usize, shape: &Shape, dense: bool) -> usize {
-        let rows: Vec<[f32; 3]> = match self.source(accessor) {
+        let rows: Vec<[f32; 3]> = match self.rows_of(accessor) {
             Some(Rows { vertices, back, .. }) => {
                 let moved = vertices.iter().map(|&v| shape.displacement[v as usize]);
                 moved
@@ -360,21 +351,21 @@ impl Foreign {
 }
 
 /// The accessor of a primitive's positions.
-fn position(primitive: &Value) -> Option<usize> {
-    let accessor = primitive["attributes"]["POSITION"].as_u64()?;
-    Some(usize::try_from(accessor).unwrap_or(usize::MAX))
+pub(in crate::studio) fn position(primitive: &Value) -> Option<usize> {
+    let accessor = primitive["attributes"]["POSITION"].as_u64();
+    accessor.map(|accessor| accessor as usize)
 }
 
 /// The number of each shape's target, that of its namesake or a new one.
 fn places(names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
-    let mut place = |shape: &Shape| {
-        let namesake = names.iter().position(|n| *n == shape.name);
+    let place = |Shape { name, .. }: &Shape| {
+        let namesake = names.iter().position(|n| n == name);
         namesake.unwrap_or_else(|| {
-            names.push(shape.name.clone());
+            names.push(name.clone());
             names.len() - 1
         })
     };
-    shapes.iter().map(&mut place).collect()
+    shapes.iter().map(place).collect()
 }
 
 /// Says of a mesh what its targets are called and what drives them.

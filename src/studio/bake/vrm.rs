@@ -9,11 +9,8 @@ use serde_json::{Value, json};
 use super::glb::{list, push, unexpected};
 use crate::studio::fault::Fault;
 
-/// Where the targets of one mesh went: the glTF mesh, and name and number of each target that moves something there.
-pub(super) struct Bound {
-    pub(super) mesh: usize,
-    pub(super) targets: Vec<(String, usize)>,
-}
+/// A glTF mesh that is moved, and the number there of each shape's target.
+pub(super) type Bound = (usize, Vec<usize>);
 
 /// Whether expressions can be added: where they belong is what it should be, or not there yet.
 pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
@@ -46,17 +43,14 @@ pub(super) fn beginning(value: &Value) -> String {
     value.to_string().chars().take(40).collect()
 }
 
-/// Adds expressions for the targets; files that are no VRM stay as they are.
-pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
-    let mut names: Vec<&str> = Vec::new();
-    for (name, _) in bound.iter().flat_map(|b| &b.targets) {
-        if !names.contains(&name.as_str()) {
-            names.push(name);
-        }
+/// Adds expressions for the targets of shapes of these names; files that are no VRM stay as they are.
+pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound]) {
+    if bound.is_empty() {
+        return;
     }
-    let places = |name: &str| -> Vec<(usize, usize)> {
-        let of = |b: &Bound| Some((b.mesh, b.targets.iter().find(|t| t.0 == name)?.1));
-        bound.iter().filter_map(of).collect()
+    let added = |had: Vec<String>| {
+        let all = names.iter().enumerate();
+        all.filter(move |(_, name)| !had.iter().any(|h| h.eq_ignore_ascii_case(name)))
     };
     let nodes = list(&json["nodes"]).to_vec();
     if json["extensions"]["VRM"].is_object() {
@@ -65,10 +59,10 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
             .iter()
             .filter_map(|group| group["name"].as_str());
         let had: Vec<String> = had.map(str::to_owned).collect();
-        for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds = places(name).into_iter();
-            let binds =
-                binds.map(|(mesh, index)| json!({"mesh": mesh, "index": index, "weight": 100.0}));
+        for (k, name) in added(had) {
+            let binds = bound
+                .iter()
+                .map(|(mesh, at)| json!({"mesh": mesh, "index": at[k], "weight": 100.0}));
             let group = json!({
                 "name": capital(name), "presetName": "unknown", "isBinary": false,
                 "binds": binds.collect::<Vec<_>>(), "materialValues": [],
@@ -81,11 +75,11 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
         let kinds = ["preset", "custom"].into_iter();
         let had = kinds.flat_map(|kind| expressions[kind].as_object().into_iter().flatten());
         let had: Vec<String> = had.map(|(name, _)| name.clone()).collect();
-        for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds = places(name).into_iter().flat_map(|(mesh, index)| {
+        for (k, name) in added(had) {
+            let binds = bound.iter().flat_map(|(mesh, at)| {
                 let nodes = nodes.iter().enumerate();
                 let shown = nodes.filter(move |(_, node)| node["mesh"] == json!(mesh));
-                shown.map(move |(node, _)| json!({"node": node, "index": index, "weight": 1.0}))
+                shown.map(move |(node, _)| json!({"node": node, "index": at[k], "weight": 1.0}))
             });
             expressions["custom"][capital(name)] = json!({
                 "isBinary": false, "morphTargetBinds": binds.collect::<Vec<_>>(),
@@ -93,10 +87,6 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
             });
         }
     }
-}
-
-fn known(had: &[String], name: &str) -> bool {
-    had.iter().any(|h| h.eq_ignore_ascii_case(name))
 }
 
 /// The name with a capital first letter.

@@ -10,7 +10,7 @@ use super::album::Album;
 use crate::studio::bake::glb::{Glb, unexpected};
 use crate::studio::bake::mesh::{Mesh, Vec3, extent_of};
 use crate::studio::bake::obj;
-use crate::studio::bake::patch::Foreign;
+use crate::studio::bake::patch::{Foreign, position};
 use crate::studio::bake::render::paint;
 use crate::studio::fault::Fault;
 
@@ -70,7 +70,9 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
         let extras = &shape["extras"];
         let mut seen = Vec::new();
         for primitive in shape["primitives"].as_array().into_iter().flatten() {
-            let position = &primitive["attributes"]["POSITION"];
+            let Some(position) = position(primitive) else {
+                continue;
+            };
             let rows = foreign.rows_of(position);
             // Materials may share their vertices.
             let Some(rows) = rows.filter(|_| !seen.contains(&position)) else {
