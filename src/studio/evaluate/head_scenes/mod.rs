@@ -21,8 +21,6 @@ pub mod wild;
 use std::fmt::{self, Display};
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::sessions::{Sessions, held_out};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
@@ -46,7 +44,7 @@ pub const ROWS: [&str; 10] = [
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     /// Scene, bar, figure.
-    rows: Vec<(String, String, String)>,
+    rows: Vec<(&'static str, &'static str, String)>,
 }
 
 /// Frames from the hand's leaving the face to the face's being followed again, the worst; and the states under it.
@@ -101,19 +99,21 @@ pub fn play(
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     for name in ROWS.into_iter().filter(|name| wanted(name)) {
         match name {
-            "acted" => near_and_far(&cast, &mut rows)?,
-            "wide" => {
-                let wide = cast.films(Scene::Wide, cast.frames)?;
-                rows.add(
-                    "yaw ±45°, pitch ±30°",
-                    "1.5 / 4°, never lost",
-                    tracked(&wide),
-                );
-            }
-            "fast" => {
-                let fast = cast.films(Scene::Fast, cast.short())?;
-                rows.add("turns at 200°/s", "2 / 5°, lost ≤ 1 %", tracked(&fast));
-            }
+            "acted" => rows.add(
+                "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
+                "0.7 / 1.5°, 3 / 6 mm",
+                tracked(&cast.each(|k| cast.near_and_far(k))?),
+            ),
+            "wide" => rows.add(
+                "yaw ±45°, pitch ±30°",
+                "1.5 / 4°, never lost",
+                tracked(&cast.films(Scene::Wide, cast.frames)?),
+            ),
+            "fast" => rows.add(
+                "turns at 200°/s",
+                "2 / 5°, lost ≤ 1 %",
+                tracked(&cast.films(Scene::Fast, cast.short())?),
+            ),
             "still" => jitter_and_lag(&cast, &mut rows)?,
             "first" => first_poses(&cast, &mut rows)?,
             "several" => several_people(&cast, sessions.seconds, &mut rows)?,
@@ -123,7 +123,11 @@ pub fn play(
                 cast.known_again()?,
             ),
             "hand" => hand_before_the_face(&cast, &mut rows)?,
-            "mouth" => hand_over_the_mouth(&cast, &mut rows)?,
+            "mouth" => rows.add(
+                "hand over the mouth for 1 s: error of its units relative to holding them",
+                "half",
+                covered::figure(&cast.each(|k| covered::play(&cast, k))?),
+            ),
             _ => nobody(&cast, data, &mut rows)?,
         }
     }
@@ -131,9 +135,9 @@ pub fn play(
 }
 
 impl Table {
-    fn add(&mut self, scene: &str, bar: &str, figure: String) {
+    fn add(&mut self, scene: &'static str, bar: &'static str, figure: String) {
         say(scene, &figure);
-        self.rows.push((scene.to_owned(), bar.to_owned(), figure));
+        self.rows.push((scene, bar, figure));
     }
 }
 
@@ -151,19 +155,6 @@ fn tracked(films: &[Film]) -> String {
     let [turn, shift] = pose_errors(films);
     let lost = percent(films, Film::missing);
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
-}
-
-fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
-    let near: Vec<Film> = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| cast.near_and_far(k))
-        .collect::<Result<_, _>>()?;
-    rows.add(
-        "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
-        "0.7 / 1.5°, 3 / 6 mm",
-        tracked(&near),
-    );
-    Ok(())
 }
 
 fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
@@ -188,11 +179,7 @@ fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
 }
 
 fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
-    let firsts = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| cast.first_poses(k))
-        .collect::<Result<Vec<_>, _>>()?
-        .concat();
+    let firsts = cast.each(|k| cast.first_poses(k))?.concat();
     let within =
         |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
     rows.add(
@@ -240,19 +227,6 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
         "hand in front of the face",
         "held, lost, back in 5 frames",
         format!("{}; back within {worst} frames", uncovered(&hands[0]).1),
-    );
-    Ok(())
-}
-
-fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
-    let films: Vec<covered::Errors> = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| covered::play(cast, k))
-        .collect::<Result<_, _>>()?;
-    rows.add(
-        "hand over the mouth for 1 s: error of its units relative to holding them",
-        "half",
-        covered::figure(&films),
     );
     Ok(())
 }
