@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::head::Head;
 use super::mesh::Vec3;
-use super::names::{self, NAMES, mirrored};
+use super::names::{self, NAMES, mirrored, swapped};
 use super::promise::{Deed, Promise};
 use super::target::Target;
 use crate::studio::fault::Fault;
@@ -57,15 +57,6 @@ pub(super) struct Entry {
     pub(super) must: Vec<Asked>,
 }
 
-/// The unit of the other side: a trailing L becomes R and the other way round.
-fn swapped(unit: &str) -> String {
-    match (unit.strip_suffix('L'), unit.strip_suffix('R')) {
-        (Some(stem), _) => format!("{stem}R"),
-        (_, Some(stem)) => format!("{stem}L"),
-        _ => unit.to_owned(),
-    }
-}
-
 /// +1 for a point of the left side or the middle, −1 for one of the right.
 fn outward(point: usize) -> f64 {
     let name = NAMES[point];
@@ -109,10 +100,9 @@ impl<'a> Side<'a> {
 
     pub(super) fn unit(&self) -> Option<String> {
         let unit = self.entry.unit.as_ref()?;
-        Some(if self.mirror {
-            swapped(unit)
-        } else {
-            unit.clone()
+        Some(match self.mirror {
+            true => swapped(unit),
+            false => unit.clone(),
         })
     }
 

@@ -174,6 +174,15 @@ pub fn emit(mesh: &Mesh) -> String {
     for t in &mesh.uv {
         let _ = writeln!(out, "vt {} {}", t[0], t[1]);
     }
+    faces(&mut out, mesh, |corner| match corner.uv {
+        Some(uv) => format!("{}/{}", corner.vertex + 1, uv + 1),
+        None => (corner.vertex + 1).to_string(),
+    });
+    out
+}
+
+/// Adds the faces of a mesh with their materials; `number` is what a corner is called.
+pub(in crate::studio) fn faces(out: &mut String, mesh: &Mesh, number: impl Fn(&Corner) -> String) {
     let mut material = u32::MAX;
     for f in 0..mesh.faces() {
         if mesh.face_material[f] != material {
@@ -182,14 +191,10 @@ pub fn emit(mesh: &Mesh) -> String {
         }
         out.push('f');
         for corner in mesh.face(f) {
-            let _ = match corner.uv {
-                Some(uv) => write!(out, " {}/{}", corner.vertex + 1, uv + 1),
-                None => write!(out, " {}", corner.vertex + 1),
-            };
+            let _ = write!(out, " {}", number(corner));
         }
         out.push('\n');
     }
-    out
 }
 
 #[cfg(test)]

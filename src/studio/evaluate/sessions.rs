@@ -57,17 +57,11 @@ impl Spread {
     /// Of these values; not a number if there are none.
     #[must_use]
     pub fn of(mut values: Vec<f64>) -> Self {
-        if values.is_empty() {
-            return Self {
-                mean: f64::NAN,
-                p95: f64::NAN,
-            };
-        }
         values.sort_by(f64::total_cmp);
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let p95 = values.get(values.len().saturating_sub(1) * 95 / 100);
         Self {
-            mean,
-            p95: values[(values.len() - 1) * 95 / 100],
+            mean: mean(&values),
+            p95: p95.copied().unwrap_or(f64::NAN),
         }
     }
 }

@@ -274,16 +274,13 @@ fn matrix(played: &[Played]) -> String {
 "
         .to_owned();
     };
-    let stem = |name: &str| {
-        let name = name
-            .strip_suffix("_L")
-            .or(name.strip_suffix("_R"))
-            .unwrap_or(name);
-        name.to_owned()
-    };
-    let mut stems: Vec<String> = first.expressions.iter().map(|name| stem(name)).collect();
+    fn stem(name: &str) -> &str {
+        let left = name.strip_suffix("_L");
+        left.or(name.strip_suffix("_R")).unwrap_or(name)
+    }
+    let mut stems: Vec<&str> = first.expressions.iter().map(|name| stem(name)).collect();
     stems.dedup();
-    let row = |of: &String| {
+    let row = |of: &&str| {
         let mut sum = vec![0.0; first.columns.len()];
         let mut count = 0.0;
         for (one, seen) in played

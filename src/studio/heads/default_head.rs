@@ -20,6 +20,7 @@ use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::bake::morphs::single;
 use crate::studio::bake::neck;
+use crate::studio::bake::obj::faces;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
@@ -156,19 +157,10 @@ fn obj(hero: &Hero, materials: &str) -> String {
         for [u, v] in &layer.uv {
             let _ = writeln!(out, "vt {u:.5} {:.5}", 1.0 - v);
         }
-        let mut material = u32::MAX;
-        for f in 0..mesh.faces() {
-            if mesh.face_material[f] != material {
-                material = mesh.face_material[f];
-                let _ = writeln!(out, "usemtl {}", mesh.materials[material as usize]);
-            }
-            out.push('f');
-            for corner in mesh.face(f) {
-                let number = corner.vertex + first;
-                let _ = write!(out, " {number}/{number}");
-            }
-            out.push('\n');
-        }
+        faces(&mut out, mesh, |corner| {
+            let number = corner.vertex + first;
+            format!("{number}/{number}")
+        });
         first += mesh.positions.len() as u32;
     }
     out

@@ -229,10 +229,8 @@ fn spread(tracks: &Tracks) -> f64 {
     let means = mean_positions(tracks);
     let mut sum = 0.0;
     for t in 0..tracks.frames() {
-        for j in 0..tracks.points() {
-            if let Some(w) = tracks.position(t, j) {
-                sum += (nalgebra::Vector2::from(w) - means[t]).norm_squared();
-            }
+        for (_, w) in tracks.seen_in(t) {
+            sum += (w - means[t]).norm_squared();
         }
     }
     (sum / (2 * tracks.sightings()) as f64)

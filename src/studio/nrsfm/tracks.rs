@@ -84,6 +84,12 @@ impl Tracks {
         self.seen[i].then(|| self.positions[i])
     }
 
+    /// The points that a frame shows, and where.
+    pub(crate) fn seen_in(&self, frame: usize) -> impl Iterator<Item = (usize, Vector2<f64>)> {
+        let position = move |j| Some((j, self.position(frame, j)?.into()));
+        (0..self.points).filter_map(position)
+    }
+
     /// Whether the point is seen in the frame.
     #[must_use]
     pub fn is_seen(&self, frame: usize, point: usize) -> bool {
@@ -265,12 +271,8 @@ const LARGEST: f64 = 1e12;
 pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {
     (0..tracks.frames())
         .map(|t| {
-            let seen: Vec<_> = (0..tracks.points())
-                .filter_map(|j| tracks.position(t, j))
-                .collect();
-            seen.iter()
-                .fold(Vector2::zeros(), |s, w| s + Vector2::from(*w))
-                / seen.len().max(1) as f64
+            let sum = tracks.seen_in(t).fold(Vector2::zeros(), |s, (_, w)| s + w);
+            sum / tracks.seen_in(t).count().max(1) as f64
         })
         .collect()
 }

@@ -126,17 +126,13 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
         let (file, person) = (text(Some(file)), text(person));
         let inside = folder.join("img").join(&file);
         entries.push(Entry {
-            path: if inside.exists() {
-                inside
-            } else {
-                folder.join(&file)
-            },
+            path: Some(inside)
+                .filter(|inside| inside.exists())
+                .unwrap_or_else(|| folder.join(&file)),
             set: text(set),
-            person: if person.is_empty() {
-                file.clone()
-            } else {
-                person
-            },
+            person: Some(person)
+                .filter(|person| !person.is_empty())
+                .unwrap_or_else(|| file.clone()),
             expression: text(expression),
             points,
             file,
@@ -175,9 +171,8 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
         let found = format!("{} numbers", numbers.len());
         return Err(malformed(path, 1, expected, &found));
     }
-    Ok(std::array::from_fn(|i| {
-        [numbers[2 * i], numbers[2 * i + 1]]
-    }))
+    let points = numbers.as_chunks::<2>().0;
+    Ok(std::array::from_fn(|i| points[i]))
 }
 
 /// All pictures of a folder, with their points where there are any; sorted as in the table, else by name.

@@ -5,7 +5,6 @@
 //! The model file is written only at the end.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -22,7 +21,6 @@ use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::refinement::Refinement;
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
 };
@@ -342,7 +340,9 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     write(&args.out, &file::emit(&model))?;
     model.paper_aam = paper.section(args, &model.shape, log.say)?;
     if args.drawn > 0 {
-        model.refinement = learn_depth(args, &model)?;
+        let keep = |person| args.learns_from(Split::of(person));
+        let learnt = learn_refinement(&args.data.data, &model, keep, args.seed + 17)?;
+        model.refinement = learnt.map(Into::into);
         log.done("what depth adds");
     }
     let bytes = file::emit(&model);
@@ -386,12 +386,6 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceMode
         write_offsets(args, &model, &pictures, path)?;
     }
     Ok(model)
-}
-
-/// What depth adds to a model's fits.
-fn learn_depth(args: &TrainArgs, model: &FaceModel) -> Result<Option<Arc<Refinement>>, Fault> {
-    let keep = |person| args.learns_from(Split::of(person));
-    Ok(learn_refinement(&args.data.data, model, keep, args.seed + 17)?.map(Into::into))
 }
 
 /// From ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
