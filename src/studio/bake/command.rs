@@ -250,8 +250,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     }
     let report = request.report.as_ref().map(|path| {
         let outside = Outside::new(&source.mesh, ordered.vertex(), &source.looks);
-        let name = request.mesh.file_name().unwrap_or_default();
-        let title = format!("Blendshapes of {}", name.to_string_lossy());
+        let title = format!("Blendshapes of {}", text_files::name_of(&request.mesh));
         (path, report::html(&head, &outside, &shapes, &title))
     });
     let neck = Neck::of(&head, &source.mesh.positions);

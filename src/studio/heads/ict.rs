@@ -5,7 +5,7 @@
 
 use std::fmt::Display;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
@@ -13,6 +13,7 @@ use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::obj;
 use crate::studio::fault::Fault;
+use crate::studio::text_files::{self, listed};
 
 /// Vertex ranges of the mesh by part (half-open).
 pub mod part {
@@ -69,7 +70,7 @@ fn malformed(path: &Path, expected: &str, found: impl Display) -> Fault {
 }
 
 fn read_text(path: &Path) -> Result<String, Fault> {
-    crate::studio::text_files::read(path).map_err(unreadable(path))
+    text_files::read(path).map_err(unreadable(path))
 }
 
 fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
@@ -78,16 +79,11 @@ fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
 
 /// All differences of a folder but those of pupils, which nothing measures.
 fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
-    let entries = fs::read_dir(folder).map_err(unreadable(folder))?;
-    let mut paths: Vec<PathBuf> = entries
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| path.extension().is_some_and(|extension| extension == "f32"))
-        .collect();
-    paths.sort();
     let mut deltas = Vec::new();
-    for path in paths {
+    for path in listed(folder).map_err(unreadable(folder))? {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        if name.starts_with("PupilDilate") {
+        let is_delta = path.extension().is_some_and(|ending| ending == "f32");
+        if !is_delta || name.starts_with("PupilDilate") {
             continue;
         }
         let bytes = fs::read(&path).map_err(unreadable(&path))?;

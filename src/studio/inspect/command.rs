@@ -12,6 +12,7 @@ use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
 use crate::studio::atomic_write;
 use crate::studio::fault::Fault;
+use crate::studio::text_files::{MOST, name_of};
 
 /// What can be shown.
 const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json";
@@ -27,16 +28,9 @@ pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Albu
     if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
         return recording::inspect(&name, Source::recording(path)?, model, settings);
     }
-    let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
-        .map_err(&unreadable)?;
+    let bytes = crate::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
     of_file(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
-}
-
-/// Last part of a path: the title of its album.
-fn name_of(path: &Path) -> String {
-    let name = path.file_name().unwrap_or(path.as_os_str());
-    name.to_string_lossy().into_owned()
 }
 
 fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Fault> {

@@ -119,8 +119,7 @@ pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Fault> {
     let mut album = views(name, &mesh);
     album.fact("morph targets", targets.len().to_string());
     if !targets.is_empty() {
-        let header = ["morph target", "unit", "vertices moved", "largest, mm"];
-        album.table.push(header.map(str::to_owned).to_vec());
+        album.header(["morph target", "unit", "vertices moved", "largest, mm"]);
     }
     for Target { name, unit, moves } in targets {
         let moved = moves.iter().filter(|d| **d != Vec3::zeros()).count();

@@ -73,10 +73,6 @@ fn picture(rows: &[Row]) -> RgbImage {
     picture
 }
 
-fn cells<const N: usize>(cells: [&str; N]) -> Vec<String> {
-    cells.map(str::to_owned).to_vec()
-}
-
 /// Adds the picture and the rows of somebody.
 fn show(album: &mut Album, who: &str, rows: &[Row]) {
     let caption = format!("{who}: population's range grey, this person's blue; marks show rest");
@@ -102,16 +98,8 @@ pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
     })?;
     let mut album = Album::new(format!("People {name}"));
     album.fact("people", people.len().to_string());
-    let header = [
-        "",
-        "low",
-        "rest",
-        "high",
-        "population's low",
-        "rest",
-        "high",
-    ];
-    album.table.push(cells(header));
+    let low = "population's low";
+    album.header(["", "low", "rest", "high", low, "rest", "high"]);
     let units = Units::shipped();
     for (number, person) in people.iter().enumerate() {
         let learned = &person.learned;
@@ -170,9 +158,7 @@ pub(super) fn status(name: &str, text: &str) -> Result<Album, Fault> {
         let text = format!("{sent} sent, {dropped} dropped{away}");
         album.fact(&format!("output {name}"), text);
     }
-    album
-        .table
-        .push(cells(["", "low", "rest", "high", "ready", "weight"]));
+    album.header(["", "low", "rest", "high", "ready", "weight"]);
     for user in users {
         let who = format!("user {}", plain(&user["slot"]));
         let confidence = user["confidence"].as_f64().unwrap_or(0.0);

@@ -219,8 +219,7 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     }
     let named = users.iter().flatten().map(ToString::to_string);
     album.fact("users", named.collect::<Vec<_>>().join(", "));
-    let header = ["column", "lowest", "5 %", "median", "95 %", "highest"];
-    album.table.push(header.map(str::to_owned).to_vec());
+    album.header(["column", "lowest", "5 %", "median", "95 %", "highest"]);
     for &user in &users {
         let rows: Vec<&Row> = table.rows.iter().filter(|row| row.user == user).collect();
         let suffix = match user {

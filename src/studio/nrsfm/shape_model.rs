@@ -83,19 +83,13 @@ fn laid_on(
     rigid: &[usize],
 ) -> (Vec<Vec<Vector3<f64>>>, f64) {
     let few: Vec<[f64; 3]> = rigid.iter().map(|&i| reference[i]).collect();
-    let middle = |few: &[[f64; 3]]| {
-        let sum = few
-            .iter()
-            .fold(Vector3::zeros(), |s, p| s + Vector3::from(*p));
-        sum / few.len().max(1) as f64
-    };
-    let (there, onto) = (middle(&few), centred(&few));
+    let (there, onto) = centred(&few);
     let mut wrong = 0.0;
     let frames = (0..shapes.frames()).map(|t| {
         let flipped = shapes.frame(t).iter().map(|p| [p[0], p[1], mirror * p[2]]);
         let frame: Vec<[f64; 3]> = flipped.collect();
         let few: Vec<[f64; 3]> = rigid.iter().map(|&i| frame[i]).collect();
-        let (here, from) = (middle(&few), centred(&few));
+        let (here, from) = centred(&few);
         let turn = rotation_onto(&from, &onto);
         let (mut along, mut size) = (0.0, f64::MIN_POSITIVE);
         for (p, q) in from.iter().zip(&onto) {

@@ -29,6 +29,7 @@ use super::fault::Fault;
 use super::heads::default_head;
 use super::preview;
 use super::preview::http::{self, Answer, Request as Asked, Site};
+use super::text_files::name_of;
 use crate::face_model::FaceModel;
 use surface::{Ray, Surface};
 
@@ -96,11 +97,7 @@ impl Place {
                 true => in_two_colours(&source.mesh, &surface),
                 false => source.mesh.clone(),
             },
-            name: mesh
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into(),
+            name: name_of(mesh),
             out: out.unwrap_or_else(|| mesh.with_extension("landmarks.txt")),
             source,
             ordered,

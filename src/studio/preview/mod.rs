@@ -44,7 +44,7 @@ use crate::output::Command;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
 use crate::studio::heads::default_head;
-use crate::studio::text_files;
+use crate::studio::text_files::{self, name_of};
 use commands::Obeys;
 use forward::{Forwarder, Wish};
 use http::{Answer, Request as Asked, Site};
@@ -338,11 +338,7 @@ impl Preview {
     /// What pages are told of the source.
     fn source(&self, request: &Request) -> Value {
         let (kind, name) = named(&request.feed);
-        let file_name = |path: &PathBuf| {
-            let name = path.file_name().unwrap_or_default();
-            name.to_string_lossy().into_owned()
-        };
-        let mut meshes: Vec<String> = request.meshes.iter().map(file_name).collect();
+        let mut meshes: Vec<String> = request.meshes.iter().map(|path| name_of(path)).collect();
         if meshes.is_empty() {
             meshes.push("head".into());
         }

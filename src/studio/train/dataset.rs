@@ -4,13 +4,13 @@
 //! ignored; a row without points is not annotated. A `.pts` file holds 68 lines `x y` between braces. Pixels, pixel
 //! centres are integers.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::base::capacity::LANDMARKS;
 use crate::landmarks::window::Picture;
 use crate::studio::csv;
 use crate::studio::fault::Fault;
+use crate::studio::text_files::{self, listed, name_of};
 
 fn unreadable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
     let expected = "; expected a folder of pictures with landmarks68.csv or .pts files, or a table";
@@ -98,7 +98,7 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
 
 /// The text of a table.
 pub(in crate::studio) fn read(path: &Path) -> Result<String, Fault> {
-    crate::studio::text_files::read(path).map_err(unreadable(path))
+    text_files::read(path).map_err(unreadable(path))
 }
 
 fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
@@ -184,18 +184,13 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, Fault> {
     if table.exists() {
         return read_csv(folder, &table);
     }
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-        .map_err(unreadable(folder))?
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| {
-            path.extension().is_some_and(|e| {
-                ["png", "jpg", "jpeg", "pgm"]
-                    .iter()
-                    .any(|known| e.eq_ignore_ascii_case(known))
-            })
-        })
-        .collect();
-    paths.sort();
+    let mut paths = listed(folder).map_err(unreadable(folder))?;
+    paths.retain(|path| {
+        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+        ["png", "jpg", "jpeg", "pgm"]
+            .iter()
+            .any(|known| ending == *known)
+    });
     if paths.is_empty() {
         return Err(Fault::within(folder)(
             "expected pictures (PNG, JPEG or PGM), found none; give another folder",
@@ -204,11 +199,7 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, Fault> {
     paths
         .into_iter()
         .map(|path| {
-            let file = path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
+            let file = name_of(&path);
             let pts = path.with_extension("pts");
             Ok(Entry {
                 points: pts.exists().then(|| read_pts(&pts)).transpose()?,

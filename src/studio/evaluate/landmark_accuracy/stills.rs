@@ -12,6 +12,7 @@ use crate::studio::evaluate::sessions::{Spread, median};
 use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
+use crate::studio::text_files::listed;
 use crate::studio::train::dataset::{Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
@@ -114,11 +115,9 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
 
 /// Follows the talking face through its pictures, colour alone.
 fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
-    let Ok(files) = std::fs::read_dir(folder) else {
+    let Ok(paths) = listed(folder) else {
         return Ok(None);
     };
-    let mut paths: Vec<_> = files.filter_map(|file| Some(file.ok()?.path())).collect();
-    paths.sort();
     let mut fitter = StillFitter::new(model);
     let (mut followed, mut last): (usize, Option<([[f32; 2]; LANDMARKS], _)>) = (0, None);
     let mut steps = Vec::new();
