@@ -73,15 +73,15 @@ pub(in crate::studio) struct Source {
 }
 
 impl Source {
-    pub(in crate::studio) fn read(request: &Request) -> Result<Self, Fault> {
-        let path = &request.mesh;
+    /// The mesh of a file; `as_obj` where its text as OBJ is wanted, too.
+    pub(in crate::studio) fn read(path: &Path, as_obj: bool) -> Result<Self, Fault> {
         let bytes = read_bytes(path)?;
         if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
             let folder = path.parent().unwrap_or(Path::new(""));
             let glb = Glb::read(&bytes, folder).map_err(Fault::within(path))?;
             let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
-            let obj = request.obj.is_some().then(|| obj::emit(&mesh));
+            let obj = as_obj.then(|| obj::emit(&mesh));
             return Ok(Self {
                 mesh,
                 looks,
@@ -232,7 +232,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let start = Instant::now();
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
-    let mut source = Source::read(request)?;
+    let mut source = Source::read(&request.mesh, request.obj.is_some())?;
     let numbers = source.landmarks(request)?;
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(&numbers)?;

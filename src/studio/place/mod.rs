@@ -22,7 +22,6 @@ use super::bake::locate::{LOW, guess};
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
-use super::bake::request::Request;
 use super::bake::shape::Shape;
 use super::bake::{files, morphs, report};
 use super::fault::Fault;
@@ -70,10 +69,7 @@ impl Place {
     /// # Errors
     /// If one cannot be read or the points are not on the head.
     pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, Fault> {
-        let source = Source::read(&Request {
-            mesh: mesh.into(),
-            ..Request::default()
-        })?;
+        let source = Source::read(mesh, false)?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
             let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
                 .ok_or("expected vertices to find a face on, found none")

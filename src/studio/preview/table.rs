@@ -3,7 +3,7 @@
 //! Every row is sent as it is read and kept by the hub, so that the page can scrub back. Damaged rows are counted and skipped.
 //! From standard input (`-`) rows are shown as they arrive.
 
-use std::io::{BufRead, Read as _};
+use std::io::{BufRead, Read};
 use std::path::Path;
 
 use super::hub::Hub;
@@ -19,14 +19,12 @@ const LINE: u64 = 1 << 16;
 /// # Errors
 /// If it cannot be read or is another kind of table.
 pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), Fault> {
-    let unreadable = |error| Fault::cannot("read", path, "")(error);
-    let mut reader: Box<dyn BufRead + Send> = if path.as_os_str() == "-" {
-        Box::new(std::io::BufReader::new(std::io::stdin()))
-    } else {
-        Box::new(std::io::BufReader::new(
-            std::fs::File::open(path).map_err(unreadable)?,
-        ))
+    let unreadable = Fault::cannot("read", path, "");
+    let file: Box<dyn Read + Send> = match path.as_os_str() == "-" {
+        true => Box::new(std::io::stdin()),
+        false => Box::new(std::fs::File::open(path).map_err(&unreadable)?),
     };
+    let mut reader = std::io::BufReader::new(file);
     let mut header = Vec::new();
     let mut first = reader.by_ref().take(LINE);
     first.read_until(b'\n', &mut header).map_err(unreadable)?;
@@ -37,7 +35,7 @@ pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), Fault> {
             "line 1: expected a header with time_us, user and w_<unit> columns, found {found:?}; mien run --csv writes one"
         ))
     })?;
-    Ok((table, reader))
+    Ok((table, Box::new(reader)))
 }
 
 /// Tells all rows.

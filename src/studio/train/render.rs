@@ -22,7 +22,7 @@ use super::acting::expression;
 use super::grey_picture::{Picture, Points};
 use super::photograph::{backdrop, develop, grey_of, mix_skins};
 use super::random::{either, normal};
-use super::shape::mirrored;
+use super::shape::{mirrored, quadratic};
 use super::worn::wear;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Vector, rotation_from_yaw_pitch_roll};
@@ -260,14 +260,7 @@ impl Renderer {
             std::array::from_fn(|_| std::array::from_fn(|_| 0.12 * normal(rng)));
         for p in out.iter_mut() {
             let q = p.coords;
-            let terms = [
-                q.x * q.x,
-                q.y * q.y,
-                q.z * q.z,
-                q.x * q.y,
-                q.y * q.z,
-                q.z * q.x,
-            ];
+            let terms = quadratic(&q);
             for axis in 0..3 {
                 let warp: f32 = bend[axis].iter().zip(terms).map(|(b, t)| b * t).sum();
                 p[axis] = q[axis] * scale[axis] + warp;

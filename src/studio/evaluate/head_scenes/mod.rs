@@ -18,7 +18,7 @@ mod covered;
 mod measure;
 pub mod wild;
 
-use std::fmt::{self, Display};
+use std::fmt::Write as _;
 use std::path::Path;
 
 use super::sessions::{Sessions, held_out};
@@ -40,12 +40,8 @@ pub const ROWS: [&str; 10] = [
     "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
 ];
 
-/// The table.
-#[derive(Clone, Debug, Default)]
-pub struct Table {
-    /// Scene, bar, figure.
-    rows: Vec<(&'static str, &'static str, String)>,
-}
+/// The table's text so far.
+struct Table(String);
 
 /// Frames from the hand's leaving the face to the face's being followed again, the worst; and the states under it.
 fn uncovered(film: &Film) -> (usize, String) {
@@ -86,7 +82,7 @@ pub fn play(
     settings: &Settings,
     sessions: &Sessions,
     only: &[String],
-) -> Result<Table, Fault> {
+) -> Result<String, Fault> {
     let heads = held_out(data, sessions)?;
     let cast = Cast {
         heads,
@@ -95,7 +91,7 @@ pub fn play(
         frames: (sessions.seconds * 30.0) as usize,
         seed: sessions.seed,
     };
-    let mut rows = Table::default();
+    let mut rows = Table("| scene | bar | figure |\n| --- | --- | --- |\n".to_owned());
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     for name in ROWS.into_iter().filter(|name| wanted(name)) {
         match name {
@@ -131,13 +127,13 @@ pub fn play(
             _ => nobody(&cast, data, &mut rows)?,
         }
     }
-    Ok(rows)
+    Ok(rows.0)
 }
 
 impl Table {
-    fn add(&mut self, scene: &'static str, bar: &'static str, figure: String) {
+    fn add(&mut self, scene: &str, bar: &str, figure: String) {
         say(scene, &figure);
-        self.rows.push((scene, bar, figure));
+        let _ = writeln!(self.0, "| {scene} | {bar} | {figure} |");
     }
 }
 
@@ -264,14 +260,4 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
 #[expect(clippy::print_stderr, reason = "progress of a command of minutes")]
 fn say(scene: &str, figure: &str) {
     eprintln!("{scene}: {figure}");
-}
-
-impl Display for Table {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "| scene | bar | figure |\n| --- | --- | --- |")?;
-        for (scene, bar, figure) in &self.rows {
-            writeln!(f, "| {scene} | {bar} | {figure} |")?;
-        }
-        Ok(())
-    }
 }
