@@ -305,11 +305,11 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     match line.command {
         Command::Train(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(train::run(&args, &mut say)?)
+            train::run(&args, &mut say)
         }
         Command::Fit(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(fit::fit(&args, &mut say)?)
+            fit::fit(&args, &mut say)
         }
         Command::Inspect(Inspect { path, out, setup }) => {
             let (model, settings) = setup.read()?;
@@ -328,15 +328,15 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Units(words) => run_units(words),
         Command::Nrsfm(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(nrsfm::run(&args)?)
+            nrsfm::run(&args)
         }
-        Command::Bake(request) => Ok(bake::command::run(&request).map(drop)?),
+        Command::Bake(request) => bake::command::run(&request).map(drop),
         Command::Place(Place {
             mesh,
             landmarks,
             out,
             port,
-        }) => Ok(place::run(&mesh, &landmarks, out, port, &mut say)?),
+        }) => place::run(&mesh, &landmarks, out, port, &mut say),
         Command::Head { out, make, data } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;
@@ -347,8 +347,8 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             Ok(())
         }
         Command::Preview(words) => run_preview(words),
-        Command::Skin { out, data } => Ok(bake::command::skin(&data.data, &out)?),
-        Command::Animate(args) => Ok(animate::animate(&args)?),
+        Command::Skin { out, data } => bake::command::skin(&data.data, &out),
+        Command::Animate(args) => animate::animate(&args),
     }
 }
 
@@ -463,5 +463,5 @@ fn run_preview(words: Preview) -> Result<(), Fault> {
         page: address("port", &words.port)?,
         commands: box_at.map(|word| address("box", word)).transpose()?,
     };
-    Ok(preview::run(&request, &mut say)?)
+    preview::run(&request, &mut say)
 }

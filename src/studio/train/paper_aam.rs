@@ -440,7 +440,7 @@ mod tests {
             positions: head.map(|p| p.coords.cast::<f64>().into()).collect(),
         };
         let size = |shapes: &nrsfm::Shapes, t| {
-            let points = nrsfm::align::centred(shapes.frame(t));
+            let (_, points) = nrsfm::align::centred(shapes.frame(t));
             points.iter().map(|p| p.norm_squared()).sum::<f64>().sqrt()
         };
         for t in 0..truths.len() {
