@@ -48,8 +48,6 @@ fn write(asset: &HeadAsset, out: &Path) -> Result<usize, Fault> {
 pub struct PersonHead {
     /// Place of the person in the list of all persons of the collection: decides the split.
     pub person: usize,
-    /// Collection the photograph belongs to.
-    pub set: String,
     /// The head.
     pub asset: HeadAsset,
 }
@@ -74,7 +72,6 @@ pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<P
             set_upright(&mut asset, &plain);
             Ok(PersonHead {
                 person: portrait.person,
-                set: portrait.set.clone(),
                 asset,
             })
         })

@@ -15,8 +15,6 @@ pub struct Portrait {
     pub path: PathBuf,
     /// Place of the person in the list of all persons sorted by (set, person): decides the split.
     pub person: usize,
-    /// Collection the photograph belongs to.
-    pub set: String,
     /// The 68 points, pixels (pixel centres are integers).
     pub points: [[f32; 2]; LANDMARKS],
 }
@@ -71,11 +69,9 @@ pub fn read(folder: &Path) -> Result<Vec<Portrait>, Fault> {
         let numbers = (0..2 * LANDMARKS).filter_map(|k| row.get(first + k)?.parse().ok());
         let numbers: Vec<f32> = numbers.filter(|x: &f32| x.is_finite()).collect();
         if numbers.len() == 2 * LANDMARKS {
-            let name = of(row);
             portraits.push(Portrait {
                 path: folder.join("img").join(cell(row, file)),
-                person: persons.binary_search(&name).unwrap_or(0),
-                set: name.0,
+                person: persons.binary_search(&of(row)).unwrap_or(0),
                 points: std::array::from_fn(|k| [numbers[2 * k], numbers[2 * k + 1]]),
             });
         }
