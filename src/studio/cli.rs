@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ErrorKind};
 use clap::{Args, Parser, Subcommand};
 
+use super::fault::{Fault, USAGE};
 use super::fit::{self, FitArgs};
 use super::heads::average::make_simulated_head;
 use super::inspect::inspect;
@@ -14,13 +15,12 @@ use super::place;
 use super::preview;
 use super::record;
 use super::stopped::{self, Goes};
-use super::train::{self, TrainArgs, TrainError};
+use super::train::{self, TrainArgs};
 use super::{animate, bake};
 use crate::appliance::service;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::{self, Missing};
 use crate::face_model::FaceModel;
-use crate::studio::atomic_write;
 use crate::studio::evaluate::head_scenes;
 use crate::studio::evaluate::head_scenes::wild;
 use crate::studio::evaluate::landmark_accuracy;
@@ -251,34 +251,13 @@ struct Preview {
     port: String,
 }
 
-/// Why a command failed, and with which exit code.
-#[derive(Debug)]
-pub enum Fault {
-    /// Wrong words: exit code 64.
-    Usage(String),
-    /// Anything else.
-    Failed {
-        /// The sentence.
-        text: String,
-        /// The code.
-        code: u8,
-    },
-}
-
-impl<E: std::error::Error> From<E> for Fault {
-    fn from(error: E) -> Self {
-        Self::Failed {
-            text: error.to_string(),
-            code: 1,
-        }
-    }
-}
-
 fn service_fault(failure: service::Failure) -> Fault {
-    Fault::Failed {
-        text: failure.to_string(),
-        code: failure.exit_code(),
-    }
+    Fault::with_code(failure.to_string(), failure.exit_code())
+}
+
+/// Wrong words.
+fn misused(text: String) -> Fault {
+    Fault::with_code(text, USAGE)
 }
 
 /// A sentence of what is wrong with the words.
@@ -311,14 +290,14 @@ fn parsed(words: impl IntoIterator<Item = OsString>) -> Result<Option<Line>, Fau
                 print!("{error}");
                 Ok(None)
             }
-            _ => Err(Fault::Usage(sentence(&error))),
+            _ => Err(misused(sentence(&error))),
         })
 }
 
 /// Runs one invocation; the words after the program's name.
 ///
 /// # Errors
-/// [`Fault::Usage`] on wrong words, else what the command says.
+/// On wrong words, with [`USAGE`], and what the command says.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     let Some(line) = parsed(words)? else {
         return Ok(());
@@ -326,11 +305,11 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
     match line.command {
         Command::Train(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(train::run(&args, &mut say)?)
+            train::run(&args, &mut say)
         }
         Command::Fit(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(fit::fit(&args, &mut say)?)
+            fit::fit(&args, &mut say)
         }
         Command::Inspect(Inspect { path, out, setup }) => {
             let (model, settings) = setup.read()?;
@@ -349,15 +328,15 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
         Command::Units(words) => run_units(words),
         Command::Nrsfm(args) => {
             stopped::tell(Goes::File(args.out.clone()));
-            Ok(nrsfm::run(&args)?)
+            nrsfm::run(&args)
         }
-        Command::Bake(request) => Ok(bake::command::run(&request).map(drop)?),
+        Command::Bake(request) => bake::command::run(&request).map(drop),
         Command::Place(Place {
             mesh,
             landmarks,
             out,
             port,
-        }) => Ok(place::run(&mesh, &landmarks, out, port, &mut say)?),
+        }) => place::run(&mesh, &landmarks, out, port, &mut say),
         Command::Head { out, make, data } => {
             if let Some(out) = make {
                 let bytes = hero::make::make(&data.data, &out)?;
@@ -368,8 +347,8 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> Result<(), Fault> {
             Ok(())
         }
         Command::Preview(words) => run_preview(words),
-        Command::Skin { out, data } => Ok(bake::command::skin(&data.data, &out)?),
-        Command::Animate(args) => Ok(animate::animate(&args)?),
+        Command::Skin { out, data } => bake::command::skin(&data.data, &out),
+        Command::Animate(args) => animate::animate(&args),
     }
 }
 
@@ -429,7 +408,7 @@ fn run_evaluate(words: &Evaluate) -> Result<(), Fault> {
 /// The rows asked for, if all of them are among these.
 fn rows<'a>(rows: &'a [String], names: &[&str]) -> Result<&'a [String], Fault> {
     match rows.iter().find(|row| !names.contains(&row.as_str())) {
-        Some(unknown) => Err(Fault::Usage(format!(
+        Some(unknown) => Err(misused(format!(
             "--rows {unknown} is not one of {}",
             names.join(", ")
         ))),
@@ -445,8 +424,7 @@ fn run_units(words: Units) -> Result<(), Fault> {
     let data = &words.data.data;
     let text = readings::learn(data, &model, &settings, &words.practice, &mut progress)?;
     match words.out {
-        Some(out) => atomic_write::write(&out, text)
-            .map_err(|source| TrainError::Unwritable { path: out, source })?,
+        Some(out) => train::write(&out, text.as_bytes())?,
         None => print!("{text}"),
     }
     Ok(())
@@ -455,7 +433,7 @@ fn run_units(words: Units) -> Result<(), Fault> {
 fn run_preview(words: Preview) -> Result<(), Fault> {
     let address = |option: &str, word: &str| {
         preview::address(word).ok_or_else(|| {
-            Fault::Usage(format!(
+            misused(format!(
                 "--{option} {word} is not a port or an address:port"
             ))
         })
@@ -485,5 +463,5 @@ fn run_preview(words: Preview) -> Result<(), Fault> {
         page: address("port", &words.port)?,
         commands: box_at.map(|word| address("box", word)).transpose()?,
     };
-    Ok(preview::run(&request, &mut say)?)
+    preview::run(&request, &mut say)
 }

@@ -4,7 +4,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use mien::studio::cli::{self, Fault};
+use mien::studio::cli;
+use mien::studio::fault::USAGE;
 use signal_hook::consts::SIGPIPE;
 
 #[expect(clippy::print_stderr, reason = "this is the door")]
@@ -15,13 +16,14 @@ fn main() -> ExitCode {
     let _ = signal_hook::flag::register_conditional_shutdown(SIGPIPE, 128 + SIGPIPE, always);
     match cli::run(std::env::args_os().skip(1)) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Fault::Usage(text)) => {
-            eprintln!("mien-studio: {text}; see mien-studio help");
-            ExitCode::from(64)
-        }
-        Err(Fault::Failed { text, code }) => {
-            eprintln!("mien-studio: {text}");
-            ExitCode::from(code)
+        Err(fault) => {
+            let help = if fault.code == USAGE {
+                "; see mien-studio help"
+            } else {
+                ""
+            };
+            eprintln!("mien-studio: {fault}{help}");
+            ExitCode::from(fault.code)
         }
     }
 }

@@ -14,7 +14,7 @@
 //! heads          heads to draw, with the photographs of people
 //! nrsfm          3D shapes from 2D tracks
 //!
-//! progress, stopped   how far long work is, and what Ctrl-C leaves of it
+//! progress, stopped   how far long work is, and what Ctrl-C leaves of it; fault: why it failed
 //! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
 //! chart, jpeg    curves and words in pictures, and their files
@@ -29,6 +29,7 @@ pub mod cli;
 pub mod correlation;
 pub mod csv;
 pub mod evaluate;
+pub mod fault;
 pub mod fit;
 pub mod frame_time;
 pub mod heads;

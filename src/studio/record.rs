@@ -4,10 +4,11 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::fault::Fault;
 use super::progress::Progress;
-use crate::appliance::source::{Source, SourceError};
+use crate::appliance::source::Source;
 use crate::sensor::kinect::frame::KinectFrame;
-use crate::sensor::kinect::recording::{Recorder, RecordingError};
+use crate::sensor::kinect::recording::Recorder;
 
 /// What is recorded.
 #[derive(clap::Args)]
@@ -29,22 +30,6 @@ pub struct Args {
 
 /// Frames between two looks at the disk.
 const LOOKED_EVERY: u64 = 15;
-
-/// Why nothing was recorded.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// The directory.
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-    /// Nothing that this layout can hold.
-    #[error(
-        "expected frames of a Kinect, found those of another depth camera; copy its folder instead"
-    )]
-    NoKinect,
-    /// The source.
-    #[error(transparent)]
-    Source(#[from] SourceError),
-}
 
 /// What a recording came to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -100,8 +85,10 @@ pub fn record(
     seconds: f64,
     started_unix_s: f64,
     stop: &AtomicBool,
-) -> Result<Recorded, RecordError> {
-    let registration = source.registration().ok_or(RecordError::NoKinect)?;
+) -> Result<Recorded, Fault> {
+    let registration = source.registration().ok_or_else(|| {
+        Fault::new("expected frames of a Kinect, found those of another depth camera; copy its folder instead")
+    })?;
     let mut recorder = Recorder::create(out, registration, started_unix_s)?;
     let mut frame = KinectFrame::default();
     let progress = Progress::new("record", (seconds.max(0.0) * 30.0).ceil() as usize);

@@ -12,74 +12,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::base::bounded_read;
-use crate::studio::bake::error::BakeError;
-use crate::studio::bake::files::write;
-use crate::studio::bake::glb::{Glb, GlbError};
+use crate::studio::bake::files::{read, read_bytes, write};
+use crate::studio::bake::glb::Glb;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::request::written;
 use crate::studio::bake::shape::pair;
 use crate::studio::csv;
-use crate::studio::text_files::{self, decoded};
+use crate::studio::fault::Fault;
 use head_turn::Turned;
-
-/// Why there is no animation.
-#[derive(Debug, thiserror::Error)]
-pub enum AnimateError {
-    /// A file cannot be read.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The mesh file is not right.
-    #[error("{path}: {source}")]
-    Mesh {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: GlbError,
-    },
-    /// The table is not right.
-    #[error("{path}: line {line}: expected {expected}, found {found:?}")]
-    Table {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
-    },
-    /// Nobody to follow.
-    #[error(
-        "{path}: expected rows of {wanted}, found {found}; give --user a slot from the column user"
-    )]
-    Nobody {
-        /// The file.
-        path: PathBuf,
-        /// Whom.
-        wanted: String,
-        /// Who is there.
-        found: String,
-    },
-    /// Nothing in common.
-    #[error(
-        "{path}: no column belongs to any of the {targets} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
-    )]
-    Nothing {
-        /// The table.
-        path: PathBuf,
-        /// How many targets the mesh has.
-        targets: usize,
-    },
-    /// The result cannot be written.
-    #[error(transparent)]
-    Write(#[from] BakeError),
-}
 
 /// Whose performance moves what.
 #[derive(clap::Args)]
@@ -208,13 +148,8 @@ fn track(
     path: &Path,
     user: Option<&str>,
     targets: &Targets,
-) -> Result<(Track, usize), AnimateError> {
-    let refuse = |line, expected, found: &str| AnimateError::Table {
-        path: path.into(),
-        line,
-        expected,
-        found: found.chars().take(60).collect(),
-    };
+) -> Result<(Track, usize), Fault> {
+    let refuse = |line, expected, found: &str| Fault::at_line(path, line, expected, found);
     let table = csv::Table::new(text);
     let columns = Columns::find(&table, &targets.columns).ok_or_else(|| {
         let expected = "a header with time_us, user and w_<unit> columns";
@@ -251,11 +186,11 @@ fn track(
         out.weights.push(weights);
     }
     if !met {
-        return Err(AnimateError::Nobody {
-            path: path.into(),
-            wanted: user.map_or_else(|| "somebody".into(), |user| format!("user {user}")),
-            found: slots(&table, columns.slot),
-        });
+        let wanted = user.map_or_else(|| "somebody".into(), |user| format!("user {user}"));
+        let found = slots(&table, columns.slot);
+        return Err(Fault::within(path)(format!(
+            "expected rows of {wanted}, found {found}; give --user a slot from the column user"
+        )));
     }
     Ok((out, columns.weights.iter().flatten().count()))
 }
@@ -348,7 +283,7 @@ fn animated(
     csv: &str,
     path: &Path,
     user: Option<&str>,
-) -> Result<(usize, usize), AnimateError> {
+) -> Result<(usize, usize), Fault> {
     let meshes = glb.json["meshes"].as_array().cloned().unwrap_or_default();
     let nodes = glb.json["nodes"].as_array().cloned().unwrap_or_default();
     let recipe = Recipe::read(SHIPPED).map(|r| r.units()).unwrap_or_default();
@@ -383,10 +318,9 @@ fn animated(
         }
     }
     if animation.channels.is_empty() {
-        return Err(AnimateError::Nothing {
-            path: path.into(),
-            targets: total,
-        });
+        return Err(Fault::within(path)(format!(
+            "no column belongs to any of the {total} morph targets of the mesh; bake the mesh with mien-studio bake, or give its targets ARKit's names"
+        )));
     }
     if let Some((input, poses)) = turning.filter(|(_, poses)| !poses.is_empty()) {
         animation.turn(glb, &driven_meshes, input, &poses);
@@ -404,18 +338,9 @@ fn animated(
 ///
 /// # Errors
 /// If the mesh or the table is not as expected, or the result cannot be written.
-pub fn animate(args: &Args) -> Result<(), AnimateError> {
-    let read = |path: &Path| {
-        bounded_read::read(path, text_files::MOST).map_err(|source| AnimateError::Read {
-            path: path.into(),
-            source,
-        })
-    };
-    let mut glb = Glb::parse(&read(&args.mesh)?).map_err(|source| AnimateError::Mesh {
-        path: args.mesh.clone(),
-        source,
-    })?;
-    let text = decoded(&read(&args.csv)?);
+pub fn animate(args: &Args) -> Result<(), Fault> {
+    let mut glb = Glb::parse(&read_bytes(&args.mesh)?).map_err(Fault::within(&args.mesh))?;
+    let text = read(&args.csv)?;
     let (frames, driven) = animated(&mut glb, &text, &args.csv, args.user.as_deref())?;
     write(&args.out, &glb.emit())?;
     println!(

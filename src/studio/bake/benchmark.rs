@@ -4,13 +4,14 @@
 //! Error of a shape = RMS(baked − true) / RMS(true) over the face (vertices 0 to 9408); the figure is the mean over the
 //! 29 shapes that move the face.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::error::BakeError;
 use super::files::{read, read_bytes};
 use super::mesh::{Mesh, Vec3};
 use super::obj;
 use super::recipe::Target;
+use crate::studio::fault::Fault;
+use crate::studio::text_files::listed;
 
 /// The truth: mesh, landmarks and expression displacements in the source's centimetres.
 pub struct Truth {
@@ -30,18 +31,12 @@ impl Truth {
     ///
     /// # Errors
     /// If a file is missing or damaged.
-    pub fn read(folder: &Path) -> Result<Self, BakeError> {
+    pub fn read(folder: &Path) -> Result<Self, Fault> {
         let neutral = folder.join("generic_neutral_mesh.obj");
-        let mesh = obj::parse(&read(&neutral)?).map_err(BakeError::of(neutral))?;
+        let mesh = obj::parse(&read(&neutral)?).map_err(Fault::within(&neutral))?;
         let landmarks = read(&folder.join("landmarks68.txt"))?;
         let expressions = folder.join("expr");
-        let listing = std::fs::read_dir(&expressions);
-        let listing = listing.map_err(|source| BakeError::Read {
-            path: expressions,
-            source,
-        })?;
-        let mut paths: Vec<PathBuf> = listing.flatten().map(|entry| entry.path()).collect();
-        paths.sort();
+        let paths = listed(&expressions).map_err(Fault::cannot("read", &expressions, ""))?;
         let mut shapes = Vec::new();
         for path in paths {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use super::benchmark::Truth;
-use super::error::BakeError;
 use super::files::{read, read_bytes, write};
 use super::glb::Glb;
 use super::head::Head;
@@ -30,6 +29,7 @@ use super::table::table;
 use super::{morphs, report, usd};
 use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
+use crate::studio::fault::Fault;
 use crate::studio::progress::Progress;
 use crate::studio::text_files;
 
@@ -44,17 +44,14 @@ const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
 ///
 /// # Errors
 /// At the first line that is none.
-pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, BakeError> {
+pub fn landmarks(text: &str, path: &Path) -> Result<Vec<u64>, Fault> {
     let lines = text.lines().map(str::trim).zip(1..);
     lines
         .filter(|(line, _)| !line.is_empty() && !line.starts_with('#'))
         .map(|(text, line)| {
-            text.parse().map_err(|_| BakeError::Line {
-                path: path.into(),
-                line,
-                expected: "a vertex number",
-                found: text.chars().take(40).collect(),
-            })
+            let beginning: String = text.chars().take(40).collect();
+            let refuse = |_| Fault::at_line(path, line, "a vertex number", &beginning);
+            text.parse().map_err(refuse)
         })
         .collect()
 }
@@ -76,15 +73,15 @@ pub(in crate::studio) struct Source {
 }
 
 impl Source {
-    pub(in crate::studio) fn read(request: &Request) -> Result<Self, BakeError> {
-        let path = &request.mesh;
+    /// The mesh of a file; `as_obj` where its text as OBJ is wanted, too.
+    pub(in crate::studio) fn read(path: &Path, as_obj: bool) -> Result<Self, Fault> {
         let bytes = read_bytes(path)?;
         if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
             let folder = path.parent().unwrap_or(Path::new(""));
-            let glb = Glb::read(&bytes, folder).map_err(BakeError::of(path))?;
+            let glb = Glb::read(&bytes, folder).map_err(Fault::within(path))?;
             let looks = Looks::in_glb(&glb);
-            let (mesh, foreign) = Foreign::read(glb).map_err(BakeError::of(path))?;
-            let obj = request.obj.is_some().then(|| obj::emit(&mesh));
+            let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
+            let obj = as_obj.then(|| obj::emit(&mesh));
             return Ok(Self {
                 mesh,
                 looks,
@@ -94,7 +91,7 @@ impl Source {
         }
         let obj = text_files::decoded(&bytes);
         Ok(Self {
-            mesh: obj::parse(&obj).map_err(BakeError::of(path))?,
+            mesh: obj::parse(&obj).map_err(Fault::within(path))?,
             looks: Looks::of(path, &obj),
             obj,
             foreign: None,
@@ -102,7 +99,7 @@ impl Source {
     }
 
     /// Vertex numbers of the landmarks, as told or as found.
-    fn landmarks(&self, request: &Request) -> Result<Vec<u64>, BakeError> {
+    fn landmarks(&self, request: &Request) -> Result<Vec<u64>, Fault> {
         if request.landmarks.as_os_str() == "auto" {
             return found(request, self);
         }
@@ -110,7 +107,7 @@ impl Source {
     }
 
     /// Vertex numbers of the landmarks in a file.
-    pub(in crate::studio) fn told(&self, path: &Path) -> Result<Vec<u64>, BakeError> {
+    pub(in crate::studio) fn told(&self, path: &Path) -> Result<Vec<u64>, Fault> {
         let numbers = landmarks(&read(path)?, path)?;
         Ok(match &self.foreign {
             Some(foreign) => foreign.landmarks(&numbers),
@@ -125,7 +122,7 @@ impl Source {
         shapes: &[Shape],
         metres: f64,
         neck: Option<&Neck>,
-    ) -> Result<Vec<u8>, BakeError> {
+    ) -> Result<Vec<u8>, Fault> {
         let (mesh, looks, dense) = (&self.mesh, &self.looks, request.dense);
         if is_usd(&request.out) {
             let pictures = looks.beside(&request.out, &mesh.materials);
@@ -145,11 +142,8 @@ impl Source {
     }
 
     /// The neutral and every shape as OBJ, and a list of them.
-    fn folder_of_obj(&self, folder: &Path, shapes: &[Shape]) -> Result<(), BakeError> {
-        std::fs::create_dir_all(folder).map_err(|source| BakeError::Write {
-            path: folder.into(),
-            source,
-        })?;
+    fn folder_of_obj(&self, folder: &Path, shapes: &[Shape]) -> Result<(), Fault> {
+        std::fs::create_dir_all(folder).map_err(Fault::cannot("write", folder, ""))?;
         write(&folder.join("neutral.obj"), self.obj.as_bytes())?;
         let mut list = Vec::with_capacity(shapes.len());
         for shape in shapes {
@@ -169,19 +163,23 @@ impl Source {
 }
 
 /// Metres per unit of the mesh, and how that is known.
-fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), BakeError> {
+fn scale(request: &Request, head: &Head) -> Result<(f64, &'static str), Fault> {
     if let Some(metres) = request.metres {
         return Ok((metres, "as given"));
     }
     let found = head.eye_distance;
     let mut units = [1.0, 1e-2, 1e-3].into_iter();
     let fits = units.find(|m| (0.02..0.06).contains(&(found * m)));
-    let metres = fits.ok_or(BakeError::Scale { found })?;
+    let metres = fits.ok_or_else(|| {
+        Fault::new(format!(
+            "the inner eye corners are {found} units apart, which is no head in mm, cm or m (2 to 6 cm); say which with --unit mm|cm|m or scale the mesh"
+        ))
+    })?;
     Ok((metres, "from the distance of the eyes"))
 }
 
 /// What is to be baked: a table of controls or a recipe, if it leaves room for the shapes.
-fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>, BakeError> {
+fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>, Fault> {
     let targets = match &request.controls {
         Some(path) => table(path, head, vertex, request.derive)?,
         None => of_recipe(request, head)?,
@@ -189,23 +187,21 @@ fn targets(request: &Request, head: &Head, vertex: &[u32]) -> Result<Vec<Target>
     let vertices = head.mesh.positions.len();
     let bytes = (targets.len() * vertices).saturating_mul(SHAPE_BYTES);
     if bytes > SHAPES_MOST {
-        return Err(BakeError::Large {
-            shapes: targets.len(),
-            vertices,
-            bytes,
-            most: SHAPES_MOST,
-        });
+        return Err(Fault::new(format!(
+            "{} shapes of {vertices} vertices would take {bytes} bytes, expected at most {SHAPES_MOST}; bake fewer shapes or a coarser mesh",
+            targets.len()
+        )));
     }
     Ok(targets)
 }
 
-fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, BakeError> {
+fn of_recipe(request: &Request, head: &Head) -> Result<Vec<Target>, Fault> {
     let (text, path) = match &request.recipe {
         Some(path) => (&*read(path)?, path.as_path()),
         None => (SHIPPED, Path::new("built-in recipe")),
     };
-    let recipe = Recipe::read(text).map_err(BakeError::of(path))?;
-    let mut targets = recipe.targets(head).map_err(BakeError::of(path))?;
+    let recipe = Recipe::read(text).map_err(Fault::within(path))?;
+    let mut targets = recipe.targets(head).map_err(Fault::within(path))?;
     if request.correctives {
         targets.extend(recipe.correctives(&targets));
     }
@@ -232,11 +228,11 @@ fn say_head(request: &Request, mesh: &Mesh, head: &Head, (metres, how): (f64, &s
 ///
 /// # Errors
 /// If something cannot be read, solved or written; nothing half-written is left.
-pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
+pub fn run(request: &Request) -> Result<Vec<Shape>, Fault> {
     let start = Instant::now();
     // Unpacked while the mesh is read: it takes as long.
     std::thread::spawn(Prior::shipped);
-    let mut source = Source::read(request)?;
+    let mut source = Source::read(&request.mesh, request.obj.is_some())?;
     let numbers = source.landmarks(request)?;
     let mut ordered = Ordered::new(&source.mesh);
     let numbers = ordered.landmarks(&numbers)?;
@@ -254,8 +250,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
     }
     let report = request.report.as_ref().map(|path| {
         let outside = Outside::new(&source.mesh, ordered.vertex(), &source.looks);
-        let name = request.mesh.file_name().unwrap_or_default();
-        let title = format!("Blendshapes of {}", name.to_string_lossy());
+        let title = format!("Blendshapes of {}", text_files::name_of(&request.mesh));
         (path, report::html(&head, &outside, &shapes, &title))
     });
     let neck = Neck::of(&head, &source.mesh.positions);
@@ -287,7 +282,7 @@ pub fn run(request: &Request) -> Result<Vec<Shape>, BakeError> {
 ///
 /// # Errors
 /// If the shapes cannot be read, solved or the file not be written.
-pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
+pub fn skin(data: &Path, out: &Path) -> Result<(), Fault> {
     let truth = Truth::read(&data.join("ict_facekit"))?;
     let lesson = Lesson::new(&truth)?;
     let bytes = lesson.prior().emit();
@@ -310,25 +305,23 @@ pub fn skin(data: &Path, out: &Path) -> Result<(), BakeError> {
 }
 
 /// Landmarks found on the mesh, written beside the output for a person to confirm.
-fn found(request: &Request, source: &Source) -> Result<Vec<u64>, BakeError> {
+fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
     let picture = request.out.with_extension("landmarks.png");
     let text = request.out.with_extension("landmarks.txt");
     let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
         .ok_or("expected vertices to find a face on, found none")
-        .map_err(BakeError::of(&request.mesh))?;
+        .map_err(Fault::within(&request.mesh))?;
     let mut png = std::io::Cursor::new(Vec::new());
     let drawn = found.picture.write_to(&mut png, image::ImageFormat::Png);
-    drawn.map_err(|e| BakeError::Write {
-        path: picture.clone(),
-        source: std::io::Error::other(e),
-    })?;
+    drawn.map_err(Fault::cannot("write", &picture, ""))?;
     write(&picture, png.get_ref())?;
     if !found.is_face() {
-        return Err(BakeError::Unseen {
-            mesh: request.mesh.clone(),
-            confidence: found.confidence,
-            picture,
-        });
+        return Err(Fault::new(format!(
+            "{mesh}: expected a face, found none with more than {:.2} confidence ({} shows what was seen); place the points with: mien-studio place --mesh {mesh}",
+            found.confidence,
+            picture.display(),
+            mesh = request.mesh.display()
+        )));
     }
     let numbers = landmark_text(&found.vertices, source.foreign.as_ref());
     write(&text, numbers.as_bytes())?;

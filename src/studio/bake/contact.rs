@@ -25,7 +25,7 @@ const BEHIND: f64 = 0.015;
 
 /// What can touch what on one head, measured on the neutral.
 pub(super) struct Contacts<'a> {
-    head: &'a Head,
+    pub(super) head: &'a Head,
     /// Skin near each eyeball: vertex and the height above the ball it must keep.
     beside: [Vec<(u32, f64)>; 2],
     /// Height of the upper above the lower inner lip line.

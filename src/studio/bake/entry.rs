@@ -5,39 +5,10 @@ use serde::Deserialize;
 
 use super::head::Head;
 use super::mesh::Vec3;
-use super::names::{self, NAMES, mirrored};
+use super::names::{self, NAMES, mirrored, swapped};
 use super::promise::{Deed, Promise};
 use super::target::Target;
-
-/// Why a recipe is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum RecipeError {
-    /// Not TOML, or a key that does not exist.
-    #[error("{0}")]
-    Toml(#[from] toml::de::Error),
-    /// A shape's entry.
-    #[error("shape {shape}: expected {expected}, found {found:?}")]
-    Entry {
-        /// Shape.
-        shape: String,
-        /// What should be there.
-        expected: &'static str,
-        /// The word.
-        found: String,
-    },
-    /// A corrective of a shape that the recipe does not have.
-    #[error("a corrective: expected the names of two shapes of the recipe, found {found:?}")]
-    Pair {
-        /// The name it gives.
-        found: String,
-    },
-    /// A name given twice.
-    #[error("two shapes are called {name:?}; names must differ")]
-    Twice {
-        /// The name.
-        name: String,
-    },
-}
+use crate::studio::fault::Fault;
 
 /// What the numbers of `move` count.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
@@ -86,15 +57,6 @@ pub(super) struct Entry {
     pub(super) must: Vec<Asked>,
 }
 
-/// The unit of the other side: a trailing L becomes R and the other way round.
-fn swapped(unit: &str) -> String {
-    match (unit.strip_suffix('L'), unit.strip_suffix('R')) {
-        (Some(stem), _) => format!("{stem}R"),
-        (_, Some(stem)) => format!("{stem}L"),
-        _ => unit.to_owned(),
-    }
-}
-
 /// +1 for a point of the left side or the middle, −1 for one of the right.
 fn outward(point: usize) -> f64 {
     let name = NAMES[point];
@@ -138,10 +100,9 @@ impl<'a> Side<'a> {
 
     pub(super) fn unit(&self) -> Option<String> {
         let unit = self.entry.unit.as_ref()?;
-        Some(if self.mirror {
-            swapped(unit)
-        } else {
-            unit.clone()
+        Some(match self.mirror {
+            true => swapped(unit),
+            false => unit.clone(),
         })
     }
 
@@ -150,16 +111,15 @@ impl<'a> Side<'a> {
         if self.mirror { -1.0 } else { 1.0 }
     }
 
-    fn refuse(&self, expected: &'static str, found: &str) -> RecipeError {
-        RecipeError::Entry {
-            shape: self.entry.name.clone(),
-            expected,
-            found: found.to_owned(),
-        }
+    fn refuse(&self, expected: &str, found: &str) -> Fault {
+        let shape = &self.entry.name;
+        Fault::new(format!(
+            "shape {shape}: expected {expected}, found {found:?}"
+        ))
     }
 
     /// Control points of a row; `_S` stands for both sides.
-    fn points(&self, words: &str) -> Result<Vec<usize>, RecipeError> {
+    fn points(&self, words: &str) -> Result<Vec<usize>, Fault> {
         let mut points = Vec::new();
         for word in words.split_whitespace() {
             let both = word.find("_S").filter(|&at| {
@@ -181,7 +141,7 @@ impl<'a> Side<'a> {
         Ok(points)
     }
 
-    fn side(&self, word: &str) -> Result<usize, RecipeError> {
+    fn side(&self, word: &str) -> Result<usize, Fault> {
         match word {
             "L" => Ok(usize::from(self.mirror)),
             "R" => Ok(usize::from(!self.mirror)),
@@ -196,7 +156,7 @@ impl<'a> Side<'a> {
     }
 
     /// What the shape must do.
-    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, RecipeError> {
+    fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
         let (what, one, other, bound) = match asked {
             Asked::Of(what, one, bound) => (what, one, "", *bound),
             Asked::Between(what, one, other, bound) => (what, one, other.as_str(), *bound),
@@ -242,7 +202,7 @@ impl<'a> Side<'a> {
     }
 
     /// What `move` says.
-    fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), RecipeError> {
+    fn moved(&self, head: &Head, d: &mut Moves) -> Result<(), Fault> {
         for (words, outwards, up, forwards) in &self.entry.moves {
             for point in self.points(words)? {
                 let unit = match self.entry.measure {
@@ -258,7 +218,7 @@ impl<'a> Side<'a> {
     }
 
     /// The jaw's motion, and what points take of it.
-    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, RecipeError> {
+    fn jaw(&self, head: &Head, d: &mut Moves) -> Result<Option<Isometry3<f64>>, Fault> {
         let (turn, shift) = (self.entry.jaw_turn, self.entry.jaw_shift);
         if turn == [0.0; 2] && shift == [0.0; 3] {
             return Ok(None);
@@ -287,7 +247,7 @@ impl<'a> Side<'a> {
         head: &Head,
         above: &[Target],
         d: &mut Moves,
-    ) -> Result<Option<(String, f64)>, RecipeError> {
+    ) -> Result<Option<(String, f64)>, Fault> {
         let mut undo = None;
         for (words, shape, share) in &self.entry.undo {
             let other = above.iter().find(|t| t.name == *shape);
@@ -305,7 +265,7 @@ impl<'a> Side<'a> {
         Ok(undo)
     }
 
-    pub(super) fn target(&self, head: &Head, above: &[Target]) -> Result<Target, RecipeError> {
+    pub(super) fn target(&self, head: &Head, above: &[Target]) -> Result<Target, Fault> {
         let entry = self.entry;
         let mut d: Moves = vec![None; NAMES.len()];
         d[..names::LANDMARKS].fill(Some(Vec3::zeros()));

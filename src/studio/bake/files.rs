@@ -2,25 +2,19 @@
 
 use std::path::Path;
 
-use super::error::BakeError;
 use crate::base::bounded_read;
+use crate::studio::fault::Fault;
 use crate::studio::{atomic_write, text_files};
 
-pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, BakeError> {
-    bounded_read::read(path, text_files::MOST).map_err(|source| BakeError::Read {
-        path: path.into(),
-        source,
-    })
+pub(in crate::studio) fn read_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
+    bounded_read::read(path, text_files::MOST).map_err(Fault::cannot("read", path, ""))
 }
 
-pub(super) fn read(path: &Path) -> Result<String, BakeError> {
+pub(in crate::studio) fn read(path: &Path) -> Result<String, Fault> {
     Ok(text_files::decoded(&read_bytes(path)?))
 }
 
 /// Writes a file whole or not at all.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
-    atomic_write::write(path, bytes).map_err(|source| BakeError::Write {
-        path: path.into(),
-        source,
-    })
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
+    atomic_write::write(path, bytes).map_err(Fault::cannot("write", path, ""))
 }

@@ -2,7 +2,11 @@
 //!
 //! Limits: one buffer inside the file; accessors of floats and whole numbers, sparse ones filled in.
 
+use std::fmt::Display;
+
 use serde_json::{Value, json};
+
+use crate::studio::fault::Fault;
 
 /// Targets of buffer views.
 pub(crate) const VERTICES: u32 = 34962;
@@ -18,26 +22,18 @@ const SHARED: usize = 1 << 28;
 /// More rows than this no accessor of a head has.
 const MOST: usize = 50_000_000;
 
-/// Why a GLB file cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum GlbError {
-    /// Not the container.
-    #[error("expected a GLB file (binary glTF 2.0), found {found}")]
-    Container {
-        /// What is wrong.
-        found: &'static str,
-    },
-    /// JSON chunk damaged.
-    #[error("the JSON chunk of the GLB file is damaged: {0}")]
-    Json(#[from] serde_json::Error),
-    /// Something else than expected inside.
-    #[error("expected {expected} in the GLB file, found {found}")]
-    Content {
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
-    },
+/// What is wrong with a GLB file.
+pub(in crate::studio) fn unexpected(expected: &str, found: impl Display) -> Fault {
+    Fault::new(format!(
+        "expected {expected} in the GLB file, found {found}"
+    ))
+}
+
+/// Something that is not the container.
+pub(super) fn no_container(found: &str) -> Fault {
+    Fault::new(format!(
+        "expected a GLB file (binary glTF 2.0), found {found}"
+    ))
 }
 
 /// The two chunks of a GLB file.
@@ -53,32 +49,28 @@ impl Glb {
     ///
     /// # Errors
     /// If it is not a whole GLB file of version 2.
-    pub fn parse(bytes: &[u8]) -> Result<Self, GlbError> {
-        let refuse = |found| GlbError::Container { found };
-        let cut_off = || refuse("a file that ends in the middle");
+    pub fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+        let cut_off = || no_container("a file that ends in the middle");
         let word = |at: usize| {
             let word = bytes.get(at..).and_then(<[u8]>::first_chunk);
             word.map(|b| u32::from_le_bytes(*b)).ok_or_else(cut_off)
         };
         if word(0)? != MAGIC {
-            return Err(refuse("another kind of file"));
+            return Err(no_container("another kind of file"));
         }
         if word(4)? != 2 {
-            return Err(refuse("another version than 2"));
+            return Err(no_container("another version than 2"));
         }
         let chunk = |at: usize, kind: u32| {
             let end = at + 8 + word(at)? as usize;
             if word(at + 4)? != kind {
-                return Err(refuse("chunks in another order than JSON, BIN"));
+                return Err(no_container("chunks in another order than JSON, BIN"));
             }
             let data = bytes.get(at + 8..end).ok_or_else(cut_off)?;
             Ok((data, end))
         };
         let (json, end) = chunk(12, JSON_CHUNK)?;
-        let json: Value = serde_json::from_slice(json)?;
-        if !json.is_object() {
-            return Err(refuse("JSON that is no object"));
-        }
+        let json = json_of(json)?;
         let bin = match end < bytes.len() {
             true => chunk(end, BIN_CHUNK)?.0.to_vec(),
             false => Vec::new(),
@@ -156,15 +148,15 @@ impl Glb {
     ///
     /// # Errors
     /// If it does not exist or claims more.
-    pub fn count(&self, accessor: usize) -> Result<usize, GlbError> {
+    pub fn count(&self, accessor: usize) -> Result<usize, Fault> {
         let count = &self.json["accessors"][accessor]["count"];
         let most = self.bin.len() / 12;
         match count.as_u64().and_then(|count| usize::try_from(count).ok()) {
             Some(count) if count <= most => Ok(count),
-            _ => Err(GlbError::Content {
-                expected: "a count of rows that the data could hold",
-                found: format!("accessor {accessor}: {count} of at most {most}"),
-            }),
+            _ => Err(unexpected(
+                "a count of rows that the data could hold",
+                format!("accessor {accessor}: {count} of at most {most}"),
+            )),
         }
     }
 
@@ -184,10 +176,10 @@ impl Glb {
     ///
     /// # Errors
     /// If the accessor does not exist, is not of floats or reaches over the data.
-    pub fn floats(&self, accessor: usize, width: usize) -> Result<Vec<f32>, GlbError> {
-        let content = |found: &str| GlbError::Content {
-            expected: "an accessor of floats within the data",
-            found: format!("accessor {accessor}: {found}"),
+    pub fn floats(&self, accessor: usize, width: usize) -> Result<Vec<f32>, Fault> {
+        let content = |found: &str| {
+            let found = format!("accessor {accessor}: {found}");
+            unexpected("an accessor of floats within the data", found)
         };
         let a = &self.json["accessors"][accessor];
         if a["componentType"] != FLOAT {
@@ -248,10 +240,10 @@ impl Glb {
     ///
     /// # Errors
     /// If the accessor does not exist, is of another type or reaches over the data.
-    pub fn indices(&self, accessor: usize) -> Result<Vec<u32>, GlbError> {
-        let content = |found: &str| GlbError::Content {
-            expected: "an accessor of whole numbers within the data",
-            found: format!("accessor {accessor}: {found}"),
+    pub fn indices(&self, accessor: usize) -> Result<Vec<u32>, Fault> {
+        let content = |found: &str| {
+            let found = format!("accessor {accessor}: {found}");
+            unexpected("an accessor of whole numbers within the data", found)
         };
         let a = &self.json["accessors"][accessor];
         let size = match a["componentType"].as_u64() {
@@ -271,6 +263,19 @@ impl Glb {
 }
 
 const CUT_OFF: &str = "data that end too early";
+
+/// The description, from its text.
+pub(super) fn json_of(text: &[u8]) -> Result<Value, Fault> {
+    let json: Value = serde_json::from_slice(text).map_err(|error| {
+        Fault::new(format!(
+            "the JSON chunk of the GLB file is damaged: {error}"
+        ))
+    })?;
+    match json.is_object() {
+        true => Ok(json),
+        false => Err(no_container("JSON that is no object")),
+    }
+}
 
 /// 0 for what is no number.
 fn number(value: &Value) -> usize {

@@ -20,44 +20,27 @@ use super::mesh::{Mesh, Rings, Vec3};
 use super::names::LANDMARKS;
 use super::seam::{Seam, films, lines};
 use super::solve::stiffness;
+use crate::studio::fault::Fault;
 
-/// Why a head cannot be baked.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum HeadError {
-    /// Wrong number of landmarks.
-    #[error("expected 68 vertex numbers, one a line, found {found}")]
-    Count {
-        /// How many there are.
-        found: usize,
-    },
-    /// A landmark names no vertex.
-    #[error(
+/// Another number of landmarks than there must be.
+pub(in crate::studio) fn miscounted(found: usize) -> Fault {
+    Fault::new(format!(
+        "expected 68 vertex numbers, one a line, found {found}"
+    ))
+}
+
+/// A landmark, counted from 0, that names no vertex.
+pub(super) fn beyond(landmark: usize, vertex: u64, vertices: usize) -> Fault {
+    Fault::new(format!(
         "landmark {landmark} is vertex {vertex}, expected one of the mesh's {vertices} (counted from 0)"
-    )]
-    Range {
-        /// Which of the 68, from 0.
-        landmark: usize,
-        /// What the file says.
-        vertex: u64,
-        /// Size of the mesh.
-        vertices: usize,
-    },
-    /// Landmarks do not describe a face.
-    #[error(
-        "the inner eye corners (landmarks 39 and 42), the chin and the nose tip must be apart and not in a line; found them within {spread}: is the landmark file for this mesh?"
-    )]
-    Flat {
-        /// Extent found, mesh units.
-        spread: f64,
-    },
-    /// Landmarks lie on separate parts.
-    #[error(
+    ))
+}
+
+/// A landmark, counted from 0, on a separate part.
+pub(in crate::studio) fn apart(landmark: usize) -> Fault {
+    Fault::new(format!(
         "landmark {landmark} lies on another part of the mesh than the chin; all 68 must be on the skin (weld the mesh if the skin is in pieces)"
-    )]
-    Apart {
-        /// Which of the 68, from 0.
-        landmark: usize,
-    },
+    ))
 }
 
 /// Inside of the mouth nearer than this to the lip line along the surface stays free, in eye distances.
@@ -125,28 +108,20 @@ pub struct Head {
 }
 
 /// The landmarks as vertices of a mesh.
-fn vertices(mesh: &Mesh, landmarks: &[u64]) -> Result<Vec<u32>, HeadError> {
+fn vertices(mesh: &Mesh, landmarks: &[u64]) -> Result<Vec<u32>, Fault> {
     let vertices = mesh.positions.len();
     if landmarks.len() != LANDMARKS {
-        return Err(HeadError::Count {
-            found: landmarks.len(),
-        });
+        return Err(miscounted(landmarks.len()));
     }
-    let beyond = landmarks.iter().position(|&v| v >= vertices as u64);
-    beyond.map_or_else(
-        || Ok(landmarks.iter().map(|&v| v as u32).collect()),
-        |landmark| {
-            Err(HeadError::Range {
-                landmark,
-                vertex: landmarks[landmark],
-                vertices,
-            })
-        },
-    )
+    let vertex = |(landmark, &v): (usize, &u64)| match v < vertices as u64 {
+        true => Ok(v as u32),
+        false => Err(beyond(landmark, v, vertices)),
+    };
+    landmarks.iter().enumerate().map(vertex).collect()
 }
 
 /// The face's left, up and out, and its inner-eye-corner distance, from where landmarks are.
-fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), HeadError> {
+fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), Fault> {
     let left = at(42) - at(39);
     let brow_to_chin = (at(39) + at(42)) / 2.0 - at(8);
     let eye_distance = left.norm();
@@ -154,7 +129,9 @@ fn frame(at: impl Fn(usize) -> Vec3) -> Result<(Matrix3<f64>, f64), HeadError> {
     let left = left.normalize();
     let up = brow_to_chin - left * brow_to_chin.dot(&left);
     if !(spread > 0.0 && up.norm() > 0.1 * eye_distance) {
-        return Err(HeadError::Flat { spread });
+        return Err(Fault::new(format!(
+            "the inner eye corners (landmarks 39 and 42), the chin and the nose tip must be apart and not in a line; found them within {spread}: is the landmark file for this mesh?"
+        )));
     }
     // The face leans: "up" is the direction in which both the brow-chin line and the nose agree. Keep the mesh's own
     // vertical where it is close (artists model upright heads), so that symmetric recipes stay upright.
@@ -190,7 +167,7 @@ impl Head {
     ///
     /// # Errors
     /// If the landmarks do not fit the mesh or do not describe a face.
-    pub fn new(mesh: Mesh, landmarks: &[u64]) -> Result<Self, HeadError> {
+    pub fn new(mesh: Mesh, landmarks: &[u64]) -> Result<Self, Fault> {
         let mut points = vertices(&mesh, landmarks)?;
         let n = mesh.positions.len();
         let (axes, eye_distance) = frame(|k| mesh.positions[points[k] as usize])?;
@@ -200,7 +177,7 @@ impl Head {
         let skin_label = component[points[8] as usize];
         let skin: Vec<bool> = component.iter().map(|&c| c == skin_label).collect();
         if let Some(landmark) = points.iter().position(|&v| !skin[v as usize]) {
-            return Err(HeadError::Apart { landmark });
+            return Err(apart(landmark));
         }
         let [lips, left, right] = seams(&mesh, &rings, &mut points, out, LID_SLACK * eye_distance);
         let film = films(&mesh, &[&lips, &left, &right]);

@@ -8,13 +8,13 @@ use rayon::prelude::*;
 
 use super::benchmark::Truth;
 use super::canonical::{in_frame, places};
-use super::error::BakeError;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::names::LANDMARKS;
 use super::prior::{Comparison, Place, Prior};
 use super::recipe::Target;
 use super::rig::{self, Method};
+use crate::studio::fault::Fault;
 
 /// Places of the left half, those on the middle included.
 const PLACES: usize = 360;
@@ -85,7 +85,8 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
         })
         .collect();
     let mut far = vec![f64::INFINITY; left.len()];
-    let mut chosen = vec![(head.points[30], place_of(&face, head.points[30]))];
+    let tip = face.iter().find(|p| p.0 == head.points[30]);
+    let mut chosen = vec![(head.points[30], tip.unwrap_or(&face[0]).1)];
     while chosen.len() < PLACES.min(left.len()) {
         let last = chosen[chosen.len() - 1].1;
         for (far, (_, p)) in far.iter_mut().zip(&left) {
@@ -112,18 +113,12 @@ fn spread(head: &Head) -> Vec<(u32, Place)> {
     chosen
 }
 
-fn place_of(face: &[(u32, Place)], vertex: u32) -> Place {
-    face.iter()
-        .find(|p| p.0 == vertex)
-        .map_or(face[0].1, |p| p.1)
-}
-
 impl<'a> Lesson<'a> {
     /// Solves every sculpted shape from its landmarks alone.
     ///
     /// # Errors
     /// If the head is none or a system cannot be solved.
-    pub fn new(truth: &'a Truth) -> Result<Self, BakeError> {
+    pub fn new(truth: &'a Truth) -> Result<Self, Fault> {
         let landmarks: Vec<u64> = truth.landmarks.iter().map(|&v| u64::from(v)).collect();
         let head = Head::new(truth.mesh.clone(), &landmarks)?;
         let targets: Vec<Target> = (0..truth.shapes.len()).map(|s| truth.target(s)).collect();
@@ -131,8 +126,10 @@ impl<'a> Lesson<'a> {
         let partner = |(name, _): &(String, _)| {
             let other = other_side(name);
             let found = truth.shapes.iter().position(|s| s.0 == other);
-            found.ok_or_else(|| BakeError::Alone {
-                found: name.clone(),
+            found.ok_or_else(|| {
+                Fault::new(format!(
+                    "expected every one-sided shape with its other side, found {name} alone"
+                ))
             })
         };
         let mirror = truth.shapes.iter().map(partner).collect::<Result<_, _>>()?;
@@ -215,7 +212,7 @@ impl<'a> Lesson<'a> {
     ///
     /// # Errors
     /// If a system cannot be solved.
-    pub fn left_out(&self) -> Result<Vec<Score>, BakeError> {
+    pub fn left_out(&self) -> Result<Vec<Score>, Fault> {
         let count = self.truth.shapes.len();
         let cheek: Vec<usize> = Truth::FACE.filter(|&v| self.on_cheek(v)).collect();
         let mut scores: Vec<Option<Score>> = vec![None; count];

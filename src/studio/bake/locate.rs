@@ -107,16 +107,10 @@ fn located(
     parts: &Parts<'_>,
     model: &FaceModel,
 ) -> Located {
-    let Face {
-        skin: part,
-        confidence,
-        points,
-        mut of_points,
-        depths,
-        mut seen,
-    } = face;
-    let skin: Vec<bool> = parts.of.iter().map(|&c| c == part).collect();
-    let (mut vertices, symmetric) = cast(mesh, rings, &skin, &points, &depths, &mut seen);
+    let (points, mut of_points, mut seen) = (face.points, face.of_points, face.seen);
+    let confidence = face.confidence;
+    let skin: Vec<bool> = parts.of.iter().map(|&c| c == face.skin).collect();
+    let (mut vertices, symmetric) = cast(mesh, rings, &skin, &points, &face.depths, &mut seen);
     // A vertex that is not where the point was seen is as unsure.
     let eyes = apart(points[39], points[42]).max(f32::MIN_POSITIVE);
     for ((sure, point), &v) in of_points.iter_mut().zip(&points).zip(&vertices) {

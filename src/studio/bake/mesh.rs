@@ -26,7 +26,7 @@ pub struct Corner {
 
 impl Corner {
     /// Of a vertex without more.
-    pub(super) fn bare(vertex: u32) -> Self {
+    pub(in crate::studio) fn bare(vertex: u32) -> Self {
         Self {
             vertex,
             uv: None,
@@ -265,22 +265,15 @@ impl Mesh {
     #[must_use]
     pub fn border(&self) -> Vec<bool> {
         let mut border = vec![false; self.positions.len()];
-        for v in open(self.edges().collect()).into_flattened() {
+        let mut edges: Vec<[u32; 2]> = self.edges().collect();
+        edges.iter_mut().for_each(|edge| edge.sort_unstable());
+        edges.sort_unstable();
+        let groups = edges.chunk_by(|a, b| a == b);
+        for &v in groups.filter(|same| same.len() == 1).flatten().flatten() {
             border[v as usize] = true;
         }
         border
     }
-}
-
-/// Those of the edges that belong to one face only.
-fn open(mut edges: Vec<[u32; 2]>) -> Vec<[u32; 2]> {
-    edges.iter_mut().for_each(|edge| edge.sort_unstable());
-    edges.sort_unstable();
-    let groups = edges.chunk_by(|a, b| a == b);
-    groups
-        .filter(|same| same.len() == 1)
-        .map(|same| same[0])
-        .collect()
 }
 
 /// Smallest and largest coordinates of some places; beyond all bounds if there are none.

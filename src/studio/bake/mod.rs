@@ -7,7 +7,7 @@
 //! ```
 //!
 //! ```text
-//! request, command      what is asked for, and the order of it; files, error
+//! request, command      what is asked for, and the order of it; files
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
 //! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
@@ -37,7 +37,6 @@ pub mod command;
 mod contact;
 mod derived_points;
 mod entry;
-pub mod error;
 pub mod eyeball;
 pub(in crate::studio) mod files;
 pub mod glb;

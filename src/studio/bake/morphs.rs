@@ -102,7 +102,11 @@ pub(super) fn turned(mesh: &Mesh, smooth: &[Vec3], shape: &Shape) -> Vec<[f32; 3
 }
 
 /// The mesh's corners as glTF wants them: those that differ in texture or normal are vertices of their own.
-struct Split {
+struct Split<'a> {
+    mesh: &'a Mesh,
+    /// Normals of its vertices.
+    smooth: &'a [Vec3],
+    metres: f64,
     /// Vertex of the mesh that each came from.
     source: Vec<usize>,
     uv: Vec<[f32; 2]>,
@@ -111,9 +115,9 @@ struct Split {
     triangles: Vec<Vec<u32>>,
 }
 
-impl Split {
+impl<'a> Split<'a> {
     /// Splits a mesh whose vertices have these normals where the file gives none.
-    fn new(mesh: &Mesh, smooth: &[Vec3]) -> Self {
+    fn new(mesh: &'a Mesh, smooth: &'a [Vec3], metres: f64) -> Self {
         let mut known: HashMap<Corner, u32> = HashMap::new();
         let (mut source, mut uv, mut normal) = (Vec::new(), Vec::new(), Vec::new());
         let mut triangles: Vec<Vec<u32>> = vec![Vec::new(); mesh.materials.len()];
@@ -131,6 +135,9 @@ impl Split {
             }
         }
         Self {
+            mesh,
+            smooth,
+            metres,
             source,
             uv,
             normal,
@@ -144,8 +151,9 @@ impl Split {
     }
 
     /// Writes the neutral vertices; returns the attributes of every primitive.
-    fn attributes(&self, glb: &mut Glb, mesh: &Mesh, metres: f64) -> Value {
-        let positions = self.rows(|v| single(&(mesh.positions[v] * metres)));
+    fn attributes(&self, glb: &mut Glb) -> Value {
+        let mesh = self.mesh;
+        let positions = self.rows(|v| single(&(mesh.positions[v] * self.metres)));
         let mut attributes = json!({
             "POSITION": glb.push_rows(&positions, true),
             "NORMAL": glb.push_rows(&self.normal, false),
@@ -161,16 +169,9 @@ impl Split {
     }
 
     /// How a shape moves the vertices, and how it turns their normals.
-    fn encoded(
-        &self,
-        mesh: &Mesh,
-        smooth: &[Vec3],
-        shape: &Shape,
-        metres: f64,
-        dense: bool,
-    ) -> [Encoded; 2] {
-        let moved = self.rows(|v| single(&(shape.displacement[v] * metres)));
-        let turned = turned(mesh, smooth, shape);
+    fn encoded(&self, shape: &Shape, dense: bool) -> [Encoded; 2] {
+        let moved = self.rows(|v| single(&(shape.displacement[v] * self.metres)));
+        let turned = turned(self.mesh, self.smooth, shape);
         let bent = self.rows(|v| turned[v]);
         [
             Encoded::new(&moved, dense, true),
@@ -182,13 +183,12 @@ impl Split {
     fn primitives(
         &self,
         glb: &mut Glb,
-        mesh: &Mesh,
         attributes: &Value,
         targets: &[Value],
         names: &[&str],
     ) -> Vec<Value> {
         let mut primitives = Vec::new();
-        let materials = mesh.materials.iter().zip(mesh.sheets());
+        let materials = self.mesh.materials.iter().zip(self.mesh.sheets());
         for (triangles, (name, thin)) in self.triangles.iter().zip(materials) {
             if triangles.is_empty() {
                 continue;
@@ -224,8 +224,8 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
         bin: Vec::new(),
     };
     let smooth = mesh.vertex_normals(&mesh.positions);
-    let split = Split::new(mesh, &smooth);
-    let mut attributes = split.attributes(&mut glb, mesh, metres);
+    let split = Split::new(mesh, &smooth, metres);
+    let mut attributes = split.attributes(&mut glb);
     if let Some(neck) = neck {
         let shares = split.source.iter().map(|&v| neck.shares[v]);
         [attributes["JOINTS_0"], attributes["WEIGHTS_0"]] =
@@ -233,7 +233,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
     }
     let encoded: Vec<[Encoded; 2]> = shapes
         .par_iter()
-        .map(|shape| split.encoded(mesh, &smooth, shape, metres, dense))
+        .map(|shape| split.encoded(shape, dense))
         .collect();
     let mut targets = Vec::new();
     for [moved, bent] in encoded {
@@ -241,7 +241,7 @@ pub fn build(mesh: &Mesh, shapes: &[Shape], metres: f64, dense: bool, neck: Opti
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
     let names: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
-    let primitives = split.primitives(&mut glb, mesh, &attributes, &targets, &names);
+    let primitives = split.primitives(&mut glb, &attributes, &targets, &names);
     let mut head = json!({"name": "head", "primitives": primitives});
     if !targets.is_empty() {
         head["weights"] = json!(vec![0.0; shapes.len()]);

@@ -32,6 +32,15 @@ pub fn index(name: &str) -> Option<usize> {
     NAMES.iter().position(|n| *n == name)
 }
 
+/// The unit or measure of the other side: a trailing L becomes R and the other way round.
+pub(in crate::studio) fn swapped(name: &str) -> String {
+    match (name.strip_suffix('L'), name.strip_suffix('R')) {
+        (Some(stem), _) => format!("{stem}R"),
+        (_, Some(stem)) => format!("{stem}L"),
+        _ => name.to_owned(),
+    }
+}
+
 /// The control point on the other side of the face; a point on the middle line is its own partner.
 #[must_use]
 pub fn mirrored(point: usize) -> usize {

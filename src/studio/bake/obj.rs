@@ -9,30 +9,8 @@
 use std::fmt::Write as _;
 
 use super::mesh::{Corner, Mesh, Vec3};
+use crate::studio::fault::Fault;
 use crate::studio::srgb::linear;
-
-/// Why an OBJ text is refused.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ObjError {
-    /// A line is not what its first word promises.
-    #[error("line {line}: expected {expected}, found {found:?}")]
-    Line {
-        /// Counted from 1.
-        line: usize,
-        /// What the line should hold.
-        expected: &'static str,
-        /// The line.
-        found: String,
-    },
-    /// No vertices or no faces.
-    #[error("expected a mesh with v and f lines, found {vertices} vertices and {faces} faces")]
-    Empty {
-        /// How many vertices.
-        vertices: usize,
-        /// How many faces.
-        faces: usize,
-    },
-}
 
 /// Corners of the largest face, and materials: each has a primitive with all shapes in glTF.
 const CORNERS: usize = 1024;
@@ -79,20 +57,20 @@ fn unmarked(text: &str) -> &str {
 ///
 /// # Errors
 /// If a vertex or face line is malformed or names something that is not there, with its line number.
-pub fn parse(text: &str) -> Result<Mesh, ObjError> {
+pub fn parse(text: &str) -> Result<Mesh, Fault> {
     let (mut mesh, mut material) = (Mesh::default(), 0);
     for (text, line) in unmarked(text).lines().zip(1..) {
-        add_line(&mut mesh, &mut material, text).map_err(|expected| ObjError::Line {
-            line,
-            expected,
-            found: text.chars().take(80).collect(),
+        add_line(&mut mesh, &mut material, text).map_err(|expected| {
+            let found: String = text.chars().take(80).collect();
+            Fault::new(format!("line {line}: expected {expected}, found {found:?}"))
         })?;
     }
     if mesh.positions.is_empty() || mesh.faces() == 0 {
-        return Err(ObjError::Empty {
-            vertices: mesh.positions.len(),
-            faces: mesh.faces(),
-        });
+        return Err(Fault::new(format!(
+            "expected a mesh with v and f lines, found {} vertices and {} faces",
+            mesh.positions.len(),
+            mesh.faces()
+        )));
     }
     if mesh.tints.len() != mesh.positions.len() {
         mesh.tints.clear();
@@ -196,6 +174,15 @@ pub fn emit(mesh: &Mesh) -> String {
     for t in &mesh.uv {
         let _ = writeln!(out, "vt {} {}", t[0], t[1]);
     }
+    faces(&mut out, mesh, |corner| match corner.uv {
+        Some(uv) => format!("{}/{}", corner.vertex + 1, uv + 1),
+        None => (corner.vertex + 1).to_string(),
+    });
+    out
+}
+
+/// Adds the faces of a mesh with their materials; `number` is what a corner is called.
+pub(in crate::studio) fn faces(out: &mut String, mesh: &Mesh, number: impl Fn(&Corner) -> String) {
     let mut material = u32::MAX;
     for f in 0..mesh.faces() {
         if mesh.face_material[f] != material {
@@ -204,14 +191,10 @@ pub fn emit(mesh: &Mesh) -> String {
         }
         out.push('f');
         for corner in mesh.face(f) {
-            let _ = match corner.uv {
-                Some(uv) => write!(out, " {}/{}", corner.vertex + 1, uv + 1),
-                None => write!(out, " {}", corner.vertex + 1),
-            };
+            let _ = write!(out, " {}", number(corner));
         }
         out.push('\n');
     }
-    out
 }
 
 #[cfg(test)]

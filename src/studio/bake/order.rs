@@ -14,11 +14,12 @@
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
-use super::head::HeadError;
+use super::head::beyond;
 use super::mesh::{Corner, Mesh, Vec3, extent_of};
 use super::morphs::single;
 use super::shape::Shape;
 use super::weld::{faces, sewn};
+use crate::studio::fault::Fault;
 
 /// Cells of the grid along the head's longest side.
 const CELLS: f64 = 1000.0;
@@ -88,17 +89,11 @@ impl Ordered {
     ///
     /// # Errors
     /// If one is no vertex of the file.
-    pub fn landmarks(&self, numbers: &[u64]) -> Result<Vec<u64>, HeadError> {
-        let vertices = self.vertex.len();
+    pub fn landmarks(&self, numbers: &[u64]) -> Result<Vec<u64>, Fault> {
         let ordered = numbers.iter().enumerate().map(|(landmark, &vertex)| {
-            let found = self
-                .vertex
-                .get(usize::try_from(vertex).unwrap_or(usize::MAX));
-            found.map(|&v| u64::from(v)).ok_or(HeadError::Range {
-                landmark,
-                vertex,
-                vertices,
-            })
+            let found = self.vertex.get(vertex as usize);
+            let found = found.ok_or_else(|| beyond(landmark, vertex, self.vertex.len()))?;
+            Ok(u64::from(*found))
         });
         ordered.collect()
     }

@@ -118,21 +118,15 @@ impl Head {
     /// much further from either as it is high, and so takes the share of the gum it stands on, however the rows overlap.
     fn share_socket(&mut self) {
         let (socket, positions) = (&self.socket, &self.mesh.positions);
-        let far = |lines: &[&Vec<u32>], corners: f64| {
+        let far = |lines: &[&[u32]], corners: f64| {
             let of = |&v: &u32| {
                 let t = self.lips.across(&self.mesh, &positions[v as usize]);
                 (corners..=1.0 - corners).contains(&t)
             };
-            let from: Vec<u32> = lines
-                .iter()
-                .copied()
-                .flatten()
-                .copied()
-                .filter(of)
-                .collect();
+            let from: Vec<u32> = lines.concat().into_iter().filter(of).collect();
             distances(positions, &self.rings, &from, |v| !socket[v].is_nan())
         };
-        let (upper, lower) = (&self.lips.upper, &self.lips.lower);
+        let (upper, lower) = (&self.lips.upper[..], &self.lips.lower[..]);
         // Near the corners both lips are one.
         let (from_upper, from_lower) = (far(&[upper], 0.15), far(&[lower], 0.15));
         let from_lips = far(&[upper, lower], f64::NEG_INFINITY);
@@ -265,11 +259,9 @@ impl Head {
         }
         self.join(&mut close, rigid);
         for part in close {
-            let beard = self.covers_chin(part);
-            let (on, most) = if beard {
-                (&jaw, f64::INFINITY)
-            } else {
-                (&skin, w)
+            let (on, most) = match self.covers_chin(part) {
+                true => (&jaw, f64::INFINITY),
+                false => (&skin, w),
             };
             self.hang(part, std::slice::from_ref(on), most, &mut follow);
         }

@@ -14,14 +14,15 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Matrix4, Point3};
 use serde_json::{Value, json};
 
-use super::glb::{FLOAT, Glb, GlbError, list};
+use super::glb::{FLOAT, Glb, list, unexpected};
 use super::looks::material_names;
 use super::mesh::{Corner, Mesh, Vec3};
 use super::morphs::{Encoded, single};
 use super::scene::placed;
 use super::shape::Shape;
-use super::vrm::{Bound, add_expressions, add_expressions_to};
+use super::vrm::{Bound, add_expressions, add_expressions_to, beginning};
 use super::weld::{faces, sewn};
+use crate::studio::fault::Fault;
 
 /// What a row or a corner takes while it is read: place, its number, its edges.
 const ROW_BYTES: usize = 64;
@@ -62,17 +63,17 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn of(glb: &Glb) -> Result<Self, GlbError> {
+    fn of(glb: &Glb) -> Result<Self, Fault> {
         let mut all = Self::default();
         let mut known: HashMap<usize, usize> = HashMap::new();
         // What may refer to the same data again and again.
         let mut left = glb.budget() / ROW_BYTES;
         let mut take = |rows: usize| {
-            left = left.checked_sub(rows).ok_or(GlbError::Content {
-                expected: "vertices and triangles that the size of the file accounts for",
-                found: "the same data used over and over".to_owned(),
+            left = left.checked_sub(rows).ok_or_else(|| {
+                let expected = "vertices and triangles that the size of the file accounts for";
+                unexpected(expected, "the same data used over and over")
             })?;
-            Ok::<_, GlbError>(())
+            Ok::<_, Fault>(())
         };
         let placed = placed(glb);
         let meshes = list(&glb.json["meshes"]).iter().zip(&placed);
@@ -104,10 +105,8 @@ impl Gathered {
             };
             take(order.len())?;
             if order.iter().any(|&k| k as usize >= count) {
-                return Err(GlbError::Content {
-                    expected: "indices of vertices that exist",
-                    found: format!("one beyond the {count} of accessor {accessor}"),
-                });
+                let found = format!("one beyond the {count} of accessor {accessor}");
+                return Err(unexpected("indices of vertices that exist", found));
             }
             for t in order.as_chunks::<3>().0 {
                 all.triangles.push(t.map(|k| first + k));
@@ -125,7 +124,7 @@ impl Gathered {
         attributes: &Value,
         accessor: usize,
         placed: Option<&Matrix4<f64>>,
-    ) -> Result<(), GlbError> {
+    ) -> Result<(), Fault> {
         let first = self.places.len();
         let rows = glb.floats(accessor, 3)?;
         self.places.extend(rows.chunks_exact(3).map(|r| {
@@ -212,9 +211,8 @@ impl Gathered {
             at += face.len() - 2;
             let row = |v: u32| rows.iter().copied().find(|&row| vertex[row as usize] == v);
             let corners = face.iter().map(|&vertex| Corner {
-                vertex,
                 uv: row(vertex).filter(|_| has_uv),
-                normal: None,
+                ..Corner::bare(vertex)
             });
             mesh.push_face(&corners.collect::<Vec<_>>(), material);
         }
@@ -235,27 +233,19 @@ impl Rows {
 }
 
 impl Foreign {
-    /// The rows of a position accessor, if it was read.
-    pub(in crate::studio) fn rows_of(&self, accessor: &Value) -> Option<&Rows> {
-        let accessor = accessor.as_u64()?;
-        self.sources.iter().find(|s| s.accessor as u64 == accessor)
-    }
-
     /// Reads the meshes of a file as one.
     ///
     /// # Errors
     /// If it has no triangles, or data that are compressed, external or damaged.
-    pub fn read(glb: Glb) -> Result<(Mesh, Self), GlbError> {
+    pub fn read(glb: Glb) -> Result<(Mesh, Self), Fault> {
         is_plain(&glb.json)?;
         can_be_added_to(&glb.json)?;
         let mut gathered = Gathered::of(&glb)?;
         let mesh = gathered.mesh(&material_names(&glb.json));
         let finite = |p: &Vec3| p.iter().all(|x| x.is_finite());
         if mesh.faces() == 0 || !mesh.positions.iter().all(finite) {
-            return Err(GlbError::Content {
-                expected: "triangles with finite positions",
-                found: format!("{} faces", mesh.faces()),
-            });
+            let found = format!("{} faces", mesh.faces());
+            return Err(unexpected("triangles with finite positions", found));
         }
         let sources = gathered.sources;
         Ok((mesh, Self { glb, sources }))
@@ -295,6 +285,7 @@ impl Foreign {
     pub fn patched(mut self, shapes: &[Shape], dense: bool) -> Glb {
         let mut written: HashMap<(usize, usize), usize> = HashMap::new();
         let mut bound: Vec<Bound> = Vec::new();
+        let added: Vec<&str> = shapes.iter().map(|s| s.name.as_str()).collect();
         for m in 0..list(&self.glb.json["meshes"]).len() {
             let mut mesh = self.glb.json["meshes"][m].take();
             if self.is_moved(&mesh, shapes) {
@@ -319,25 +310,22 @@ impl Foreign {
                         node["weights"] = lengthened(&node["weights"], names.len());
                     }
                 }
-                let names = shapes.iter().map(|s| s.name.clone());
-                bound.push(Bound {
-                    mesh: m,
-                    targets: names.zip(places).collect(),
-                });
+                bound.push((m, places));
             }
             self.glb.json["meshes"][m] = mesh;
         }
-        add_expressions(&mut self.glb.json, &bound);
+        add_expressions(&mut self.glb.json, &added, &bound);
         self.glb
     }
 
-    fn source(&self, accessor: usize) -> Option<&Rows> {
+    /// The rows of a position accessor, if it was read.
+    pub(in crate::studio) fn rows_of(&self, accessor: usize) -> Option<&Rows> {
         self.sources.iter().find(|s| s.accessor == accessor)
     }
 
     fn is_moved(&self, mesh: &Value, shapes: &[Shape]) -> bool {
         let positions = list(&mesh["primitives"]).iter().filter_map(position);
-        let mut sources = positions.filter_map(|accessor| self.source(accessor));
+        let mut sources = positions.filter_map(|accessor| self.rows_of(accessor));
         sources.any(|source| {
             let moves = |s: &Shape, v: u32| s.displacement[v as usize] != Vec3::zeros();
             shapes
@@ -348,7 +336,7 @@ impl Foreign {
 
     /// Writes how a shape moves the rows of an accessor.
     fn push(&mut self, accessor: usize, shape: &Shape, dense: bool) -> usize {
-        let rows: Vec<[f32; 3]> = match self.source(accessor) {
+        let rows: Vec<[f32; 3]> = match self.rows_of(accessor) {
             Some(Rows { vertices, back, .. }) => {
                 let moved = vertices.iter().map(|&v| shape.displacement[v as usize]);
                 moved
@@ -363,21 +351,21 @@ impl Foreign {
 }
 
 /// The accessor of a primitive's positions.
-fn position(primitive: &Value) -> Option<usize> {
-    let accessor = primitive["attributes"]["POSITION"].as_u64()?;
-    Some(usize::try_from(accessor).unwrap_or(usize::MAX))
+pub(in crate::studio) fn position(primitive: &Value) -> Option<usize> {
+    let accessor = primitive["attributes"]["POSITION"].as_u64();
+    accessor.map(|accessor| accessor as usize)
 }
 
 /// The number of each shape's target, that of its namesake or a new one.
 fn places(names: &mut Vec<String>, shapes: &[Shape]) -> Vec<usize> {
-    let mut place = |shape: &Shape| {
-        let namesake = names.iter().position(|n| *n == shape.name);
+    let place = |Shape { name, .. }: &Shape| {
+        let namesake = names.iter().position(|n| n == name);
         namesake.unwrap_or_else(|| {
-            names.push(shape.name.clone());
+            names.push(name.clone());
             names.len() - 1
         })
     };
-    shapes.iter().map(&mut place).collect()
+    shapes.iter().map(place).collect()
 }
 
 /// Says of a mesh what its targets are called and what drives them.
@@ -392,7 +380,7 @@ fn describe(mesh: &mut Value, names: &[String], shapes: &[Shape]) {
 }
 
 /// Whether positions are stored as they are, not packed: by the name of the extension if not.
-fn is_plain(json: &Value) -> Result<(), GlbError> {
+fn is_plain(json: &Value) -> Result<(), Fault> {
     let is_float = |accessor: usize| json["accessors"][accessor]["componentType"] == FLOAT;
     let mut used = list(&json["extensionsUsed"])
         .iter()
@@ -406,21 +394,17 @@ fn is_plain(json: &Value) -> Result<(), GlbError> {
         _ => false,
     });
     packed.map_or(Ok(()), |name| {
-        Err(GlbError::Content {
-            expected: "positions that are not compressed",
-            found: format!(
-                "{name}; undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb"
-            ),
-        })
+        let undo = "undo it with: npx @gltf-transform/cli dequantize packed.glb plain.glb";
+        Err(unexpected(
+            "positions that are not compressed",
+            format!("{name}; {undo}"),
+        ))
     })
 }
 
 /// Whether everything that shapes are added to is of the type that it is added as: said before the work, not after.
-fn can_be_added_to(json: &Value) -> Result<(), GlbError> {
-    let refuse = |expected, found: &Value| {
-        let found = found.to_string().chars().take(40).collect();
-        Err(GlbError::Content { expected, found })
-    };
+fn can_be_added_to(json: &Value) -> Result<(), Fault> {
+    let refuse = |expected, found: &Value| Err(unexpected(expected, beginning(found)));
     for primitive in primitives(json) {
         if !primitive.is_object() {
             return refuse("primitives that are objects", primitive);

@@ -76,23 +76,21 @@ pub(super) fn flipped(v: &Vec3) -> Vec3 {
 pub(super) struct Motion([Vec<Vec3>; 3]);
 
 /// Weights of neighbours per place; a row sums to 1.
-struct Near(Vec<Vec<(u32, f32)>>);
+type Near = Vec<Vec<(u32, f32)>>;
 
-impl Near {
-    fn new(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> f64) -> Self {
-        let row = |q: usize| {
-            let mut row: Vec<(u32, f64)> = (0..others)
-                .map(|o| (o as u32, (-0.5 * (far(q, o) / sigma).powi(2)).exp()))
-                .collect();
-            let most = row.iter().map(|n| n.1).fold(0.0, f64::max);
-            row.retain(|n| n.1 > FAINT * most);
-            let sum: f64 = row.iter().map(|n| n.1).sum();
-            row.into_iter()
-                .map(|(o, w)| (o, (w / sum.max(1e-300)) as f32))
-                .collect()
-        };
-        Self((0..places).map(row).collect())
-    }
+fn near(places: usize, others: usize, sigma: f64, far: impl Fn(usize, usize) -> f64) -> Near {
+    let row = |q: usize| {
+        let mut row: Vec<(u32, f64)> = (0..others)
+            .map(|o| (o as u32, (-0.5 * (far(q, o) / sigma).powi(2)).exp()))
+            .collect();
+        let most = row.iter().map(|n| n.1).fold(0.0, f64::max);
+        row.retain(|n| n.1 > FAINT * most);
+        let sum: f64 = row.iter().map(|n| n.1).sum();
+        row.into_iter()
+            .map(|(o, w)| (o, (w / sum.max(1e-300)) as f32))
+            .collect()
+    };
+    (0..places).map(row).collect()
 }
 
 /// The geometry of the comparison: landmarks and places.
@@ -108,11 +106,11 @@ pub(super) struct Comparison {
 impl Comparison {
     pub(super) fn new(landmarks: Vec<Vec3>, places: Vec<Place>) -> Self {
         let n = places.len();
-        let skin = |sigma| Near::new(n, n, sigma, |a, b| places[a].far(&places[b]));
+        let skin = |sigma| near(n, n, sigma, |a, b| places[a].far(&places[b]));
         let to = |q: usize, l: usize| (places[q].at - landmarks[l]).norm();
         Self {
             near: [
-                Near::new(n, landmarks.len(), REACH[0], to),
+                near(n, landmarks.len(), REACH[0], to),
                 skin(REACH[1]),
                 skin(REACH[2]),
             ],
@@ -124,7 +122,7 @@ impl Comparison {
 
     /// What is compared of a shape that moves landmarks and places so.
     pub(super) fn motion(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Motion {
-        let folds = self.nearby.0.iter().zip(&skin);
+        let folds = self.nearby.iter().zip(&skin);
         let folds = folds
             .map(|(row, d)| {
                 let mean = row.iter().map(|&(o, w)| skin[o as usize] * f64::from(w));
@@ -162,7 +160,7 @@ impl Comparison {
                     }
                 }
             }
-            for (q, row) in self.near[kind].0.iter().enumerate() {
+            for (q, row) in self.near[kind].iter().enumerate() {
                 let sum = &mut out[q * count..(q + 1) * count];
                 let scale = scale(q);
                 for &(j, w) in row {

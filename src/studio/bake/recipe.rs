@@ -6,9 +6,9 @@
 use serde::Deserialize;
 
 use super::entry::Entry;
-pub use super::entry::RecipeError;
 use super::head::Head;
 pub use super::target::Target;
+use crate::studio::fault::Fault;
 
 /// The shipped recipe.
 pub const SHIPPED: &str = include_str!("../../../config/blendshapes.toml");
@@ -36,19 +36,19 @@ impl Recipe {
     ///
     /// # Errors
     /// If it is not TOML, has unknown keys or gives a name twice.
-    pub fn read(text: &str) -> Result<Self, RecipeError> {
+    pub fn read(text: &str) -> Result<Self, Fault> {
         let recipe: Self = toml::from_str(text)?;
         let mut seen = std::collections::HashSet::new();
         if let Some(twice) = recipe.names().into_iter().find(|name| !seen.insert(*name)) {
-            return Err(RecipeError::Twice {
-                name: twice.to_owned(),
-            });
+            return Err(Fault::new(format!(
+                "two shapes are called {twice:?}; names must differ"
+            )));
         }
         for name in recipe.corrective.iter().flat_map(|pair| &pair.of) {
             if !seen.contains(name.as_str()) {
-                return Err(RecipeError::Pair {
-                    found: name.clone(),
-                });
+                return Err(Fault::new(format!(
+                    "a corrective: expected the names of two shapes of the recipe, found {name:?}"
+                )));
             }
         }
         Ok(recipe)
@@ -74,7 +74,7 @@ impl Recipe {
     ///
     /// # Errors
     /// If a point, side or shape does not exist.
-    pub fn targets(&self, head: &Head) -> Result<Vec<Target>, RecipeError> {
+    pub fn targets(&self, head: &Head) -> Result<Vec<Target>, Fault> {
         let mut targets: Vec<Target> = Vec::new();
         for side in self.shape.iter().flat_map(Entry::sides) {
             targets.push(side.target(head, &targets)?);

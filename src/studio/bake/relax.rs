@@ -46,7 +46,6 @@ struct Relaxing<'a> {
 /// Turns back what is inverted, or with `spans` spanned over; `base` is the displacement of the shape this one is
 /// added to. What is left is the round with the fewest inverted.
 pub(super) fn relax(
-    head: &Head,
     around: &Surroundings,
     contacts: &Contacts,
     target: &Target,
@@ -54,6 +53,7 @@ pub(super) fn relax(
     (d, area): (&mut Vec<Vec3>, &[bool]),
     spans: bool,
 ) {
+    let head = contacts.head;
     let below = |v: usize| base.map_or(Vec3::zeros(), |b| b[v]);
     let all: Vec<Vec3> = d.iter().enumerate().map(|(v, d)| d + below(v)).collect();
     let changed = (0..d.len() as u32).filter(|&v| all[v as usize] != Vec3::zeros());

@@ -193,16 +193,3 @@ pub(in crate::studio) fn paint(
     }
     canvas
 }
-
-/// Places pictures of equal size in rows.
-#[must_use]
-pub fn sheet(pictures: &[RgbImage], columns: u32) -> RgbImage {
-    let (w, h) = pictures.first().map_or((1, 1), |p| p.dimensions());
-    let rows = (pictures.len() as u32).div_ceil(columns).max(1);
-    let mut out = RgbImage::new(w * columns, h * rows);
-    for (k, picture) in pictures.iter().enumerate() {
-        let (col, row) = (k as u32 % columns, k as u32 / columns);
-        image::imageops::replace(&mut out, picture, i64::from(col * w), i64::from(row * h));
-    }
-    out
-}

@@ -1,10 +1,9 @@
 //! The report: one HTML file with a picture and the figures of every shape.
 
 use std::fmt::Write as _;
-use std::io::Cursor;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use image::{ImageFormat, RgbImage};
+use image::RgbImage;
 use rayon::prelude::*;
 
 use super::head::Head;
@@ -12,15 +11,16 @@ use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
 use super::render::{Outside, View};
 use super::shape::Shape;
+use crate::studio::jpeg::jpeg;
 
 const PIXELS: u32 = 300;
+const JPEG_QUALITY: u8 = 75;
 
 fn embedded(picture: &RgbImage) -> String {
-    let mut data = Cursor::new(Vec::new());
-    match picture.write_to(&mut data, ImageFormat::Jpeg) {
-        Ok(()) => format!("data:image/jpeg;base64,{}", STANDARD.encode(data.get_ref())),
-        Err(_) => String::new(),
-    }
+    format!(
+        "data:image/jpeg;base64,{}",
+        STANDARD.encode(jpeg(picture, JPEG_QUALITY))
+    )
 }
 
 /// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.

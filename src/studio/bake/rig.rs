@@ -216,7 +216,6 @@ impl<'a> Rig<'a> {
         let mut kept = Kept::default();
         let mut place = |target: &Target, beyond: Option<&[Vec3]>| {
             let placing = Placing {
-                head,
                 contacts: &self.contacts,
                 target,
                 // Only what takes a shape back is solved from it.
@@ -249,15 +248,7 @@ impl<'a> Rig<'a> {
             if !best.faults.places.is_empty() {
                 let mut d = best.solved.d.clone();
                 let moving = (&mut d, &best.solved.area[..]);
-                relax(
-                    head,
-                    &self.around,
-                    &self.contacts,
-                    target,
-                    base,
-                    moving,
-                    spans,
-                );
+                relax(&self.around, &self.contacts, target, base, moving, spans);
                 self.take(target, base, d, &mut best);
             }
         }

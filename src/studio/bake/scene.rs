@@ -10,7 +10,8 @@ use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3, Vecto
 use serde_json::{Value, json};
 
 use super::files::read_bytes;
-use super::glb::{Glb, GlbError, list};
+use super::glb::{Glb, json_of, list, unexpected};
+use crate::studio::fault::Fault;
 
 /// A chain of nodes longer than this is a ring.
 const DEEPEST: usize = 256;
@@ -79,11 +80,8 @@ pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
 }
 
 /// The bytes that a reference names: in the text, or in a file below the folder.
-fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, GlbError> {
-    let refuse = |found: String| GlbError::Content {
-        expected: "data in the file or in files below its folder",
-        found,
-    };
+fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
+    let refuse = |found: String| unexpected("data in the file or in files below its folder", found);
     if let Some((_, text)) = uri
         .strip_prefix("data:")
         .and_then(|u| u.split_once(";base64,"))
@@ -117,19 +115,14 @@ impl Glb {
     ///
     /// # Errors
     /// If it is neither, or a buffer is missing.
-    pub fn read(bytes: &[u8], folder: &Path) -> Result<Self, GlbError> {
+    pub fn read(bytes: &[u8], folder: &Path) -> Result<Self, Fault> {
         let mut glb = match bytes.starts_with(b"glTF") {
             true => Self::parse(bytes)?,
             false => Self {
-                json: serde_json::from_slice(bytes)?,
+                json: json_of(bytes)?,
                 bin: Vec::new(),
             },
         };
-        if !glb.json.is_object() {
-            return Err(GlbError::Container {
-                found: "JSON that is no object",
-            });
-        }
         let buffers = list(&glb.json["buffers"]).to_vec();
         if buffers.len() != 1 || !buffers[0]["uri"].is_null() {
             glb.join(&buffers, folder)?;
@@ -150,7 +143,7 @@ impl Glb {
     }
 
     /// Makes one of all buffers.
-    fn join(&mut self, buffers: &[Value], folder: &Path) -> Result<(), GlbError> {
+    fn join(&mut self, buffers: &[Value], folder: &Path) -> Result<(), Fault> {
         let inside = std::mem::take(&mut self.bin);
         let mut starts = Vec::new();
         for buffer in buffers {

@@ -80,7 +80,6 @@ impl Kept {
 
 /// One shape to be placed.
 pub(super) struct Placing<'a> {
-    pub(super) head: &'a Head,
     pub(super) contacts: &'a Contacts<'a>,
     pub(super) target: &'a Target,
     /// Displacement of the shape that this one takes back.
@@ -107,7 +106,7 @@ impl Placing<'_> {
         beyond: Option<&[Vec3]>,
         kept: &mut Kept,
     ) -> Result<Solved, Singular> {
-        let (head, edge) = (self.head, EDGE * self.head.eye_distance);
+        let (head, edge) = (self.contacts.head, EDGE * self.contacts.head.eye_distance);
         let mut asked = Asked {
             goal: goals(head, self.target),
             u: u.to_vec(),
@@ -144,7 +143,7 @@ impl Placing<'_> {
 
     /// Derived points speak for their surroundings by plain distance: they are few and far from lids and lips.
     fn derived_points_act(&self, asked: &mut Asked) {
-        let head = self.head;
+        let head = self.contacts.head;
         let (w, positions) = (head.eye_distance, &head.mesh.positions);
         for v in &head.points[LANDMARKS..] {
             let Some(size) = asked.goal.get(v).map(Vec3::norm) else {
@@ -165,7 +164,7 @@ impl Placing<'_> {
 
     /// Lid lines that are closed speak for the skin beside them, up to the corners, whose landmarks stay.
     fn lids_act(&self, asked: &mut Asked) {
-        let (head, positions) = (self.head, &self.head.mesh.positions);
+        let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for side in (0..2).filter(|&s| self.target.close[s].is_some()) {
             let reach = BESIDE_LID * head.eye_distance;
             let line: Vec<(Vec3, f64)> = head.lids[side]
@@ -186,7 +185,7 @@ impl Placing<'_> {
 
     /// The mouth's inside goes with the jaw, its lower half rigidly, except around the lips.
     fn mouth_follows_jaw(&self, asked: &mut Asked) {
-        let (head, w) = (self.head, self.head.eye_distance);
+        let (head, w) = (self.contacts.head, self.contacts.head.eye_distance);
         let Some(jaw) = &self.target.jaw else { return };
         for (v, &share) in head.socket.iter().enumerate() {
             let share = f64::from(share);
@@ -205,7 +204,7 @@ impl Placing<'_> {
 
     /// Lips go back the way that the other shape took them; the inside stays where the jaw took it, except around them.
     fn lips_go_back(&self, asked: &mut Asked) {
-        let (head, w) = (self.head, self.head.eye_distance);
+        let (head, w) = (self.contacts.head, self.contacts.head.eye_distance);
         let (Some(base), Some((_, share))) = (self.base, &self.target.undo) else {
             return;
         };
@@ -223,13 +222,16 @@ impl Placing<'_> {
                 d[v as usize] = moved;
             }
         };
-        let full = FULL * self.head.eye_distance;
+        let full = FULL * self.contacts.head.eye_distance;
         let delta = |v: usize| (asked.u[v] / full).min(1.0);
         put(d);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d -= beyond;
         }
-        let (operator, positions) = (&self.head.operator, &self.head.mesh.positions);
+        let (operator, positions) = (
+            &self.contacts.head.operator,
+            &self.contacts.head.mesh.positions,
+        );
         system.deform(operator, positions, d, delta, ROUNDS);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d += beyond;
@@ -244,7 +246,7 @@ impl Placing<'_> {
         beyond: Option<&[Vec3]>,
         d: &mut [Vec3],
     ) -> Result<(), Singular> {
-        let (head, positions) = (self.head, &self.head.mesh.positions);
+        let (head, positions) = (self.contacts.head, &self.contacts.head.mesh.positions);
         for round in 0..=CONTACT_ROUNDS {
             let sunk = self.contacts.sunk(d, self.target);
             let mut crossed = self.contacts.crossed(d, self.base);

@@ -6,12 +6,12 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion};
 
-use super::error::BakeError;
 use super::files::read;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::recipe::Target;
 use crate::studio::csv;
+use crate::studio::fault::Fault;
 
 /// Shapes of one table.
 const SHAPES: usize = 1024;
@@ -22,7 +22,7 @@ pub(super) fn table(
     head: &Head,
     vertex: &[u32],
     derive: bool,
-) -> Result<Vec<Target>, BakeError> {
+) -> Result<Vec<Target>, Fault> {
     let mut targets = targets(&read(path)?, path, vertex.len(), derive)?;
     for target in &mut targets {
         for control in &mut target.controls {
@@ -42,13 +42,8 @@ pub fn targets(
     path: &Path,
     vertices: usize,
     derive: bool,
-) -> Result<Vec<Target>, BakeError> {
-    let refuse = |line, expected, found: &str| BakeError::Line {
-        path: path.into(),
-        line,
-        expected,
-        found: found.chars().take(60).collect(),
-    };
+) -> Result<Vec<Target>, Fault> {
+    let refuse = |line, expected, found: &str| Fault::at_line(path, line, expected, found);
     let table = csv::Table::new(text);
     const HEADER: &str = "the columns shape,vertex,dx,dy,dz";
     const ROW: &str = "a shape, a vertex of the mesh (from 0) and three finite numbers";

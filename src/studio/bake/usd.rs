@@ -43,42 +43,25 @@ fn moved_by(v: &Vec3) -> String {
     format!("( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), ({x:?}, {y:?}, {z:?}, 1) )")
 }
 
-/// The normals that the file gave.
-enum Normals {
-    None,
-    /// One a vertex: they turn with the shapes.
-    Vertices(Vec<[f32; 3]>),
-    /// One a corner.
-    Corners(Vec<[f32; 3]>),
-}
+/// One for every vertex.
+const PER_VERTEX: &str = "vertex";
 
-impl Normals {
-    fn of(mesh: &Mesh, smooth: &[Vec3]) -> Self {
-        if mesh.normals.is_empty() {
-            return Self::None;
-        }
-        let corners = mesh.corners.iter().map(|c| single(&mesh.normal(c, smooth)));
-        let corners: Vec<[f32; 3]> = corners.collect();
-        let mut vertices: Vec<[f32; 3]> = smooth.iter().map(single).collect();
-        let mut first: HashMap<u32, [f32; 3]> = HashMap::new();
-        for (corner, &n) in mesh.corners.iter().zip(&corners) {
-            if *first.entry(corner.vertex).or_insert(n) != n {
-                return Self::Corners(corners);
-            }
-            vertices[corner.vertex as usize] = n;
-        }
-        Self::Vertices(vertices)
+/// The normals that the file gave: one a vertex, which turn with the shapes, or one a corner.
+fn normals(mesh: &Mesh, smooth: &[Vec3]) -> Option<(Vec<[f32; 3]>, &'static str)> {
+    if mesh.normals.is_empty() {
+        return None;
     }
-
-    fn write(&self, out: &mut String) {
-        let (rows, interpolation) = match self {
-            Self::None => return,
-            Self::Vertices(rows) => (rows, "vertex"),
-            Self::Corners(rows) => (rows, "faceVarying"),
-        };
-        let rows = tuples(rows.iter().copied());
-        attribute(out, "normal3f[] normals", &rows, interpolation);
+    let corners = mesh.corners.iter().map(|c| single(&mesh.normal(c, smooth)));
+    let corners: Vec<[f32; 3]> = corners.collect();
+    let mut vertices: Vec<[f32; 3]> = smooth.iter().map(single).collect();
+    let mut first: HashMap<u32, [f32; 3]> = HashMap::new();
+    for (corner, &n) in mesh.corners.iter().zip(&corners) {
+        if *first.entry(corner.vertex).or_insert(n) != n {
+            return Some((corners, "faceVarying"));
+        }
+        vertices[corner.vertex as usize] = n;
     }
+    Some((vertices, PER_VERTEX))
 }
 
 /// A property of the mesh.
@@ -107,12 +90,15 @@ fn blend_shape(
         .filter(|&v| dense || offsets[v] != [0.0; 3] || bent(v))
         .collect();
     let mut out = format!("\n        def BlendShape \"{prim}\"");
-    let known = [("unit", &shape.unit), ("upon", &shape.upon)];
-    let known = known
-        .into_iter()
-        .filter_map(|(key, value)| Some((key, value.as_ref()?)));
-    let known: String = known
-        .map(|(key, value)| format!("                    string {key} = {}\n", quoted(value)))
+    let known: String = [("unit", &shape.unit), ("upon", &shape.upon)]
+        .iter()
+        .filter_map(|(key, value)| Some((key, quoted(value.as_ref()?))))
+        .map(|(key, value)| {
+            format!(
+                "                    string {key} = {value}
+"
+            )
+        })
         .collect();
     if !known.is_empty() {
         let _ = write!(
@@ -204,7 +190,7 @@ fn colours(out: &mut String, mesh: &Mesh, used: &[Used]) {
 }
 
 /// The geometry of the neutral head.
-fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
+fn geometry(out: &mut String, mesh: &Mesh, normals: Option<&(Vec<[f32; 3]>, &str)>) {
     let points: Vec<[f32; 3]> = mesh.positions.iter().map(single).collect();
     // An artist's polygons as they are: no surface is fitted through them.
     set(out, "uniform token subdivisionScheme", "\"none\"");
@@ -214,7 +200,10 @@ fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
     let corners = mesh.corners.iter().map(|corner| corner.vertex as usize);
     set(out, "int[] faceVertexIndices", whole(corners));
     set(out, "point3f[] points", tuples(points));
-    normals.write(out);
+    if let Some((rows, interpolation)) = normals {
+        let rows = tuples(rows.iter().copied());
+        attribute(out, "normal3f[] normals", &rows, interpolation);
+    }
     if !mesh.uv.is_empty() {
         // Corners without one take a point of their own, at the end.
         let none = mesh.uv.len();
@@ -231,18 +220,19 @@ fn geometry(out: &mut String, mesh: &Mesh, normals: &Normals) {
 
 /// What binds the mesh to its skeleton and names its shapes; `prims` are their prims.
 fn binding(out: &mut String, names: &str, prims: &[String]) {
-    let rigid =
-        "(\n            elementSize = 1\n            interpolation = \"constant\"\n        )";
-    set(
-        out,
-        "int[] primvars:skel:jointIndices",
-        format_args!("[0] {rigid}"),
-    );
-    set(
-        out,
-        "float[] primvars:skel:jointWeights",
-        format_args!("[1] {rigid}"),
-    );
+    for (name, value) in [
+        ("int[] primvars:skel:jointIndices", "[0]"),
+        ("float[] primvars:skel:jointWeights", "[1]"),
+    ] {
+        let rigid = "elementSize = 1
+            interpolation = \"constant\"";
+        let value = format!(
+            "{value} (
+            {rigid}
+        )"
+        );
+        set(out, name, value);
+    }
     let at = moved_by(&Vec3::zeros());
     set(out, "matrix4d primvars:skel:geomBindTransform", at);
     set(out, "uniform token[] skel:blendShapes", names);
@@ -394,14 +384,14 @@ pub(super) fn emit(
     let prims: Vec<String> = shapes.iter().map(|s| siblings.name(&s.name)).collect();
     let names = array(shapes, |s| quoted(&s.name));
     let smooth = mesh.vertex_normals(&mesh.positions);
-    let normals = Normals::of(mesh, &smooth);
+    let normals = normals(mesh, &smooth);
     let used = used(mesh, looks, pictures);
 
     let mut out = skeleton(mesh, metres, &names, shapes.len());
     out.push_str(
         "    def Mesh \"face\" (\n        prepend apiSchemas = [\"SkelBindingAPI\", \"MaterialBindingAPI\"]\n    )\n    {\n",
     );
-    geometry(&mut out, mesh, &normals);
+    geometry(&mut out, mesh, normals.as_ref());
     colours(&mut out, mesh, &used);
     // Of the whole mesh here, not of a material.
     if mesh.sheets().contains(&true) {
@@ -419,7 +409,8 @@ pub(super) fn emit(
         }
     }
     binding(&mut out, &names, &prims);
-    let turning = matches!(normals, Normals::Vertices(_)).then_some(&smooth[..]);
+    let turning = normals.filter(|(_, interpolation)| *interpolation == PER_VERTEX);
+    let turning = turning.map(|_| &smooth[..]);
     let written: Vec<String> = shapes
         .par_iter()
         .zip(&prims)

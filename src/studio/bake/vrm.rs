@@ -6,16 +6,14 @@
 
 use serde_json::{Value, json};
 
-use super::glb::{GlbError, list, push};
+use super::glb::{list, push, unexpected};
+use crate::studio::fault::Fault;
 
-/// Where the targets of one mesh went: the glTF mesh, and name and number of each target that moves something there.
-pub(super) struct Bound {
-    pub(super) mesh: usize,
-    pub(super) targets: Vec<(String, usize)>,
-}
+/// A glTF mesh that is moved, and the number there of each shape's target.
+pub(super) type Bound = (usize, Vec<usize>);
 
 /// Whether expressions can be added: where they belong is what it should be, or not there yet.
-pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
+pub(super) fn add_expressions_to(json: &Value) -> Result<(), Fault> {
     let old = &json["extensions"]["VRM"]["blendShapeMaster"];
     let new = &json["extensions"]["VRMC_vrm"]["expressions"];
     let (groups, custom) = (&old["blendShapeGroups"], &new["custom"]);
@@ -34,24 +32,25 @@ pub(super) fn add_expressions_to(json: &Value) -> Result<(), GlbError> {
         ),
     ] {
         if !fits && !value.is_null() {
-            let found = value.to_string().chars().take(40).collect();
-            return Err(GlbError::Content { expected, found });
+            return Err(unexpected(expected, beginning(value)));
         }
     }
     Ok(())
 }
 
-/// Adds expressions for the targets; files that are no VRM stay as they are.
-pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
-    let mut names: Vec<&str> = Vec::new();
-    for (name, _) in bound.iter().flat_map(|b| &b.targets) {
-        if !names.contains(&name.as_str()) {
-            names.push(name);
-        }
+/// The beginning of what is there instead.
+pub(super) fn beginning(value: &Value) -> String {
+    value.to_string().chars().take(40).collect()
+}
+
+/// Adds expressions for the targets of shapes of these names; files that are no VRM stay as they are.
+pub(super) fn add_expressions(json: &mut Value, names: &[&str], bound: &[Bound]) {
+    if bound.is_empty() {
+        return;
     }
-    let places = |name: &str| -> Vec<(usize, usize)> {
-        let of = |b: &Bound| Some((b.mesh, b.targets.iter().find(|t| t.0 == name)?.1));
-        bound.iter().filter_map(of).collect()
+    let added = |had: Vec<String>| {
+        let all = names.iter().enumerate();
+        all.filter(move |(_, name)| !had.iter().any(|h| h.eq_ignore_ascii_case(name)))
     };
     let nodes = list(&json["nodes"]).to_vec();
     if json["extensions"]["VRM"].is_object() {
@@ -60,10 +59,10 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
             .iter()
             .filter_map(|group| group["name"].as_str());
         let had: Vec<String> = had.map(str::to_owned).collect();
-        for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds = places(name).into_iter();
-            let binds =
-                binds.map(|(mesh, index)| json!({"mesh": mesh, "index": index, "weight": 100.0}));
+        for (k, name) in added(had) {
+            let binds = bound
+                .iter()
+                .map(|(mesh, at)| json!({"mesh": mesh, "index": at[k], "weight": 100.0}));
             let group = json!({
                 "name": capital(name), "presetName": "unknown", "isBinary": false,
                 "binds": binds.collect::<Vec<_>>(), "materialValues": [],
@@ -76,11 +75,11 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
         let kinds = ["preset", "custom"].into_iter();
         let had = kinds.flat_map(|kind| expressions[kind].as_object().into_iter().flatten());
         let had: Vec<String> = had.map(|(name, _)| name.clone()).collect();
-        for name in names.iter().filter(|name| !known(&had, name)) {
-            let binds = places(name).into_iter().flat_map(|(mesh, index)| {
+        for (k, name) in added(had) {
+            let binds = bound.iter().flat_map(|(mesh, at)| {
                 let nodes = nodes.iter().enumerate();
                 let shown = nodes.filter(move |(_, node)| node["mesh"] == json!(mesh));
-                shown.map(move |(node, _)| json!({"node": node, "index": index, "weight": 1.0}))
+                shown.map(move |(node, _)| json!({"node": node, "index": at[k], "weight": 1.0}))
             });
             expressions["custom"][capital(name)] = json!({
                 "isBinary": false, "morphTargetBinds": binds.collect::<Vec<_>>(),
@@ -88,10 +87,6 @@ pub(super) fn add_expressions(json: &mut Value, bound: &[Bound]) {
             });
         }
     }
-}
-
-fn known(had: &[String], name: &str) -> bool {
-    had.iter().any(|h| h.eq_ignore_ascii_case(name))
 }
 
 /// The name with a capital first letter.

@@ -111,11 +111,8 @@ pub(super) fn faces(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec<u32>>
     let mut k = 0;
     while k < n {
         let pairs = best[k] > best[k + 1] && k + 1 < n;
-        let pair = if pairs {
-            quad(positions, triangles[k], triangles[k + 1])
-        } else {
-            None
-        };
+        let pair = pairs.then(|| quad(positions, triangles[k], triangles[k + 1]));
+        let pair = pair.flatten();
         faces.push(pair.map_or_else(|| triangles[k].to_vec(), |quad| quad.to_vec()));
         k += faces[faces.len() - 1].len() - 2;
     }

@@ -11,7 +11,7 @@
 use std::path::Path;
 
 use super::acted::Acted;
-use super::sessions::{Sessions, SessionsError, held_out};
+use super::sessions::{Sessions, held_out};
 use crate::appliance::settings::Settings;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Rigid, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
@@ -20,6 +20,7 @@ use crate::face_model::FaceModel;
 use crate::pipeline::{Pipeline, PipelineError};
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Held, Light, Look, Scene, Simulator, Truth};
+use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 
@@ -43,7 +44,7 @@ pub fn play(
     sessions: &Sessions,
     only: &[String],
     say: &mut dyn FnMut(&str),
-) -> Result<(), SessionsError> {
+) -> Result<(), Fault> {
     let experiments = Experiments {
         heads: held_out(data, sessions)?,
         model,

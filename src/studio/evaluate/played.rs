@@ -116,16 +116,12 @@ impl Measured {
 
     /// Each measure, seen and true, both over the true eye distance.
     fn of(&self, seen: &Landmarks, shown: &Truth) -> [[f64; 2]; LEARNT_MEASURES] {
-        let blown = blown(&self.cheeks, &shown.activations);
+        let blown = |k: usize| shown.activations.get(k).copied();
+        let blown = self.cheeks.map(|k| k.and_then(blown).unwrap_or(0.0));
         let both = [
             measures::with_cheeks(&seen.head, seen.cheeks),
             measures::with_cheeks(&shown.landmarks_head, blown),
         ];
         core::array::from_fn(|m| [0, 1].map(|k| f64::from(both[k][m] / self.eye_distance)))
     }
-}
-
-/// How far the cheeks are blown out at these weights.
-fn blown(cheeks: &[Option<usize>; PUFFS], weights: &[f32]) -> [f32; PUFFS] {
-    cheeks.map(|k| k.and_then(|k| weights.get(k)).copied().unwrap_or(0.0))
 }

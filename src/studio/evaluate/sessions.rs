@@ -7,35 +7,17 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector4};
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Rigid, Vector};
-use crate::pipeline::PipelineError;
 use crate::simulator::virtual_head::{Light, Truth};
-use crate::studio::heads::{HeadsError, PersonHead, textured_heads};
+use crate::studio::fault::Fault;
+use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
-use crate::studio::train::dataset::DatasetError;
 
-/// Why sessions cannot be played.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionsError {
-    /// The data sets.
-    #[error(transparent)]
-    Heads(#[from] HeadsError),
-    /// The stages.
-    #[error(transparent)]
-    Pipeline(#[from] PipelineError),
-    /// Still pictures.
-    #[error(transparent)]
-    Pictures(#[from] DatasetError),
-    /// Kept examples.
-    #[error("cannot read or write {path}: {source}; give another place with --examples")]
-    Examples {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Nobody of that number.
-    #[error("no held-out people in {0}; expected annotated portraits in faces_frl189")]
-    Nobody(String),
+/// No data set has anybody to play.
+pub(in crate::studio) fn nobody(data: &Path) -> Fault {
+    Fault::new(format!(
+        "no held-out people in {}; expected annotated portraits in faces_frl189",
+        data.display()
+    ))
 }
 
 /// How much is played.
@@ -75,17 +57,11 @@ impl Spread {
     /// Of these values; not a number if there are none.
     #[must_use]
     pub fn of(mut values: Vec<f64>) -> Self {
-        if values.is_empty() {
-            return Self {
-                mean: f64::NAN,
-                p95: f64::NAN,
-            };
-        }
         values.sort_by(f64::total_cmp);
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let p95 = values.get(values.len().saturating_sub(1) * 95 / 100);
         Self {
-            mean,
-            p95: values[(values.len() - 1) * 95 / 100],
+            mean: mean(&values),
+            p95: p95.copied().unwrap_or(f64::NAN),
         }
     }
 }
@@ -98,11 +74,11 @@ impl Display for Spread {
 }
 
 /// The people who play: those of the split, at most so many.
-pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, SessionsError> {
+pub(crate) fn held_out(data: &Path, sessions: &Sessions) -> Result<Vec<PersonHead>, Fault> {
     let mut heads = textured_heads(data, |person| Split::of(person) == sessions.split)?;
     heads.truncate(sessions.people);
     if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
+        return Err(nobody(data));
     }
     Ok(heads)
 }

@@ -13,36 +13,22 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::played::{self, Played, Seen};
-use super::sessions::{Sessions, SessionsError, Spread, held_out, mean, mean_offset, median};
+use super::sessions::{Sessions, Spread, held_out, mean, mean_offset, median};
 use crate::appliance::settings::Settings;
 use crate::base::geometry::{Rigid, yaw_pitch_roll};
 use crate::expression::measures::Measure;
 use crate::expression::units::Units;
 use crate::face_model::FaceModel;
 use crate::studio::correlation::correlation;
+use crate::studio::fault::Fault;
 use crate::studio::progress::Progress;
 
-/// The person a figure is worst for.
-#[derive(Clone, Copy, Debug)]
-pub struct Worst {
-    /// Number of the portrait's person.
-    pub person: usize,
-    /// Their mean.
-    pub mean: f64,
-}
-
-impl Worst {
-    /// Of all people with a figure, `None` without any.
-    fn of(figures: impl Iterator<Item = (usize, f64)>) -> Option<Self> {
-        let figures = figures.filter(|(_, mean)| !mean.is_nan());
-        let worst = figures.max_by(|a, b| a.1.total_cmp(&b.1));
-        worst.map(|(person, mean)| Self { person, mean })
-    }
-}
+/// The person a figure is worst for, and their mean.
+type Worst = (usize, f64);
 
 /// ` (person 7 2.10°)` behind a figure; nothing if there is nobody.
 fn worst(worst: Option<Worst>, precision: usize, unit: &str) -> String {
-    worst.map_or_else(String::new, |Worst { person, mean }| {
+    worst.map_or_else(String::new, |(person, mean)| {
         format!(" (person {person} {mean:.precision$}{unit})")
     })
 }
@@ -68,15 +54,6 @@ pub struct Following {
     pub reach: f64,
     /// Mean weight while others are acted and it is not.
     pub foreign: f64,
-}
-
-/// Mean weights by acted expression: what is read of each, and what else with it.
-#[derive(Clone, Debug, Default)]
-pub struct Matrix {
-    /// Units, the columns.
-    pub units: Vec<String>,
-    /// Expressions, and the mean weight of every unit while they and little else are fully acted.
-    pub rows: Vec<(String, Vec<f64>)>,
 }
 
 /// The table.
@@ -107,8 +84,8 @@ pub struct Table {
     pub winks: [Spread; 2],
     /// By unit.
     pub following: Vec<Following>,
-    /// By acted expression.
-    pub matrix: Matrix,
+    /// Mean weights by acted expression, as a table: what is read of each, and what else with it.
+    pub matrix: String,
 }
 
 /// Truth up to which nothing is acted, from which others are, from which an expression is full, and from which an eye is
@@ -131,7 +108,7 @@ pub fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Table, SessionsError> {
+) -> Result<Table, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let played: Vec<Played> = heads
@@ -151,12 +128,7 @@ fn table(played: &[Played]) -> Table {
     let frames: usize = played.iter().map(|one| one.frames).sum();
     let seen: usize = played.iter().map(|one| one.seen.len()).sum();
     let all = |value: &dyn Fn(&Seen) -> f64| Spread::of(frames_seen(played).map(value).collect());
-    let Poses {
-        rotations,
-        translations,
-        turned_deg,
-        people,
-    } = poses(played);
+    let (rotations, translations, turned_deg, people) = poses(played);
     let turned = frames_seen(played).filter(|seen| is_turned(seen));
     let turned_points = turned.map(|seen| seen.error[0]).collect();
     let resting = frames_seen(played).filter(|seen| seen.acted.iter().all(|a| *a < IDLE));
@@ -171,7 +143,9 @@ fn table(played: &[Played]) -> Table {
         landmarks: all(&|seen: &Seen| seen.error[0]),
         inner: all(&|seen: &Seen| seen.error[1]),
         worst: core::array::from_fn(|k| {
-            Worst::of(people.iter().map(|(person, means)| (*person, means[k])))
+            let means = people.iter().map(|(person, means)| (*person, means[k]));
+            let known = means.filter(|(_, mean)| !mean.is_nan());
+            known.max_by(|a, b| a.1.total_cmp(&b.1))
         }),
         rest,
         winks: winks(played).map(Spread::of),
@@ -180,15 +154,14 @@ fn table(played: &[Played]) -> Table {
     }
 }
 
-/// Errors of the pose over all frames, as they are and with one offset per person taken out.
-struct Poses {
-    rotations: [Vec<f64>; 2],
-    translations: [Vec<f64>; 2],
-    /// Rotations with the offset out, of heads near an end of their range.
-    turned_deg: Vec<f64>,
-    /// Means of each person, in the order of [`Table::worst`].
-    people: Vec<(usize, [f64; 7])>,
-}
+/// Errors of the pose over all frames, as they are and with one offset per person taken out: rotations, translations, and
+/// the second kind of rotations of heads near an end of their range; means of each person, in the order of [`Table::worst`].
+type Poses = (
+    [Vec<f64>; 2],
+    [Vec<f64>; 2],
+    Vec<f64>,
+    Vec<(usize, [f64; 7])>,
+);
 
 fn poses(played: &[Played]) -> Poses {
     let (mut rotations, mut translations) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
@@ -226,12 +199,7 @@ fn poses(played: &[Played]) -> Poses {
             ],
         ));
     }
-    Poses {
-        rotations,
-        translations,
-        turned_deg,
-        people,
-    }
+    (rotations, translations, turned_deg, people)
 }
 
 /// How each unit's weight follows what is acted.
@@ -299,20 +267,20 @@ fn is_turned(seen: &Seen) -> bool {
 }
 
 /// Mean weights while each expression, both sides of it together, is fully acted and no other is.
-fn matrix(played: &[Played]) -> Matrix {
+fn matrix(played: &[Played]) -> String {
     let Some(first) = played.first() else {
-        return Matrix::default();
+        return "| acted alone |  |
+| --- |
+"
+        .to_owned();
     };
-    let stem = |name: &str| {
-        let name = name
-            .strip_suffix("_L")
-            .or(name.strip_suffix("_R"))
-            .unwrap_or(name);
-        name.to_owned()
-    };
-    let mut stems: Vec<String> = first.expressions.iter().map(|name| stem(name)).collect();
+    fn stem(name: &str) -> &str {
+        let left = name.strip_suffix("_L");
+        left.or(name.strip_suffix("_R")).unwrap_or(name)
+    }
+    let mut stems: Vec<&str> = first.expressions.iter().map(|name| stem(name)).collect();
     stems.dedup();
-    let row = |of: &String| {
+    let row = |of: &&str| {
         let mut sum = vec![0.0; first.columns.len()];
         let mut count = 0.0;
         for (one, seen) in played
@@ -334,42 +302,35 @@ fn matrix(played: &[Played]) -> Matrix {
                 }
             }
         }
-        (count > 0.0).then(|| (of.clone(), sum.iter().map(|s| s / count).collect()))
+        // Nothing to see is left white.
+        let cell = |sum: &f64| match sum / count {
+            weight if weight < 0.05 => " |".to_owned(),
+            weight => format!(" {weight:.2} |"),
+        };
+        let cells: String = sum.iter().map(cell).collect();
+        (count > 0.0).then(|| {
+            format!(
+                "| `{of}` |{cells}
+"
+            )
+        })
     };
-    Matrix {
-        units: first.columns.clone(),
-        rows: stems.iter().filter_map(row).collect(),
-    }
-}
-
-impl Display for Matrix {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "| acted alone | {} |", self.units.join(" | "))?;
-        writeln!(f, "|{}", " --- |".repeat(self.units.len() + 1))?;
-        for (name, weights) in &self.rows {
-            write!(f, "| `{name}` |")?;
-            for weight in weights {
-                // Nothing to see is left white.
-                if *weight < 0.05 {
-                    write!(f, " |")?;
-                } else {
-                    write!(f, " {weight:.2} |")?;
-                }
-            }
-            writeln!(f)?;
-        }
-        Ok(())
-    }
+    let columns = &first.columns;
+    let rows: String = stems.iter().filter_map(row).collect();
+    format!(
+        "| acted alone | {} |
+|{}
+{rows}",
+        columns.join(" | "),
+        " --- |".repeat(columns.len() + 1)
+    )
 }
 
 impl Table {
     /// What is measured, its figure and the worst person.
     fn rows(&self) -> [String; 10] {
         let [lost, turned, turned_rest, moved, moved_rest, points, inner] = self.worst;
-        let lost = lost.map(|lost| Worst {
-            mean: 100.0 * (1.0 - lost.mean),
-            ..lost
-        });
+        let lost = lost.map(|(person, lost)| (person, 100.0 * (1.0 - lost)));
         let [turn, turn_rest] = self.rotation_deg;
         let [shift, shift_rest] = self.translation_mm;
         let [end_turn, end_points] = self.turned;

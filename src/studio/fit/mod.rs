@@ -15,8 +15,9 @@ use crate::appliance::service;
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::studio::atomic_write;
+use crate::studio::fault::Fault;
 use crate::studio::progress::Progress;
-use crate::studio::train::dataset::{DatasetError, Entry, read, read_folder};
+use crate::studio::train::dataset::{Entry, malformed, read, read_folder};
 use crate::studio::train::evaluate::{Errors, differences, without};
 use still::{FaceBox, FittedFace, StillFitter, disturbed_box};
 
@@ -43,31 +44,11 @@ pub struct FitArgs {
     pub offsets: Option<PathBuf>,
 }
 
-/// Why pictures cannot be fitted.
-#[derive(Debug, thiserror::Error)]
-pub enum FitError {
-    /// The pictures.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
-    /// The model.
-    #[error(transparent)]
-    Model(#[from] service::Failure),
-    /// A file cannot be written.
-    #[error("cannot write {path}: {source}; give another place")]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A picture without a box.
-    #[error(
+/// A picture without a box.
+fn no_box(file: &str) -> Fault {
+    Fault::new(format!(
         "{file}: expected a face box, found none; give --box x,y,w,h or --boxes FILE.csv, or annotate the picture"
-    )]
-    NoBox {
-        /// The picture.
-        file: String,
-    },
+    ))
 }
 
 /// Parses `x,y,w,h` of `--box`; `None` if it is not four finite numbers with a positive size.
@@ -91,9 +72,9 @@ pub fn parse_box(text: &str) -> Option<FaceBox> {
 fn rows<T, C: FromIterator<T>>(
     path: &Path,
     header: &str,
-    expected: &'static str,
+    expected: &str,
     row: impl Fn(&str) -> Option<T>,
-) -> Result<C, DatasetError> {
+) -> Result<C, Fault> {
     let text = read(path)?;
     let lines = (1..).zip(text.lines());
     lines
@@ -101,19 +82,12 @@ fn rows<T, C: FromIterator<T>>(
             let is_header = *line == 1 && text.starts_with(header);
             !is_header && !text.trim().is_empty()
         })
-        .map(|(line, text)| {
-            row(text).ok_or_else(|| DatasetError::Malformed {
-                path: path.into(),
-                line,
-                expected,
-                found: text.into(),
-            })
-        })
+        .map(|(line, text)| row(text).ok_or_else(|| malformed(path, line, expected, text)))
         .collect()
 }
 
 /// The faces' boxes by file.
-fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, DatasetError> {
+fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, Fault> {
     rows(path, "file", "file,x,y,w,h with a positive size", |line| {
         let (file, face_box) = line.split_once(',')?;
         Some((file.trim().to_owned(), parse_box(face_box)?))
@@ -121,7 +95,7 @@ fn read_boxes(path: &Path) -> Result<HashMap<String, FaceBox>, DatasetError> {
 }
 
 /// Reads offsets: CSV `landmark,dx,dy`, face axes, in outer eye distances.
-fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {
+fn read_offsets(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let given: Vec<(usize, [f32; 2])> = rows(path, "landmark", "landmark,dx,dy", |line| {
         let numbers = line.split(',').map(|word| word.trim().parse().ok());
         match numbers.collect::<Option<Vec<f32>>>()?[..] {
@@ -153,7 +127,7 @@ type Numbered<'a> = (usize, &'a Entry);
 ///
 /// # Errors
 /// If something cannot be read, a picture has no box, or the CSV cannot be written.
-pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
+pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let model = service::model(args.model.as_deref())?;
     let offsets = args.offsets.as_deref().map(read_offsets).transpose()?;
     let boxes = args.boxes.as_deref().map(read_boxes).transpose()?;
@@ -169,9 +143,7 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
         .filter(|(_, e)| given(e).is_some() || boxes.is_none() && e.points.is_some())
         .collect();
     if wanted.is_empty() {
-        return Err(FitError::NoBox {
-            file: entries.first().map_or(String::new(), |e| e.file.clone()),
-        });
+        return Err(no_box(entries.first().map_or("", |e| &e.file)));
     }
     if wanted.len() < entries.len() {
         say(&format!(
@@ -181,12 +153,8 @@ pub fn fit(args: &FitArgs, say: &mut dyn FnMut(&str)) -> Result<(), FitError> {
         ));
     }
     let faces = fitted(&model, &wanted, given)?;
-    atomic_write::write(&args.out, table(&wanted, &faces)).map_err(|source| {
-        FitError::Unwritable {
-            path: args.out.clone(),
-            source,
-        }
-    })?;
+    let unwritable = Fault::cannot("write", &args.out, "; give another place");
+    atomic_write::write(&args.out, table(&wanted, &faces)).map_err(unwritable)?;
     tell_errors(&wanted, &faces, offsets.as_ref(), say);
     Ok(())
 }
@@ -196,7 +164,7 @@ fn fitted(
     model: &FaceModel,
     wanted: &[Numbered],
     given: impl Fn(&Entry) -> Option<FaceBox> + Sync,
-) -> Result<Vec<FittedFace>, FitError> {
+) -> Result<Vec<FittedFace>, Fault> {
     let progress = Progress::new("fit", wanted.len());
     wanted
         .par_iter()
@@ -205,10 +173,8 @@ fn fitted(
             |fitter, (k, entry)| {
                 let from_points = || Some(disturbed_box(entry.points.as_ref()?, *k as u64 + 1));
                 let given = given(entry).map(|face_box| (face_box, 0.0));
-                let (face_box, roll) =
-                    given.or_else(from_points).ok_or_else(|| FitError::NoBox {
-                        file: entry.file.clone(),
-                    })?;
+                let found = given.or_else(from_points);
+                let (face_box, roll) = found.ok_or_else(|| no_box(&entry.file))?;
                 let face = fitter.fit_file(&entry.path, &face_box, roll)?;
                 progress.step();
                 Ok(face)

@@ -12,7 +12,8 @@ use crate::landmarks::cascade::{FaceFit, Solver, logistic};
 use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
 use crate::landmarks::window::{Picture, Placement, Region, WINDOW};
-use crate::studio::train::dataset::{DatasetError, load_grey};
+use crate::studio::fault::Fault;
+use crate::studio::train::dataset::load_grey;
 use crate::studio::train::samples::STUDIO_INVERSE_DISTANCE;
 
 /// Pictures are shrunk until a face is at most this many pixels wide: the window is 100.
@@ -223,7 +224,7 @@ impl<'a> StillFitter<'a> {
         path: &Path,
         face_box: &FaceBox,
         roll: f32,
-    ) -> Result<FittedFace, DatasetError> {
+    ) -> Result<FittedFace, Fault> {
         let scale = (MOST_FACE_PX / face_box.width.max(face_box.height * 0.9)).min(1.0);
         let grey = load_grey(path, scale)?;
         let small = FaceBox {

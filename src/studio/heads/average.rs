@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use super::reduce::Reduction;
-use super::{HeadsError, PersonHead, plain_head, textured_heads};
+use super::{PersonHead, plain_head, textured_heads};
 use crate::base::geometry::{Point, Rigid};
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter};
 use crate::simulator::virtual_head::{HeadAsset, Light, Texture};
+use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 
 /// Size of the mean photograph, pixels.
@@ -96,7 +97,7 @@ pub fn make_simulated_head(
     data: &Path,
     out: &Path,
     keep: impl Fn(usize) -> bool,
-) -> Result<usize, HeadsError> {
+) -> Result<usize, Fault> {
     let heads = textured_heads(data, keep)?;
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     let plain = plain_head(&ict);

@@ -14,35 +14,21 @@ use image::RgbImage;
 use serde_json::{Value, json};
 
 use super::hero::{Hero, JOINT, Layer, Look, NECK, turns};
-use crate::studio::bake::error::BakeError;
 use crate::studio::bake::files::write;
 use crate::studio::bake::glb::{Glb, push};
 use crate::studio::bake::head::Head;
 use crate::studio::bake::mesh::Vec3;
 use crate::studio::bake::morphs::single;
 use crate::studio::bake::neck;
+use crate::studio::bake::obj::faces;
 use crate::studio::bake::patch::Foreign;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
+use crate::studio::fault::Fault;
 use crate::studio::jpeg::jpeg;
 
 const JPEG_QUALITY: u8 = 92;
-/// Why the head cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum DefaultHeadError {
-    /// Baking or writing.
-    #[error(transparent)]
-    Bake(#[from] BakeError),
-    /// Neither kind of file.
-    #[error(
-        "{path}: expected a name that ends in .glb (baked, coloured) or .obj (neutral, coloured); both get their 68 landmarks in a .txt beside"
-    )]
-    Ending {
-        /// What was given.
-        path: String,
-    },
-}
 
 /// Adds a layer as a mesh; of shares of the joints, the head's are [`turns`].
 fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
@@ -137,22 +123,22 @@ fn dressed(mut glb: Glb, hero: &Hero) -> Glb {
 ///
 /// # Errors
 /// If the shapes cannot be solved for.
-pub fn glb() -> Result<Vec<u8>, BakeError> {
+pub fn glb() -> Result<Vec<u8>, Fault> {
     baked(&Hero::shipped())
 }
 
-fn baked(hero: &Hero) -> Result<Vec<u8>, BakeError> {
+fn baked(hero: &Hero) -> Result<Vec<u8>, Fault> {
     // Through the door that heads of others take, so that the numbers of the vertices are settled there.
-    let (mesh, foreign) = Foreign::read(face(hero)).map_err(BakeError::of("built-in head"))?;
+    let (mesh, foreign) = Foreign::read(face(hero)).map_err(Fault::within("built-in head"))?;
     let head = Head::new(mesh, &foreign.landmarks(&hero.landmarks))?;
     let shapes = shapes(&head)?;
     Ok(dressed(foreign.patched(&shapes, false), hero).emit())
 }
 
 /// The shapes of the shipped recipe on a head.
-pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, BakeError> {
+pub(in crate::studio) fn shapes(head: &Head) -> Result<Vec<Shape>, Fault> {
     let targets = Recipe::read(SHIPPED).and_then(|shipped| shipped.targets(head));
-    let targets = targets.map_err(BakeError::of("built-in recipe"))?;
+    let targets = targets.map_err(Fault::within("built-in recipe"))?;
     Ok(rig::bake(head, &targets, Method::Aoi, &|_| {})?)
 }
 
@@ -171,19 +157,10 @@ fn obj(hero: &Hero, materials: &str) -> String {
         for [u, v] in &layer.uv {
             let _ = writeln!(out, "vt {u:.5} {:.5}", 1.0 - v);
         }
-        let mut material = u32::MAX;
-        for f in 0..mesh.faces() {
-            if mesh.face_material[f] != material {
-                material = mesh.face_material[f];
-                let _ = writeln!(out, "usemtl {}", mesh.materials[material as usize]);
-            }
-            out.push('f');
-            for corner in mesh.face(f) {
-                let number = corner.vertex + first;
-                let _ = write!(out, " {number}/{number}");
-            }
-            out.push('\n');
-        }
+        faces(&mut out, mesh, |corner| {
+            let number = corner.vertex + first;
+            format!("{number}/{number}")
+        });
         first += mesh.positions.len() as u32;
     }
     out
@@ -215,7 +192,7 @@ fn materials(hero: &Hero, stem: &str) -> (String, Vec<(String, Vec<u8>)>) {
 ///
 /// # Errors
 /// If the name ends otherwise, or it cannot be written.
-pub fn write_to(out: &Path) -> Result<String, DefaultHeadError> {
+pub fn write_to(out: &Path) -> Result<String, Fault> {
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     let hero = Hero::shipped();
     let (what, mut files) = if ending == "glb" {
@@ -235,9 +212,9 @@ pub fn write_to(out: &Path) -> Result<String, DefaultHeadError> {
         files.extend(pictures.map(|(name, bytes)| (out.with_file_name(name), bytes)));
         ("neutral, coloured", files)
     } else {
-        return Err(DefaultHeadError::Ending {
-            path: out.display().to_string(),
-        });
+        return Err(Fault::within(out)(
+            "expected a name that ends in .glb (baked, coloured) or .obj (neutral, coloured); both get their 68 landmarks in a .txt beside",
+        ));
     };
     let lines: String = hero.landmarks.iter().map(|v| format!("{v}\n")).collect();
     files.push((out.with_extension("txt"), lines.into_bytes()));

@@ -3,14 +3,17 @@
 //! Source axes are y up, z out of the face, x to the person's left, in centimetres. Everything here is turned into the
 //! head frame of [`crate::base::geometry`]: metres, y down, z into the head, origin midway between the neutral's inner eye corners.
 
+use std::fmt::Display;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Part;
 use crate::studio::bake::obj;
+use crate::studio::fault::Fault;
+use crate::studio::text_files::{self, listed};
 
 /// Vertex ranges of the mesh by part (half-open).
 pub mod part {
@@ -31,31 +34,6 @@ pub mod part {
     pub const TEETH: Range<usize> = 17039..21451;
     /// Eyeballs.
     pub const EYEBALLS: Range<usize> = 21451..24591;
-}
-
-/// Why the head could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum IctError {
-    /// A file of the set cannot be read.
-    #[error(
-        "cannot read {path}: {source}; expected the ICT FaceKit folder with generic_neutral_mesh.obj, expr/ and id/"
-    )]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file has the wrong content.
-    #[error("{path}: expected {expected}, found {found}")]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
-    },
 }
 
 /// A mesh of differences to the neutral, one vector per vertex, metres in the head frame.
@@ -82,15 +60,17 @@ pub struct IctHead {
     pub identities: Vec<Delta>,
 }
 
-fn unreadable(path: &Path) -> impl FnOnce(std::io::Error) -> IctError {
-    |source| IctError::Unreadable {
-        path: path.into(),
-        source,
-    }
+fn unreadable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
+    let expected = "; expected the ICT FaceKit folder with generic_neutral_mesh.obj, expr/ and id/";
+    Fault::cannot("read", path, expected)
 }
 
-fn read_text(path: &Path) -> Result<String, IctError> {
-    crate::studio::text_files::read(path).map_err(unreadable(path))
+fn malformed(path: &Path, expected: &str, found: impl Display) -> Fault {
+    Fault::within(path)(format!("expected {expected}, found {found}"))
+}
+
+fn read_text(path: &Path) -> Result<String, Fault> {
+    text_files::read(path).map_err(unreadable(path))
 }
 
 fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
@@ -98,26 +78,19 @@ fn head_axes(v: Vector3<f32>) -> Vector3<f32> {
 }
 
 /// All differences of a folder but those of pupils, which nothing measures.
-fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, IctError> {
-    let entries = fs::read_dir(folder).map_err(unreadable(folder))?;
-    let mut paths: Vec<PathBuf> = entries
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| path.extension().is_some_and(|extension| extension == "f32"))
-        .collect();
-    paths.sort();
+fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
     let mut deltas = Vec::new();
-    for path in paths {
+    for path in listed(folder).map_err(unreadable(folder))? {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        if name.starts_with("PupilDilate") {
+        let is_delta = path.extension().is_some_and(|ending| ending == "f32");
+        if !is_delta || name.starts_with("PupilDilate") {
             continue;
         }
         let bytes = fs::read(&path).map_err(unreadable(&path))?;
         if bytes.len() != vertices * 12 {
-            return Err(IctError::Malformed {
-                expected: "three 32-bit floats per vertex of the neutral mesh",
-                found: format!("{} bytes for {vertices} vertices", bytes.len()),
-                path,
-            });
+            let expected = "three 32-bit floats per vertex of the neutral mesh";
+            let found = format!("{} bytes for {vertices} vertices", bytes.len());
+            return Err(malformed(&path, expected, found));
         }
         let f = |b: &[u8]| f32::from_le_bytes(b.try_into().expect("four bytes"));
         let rows = bytes.chunks_exact(12);
@@ -135,20 +108,16 @@ impl IctHead {
     ///
     /// # Errors
     /// If a file is missing or does not fit the mesh.
-    pub fn read(folder: &Path) -> Result<Self, IctError> {
+    pub fn read(folder: &Path) -> Result<Self, Fault> {
         let path = folder.join("generic_neutral_mesh.obj");
         let text = read_text(&path)?;
-        let malformed = |found: String| IctError::Malformed {
-            path: path.clone(),
-            expected: "OBJ lines v, vt and f with v/vt corners",
-            found,
-        };
-        let mesh = obj::parse(&text).map_err(|error| malformed(error.to_string()))?;
+        const OBJ: &str = "OBJ lines v, vt and f with v/vt corners";
+        let mesh = obj::parse(&text).map_err(|error| malformed(&path, OBJ, error))?;
         let raw: Vec<_> = mesh.positions.iter().map(|p| p.map(|v| v as f32)).collect();
         let (mut triangles, mut triangle_uv) = (Vec::new(), Vec::new());
         for fan in mesh.fans() {
             let [Some(a), Some(b), Some(c)] = fan.map(|corner| corner.uv) else {
-                return Err(malformed("a corner without vt".to_owned()));
+                return Err(malformed(&path, OBJ, "a corner without vt"));
             };
             triangles.push(fan.map(|corner| corner.vertex));
             triangle_uv.push([a, b, c].map(|uv| mesh.uv[uv as usize]));
@@ -161,10 +130,9 @@ impl IctHead {
         let count = landmarks.len();
         let on_mesh = landmarks.iter().all(|&v| v < raw.len());
         let landmarks = landmarks.try_into().ok().filter(|_| on_mesh);
-        let landmarks: [usize; LANDMARKS] = landmarks.ok_or_else(|| IctError::Malformed {
-            path,
-            expected: "68 indices of the mesh's vertices",
-            found: format!("{count} numbers, or one beyond {}", raw.len()),
+        let landmarks: [usize; LANDMARKS] = landmarks.ok_or_else(|| {
+            let found = format!("{count} numbers, or one beyond {}", raw.len());
+            malformed(&path, "68 indices of the mesh's vertices", found)
         })?;
         let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
         let neutral: Vec<_> = raw

@@ -22,45 +22,24 @@ pub mod portraits;
 pub mod reduce;
 pub mod wardrobe;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use crate::base::geometry::Rotation;
 use crate::simulator::virtual_head::{Expression, HeadAsset, Part, Site};
 use crate::studio::atomic_write;
-use crate::studio::heads::ict::{IctError, IctHead, part, part_of};
+use crate::studio::fault::Fault;
+use crate::studio::heads::ict::{IctHead, part, part_of};
 use crate::studio::train::shape::Similarity;
 
 /// Offsets below this are dropped from sparse expressions, metres.
 const STILL_M: f32 = 2e-5;
 
-/// Why heads could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum HeadsError {
-    /// The mesh.
-    #[error(transparent)]
-    Mesh(#[from] IctError),
-    /// The portraits.
-    #[error(transparent)]
-    Portraits(#[from] portraits::PortraitError),
-    /// The result cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
-
 /// Writes a head; returns the size of the file, bytes.
-fn write(asset: &HeadAsset, out: &Path) -> Result<usize, HeadsError> {
+fn write(asset: &HeadAsset, out: &Path) -> Result<usize, Fault> {
     let bytes = asset.emit();
-    atomic_write::write(out, &bytes).map_err(|source| HeadsError::Unwritable {
-        path: out.into(),
-        source,
-    })?;
+    atomic_write::write(out, &bytes).map_err(Fault::cannot("write", out, ""))?;
     Ok(bytes.len())
 }
 
@@ -69,8 +48,6 @@ fn write(asset: &HeadAsset, out: &Path) -> Result<usize, HeadsError> {
 pub struct PersonHead {
     /// Place of the person in the list of all persons of the collection: decides the split.
     pub person: usize,
-    /// Collection the photograph belongs to.
-    pub set: String,
     /// The head.
     pub asset: HeadAsset,
 }
@@ -80,10 +57,7 @@ pub struct PersonHead {
 ///
 /// # Errors
 /// If mesh or portraits cannot be read.
-pub fn textured_heads(
-    data: &Path,
-    keep: impl Fn(usize) -> bool,
-) -> Result<Vec<PersonHead>, HeadsError> {
+pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<PersonHead>, Fault> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     let mut portraits = portraits::read(&data.join("faces_frl189"))?;
     portraits.retain(|portrait| keep(portrait.person));
@@ -98,7 +72,6 @@ pub fn textured_heads(
             set_upright(&mut asset, &plain);
             Ok(PersonHead {
                 person: portrait.person,
-                set: portrait.set.clone(),
                 asset,
             })
         })

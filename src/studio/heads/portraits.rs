@@ -6,37 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::base::capacity::LANDMARKS;
 use crate::simulator::virtual_head::Texture;
 use crate::studio::csv;
-
-/// Why portraits could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum PortraitError {
-    /// The table of points cannot be read.
-    #[error("cannot read {path}: {source}; expected the table of the portraits' points")]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A photograph cannot be decoded.
-    #[error("cannot decode {path}: {source}; expected a JPEG or PNG photograph")]
-    Undecodable {
-        /// The file.
-        path: PathBuf,
-        /// What the decoder said.
-        source: image::ImageError,
-    },
-    /// The table has the wrong columns.
-    #[error(
-        "{path}: expected columns file, set, person, expression, x0, y0, … x67, y67, found {found:?}"
-    )]
-    Columns {
-        /// The file.
-        path: PathBuf,
-        /// Its first line.
-        found: String,
-    },
-}
+use crate::studio::fault::Fault;
 
 /// One annotated photograph.
 #[derive(Clone, Debug)]
@@ -45,8 +15,6 @@ pub struct Portrait {
     pub path: PathBuf,
     /// Place of the person in the list of all persons sorted by (set, person): decides the split.
     pub person: usize,
-    /// Collection the photograph belongs to.
-    pub set: String,
     /// The 68 points, pixels (pixel centres are integers).
     pub points: [[f32; 2]; LANDMARKS],
 }
@@ -56,12 +24,13 @@ impl Portrait {
     ///
     /// # Errors
     /// If it cannot be decoded.
-    pub fn photograph(&self) -> Result<Texture, PortraitError> {
+    pub fn photograph(&self) -> Result<Texture, Fault> {
         let picture = image::open(&self.path)
-            .map_err(|source| PortraitError::Undecodable {
-                path: self.path.clone(),
-                source,
-            })?
+            .map_err(Fault::cannot(
+                "decode",
+                &self.path,
+                "; expected a JPEG or PNG photograph",
+            ))?
             .to_rgb8();
         Ok(Texture {
             width: picture.width() as usize,
@@ -75,17 +44,16 @@ impl Portrait {
 ///
 /// # Errors
 /// If the table cannot be read or lacks a column.
-pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
+pub fn read(folder: &Path) -> Result<Vec<Portrait>, Fault> {
     let path = folder.join("landmarks68.csv");
-    let text = fs::read_to_string(&path).map_err(|source| PortraitError::Unreadable {
-        path: path.clone(),
-        source,
-    })?;
+    let advice = "; expected the table of the portraits' points";
+    let text = fs::read_to_string(&path).map_err(Fault::cannot("read", &path, advice))?;
     let table = csv::Table::new(&text);
     let column = |name: &str| {
-        table.find(name).ok_or_else(|| PortraitError::Columns {
-            path: path.clone(),
-            found: table.header.chars().take(80).collect(),
+        table.find(name).ok_or_else(|| {
+            let found: String = table.header.chars().take(80).collect();
+            let expected = "columns file, set, person, expression, x0, y0, … x67, y67";
+            Fault::within(&path)(format!("expected {expected}, found {found:?}"))
         })
     };
     let [file, set, person, first] = ["file", "set", "person", "x0"].map(column);
@@ -101,11 +69,9 @@ pub fn read(folder: &Path) -> Result<Vec<Portrait>, PortraitError> {
         let numbers = (0..2 * LANDMARKS).filter_map(|k| row.get(first + k)?.parse().ok());
         let numbers: Vec<f32> = numbers.filter(|x: &f32| x.is_finite()).collect();
         if numbers.len() == 2 * LANDMARKS {
-            let name = of(row);
             portraits.push(Portrait {
                 path: folder.join("img").join(cell(row, file)),
-                person: persons.binary_search(&name).unwrap_or(0),
-                set: name.0,
+                person: persons.binary_search(&of(row)).unwrap_or(0),
                 points: std::array::from_fn(|k| [numbers[2 * k], numbers[2 * k + 1]]),
             });
         }

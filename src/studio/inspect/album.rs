@@ -58,6 +58,11 @@ impl Album {
         self.facts.push((name.into(), value.into()));
     }
 
+    /// Begins the table with the names of its columns.
+    pub fn header<const N: usize>(&mut self, columns: [&str; N]) {
+        self.table.push(columns.map(str::to_owned).to_vec());
+    }
+
     /// The page.
     ///
     /// # Errors

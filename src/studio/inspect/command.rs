@@ -6,42 +6,34 @@
 use std::path::{Path, PathBuf};
 
 use super::album::Album;
-use super::error::{InspectError, Problem};
 use super::{mesh, model, ranges, recording, run};
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
 use crate::studio::atomic_write;
+use crate::studio::fault::Fault;
+use crate::studio::text_files::{MOST, name_of};
+
+/// What can be shown.
+const SHOWN: &str = "expected a recording directory, a run's .csv, a face model, an .obj or .glb mesh, saved people or a status.json";
 
 /// Looks at `path` and shows it. `model` and `settings` are for recordings.
 ///
 /// # Errors
 /// If it is of an unknown kind, or broken; the text says where and what to do.
-pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Album, InspectError> {
-    let unreadable = |source| InspectError::Unreadable {
-        path: path.into(),
-        source,
-    };
+pub fn album(path: &Path, model: &FaceModel, settings: &Settings) -> Result<Album, Fault> {
+    let advice = format!("; {SHOWN}");
+    let unreadable = Fault::cannot("read", path, &advice);
     let name = name_of(path);
-    if std::fs::metadata(path).map_err(unreadable)?.is_dir() {
+    if std::fs::metadata(path).map_err(&unreadable)?.is_dir() {
         return recording::inspect(&name, Source::recording(path)?, model, settings);
     }
-    let bytes = crate::base::bounded_read::read(path, crate::studio::text_files::MOST)
-        .map_err(unreadable)?;
+    let bytes = crate::base::bounded_read::read(path, MOST).map_err(&unreadable)?;
     let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-    of_file(&name, ending.to_str(), &bytes).map_err(|problem| InspectError::File {
-        path: path.into(),
-        problem,
-    })
+    of_file(&name, ending.to_str(), &bytes).map_err(Fault::within(path))
 }
 
-/// Last part of a path: the title of its album.
-fn name_of(path: &Path) -> String {
-    let name = path.file_name().unwrap_or(path.as_os_str());
-    name.to_string_lossy().into_owned()
-}
-
-fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Problem> {
+fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Fault> {
     if bytes.starts_with(&MAGIC) || ending == Some("model") {
         return Ok(model::inspect(name, &FaceModel::read(bytes)?, bytes.len()));
     }
@@ -53,7 +45,7 @@ fn of_file(name: &str, ending: Option<&str>, bytes: &[u8]) -> Result<Album, Prob
         (Some("obj"), Ok(text)) => mesh::inspect(name, text),
         (_, Ok(text)) if text.starts_with("mien-people") => ranges::people(name, text),
         (Some("json"), Ok(text)) => ranges::status(name, text),
-        _ => Err(Problem::Unknown),
+        _ => Err(Fault::new(format!("cannot show this; {SHOWN}"))),
     }
 }
 
@@ -66,27 +58,31 @@ pub fn inspect(
     out: Option<&Path>,
     model: &FaceModel,
     settings: &Settings,
-) -> Result<PathBuf, InspectError> {
+) -> Result<PathBuf, Fault> {
     let out = out.map_or_else(
         || PathBuf::from(format!("{}.html", name_of(path))),
         PathBuf::from,
     );
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     if ending != "html" && ending != "png" {
-        return Err(InspectError::Ending { path: out });
+        return Err(Fault::cannot("write", &out, "")(
+            "expected a name that ends in .html or .png",
+        ));
     }
     let album = album(path, model, settings)?;
+    let unencodable = |error| Fault::new(format!("cannot encode a picture: {error}"));
     let bytes = if ending == "html" {
-        album.html()?.into_bytes()
+        album.html().map_err(unencodable)?.into_bytes()
     } else {
         let mut png = std::io::Cursor::new(Vec::new());
-        album.sheet().write_to(&mut png, image::ImageFormat::Png)?;
+        let sheet = album.sheet();
+        sheet
+            .write_to(&mut png, image::ImageFormat::Png)
+            .map_err(unencodable)?;
         png.into_inner()
     };
-    atomic_write::write(&out, bytes).map_err(|source| InspectError::Unwritable {
-        path: out.clone(),
-        source,
-    })?;
+    let unwritable = Fault::cannot("write", &out, "; choose another place with --out");
+    atomic_write::write(&out, bytes).map_err(unwritable)?;
     Ok(out)
 }
 

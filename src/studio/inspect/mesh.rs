@@ -7,12 +7,12 @@ use image::RgbImage;
 use nalgebra::Rotation3;
 
 use super::album::Album;
-use super::error::Problem;
-use crate::studio::bake::glb::{Glb, GlbError};
+use crate::studio::bake::glb::{Glb, unexpected};
 use crate::studio::bake::mesh::{Mesh, Vec3, extent_of};
 use crate::studio::bake::obj;
-use crate::studio::bake::patch::Foreign;
+use crate::studio::bake::patch::{Foreign, position};
 use crate::studio::bake::render::paint;
+use crate::studio::fault::Fault;
 
 const SIZE: u32 = 420;
 /// Grey of what faces the lamp.
@@ -29,7 +29,7 @@ fn draw(mesh: &Mesh, moved: &[Vec3], yaw: f64) -> RgbImage {
 }
 
 /// Reads an OBJ and draws it.
-pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Problem> {
+pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     Ok(views(name, &obj::parse(text)?))
 }
 
@@ -60,20 +60,19 @@ struct Target {
 const LARGEST: usize = (67 * 12) << 20;
 
 /// The morph targets that a file has, those of the same name as one.
-fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, GlbError> {
+fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, Fault> {
     let glb = &foreign.glb;
     // Many targets may say they are of the same data.
     let mut left = glb.budget();
-    let too_much = |found: String| GlbError::Content {
-        expected: "targets that fit into the file's size",
-        found,
-    };
+    let too_much = |found: String| unexpected("targets that fit into the file's size", found);
     let mut targets: Vec<Target> = Vec::new();
     for shape in glb.json["meshes"].as_array().into_iter().flatten() {
         let extras = &shape["extras"];
         let mut seen = Vec::new();
         for primitive in shape["primitives"].as_array().into_iter().flatten() {
-            let position = &primitive["attributes"]["POSITION"];
+            let Some(position) = position(primitive) else {
+                continue;
+            };
             let rows = foreign.rows_of(position);
             // Materials may share their vertices.
             let Some(rows) = rows.filter(|_| !seen.contains(&position)) else {
@@ -114,14 +113,13 @@ fn targets(foreign: &Foreign, vertices: usize) -> Result<Vec<Target>, GlbError> 
 }
 
 /// Reads a GLB and draws it, and each of its morph targets.
-pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Problem> {
+pub(super) fn inspect_glb(name: &str, bytes: &[u8]) -> Result<Album, Fault> {
     let (mesh, foreign) = Foreign::read(Glb::parse(bytes)?)?;
     let targets = targets(&foreign, mesh.positions.len())?;
     let mut album = views(name, &mesh);
     album.fact("morph targets", targets.len().to_string());
     if !targets.is_empty() {
-        let header = ["morph target", "unit", "vertices moved", "largest, mm"];
-        album.table.push(header.map(str::to_owned).to_vec());
+        album.header(["morph target", "unit", "vertices moved", "largest, mm"]);
     }
     for Target { name, unit, moves } in targets {
         let moved = moves.iter().filter(|d| **d != Vec3::zeros()).count();

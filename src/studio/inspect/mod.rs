@@ -5,13 +5,11 @@
 //! command ─► what the path is:  recording
 //!                               run, model, mesh, ranges
 //!            each draws on a canvas and fills an album ─► HTML page (film: what plays in it) or PNG sheet
-//! error      why nothing could be shown
 //! ```
 
 pub mod album;
 pub mod canvas;
 mod command;
-mod error;
 pub mod film;
 mod mesh;
 mod model;
@@ -20,5 +18,4 @@ mod recording;
 mod run;
 
 pub use command::{album, inspect};
-pub use error::InspectError;
 pub(in crate::studio) use recording::{colour_picture, depth_picture};

@@ -11,10 +11,10 @@ use serde_json::Value;
 
 use super::album::Album;
 use super::canvas;
-use super::error::Problem;
 use crate::expression::units::{Prior, Units};
 use crate::expression::{Measure, Range};
 use crate::studio::chart;
+use crate::studio::fault::Fault;
 use crate::users::saved;
 
 /// Picture of ranges: a row's height, left margin for names, width of the scale, pixels.
@@ -73,10 +73,6 @@ fn picture(rows: &[Row]) -> RgbImage {
     picture
 }
 
-fn cells<const N: usize>(cells: [&str; N]) -> Vec<String> {
-    cells.map(str::to_owned).to_vec()
-}
-
 /// Adds the picture and the rows of somebody.
 fn show(album: &mut Album, who: &str, rows: &[Row]) {
     let caption = format!("{who}: population's range grey, this person's blue; marks show rest");
@@ -94,20 +90,16 @@ fn digits(value: f64) -> String {
 }
 
 /// Remembered people as they were saved.
-pub(super) fn people(name: &str, text: &str) -> Result<Album, Problem> {
-    let people = saved::read(text, SystemTime::now())?;
+pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
+    let people = saved::read(text, SystemTime::now()).map_err(|error| {
+        Fault::new(format!(
+            "{error}; mien moves such a file aside and starts over"
+        ))
+    })?;
     let mut album = Album::new(format!("People {name}"));
     album.fact("people", people.len().to_string());
-    let header = [
-        "",
-        "low",
-        "rest",
-        "high",
-        "population's low",
-        "rest",
-        "high",
-    ];
-    album.table.push(cells(header));
+    let low = "population's low";
+    album.header(["", "low", "rest", "high", low, "rest", "high"]);
     let units = Units::shipped();
     for (number, person) in people.iter().enumerate() {
         let learned = &person.learned;
@@ -140,10 +132,15 @@ fn plain(value: &Value) -> String {
         .map_or_else(|| value.to_string(), str::to_owned)
 }
 
+/// JSON of something else.
+fn no_status() -> Fault {
+    Fault::new("not a status file: expected the file that `mien run` writes to status.path")
+}
+
 /// The status file of a running `mien`.
-pub(super) fn status(name: &str, text: &str) -> Result<Album, Problem> {
-    let json: Value = serde_json::from_str(text).map_err(|_| Problem::NotAStatus)?;
-    let users = json["users"].as_array().ok_or(Problem::NotAStatus)?;
+pub(super) fn status(name: &str, text: &str) -> Result<Album, Fault> {
+    let json: Value = serde_json::from_str(text).map_err(|_| no_status())?;
+    let users = json["users"].as_array().ok_or_else(no_status)?;
     let mut album = Album::new(format!("Status {name}"));
     for key in ["version", "source", "uptime_s", "frames", "tracking_lost"] {
         if !json[key].is_null() {
@@ -161,9 +158,7 @@ pub(super) fn status(name: &str, text: &str) -> Result<Album, Problem> {
         let text = format!("{sent} sent, {dropped} dropped{away}");
         album.fact(&format!("output {name}"), text);
     }
-    album
-        .table
-        .push(cells(["", "low", "rest", "high", "ready", "weight"]));
+    album.header(["", "low", "rest", "high", "ready", "weight"]);
     for user in users {
         let who = format!("user {}", plain(&user["slot"]));
         let confidence = user["confidence"].as_f64().unwrap_or(0.0);
@@ -171,12 +166,12 @@ pub(super) fn status(name: &str, text: &str) -> Result<Album, Problem> {
         let frozen = if learning { "" } else { ", ranges frozen" };
         let state = plain(&user["state"]);
         album.fact(&who, format!("{state}, confidence {confidence:.2}{frozen}"));
-        let units = user["units"].as_object().ok_or(Problem::NotAStatus)?;
+        let units = user["units"].as_object().ok_or_else(no_status)?;
         let rows: Option<Vec<Row>> = units
             .iter()
             .map(|(name, unit)| of_unit(name, unit))
             .collect();
-        show(&mut album, &who, &rows.ok_or(Problem::NotAStatus)?);
+        show(&mut album, &who, &rows.ok_or_else(no_status)?);
     }
     Ok(album)
 }

@@ -8,7 +8,6 @@ use image::RgbImage;
 
 use super::album::Album;
 use super::canvas;
-use super::error::InspectError;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
 use crate::base::capacity::{HEIGHT, PIXELS, USERS, WIDTH};
@@ -21,6 +20,7 @@ use crate::sensor::camera::Camera;
 use crate::sensor::kinect::colour;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::studio::chart::{self, Curve, Plot};
+use crate::studio::fault::Fault;
 use crate::users::TrackingState;
 
 /// Frames drawn of a recording.
@@ -304,7 +304,7 @@ pub(super) fn inspect(
     mut recording: Source,
     model: &FaceModel,
     settings: &Settings,
-) -> Result<Album, InspectError> {
+) -> Result<Album, Fault> {
     let mut pipeline = Pipeline::new(&settings.stages(), recording.camera(), model)?;
     let mut album = Album::new(format!("Recording {name}"));
     let mut all: Vec<Values> = Vec::new();

@@ -6,9 +6,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::album::Album;
-use super::error::Problem;
 use crate::studio::chart::{Curve, Plot};
 use crate::studio::csv;
+use crate::studio::fault::Fault;
 
 struct Row {
     seconds: f64,
@@ -23,9 +23,15 @@ struct Table {
 }
 
 impl Table {
-    fn read(text: &str) -> Result<Self, Problem> {
+    fn read(text: &str) -> Result<Self, Fault> {
         let run = csv::Table::new(text);
-        let needed = |name| run.find(name).ok_or(Problem::NotARun(name));
+        let needed = |name| {
+            run.find(name).ok_or_else(|| {
+                Fault::new(format!(
+                    "not a CSV from mien: expected a header with a column {name}, which `mien run --csv` writes"
+                ))
+            })
+        };
         needed("frame")?;
         let time = needed("time_us")?;
         let (user, state) = (run.find("user"), run.find("state"));
@@ -33,20 +39,22 @@ impl Table {
         let mut rows = Vec::new();
         for csv::Row { line, cells, .. } in run.rows() {
             if cells.len() != header.len() {
-                return Err(Problem::Row {
-                    line,
-                    expected: header.len(),
-                    found: cells.len(),
-                });
+                return Err(Fault::new(format!(
+                    "line {line}: expected {} cells as in the header, found {}; is the file cut off?",
+                    header.len(),
+                    cells.len()
+                )));
             }
             let number = |(k, cell): (usize, &&str)| {
                 if cell.is_empty() || Some(k) == state {
                     return Ok(None);
                 }
-                cell.parse().map(Some).map_err(|_| Problem::Cell {
-                    line,
-                    column: header[k].clone(),
-                    found: cell.chars().take(40).collect(),
+                cell.parse().map(Some).map_err(|_| {
+                    let found: String = cell.chars().take(40).collect();
+                    Fault::new(format!(
+                        "line {line}, column {}: expected a number or nothing, found {found:?}",
+                        header[k]
+                    ))
                 })
             };
             let numbers = cells.iter().enumerate().map(number);
@@ -59,7 +67,9 @@ impl Table {
             });
         }
         if rows.is_empty() {
-            return Err(Problem::EmptyRun);
+            return Err(Fault::new(
+                "a header but no rows; run longer with `mien run --csv`",
+            ));
         }
         Ok(Self { header, rows })
     }
@@ -186,7 +196,7 @@ fn covered(rows: &[&Row], k: usize) -> Option<[String; 5]> {
 }
 
 /// Reads the CSV and draws it.
-pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Problem> {
+pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Fault> {
     let table = Table::read(text)?;
     let mut album = Album::new(format!("Run {name}"));
     let count = table.rows.len();
@@ -209,8 +219,7 @@ pub(super) fn inspect(name: &str, text: &str) -> Result<Album, Problem> {
     }
     let named = users.iter().flatten().map(ToString::to_string);
     album.fact("users", named.collect::<Vec<_>>().join(", "));
-    let header = ["column", "lowest", "5 %", "median", "95 %", "highest"];
-    album.table.push(header.map(str::to_owned).to_vec());
+    album.header(["column", "lowest", "5 %", "median", "95 %", "highest"]);
     for &user in &users {
         let rows: Vec<&Row> = table.rows.iter().filter(|row| row.user == user).collect();
         let suffix = match user {

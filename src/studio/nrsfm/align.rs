@@ -24,13 +24,14 @@ pub(crate) fn rotation_onto(from: &[Vector3<f64>], onto: &[Vector3<f64>]) -> Mat
     u * sign * v_t
 }
 
-/// Points of one frame about their mean.
-pub(crate) fn centred(points: &[[f64; 3]]) -> Vec<Vector3<f64>> {
+/// The mean of points, and where they are about it.
+pub(crate) fn centred(points: &[[f64; 3]]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mean = points
         .iter()
         .fold(Vector3::zeros(), |sum, p| sum + Vector3::from(*p))
         / points.len().max(1) as f64;
-    points.iter().map(|p| Vector3::from(*p) - mean).collect()
+    let about = points.iter().map(|p| Vector3::from(*p) - mean);
+    (mean, about.collect())
 }
 
 /// Mean relative error over the frames, each rigidly aligned, global reflection free; see the module header.
@@ -45,8 +46,8 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
     let mean_error = |mirror: f64| {
         let sum: f64 = (0..truth.frames())
             .map(|t| {
-                let want = centred(truth.frame(t));
-                let mut have = centred(recovered.frame(t));
+                let (_, want) = centred(truth.frame(t));
+                let (_, mut have) = centred(recovered.frame(t));
                 have.iter_mut().for_each(|p| p.z *= mirror);
                 let r = rotation_onto(&have, &want);
                 let wrong: f64 = have
@@ -72,7 +73,7 @@ pub fn shape_error(recovered: &Shapes, truth: &Shapes) -> Option<f64> {
 #[must_use]
 pub fn rigid_mean_shape(truth: &Shapes) -> Shapes {
     let frames: Vec<_> = (0..truth.frames())
-        .map(|t| centred(truth.frame(t)))
+        .map(|t| centred(truth.frame(t)).1)
         .collect();
     let mut mean = frames.first().cloned().unwrap_or_default();
     for _ in 0..10 {

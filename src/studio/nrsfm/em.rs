@@ -95,11 +95,8 @@ impl Model {
         let mut lifted = DMatrix::zeros(3 * points, frames);
         for t in 0..frames {
             let camera = self.camera(t);
-            for j in 0..points {
-                let Some(w) = tracks.position(t, j) else {
-                    continue;
-                };
-                let residual = Vector2::from(w) - self.shift[t] - camera * self.point(t, j);
+            for (j, w) in tracks.seen_in(t) {
+                let residual = w - self.shift[t] - camera * self.point(t, j);
                 let lift = camera.transpose() * residual / (self.scale[t] * self.scale[t]);
                 lifted.fixed_view_mut::<3, 1>(3 * j, t).copy_from(&lift);
             }
@@ -170,10 +167,7 @@ impl Model {
         let mut sums = vec![[0.0; 2]; n];
         let mut shown = vec![[0.0; 2]; n];
         let mut count = 0.0;
-        for j in 0..tracks.points() {
-            let Some(w) = tracks.position(t, j) else {
-                continue;
-            };
+        for (j, w) in tracks.seen_in(t) {
             let (mean, modes) = self.block(j);
             shown[0] = [w[0] - along(&across, mean), w[1] - along(&down, mean)];
             for (shown, b) in shown[1..].iter_mut().zip(modes) {
@@ -286,12 +280,9 @@ impl Model {
                 }
             }
             total += &block;
-            let columns = right.as_mut_slice().chunks_exact_mut(size);
-            for (j, column) in columns.enumerate() {
-                let Some(w) = tracks.position(t, j) else {
-                    continue;
-                };
-                let lifted = camera.tr_mul(&(Vector2::from(w) - self.shift[t]));
+            for (j, w) in tracks.seen_in(t) {
+                let lifted = camera.tr_mul(&(w - self.shift[t]));
+                let column = &mut right.as_mut_slice()[j * size..(j + 1) * size];
                 for (r, z) in column.as_chunks_mut::<3>().0.iter_mut().zip(&zeta) {
                     for a in 0..3 {
                         r[a] += z * lifted[a];
@@ -347,11 +338,8 @@ impl Model {
             let mut mixed = Matrix2x3::zeros();
             let mut count = 0.0;
             sums.fill(Vector3::zeros());
-            for j in 0..tracks.points() {
-                let Some(w) = tracks.position(t, j) else {
-                    continue;
-                };
-                let (w, x) = (Vector2::from(w), self.point(t, j));
+            for (j, w) in tracks.seen_in(t) {
+                let x = self.point(t, j);
                 mean_w += w;
                 mean_x += x;
                 mixed += w * x.transpose();
@@ -404,11 +392,9 @@ impl Model {
         for t in 0..tracks.frames() {
             let camera = self.camera(t);
             let (mut sum, mut count) = (Vector2::zeros(), 0.0);
-            for j in 0..tracks.points() {
-                if let Some(w) = tracks.position(t, j) {
-                    sum += Vector2::from(w) - camera * self.point(t, j);
-                    count += 1.0;
-                }
+            for (j, w) in tracks.seen_in(t) {
+                sum += w - camera * self.point(t, j);
+                count += 1.0;
             }
             if count > 0.0 {
                 self.shift[t] = sum / count;
@@ -420,12 +406,9 @@ impl Model {
         let (mut squares, mut count) = (0.0, 0.0);
         for t in 0..tracks.frames() {
             let camera = self.camera(t);
-            for j in 0..tracks.points() {
-                if let Some(w) = tracks.position(t, j) {
-                    squares += (Vector2::from(w) - self.shift[t] - camera * self.point(t, j))
-                        .norm_squared();
-                    count += 2.0;
-                }
+            for (j, w) in tracks.seen_in(t) {
+                squares += (w - self.shift[t] - camera * self.point(t, j)).norm_squared();
+                count += 2.0;
             }
             squares += camera.tr_mul(&camera).dot(&self.vague[t]);
         }

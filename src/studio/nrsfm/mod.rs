@@ -8,13 +8,11 @@
 //! align           shapes laid on each other, and the error the literature states
 //! shape_model     base shape and shape bases: the shapes of several sequences, and PCA
 //! run             the command `mien-studio nrsfm`
-//! error           why shapes cannot be recovered
 //! ```
 
 pub(in crate::studio) mod align;
 mod cameras;
 mod em;
-mod error;
 mod reconstruction;
 mod run;
 mod shape_model;
@@ -22,7 +20,6 @@ mod solve;
 mod tracks;
 
 pub use align::{rigid_mean_shape, shape_error};
-pub use error::Error;
 pub use reconstruction::{Reconstruction, Settings, nrsfm};
 pub use run::{Args, run};
 pub use shape_model::{ShapeBases, shape_model_from_sequences};

@@ -23,8 +23,6 @@ use std::ops::Range;
 pub struct Settings {
     /// Number of shape modes; none chooses it from the tracks.
     pub rank: Option<usize>,
-    /// Largest rank tried when it is chosen.
-    pub largest_rank: usize,
     /// Most sweeps of the final EM; at least those of a trial are made.
     pub sweeps: usize,
     /// Seed of the disturbed starts.
@@ -35,7 +33,6 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             rank: None,
-            largest_rank: 8,
             sweeps: 150,
             seed: 1,
         }
@@ -73,7 +70,7 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     }
     let largest = settings
         .rank
-        .unwrap_or(settings.largest_rank)
+        .unwrap_or(LARGEST_RANK)
         .min(tracks.points() - 1)
         .min(tracks.frames() - 1);
     if largest == 0 {
@@ -106,6 +103,8 @@ pub fn nrsfm(tracks: &Tracks, settings: &Settings) -> Reconstruction {
     reconstruction(&model, size)
 }
 
+/// Largest rank tried when it is chosen.
+const LARGEST_RANK: usize = 8;
 /// Sweeps of the rigid model; it converges in a few.
 const RIGID_SWEEPS: usize = 15;
 /// Modes and sweeps of the short runs that compare the starts.
@@ -229,10 +228,8 @@ fn spread(tracks: &Tracks) -> f64 {
     let means = mean_positions(tracks);
     let mut sum = 0.0;
     for t in 0..tracks.frames() {
-        for j in 0..tracks.points() {
-            if let Some(w) = tracks.position(t, j) {
-                sum += (nalgebra::Vector2::from(w) - means[t]).norm_squared();
-            }
+        for (_, w) in tracks.seen_in(t) {
+            sum += (w - means[t]).norm_squared();
         }
     }
     (sum / (2 * tracks.sightings()) as f64)

@@ -1,10 +1,10 @@
 //! The command `mien-studio nrsfm`.
 
 use super::align::{rigid_mean_shape, shape_error};
-use super::error::Error;
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
 use crate::studio::atomic_write;
+use crate::studio::fault::Fault;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -30,7 +30,7 @@ pub struct Args {
 ///
 /// # Errors
 /// Files that cannot be read, parsed or written. Nothing is written then.
-pub fn run(args: &Args) -> Result<(), Error> {
+pub fn run(args: &Args) -> Result<(), Fault> {
     let settings = Settings {
         rank: args.rank.map(usize::from),
         ..Settings::default()
@@ -57,23 +57,22 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if let Some(truth) = &truth {
         print_errors(&tracks, &recovered.shapes, truth);
     }
-    atomic_write::write(&args.out, recovered.shapes.to_csv()).map_err(|source| Error::Write {
-        path: args.out.clone(),
-        source,
-    })?;
+    let unwritable = Fault::cannot("write", &args.out, "; choose another --out");
+    atomic_write::write(&args.out, recovered.shapes.to_csv()).map_err(unwritable)?;
     println!("wrote {}", args.out.display());
     Ok(())
 }
 
-fn truth_for(tracks: &Tracks, path: &Path) -> Result<Shapes, Error> {
+fn truth_for(tracks: &Tracks, path: &Path) -> Result<Shapes, Fault> {
     let truth = Shapes::read(path)?;
     if (truth.frames(), truth.points) != (tracks.frames(), tracks.points()) {
-        return Err(Error::TruthSize {
-            frames: tracks.frames(),
-            points: tracks.points(),
-            found_frames: truth.frames(),
-            found_points: truth.points,
-        });
+        return Err(Fault::new(format!(
+            "expected truth of {} frames and {} points as in the tracks, found {} of {}; give the shapes of the same sequence",
+            tracks.frames(),
+            tracks.points(),
+            truth.frames(),
+            truth.points
+        )));
     }
     Ok(truth)
 }

@@ -5,9 +5,9 @@
 //! PCA. Cost: one eigenproblem of as many rows as frames.
 
 use super::align::{centred, rotation_onto};
-use super::error::Error;
 use super::reconstruction::{Settings, nrsfm};
 use super::tracks::{Shapes, Tracks};
+use crate::studio::fault::Fault;
 use nalgebra::{DMatrix, Vector3};
 
 /// A linear 3D shape model in the reference's frame and unit: `S = mean + Σ q_i mode_i`.
@@ -33,13 +33,13 @@ pub fn shape_model_from_sequences(
     rigid: &[usize],
     modes: usize,
     settings: &Settings,
-) -> Result<ShapeBases, Error> {
+) -> Result<ShapeBases, Fault> {
     let points = reference.len();
     if let Some(other) = sequences.iter().find(|tracks| tracks.points() != points) {
-        return Err(Error::PointCount {
-            expected: points,
-            found: other.points(),
-        });
+        return Err(Fault::new(format!(
+            "expected tracks of the reference's {points} points, found {}; track the same landmarks",
+            other.points()
+        )));
     }
     let mut mean = vec![Vector3::zeros(); points];
     let mut departures: Vec<Vec<Vector3<f64>>> = Vec::new();
@@ -83,19 +83,13 @@ fn laid_on(
     rigid: &[usize],
 ) -> (Vec<Vec<Vector3<f64>>>, f64) {
     let few: Vec<[f64; 3]> = rigid.iter().map(|&i| reference[i]).collect();
-    let middle = |few: &[[f64; 3]]| {
-        let sum = few
-            .iter()
-            .fold(Vector3::zeros(), |s, p| s + Vector3::from(*p));
-        sum / few.len().max(1) as f64
-    };
-    let (there, onto) = (middle(&few), centred(&few));
+    let (there, onto) = centred(&few);
     let mut wrong = 0.0;
     let frames = (0..shapes.frames()).map(|t| {
         let flipped = shapes.frame(t).iter().map(|p| [p[0], p[1], mirror * p[2]]);
         let frame: Vec<[f64; 3]> = flipped.collect();
         let few: Vec<[f64; 3]> = rigid.iter().map(|&i| frame[i]).collect();
-        let (here, from) = (middle(&few), centred(&few));
+        let (here, from) = centred(&few);
         let turn = rotation_onto(&from, &onto);
         let (mut along, mut size) = (0.0, f64::MIN_POSITIVE);
         for (p, q) in from.iter().zip(&onto) {

@@ -3,7 +3,7 @@
 //! No header; row `2t` holds x, row `2t + 1` holds y of frame t, one column per point; a missing point is empty or `nan` in
 //! either row. Units are the file's own. Everything is checked before use: a bad file is one sentence with the line.
 
-use super::error::Error;
+use crate::studio::fault::Fault;
 use nalgebra::Vector2;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -23,12 +23,14 @@ impl Tracks {
     ///
     /// # Errors
     /// Too few frames or points, or a point that is seen in fewer than [`Tracks::LEAST_SIGHTINGS`] frames.
-    pub fn new(frames: usize, points: usize, positions: Vec<[f64; 2]>) -> Result<Self, Error> {
+    pub fn new(frames: usize, points: usize, positions: Vec<[f64; 2]>) -> Result<Self, Fault> {
         if frames < Self::LEAST_FRAMES
             || points < Self::LEAST_POINTS
             || positions.len() != frames * points
         {
-            return Err(Error::TooSmall { frames, points });
+            return Err(Fault::new(format!(
+                "expected at least 4 frames of at least 4 points, found {frames} frames of {points} points; track longer"
+            )));
         }
         let seen: Vec<bool> = positions
             .iter()
@@ -37,10 +39,10 @@ impl Tracks {
         for point in 0..points {
             let sightings = (0..frames).filter(|t| seen[t * points + point]).count();
             if sightings < Self::LEAST_SIGHTINGS {
-                return Err(Error::Unseen {
-                    column: point + 1,
-                    sightings,
-                });
+                return Err(Fault::new(format!(
+                    "column {}: expected the point in at least 3 frames, found it in {sightings}; leave the column out",
+                    point + 1
+                )));
             }
         }
         let positions = positions
@@ -82,6 +84,12 @@ impl Tracks {
         self.seen[i].then(|| self.positions[i])
     }
 
+    /// The points that a frame shows, and where.
+    pub(crate) fn seen_in(&self, frame: usize) -> impl Iterator<Item = (usize, Vector2<f64>)> {
+        let position = move |j| Some((j, self.position(frame, j)?.into()));
+        (0..self.points).filter_map(position)
+    }
+
     /// Whether the point is seen in the frame.
     #[must_use]
     pub fn is_seen(&self, frame: usize, point: usize) -> bool {
@@ -109,13 +117,10 @@ impl Tracks {
     ///
     /// # Errors
     /// A field that is no number, uneven or odd rows, or too little data.
-    pub fn parse(text: &str) -> Result<Self, Error> {
+    pub fn parse(text: &str) -> Result<Self, Fault> {
         let rows = parse_rows(text)?;
         if rows.len() % 2 != 0 {
-            return Err(Error::RowCount {
-                rows: rows.len(),
-                multiple: 2,
-            });
+            return Err(broken_off(rows.len(), 2));
         }
         let frames = rows.len() / 2;
         let points = rows.first().map_or(0, Vec::len);
@@ -130,8 +135,8 @@ impl Tracks {
     ///
     /// # Errors
     /// As [`Tracks::parse`], or the file cannot be read; each names the file.
-    pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::parse(&text_of(path)?).map_err(|error| error.within(path))
+    pub fn read(path: &Path) -> Result<Self, Fault> {
+        Self::parse(&text_of(path)?).map_err(Fault::within(path))
     }
 }
 
@@ -161,13 +166,10 @@ impl Shapes {
     ///
     /// # Errors
     /// A field that is no number or is missing, uneven rows, or rows that are not a multiple of three.
-    pub fn parse(text: &str) -> Result<Self, Error> {
+    pub fn parse(text: &str) -> Result<Self, Fault> {
         let rows = parse_rows(text)?;
         if rows.len() % 3 != 0 || rows.is_empty() {
-            return Err(Error::RowCount {
-                rows: rows.len(),
-                multiple: 3,
-            });
+            return Err(broken_off(rows.len(), 3));
         }
         let points = rows[0].len();
         let mut positions = Vec::with_capacity(rows.len() / 3 * points);
@@ -175,11 +177,7 @@ impl Shapes {
             for j in 0..points {
                 let p = [triple[0][j], triple[1][j], triple[2][j]];
                 if let Some(axis) = p.iter().position(|v| !v.is_finite()) {
-                    return Err(Error::NotANumber {
-                        line: 3 * t + axis + 1,
-                        column: j + 1,
-                        found: "nothing".into(),
-                    });
+                    return Err(no_number(3 * t + axis + 1, j + 1, "nothing"));
                 }
                 positions.push(p);
             }
@@ -191,8 +189,8 @@ impl Shapes {
     ///
     /// # Errors
     /// As [`Shapes::parse`], or the file cannot be read; each names the file.
-    pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::parse(&text_of(path)?).map_err(|error| error.within(path))
+    pub fn read(path: &Path) -> Result<Self, Fault> {
+        Self::parse(&text_of(path)?).map_err(Fault::within(path))
     }
 
     /// `3F x P` CSV text; [`Shapes::parse`] reads it back to the digits written.
@@ -212,15 +210,27 @@ impl Shapes {
     }
 }
 
-fn text_of(path: &Path) -> Result<String, Error> {
-    crate::studio::text_files::read(path).map_err(|source| Error::Read {
-        path: path.to_owned(),
-        source,
-    })
+fn text_of(path: &Path) -> Result<String, Fault> {
+    let advice = "; give a CSV file of tracks";
+    crate::studio::text_files::read(path).map_err(Fault::cannot("read", path, advice))
+}
+
+/// A field, line and column counted from 1, that is no finite number.
+fn no_number(line: usize, column: usize, found: &str) -> Fault {
+    Fault::new(format!(
+        "line {line}, column {column}: expected a number, found `{found}`; leave a missing point empty or write nan"
+    ))
+}
+
+/// Rows that make no whole frames.
+fn broken_off(rows: usize, multiple: usize) -> Fault {
+    Fault::new(format!(
+        "expected a multiple of {multiple} rows, found {rows} rows; write {multiple} rows per frame, without a header"
+    ))
 }
 
 /// Rows of numbers; missing fields become NaN.
-fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Error> {
+fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Fault> {
     let mut rows: Vec<Vec<f64>> = Vec::new();
     // A row of one missing point is an empty line; only the end of the file may be blank.
     for (i, line) in text.trim_end().lines().enumerate() {
@@ -234,23 +244,20 @@ fn parse_rows(text: &str) -> Result<Vec<Vec<f64>>, Error> {
             match field.parse::<f64>() {
                 Ok(value) if value.abs() < LARGEST => row.push(value),
                 _ => {
-                    let found = field.chars().take(24).collect();
-                    return Err(Error::NotANumber {
-                        line: i + 1,
-                        column: j + 1,
-                        found,
-                    });
+                    let found: String = field.chars().take(24).collect();
+                    return Err(no_number(i + 1, j + 1, &found));
                 }
             }
         }
         if let Some(first) = rows.first()
             && first.len() != row.len()
         {
-            return Err(Error::Uneven {
-                line: i + 1,
-                expected: first.len(),
-                found: row.len(),
-            });
+            return Err(Fault::new(format!(
+                "line {}: expected {} columns as in the first line, found {}; write one column per point",
+                i + 1,
+                first.len(),
+                row.len()
+            )));
         }
         rows.push(row);
     }
@@ -264,12 +271,8 @@ const LARGEST: f64 = 1e12;
 pub(crate) fn mean_positions(tracks: &Tracks) -> Vec<Vector2<f64>> {
     (0..tracks.frames())
         .map(|t| {
-            let seen: Vec<_> = (0..tracks.points())
-                .filter_map(|j| tracks.position(t, j))
-                .collect();
-            seen.iter()
-                .fold(Vector2::zeros(), |s, w| s + Vector2::from(*w))
-                / seen.len().max(1) as f64
+            let sum = tracks.seen_in(t).fold(Vector2::zeros(), |s, (_, w)| s + w);
+            sum / tracks.seen_in(t).count().max(1) as f64
         })
         .collect()
 }

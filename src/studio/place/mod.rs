@@ -17,18 +17,18 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::bake::command::{Source, landmark_text};
-use super::bake::error::BakeError;
-use super::bake::head::{Head, HeadError};
+use super::bake::head::{Head, apart, miscounted};
 use super::bake::locate::{LOW, guess};
 use super::bake::mesh::{Mesh, Vec3};
 use super::bake::names::{LANDMARKS, NAMES, mirrored};
 use super::bake::order::Ordered;
-use super::bake::request::Request;
 use super::bake::shape::Shape;
 use super::bake::{files, morphs, report};
+use super::fault::Fault;
 use super::heads::default_head;
 use super::preview;
-use super::preview::http::{self, Answer, PageError, Request as Asked, Site};
+use super::preview::http::{self, Answer, Request as Asked, Site};
+use super::text_files::name_of;
 use crate::face_model::FaceModel;
 use surface::{Ray, Surface};
 
@@ -43,17 +43,6 @@ const PAGE: [(&str, &str); 3] = [
 ];
 /// Those that are.
 const SHARED: [&str; 4] = ["/style.css", "/head.js", "/glb.js", "/matrix.js"];
-
-/// Why there is no page.
-#[derive(Debug, thiserror::Error)]
-pub enum PlaceError {
-    /// The mesh, its points or their file.
-    #[error(transparent)]
-    Bake(#[from] BakeError),
-    /// The page's address.
-    #[error(transparent)]
-    Page(#[from] PageError),
-}
 
 /// A head and its points, served.
 pub struct Place {
@@ -79,15 +68,12 @@ impl Place {
     ///
     /// # Errors
     /// If one cannot be read or the points are not on the head.
-    pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, BakeError> {
-        let source = Source::read(&Request {
-            mesh: mesh.into(),
-            ..Request::default()
-        })?;
+    pub fn new(mesh: &Path, landmarks: &Path, out: Option<PathBuf>) -> Result<Self, Fault> {
+        let source = Source::read(mesh, false)?;
         let (points, confidence) = if landmarks.as_os_str() == "auto" {
             let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
                 .ok_or("expected vertices to find a face on, found none")
-                .map_err(BakeError::of(mesh))?;
+                .map_err(Fault::within(mesh))?;
             (found.vertices, Some(found.of_points.to_vec()))
         } else {
             (source.told(landmarks)?, None)
@@ -96,25 +82,18 @@ impl Place {
         // Said as bake would say it.
         ordered.landmarks(&points)?;
         if points.len() != LANDMARKS {
-            return Err(HeadError::Count {
-                found: points.len(),
-            }
-            .into());
+            return Err(miscounted(points.len()));
         }
         let surface = Surface::new(&source.mesh, &ordered, points[8]);
         if let Some(landmark) = points.iter().position(|&v| !surface.is_skin(v)) {
-            return Err(HeadError::Apart { landmark }.into());
+            return Err(apart(landmark));
         }
         Ok(Self {
             drawn: match source.looks.is_empty() {
                 true => in_two_colours(&source.mesh, &surface),
                 false => source.mesh.clone(),
             },
-            name: mesh
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into(),
+            name: name_of(mesh),
             out: out.unwrap_or_else(|| mesh.with_extension("landmarks.txt")),
             source,
             ordered,
@@ -164,7 +143,7 @@ impl Place {
     ///
     /// # Errors
     /// If the points describe no face.
-    pub fn bake(&self, points: &[u64]) -> Result<f64, BakeError> {
+    pub fn bake(&self, points: &[u64]) -> Result<f64, Fault> {
         let _one = self.baking.lock().unwrap_or_else(PoisonError::into_inner);
         let start = Instant::now();
         let numbers = self.ordered.landmarks(points)?;
@@ -293,7 +272,7 @@ pub fn run(
     out: Option<PathBuf>,
     port: u16,
     say: &mut dyn FnMut(&str),
-) -> Result<(), PlaceError> {
+) -> Result<(), Fault> {
     let place = Arc::new(Place::new(mesh, landmarks, out)?);
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     let (listener, page) = http::listen(address)?;

@@ -15,6 +15,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::studio::fault::Fault;
+
 /// Connections at once.
 const CONNECTIONS: usize = 64;
 /// Of them, those that do not end; the others are kept for pages.
@@ -115,24 +117,20 @@ pub trait Site: Send + Sync + 'static {
     fn refused(&self) {}
 }
 
-/// The address of a page is taken, or none of this machine.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot serve the page at {address}: {source}; choose another with --port")]
-pub struct PageError {
-    address: SocketAddr,
-    source: std::io::Error,
-}
-
 /// Opens the address of a page; returns it with the port that was chosen for 0.
 ///
 /// # Errors
 /// If it is taken, or none of this machine.
-pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), PageError> {
+pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     let listener = TcpListener::bind(address);
     listener
         .and_then(|listener| Ok((listener.local_addr()?, listener)))
         .map(|(page, listener)| (listener, page))
-        .map_err(|source| PageError { address, source })
+        .map_err(|error| {
+            Fault::new(format!(
+                "cannot serve the page at {address}: {error}; choose another with --port"
+            ))
+        })
 }
 
 /// Serves until the process ends.

@@ -42,13 +42,13 @@ use crate::appliance::source::{self, Missing, SourceName};
 use crate::expression::unit_words;
 use crate::output::Command;
 use crate::pipeline::Pipeline;
+use crate::studio::fault::Fault;
 use crate::studio::heads::default_head;
-use crate::studio::text_files;
+use crate::studio::text_files::{self, name_of};
 use commands::Obeys;
 use forward::{Forwarder, Wish};
-use http::{Answer, PageError, Request as Asked, Site};
+use http::{Answer, Request as Asked, Site};
 use hub::Hub;
-use table::TableError;
 
 /// Where the page is served.
 pub const PAGE_AT: &str = "127.0.0.1:9180";
@@ -106,38 +106,6 @@ pub struct Request {
     pub commands: Option<SocketAddr>,
     /// The configuration that gains are saved in.
     pub gains: Option<PathBuf>,
-}
-
-/// Why there is no page.
-#[derive(Debug, thiserror::Error)]
-pub enum PreviewError {
-    /// The page's address.
-    #[error(transparent)]
-    Page(#[from] PageError),
-    /// OSC's address.
-    #[error(
-        "cannot receive OSC at {address}: {source}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
-    )]
-    Osc {
-        /// What was given.
-        address: SocketAddr,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The table.
-    #[error(transparent)]
-    Table(#[from] TableError),
-    /// A mesh.
-    #[error("{path}: {problem}")]
-    Mesh {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
-    /// The source or the stages.
-    #[error(transparent)]
-    Service(#[from] service::Failure),
 }
 
 /// `PORT` or `ADDRESS:PORT`; a port alone is one of the loopback interface.
@@ -303,14 +271,10 @@ impl Site for Preview {
     }
 }
 
-fn read_mesh(path: &Path) -> Result<Arc<[u8]>, PreviewError> {
-    let wrong = |problem: String| PreviewError::Mesh {
-        path: path.into(),
-        problem,
-    };
+fn read_mesh(path: &Path) -> Result<Arc<[u8]>, Fault> {
     let bytes = crate::base::bounded_read::read(path, text_files::MOST)
-        .map_err(|error| wrong(format!("cannot be read: {error}")))?;
-    Glb::parse(&bytes).map_err(|error| wrong(error.to_string()))?;
+        .map_err(|error| Fault::within(path)(format!("cannot be read: {error}")))?;
+    Glb::parse(&bytes).map_err(Fault::within(path))?;
     Ok(bytes.into())
 }
 
@@ -336,7 +300,7 @@ fn named(feed: &Feed) -> (&'static str, String) {
 
 impl Preview {
     /// With nothing received yet; commands to this process's own pipeline go to `orders`.
-    fn new(request: &Request, orders: SyncSender<Command>) -> Result<Self, PreviewError> {
+    fn new(request: &Request, orders: SyncSender<Command>) -> Result<Self, Fault> {
         let given = request.meshes.iter().map(|path| read_mesh(path));
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
         let source = match &request.feed {
@@ -374,11 +338,7 @@ impl Preview {
     /// What pages are told of the source.
     fn source(&self, request: &Request) -> Value {
         let (kind, name) = named(&request.feed);
-        let file_name = |path: &PathBuf| {
-            let name = path.file_name().unwrap_or_default();
-            name.to_string_lossy().into_owned()
-        };
-        let mut meshes: Vec<String> = request.meshes.iter().map(file_name).collect();
+        let mut meshes: Vec<String> = request.meshes.iter().map(|path| name_of(path)).collect();
         if meshes.is_empty() {
             meshes.push("head".into());
         }
@@ -399,7 +359,7 @@ impl Preview {
 ///
 /// # Errors
 /// If an address is taken, or the source, the model or a mesh cannot be read.
-pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), PreviewError> {
+pub fn run(request: &Request, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let (orders, obeyed) = sync_channel(COMMANDS);
     let preview = Arc::new(Preview::new(request, orders)?);
     let (listener, page) = http::listen(request.page)?;
@@ -423,12 +383,16 @@ fn feed(
     feed: &Feed,
     preview: Arc<Preview>,
     commands: Receiver<Command>,
-) -> Result<Box<dyn FnOnce() + Send>, PreviewError> {
+) -> Result<Box<dyn FnOnce() + Send>, Fault> {
     match feed {
         Feed::Osc(address) => {
             let address = *address;
             let socket =
-                UdpSocket::bind(address).map_err(|source| PreviewError::Osc { address, source })?;
+                UdpSocket::bind(address).map_err(|error| {
+                    Fault::new(format!(
+                        "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
+                    ))
+                })?;
             Ok(Box::new(move || osc::listen(&socket, &preview.hub)))
         }
         Feed::Serial(port) => {
@@ -447,10 +411,8 @@ fn feed(
         } => {
             let settings = service::settings(config.as_deref())?;
             let model = service::model(model.as_deref())?;
-            let mut source = source::open(name, Missing::Wait, settings.sensor.device)
-                .map_err(service::Failure::from)?;
-            let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)
-                .map_err(service::Failure::from)?;
+            let mut source = source::open(name, Missing::Wait, settings.sensor.device)?;
+            let mut pipeline = Pipeline::new(&settings.stages(), source.camera(), &model)?;
             Ok(Box::new(move || {
                 sensor::follow(&mut source, &mut pipeline, &preview.hub, &commands);
             }))

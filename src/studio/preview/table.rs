@@ -3,64 +3,39 @@
 //! Every row is sent as it is read and kept by the hub, so that the page can scrub back. Damaged rows are counted and skipped.
 //! From standard input (`-`) rows are shown as they arrive.
 
-use std::io::{BufRead, Read as _};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, Read};
+use std::path::Path;
 
 use super::hub::Hub;
 use crate::output::csv::read::Columns;
+use crate::studio::fault::Fault;
 use crate::studio::text_files::decoded;
 
 /// Bytes of the longest line: a row has some 3 kB.
 const LINE: u64 = 1 << 16;
 
-/// Why a table cannot be played.
-#[derive(Debug, thiserror::Error)]
-pub enum TableError {
-    /// The file.
-    #[error("cannot read {path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The first line.
-    #[error(
-        "{path}: line 1: expected a header with time_us, user and w_<unit> columns, found {found:?}; mien run --csv writes one"
-    )]
-    Header {
-        /// The file.
-        path: PathBuf,
-        /// The start of the line.
-        found: String,
-    },
-}
-
 /// Opens the table and reads its header.
 ///
 /// # Errors
 /// If it cannot be read or is another kind of table.
-pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), TableError> {
-    let unreadable = |source| TableError::Read {
-        path: path.into(),
-        source,
+pub fn open(path: &Path) -> Result<(Columns, Box<dyn BufRead + Send>), Fault> {
+    let unreadable = Fault::cannot("read", path, "");
+    let file: Box<dyn Read + Send> = match path.as_os_str() == "-" {
+        true => Box::new(std::io::stdin()),
+        false => Box::new(std::fs::File::open(path).map_err(&unreadable)?),
     };
-    let mut reader: Box<dyn BufRead + Send> = if path.as_os_str() == "-" {
-        Box::new(std::io::BufReader::new(std::io::stdin()))
-    } else {
-        Box::new(std::io::BufReader::new(
-            std::fs::File::open(path).map_err(unreadable)?,
-        ))
-    };
+    let mut reader = std::io::BufReader::new(file);
     let mut header = Vec::new();
     let mut first = reader.by_ref().take(LINE);
     first.read_until(b'\n', &mut header).map_err(unreadable)?;
     let header = decoded(&header);
-    let table = Columns::new(&header).ok_or_else(|| TableError::Header {
-        path: path.into(),
-        found: header.trim_end().chars().take(60).collect(),
+    let table = Columns::new(&header).ok_or_else(|| {
+        let found: String = header.trim_end().chars().take(60).collect();
+        Fault::within(path)(format!(
+            "line 1: expected a header with time_us, user and w_<unit> columns, found {found:?}; mien run --csv writes one"
+        ))
     })?;
-    Ok((table, reader))
+    Ok((table, Box::new(reader)))
 }
 
 /// Tells all rows.

@@ -57,6 +57,11 @@ impl Act<'_> {
         self.set(stem, weight);
     }
 
+    /// The one or the other.
+    fn one(&mut self, [a, b]: [&str; 2], weight: f32, rng: &mut Rng) {
+        self.both(if rng.bool() { a } else { b }, weight, rng);
+    }
+
     fn brows(&mut self, rng: &mut Rng) {
         match rng.u8(..10) {
             0 | 1 => {
@@ -84,12 +89,11 @@ impl Act<'_> {
         // To a side, both eyes together.
         if rng.f32() < 0.3 {
             let aside = rng.f32();
-            let to_left = rng.bool();
-            let [left, right] = if to_left {
-                ["Out", "In"]
-            } else {
-                ["In", "Out"]
-            };
+            let mut ways = ["In", "Out"];
+            if rng.bool() {
+                ways.reverse();
+            }
+            let [left, right] = ways;
             self.both(&format!("eyeLook{left}_L"), aside, rng);
             self.both(&format!("eyeLook{right}_R"), aside, rng);
         }
@@ -127,7 +131,7 @@ impl Act<'_> {
             }
             10 => self.both("cheekPuff", weight, rng),
             11 => self.both("noseSneer", weight, rng),
-            12 => self.both(if rng.bool() { "jawLeft" } else { "jawRight" }, weight, rng),
+            12 => self.one(["jawLeft", "jawRight"], weight, rng),
             13 => self.both("jawForward", weight, rng),
             14 | 15 => {
                 self.both("mouthFrown", weight, rng);
@@ -139,24 +143,8 @@ impl Act<'_> {
                 self.both("mouthRollLower", weight, rng);
                 self.both("mouthRollUpper", weight, rng);
             }
-            19 => self.both(
-                if rng.bool() {
-                    "mouthRollLower"
-                } else {
-                    "mouthRollUpper"
-                },
-                weight,
-                rng,
-            ),
-            20 => self.both(
-                if rng.bool() {
-                    "mouthLeft"
-                } else {
-                    "mouthRight"
-                },
-                weight,
-                rng,
-            ),
+            19 => self.one(["mouthRollLower", "mouthRollUpper"], weight, rng),
+            20 => self.one(["mouthLeft", "mouthRight"], weight, rng),
             21 => self.both("cheekSquint", weight, rng),
             _ => {}
         }

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::error::TrainError;
 use crate::studio::atomic_write;
+use crate::studio::fault::Fault;
 use crate::studio::people_split::Data;
 
 /// What to train from and where to write.
@@ -48,9 +48,7 @@ pub struct TrainArgs {
 }
 
 /// Writes a file of the training, whole or not at all.
-pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    atomic_write::write(path, bytes).map_err(|source| TrainError::Unwritable {
-        path: path.to_owned(),
-        source,
-    })
+pub(in crate::studio) fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
+    let advice = "; give another place with --out";
+    atomic_write::write(path, bytes).map_err(Fault::cannot("write", path, advice))
 }

@@ -5,7 +5,7 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::{Picture, Points, inside};
+use super::grey_picture::{Picture, Points, inside, middle};
 use super::random::{either, normal};
 use crate::base::capacity::LANDMARKS;
 
@@ -99,13 +99,7 @@ fn beard_outline(rng: &mut Rng, points: &Points) -> Vec<[f32; 2]> {
 /// Glasses: two rims, a bridge, the start of the temples, sometimes a sheen or tinted glass.
 pub(super) fn glasses(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let (width, height) = (picture.width, picture.height);
-    let middle = |range: std::ops::Range<usize>| {
-        let n = range.len() as f32;
-        range.fold([0.0, 0.0], |s, k| {
-            [s[0] + points[k][0] / n, s[1] + points[k][1] / n]
-        })
-    };
-    let eyes = [middle(36..42), middle(42..48)];
+    let eyes = [36..42, 42..48].map(|eye| middle(&points[eye]));
     let between = distance(eyes[0], eyes[1]).max(4.0);
     let along = [0, 1].map(|k| (eyes[1][k] - eyes[0][k]) / between);
     let down = [-along[1], along[0]];
@@ -169,10 +163,8 @@ pub(super) fn hand(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let finger = face * (0.05 + 0.03 * rng.f32());
     let fingers: Vec<[f32; 2]> = (0..2 + rng.usize(..3))
         .map(|k| {
-            [
-                (k as f32 - 1.5) * finger * 2.05 + 0.2 * finger * either(rng),
-                0.25 * face * rng.f32(),
-            ]
+            let middle = (k as f32 - 1.5) * finger * 2.05 + 0.2 * finger * either(rng);
+            [middle, 0.25 * face * rng.f32()]
         })
         .collect();
     // Darkness at a place, none if it is not covered.

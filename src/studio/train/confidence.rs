@@ -163,10 +163,7 @@ fn discriminant(
             }
         }
     }
-    let means = [
-        &sums[0] / f64::max(counts[0], 1.0),
-        &sums[1] / f64::max(counts[1], 1.0),
-    ];
+    let means = [0, 1].map(|class: usize| &sums[class] / f64::max(counts[class], 1.0));
     let mut scatter = DMatrix::<f64>::zeros(PATCH, PATCH);
     for (class_number, mean) in means.iter().enumerate() {
         let members: Vec<usize> = (0..features.len())

@@ -4,54 +4,32 @@
 //! ignored; a row without points is not annotated. A `.pts` file holds 68 lines `x y` between braces. Pixels, pixel
 //! centres are integers.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::base::capacity::LANDMARKS;
 use crate::landmarks::window::Picture;
 use crate::studio::csv;
+use crate::studio::fault::Fault;
+use crate::studio::text_files::{self, listed, name_of};
 
-/// Why pictures cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum DatasetError {
-    /// A file or folder is not readable.
-    #[error(
-        "cannot read {path}: {source}; expected a folder of pictures with landmarks68.csv or .pts files, or a table"
-    )]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A picture does not decode.
-    #[error("cannot decode {path}: {source}; expected a PNG, JPEG or PGM picture")]
-    Picture {
-        /// The file.
-        path: PathBuf,
-        /// What the decoder said.
-        source: image::ImageError,
-    },
-    /// The table has the wrong columns or a row is not readable.
-    #[error(
+fn unreadable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
+    let expected = "; expected a folder of pictures with landmarks68.csv or .pts files, or a table";
+    Fault::cannot("read", path, expected)
+}
+
+/// A line of a table, counted from 1, that says something else.
+pub(in crate::studio) fn malformed(path: &Path, line: usize, expected: &str, found: &str) -> Fault {
+    let path = path.display();
+    Fault::new(format!(
         "{path}, line {line}: expected {expected}, found {found:?}; correct the line or remove it"
-    )]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What should be there.
-        expected: &'static str,
-        /// What is there.
-        found: String,
-    },
-    /// There is nothing to work on.
-    #[error("{path}: expected pictures (PNG, JPEG or PGM), found none; give another folder")]
-    Empty {
-        /// The folder.
-        path: PathBuf,
-    },
+    ))
+}
+
+/// Less to learn from than is needed.
+pub(super) fn too_few(expected: usize, found: usize) -> Fault {
+    Fault::new(format!(
+        "expected at least {expected} annotated pictures to train on, found {found}; give more folders with --images"
+    ))
 }
 
 /// One picture of a data set, not loaded yet.
@@ -98,12 +76,13 @@ impl GreyPicture {
 ///
 /// # Errors
 /// If it does not decode.
-pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
+pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
     let mut grey = image::open(path)
-        .map_err(|source| DatasetError::Picture {
-            path: path.into(),
-            source,
-        })?
+        .map_err(Fault::cannot(
+            "decode",
+            path,
+            "; expected a PNG, JPEG or PGM picture",
+        ))?
         .to_luma8();
     if scale < 0.99 {
         let width = (grey.width() as f32 * scale).round().max(2.0) as u32;
@@ -118,28 +97,20 @@ pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, DatasetError> {
 }
 
 /// The text of a table.
-pub(in crate::studio) fn read(path: &Path) -> Result<String, DatasetError> {
-    crate::studio::text_files::read(path).map_err(|source| DatasetError::Unreadable {
-        path: path.into(),
-        source,
-    })
+pub(in crate::studio) fn read(path: &Path) -> Result<String, Fault> {
+    text_files::read(path).map_err(unreadable(path))
 }
 
-fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
+fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
     let text = read(path)?;
     let table = csv::Table::new(&text);
-    let malformed = |line, expected, found: String| DatasetError::Malformed {
-        path: path.into(),
-        line,
-        expected,
-        found,
-    };
+    let malformed = |line, expected, found: &str| malformed(path, line, expected, found);
     let column = |name: &str| table.find(name);
     let file = column("file")
-        .ok_or_else(|| malformed(1, "a column named file", table.columns().join(",")))?;
+        .ok_or_else(|| malformed(1, "a column named file", &table.columns().join(",")))?;
     let names = (0..LANDMARKS).flat_map(|i| [format!("x{i}"), format!("y{i}")]);
     let xy = names.map(|name| {
-        column(&name).ok_or_else(|| malformed(1, "columns x0,y0 to x67,y67", format!("no {name}")))
+        column(&name).ok_or_else(|| malformed(1, "columns x0,y0 to x67,y67", &format!("no {name}")))
     });
     let xy: Vec<usize> = xy.collect::<Result<_, _>>()?;
     let [set, person, expression] = ["set", "person", "expression"].map(column);
@@ -150,22 +121,18 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, DatasetError> {
             cell.map_or(String::new(), |s| (*s).to_owned())
         };
         let values = xy.iter().map(|&at| cells.get(at).copied().unwrap_or(""));
-        let points = points_in(values)
-            .map_err(|found| malformed(line, "136 numbers or none", found.to_owned()))?;
+        let points =
+            points_in(values).map_err(|found| malformed(line, "136 numbers or none", found))?;
         let (file, person) = (text(Some(file)), text(person));
         let inside = folder.join("img").join(&file);
         entries.push(Entry {
-            path: if inside.exists() {
-                inside
-            } else {
-                folder.join(&file)
-            },
+            path: Some(inside)
+                .filter(|inside| inside.exists())
+                .unwrap_or_else(|| folder.join(&file)),
             set: text(set),
-            person: if person.is_empty() {
-                file.clone()
-            } else {
-                person
-            },
+            person: Some(person)
+                .filter(|person| !person.is_empty())
+                .unwrap_or_else(|| file.clone()),
             expression: text(expression),
             points,
             file,
@@ -189,7 +156,7 @@ fn points_in<'a>(
     Ok(Some(points))
 }
 
-fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {
+fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let text = read(path)?;
     let inside = text
         .split_once('{')
@@ -200,56 +167,39 @@ fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], DatasetError> {
         .filter_map(|w| w.parse().ok())
         .collect();
     if numbers.len() != 2 * LANDMARKS {
-        return Err(DatasetError::Malformed {
-            path: path.into(),
-            line: 1,
-            expected: "68 lines of x and y between braces",
-            found: format!("{} numbers", numbers.len()),
-        });
+        let expected = "68 lines of x and y between braces";
+        let found = format!("{} numbers", numbers.len());
+        return Err(malformed(path, 1, expected, &found));
     }
-    Ok(std::array::from_fn(|i| {
-        [numbers[2 * i], numbers[2 * i + 1]]
-    }))
+    let points = numbers.as_chunks::<2>().0;
+    Ok(std::array::from_fn(|i| points[i]))
 }
 
 /// All pictures of a folder, with their points where there are any; sorted as in the table, else by name.
 ///
 /// # Errors
 /// If the folder or its table is not readable or it holds no picture.
-pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, DatasetError> {
+pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, Fault> {
     let table = folder.join("landmarks68.csv");
     if table.exists() {
         return read_csv(folder, &table);
     }
-    let unreadable = |source| DatasetError::Unreadable {
-        path: folder.into(),
-        source,
-    };
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-        .map_err(unreadable)?
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| {
-            path.extension().is_some_and(|e| {
-                ["png", "jpg", "jpeg", "pgm"]
-                    .iter()
-                    .any(|known| e.eq_ignore_ascii_case(known))
-            })
-        })
-        .collect();
-    paths.sort();
+    let mut paths = listed(folder).map_err(unreadable(folder))?;
+    paths.retain(|path| {
+        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+        ["png", "jpg", "jpeg", "pgm"]
+            .iter()
+            .any(|known| ending == *known)
+    });
     if paths.is_empty() {
-        return Err(DatasetError::Empty {
-            path: folder.into(),
-        });
+        return Err(Fault::within(folder)(
+            "expected pictures (PNG, JPEG or PGM), found none; give another folder",
+        ));
     }
     paths
         .into_iter()
         .map(|path| {
-            let file = path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
+            let file = name_of(&path);
             let pts = path.with_extension("pts");
             Ok(Entry {
                 points: pts.exists().then(|| read_pts(&pts)).transpose()?,

@@ -29,6 +29,13 @@ impl Picture<'_> {
     }
 }
 
+/// The middle of some landmarks.
+pub(super) fn middle(points: &[[f32; 2]]) -> [f32; 2] {
+    let n = points.len() as f32;
+    let add = |s: [f32; 2], p: &[f32; 2]| [s[0] + p[0] / n, s[1] + p[1] / n];
+    points.iter().fold([0.0; 2], add)
+}
+
 /// Whether a place lies in a polygon (crossing number).
 pub(super) fn inside(polygon: &[[f32; 2]], x: f32, y: f32) -> bool {
     let mut within = false;

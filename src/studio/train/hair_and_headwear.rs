@@ -6,7 +6,7 @@
 
 use fastrand::Rng;
 
-use super::grey_picture::{Picture, Points, inside};
+use super::grey_picture::{Picture, Points, inside, middle};
 use super::random::either;
 
 /// Axes of a face in the picture: origin between the brows, `right` towards point 16, `down` towards the chin; `size` is
@@ -20,13 +20,7 @@ struct Frame {
 
 impl Frame {
     fn of(points: &Points) -> Self {
-        let brow = |k: std::ops::Range<usize>| {
-            let n = k.len() as f32;
-            k.fold([0.0, 0.0], |s, k| {
-                [s[0] + points[k][0] / n, s[1] + points[k][1] / n]
-            })
-        };
-        let origin = brow(17..27);
+        let origin = middle(&points[17..27]);
         let [x, y] = [points[8][0] - origin[0], points[8][1] - origin[1]];
         let size = x.hypot(y).max(8.0);
         let down = [x / size, y / size];
@@ -86,16 +80,18 @@ impl Strands {
         let at = (u + self.lean * v + self.wave[0] * (self.wave[1] * v + self.wave[2]).sin())
             * self.per_size
             + 300.0;
-        let (k, part) = (at.max(0.0) as usize, at.max(0.0).fract());
-        let [a, b] = [k, k + 1].map(|k| self.stripes[k % self.stripes.len()]);
-        (self.base * (1.0 + self.contrast * (a + part * (b - a)))).clamp(0.0, 255.0)
+        (self.base * (1.0 + self.contrast * self.stripe(at, 1))).clamp(0.0, 255.0)
     }
 
     /// −1…1 that changes from strand to strand.
     fn ragged(&self, u: f32) -> f32 {
-        let at = u * self.per_size * 0.5 + 100.0;
+        self.stripe(u * self.per_size * 0.5 + 100.0, 7)
+    }
+
+    /// Between the stripes on either side of a place; of so many only one is taken.
+    fn stripe(&self, at: f32, one_of: usize) -> f32 {
         let (k, part) = (at.max(0.0) as usize, at.max(0.0).fract());
-        let [a, b] = [k, k + 1].map(|k| self.stripes[(7 * k) % self.stripes.len()]);
+        let [a, b] = [k, k + 1].map(|k| self.stripes[(one_of * k) % self.stripes.len()]);
         a + part * (b - a)
     }
 }

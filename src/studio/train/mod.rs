@@ -14,7 +14,6 @@
 //! args             what to train from
 //! schedule         all of this in order; paper_section: the paper's model in its model file
 //! evaluate         errors of people who were not trained on
-//! error            why training cannot be done
 //! ```
 
 mod acting;
@@ -23,7 +22,6 @@ mod beards_glasses_hands;
 pub mod cascade;
 pub mod confidence;
 pub mod dataset;
-pub mod error;
 pub mod evaluate;
 mod grey_picture;
 mod hair_and_headwear;
@@ -45,13 +43,15 @@ pub mod standard_head;
 mod worn;
 
 pub use args::TrainArgs;
-pub use error::TrainError;
+pub(in crate::studio) use args::write;
+
+use crate::studio::fault::Fault;
 
 /// Trains what the words ask for: a whole model, or the paper's part of one.
 ///
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.
-pub fn run(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainError> {
+pub fn run(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     if args.person.is_some() || args.paper_into.is_some() {
         paper_section::replace(args, say)
     } else {

@@ -16,7 +16,7 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::error::TrainError;
+use super::dataset::too_few;
 use super::paper_aam_fits::{Figures, Known, belief, cut, fits, told};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{NEAR, TruePicture};
@@ -33,6 +33,7 @@ use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::sensor::kinect::picture_clock::timestamp_from_ticks;
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
+use crate::studio::fault::Fault;
 use crate::studio::nrsfm::{self, ShapeBases, Tracks, shape_model_from_sequences};
 use crate::studio::people_split::Split;
 use crate::studio::progress::Progress;
@@ -102,7 +103,7 @@ pub fn paper_aam_block(
     tracks: Option<&Tracks>,
     practice: &PaperPractice,
     say: &mut dyn FnMut(&str),
-) -> Result<Vec<u8>, TrainError> {
+) -> Result<Vec<u8>, Fault> {
     let renderer = Renderer::new(data, |person| Split::of(person) == Split::Train)?;
     let drawn = renderer.samples(0..practice.pictures as u64, practice.seed);
     say(&format!(
@@ -115,10 +116,7 @@ pub fn paper_aam_block(
         (Some(tracks), _) => tracks.clone(),
         (None, Some(actor)) => acted_tracks(&actor.asset, practice.seed)?,
         (None, None) => {
-            return Err(TrainError::TooFew {
-                expected: 1,
-                found: 0,
-            });
+            return Err(too_few(1, 0));
         }
     };
     let people = people_tracks(&drawn, &camera)?;
@@ -152,11 +150,7 @@ pub fn paper_aam_block(
 }
 
 /// Bases of the shapes behind the tracks, in the frame and the unit of `shape`.
-fn shape_bases(
-    shape: &ShapeModel,
-    tracks: &[Tracks],
-    modes: usize,
-) -> Result<ShapeBases, nrsfm::Error> {
+fn shape_bases(shape: &ShapeModel, tracks: &[Tracks], modes: usize) -> Result<ShapeBases, Fault> {
     let reference: Vec<[f64; 3]> = shape.mean.iter().map(|p| p.map(f64::from).into()).collect();
     let settings = nrsfm::Settings {
         rank: Some(RANK),
@@ -232,7 +226,7 @@ pub(in crate::studio) fn acted(actor: &HeadAsset, seed: u64) -> Vec<Truth> {
 }
 
 /// Their true points as tracks, colour pixels.
-fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, nrsfm::Error> {
+fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, Fault> {
     let truths = acted(actor, seed);
     let points = truths.iter().flat_map(|truth| truth.landmarks_px);
     let positions = points.map(|p| p.map(f64::from)).collect();
@@ -240,7 +234,7 @@ fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, nrsfm::Error> {
 }
 
 /// People at rest, one view each.
-fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, nrsfm::Error> {
+fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, Fault> {
     let few = &drawn[..drawn.len().min(TRACK_FRAMES)];
     let positions: Vec<[f64; 2]> = few
         .iter()
@@ -381,7 +375,7 @@ pub(super) fn person_block(
     seen: &[&Seen],
     practice: &PaperPractice,
     say: &mut dyn FnMut(&str),
-) -> Result<Vec<u8>, TrainError> {
+) -> Result<Vec<u8>, Fault> {
     let bases = shape_bases(shape, &[tracks], practice.shape_modes)?;
     let mut model = unlearnt(&bases);
     let of = |odd: usize| -> Vec<&Seen> { seen.iter().copied().skip(odd).step_by(2).collect() };
@@ -446,7 +440,7 @@ mod tests {
             positions: head.map(|p| p.coords.cast::<f64>().into()).collect(),
         };
         let size = |shapes: &nrsfm::Shapes, t| {
-            let points = nrsfm::align::centred(shapes.frame(t));
+            let (_, points) = nrsfm::align::centred(shapes.frame(t));
             points.iter().map(|p| p.norm_squared()).sum::<f64>().sqrt()
         };
         for t in 0..truths.len() {

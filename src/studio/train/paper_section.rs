@@ -5,10 +5,10 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use super::args::{TrainArgs, write};
-use super::error::TrainError;
 use super::paper_aam::{PaperPractice, paper_aam_block};
 use super::person::learn_session;
 use crate::face_model::{FaceModel, SHIPPED, ShapeModel, file};
+use crate::studio::fault::Fault;
 use crate::studio::nrsfm::Tracks;
 
 /// Where the section comes from. Read before anything is trained, so that a wrong file is told of at once.
@@ -19,7 +19,7 @@ pub(super) enum Source {
 }
 
 impl Source {
-    pub(super) fn of(args: &TrainArgs) -> Result<Self, TrainError> {
+    pub(super) fn of(args: &TrainArgs) -> Result<Self, Fault> {
         if let Some(path) = &args.paper_of {
             return Ok(Self::Kept(FaceModel::read(&model_bytes(path)?)?.paper_aam));
         }
@@ -33,7 +33,7 @@ impl Source {
         args: &TrainArgs,
         shape: &ShapeModel,
         say: &mut dyn FnMut(&str),
-    ) -> Result<Cow<'static, [u8]>, TrainError> {
+    ) -> Result<Cow<'static, [u8]>, Fault> {
         let tracks = match self {
             Self::Kept(bytes) => return Ok(bytes.clone()),
             Self::Learned(tracks) => tracks.as_ref(),
@@ -56,7 +56,7 @@ impl Source {
 ///
 /// # Errors
 /// If the model, the data or the recording cannot be read or show too little, or the result cannot be written.
-pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainError> {
+pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let bytes = match &args.paper_into {
         Some(path) => model_bytes(path)?,
         None => SHIPPED.to_vec(),
@@ -80,9 +80,7 @@ pub(super) fn replace(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(),
     Ok(())
 }
 
-fn model_bytes(path: &Path) -> Result<Vec<u8>, TrainError> {
-    std::fs::read(path).map_err(|source| TrainError::Unreadable {
-        path: path.to_owned(),
-        source,
-    })
+fn model_bytes(path: &Path) -> Result<Vec<u8>, Fault> {
+    let advice = "; expected a face model, such as config/face.model";
+    std::fs::read(path).map_err(Fault::cannot("read", path, advice))
 }

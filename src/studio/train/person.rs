@@ -9,7 +9,6 @@
 
 use std::path::Path;
 
-use super::error::TrainError;
 use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
@@ -22,6 +21,7 @@ use crate::landmarks::Landmarks;
 use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
+use crate::studio::fault::Fault;
 use crate::studio::nrsfm::Tracks;
 use crate::users::TrackingState;
 
@@ -39,7 +39,7 @@ pub fn learn_session(
     model: &FaceModel,
     seed: u64,
     say: &mut dyn FnMut(&str),
-) -> Result<Vec<u8>, TrainError> {
+) -> Result<Vec<u8>, Fault> {
     let mut recording = Source::recording(session)?;
     let camera = recording.camera().clone();
     learn_frames(
@@ -61,7 +61,7 @@ pub fn learn_frames(
     model: &FaceModel,
     seed: u64,
     say: &mut dyn FnMut(&str),
-) -> Result<Vec<u8>, TrainError> {
+) -> Result<Vec<u8>, Fault> {
     let mut pipeline = Pipeline::new(&Settings::default().stages(), camera, model)?;
     let mut frame = Frame::default();
     let (mut seen, mut frames, mut every) = (Vec::new(), 0usize, 1);
@@ -93,10 +93,10 @@ pub fn learn_frames(
         seen.len()
     ));
     if seen.len() < TRACK_FRAMES {
-        return Err(TrainError::TooShort {
-            expected: TRACK_FRAMES,
-            found: seen.len(),
-        });
+        return Err(Fault::new(format!(
+            "expected at least {TRACK_FRAMES} frames with one face tracked confidently, found {}; record longer, close to the sensor and facing it",
+            seen.len()
+        )));
     }
     let spread = |count: usize| {
         let all = seen.len();

@@ -22,7 +22,8 @@ use crate::sensor::Frame;
 use crate::sensor::kinect::picture_clock::{FRAME_TICKS, timestamp_from_ticks};
 use crate::simulator::virtual_head::{HeadAsset, Scene, Simulator, Truth};
 use crate::studio::evaluate::sessions::{lighting, seed_of};
-use crate::studio::heads::{HeadsError, textured_heads};
+use crate::studio::fault::Fault;
+use crate::studio::heads::textured_heads;
 use crate::studio::progress::Progress;
 
 /// Every second picture: neighbours say the same.
@@ -58,7 +59,7 @@ pub fn learn_refinement(
     model: &FaceModel,
     keep: impl Fn(usize) -> bool,
     seed: u64,
-) -> Result<Option<Refinement>, HeadsError> {
+) -> Result<Option<Refinement>, Fault> {
     let mut heads = textured_heads(data, keep)?;
     heads.truncate(PEOPLE);
     let plain = FaceModel {

@@ -22,17 +22,18 @@ use super::acting::expression;
 use super::grey_picture::{Picture, Points};
 use super::photograph::{backdrop, develop, grey_of, mix_skins};
 use super::random::{either, normal};
+use super::shape::{mirrored, quadratic};
 use super::worn::wear;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Rigid, Rotation, Vector, rotation_from_yaw_pitch_roll};
-use crate::face_model::scheme::MIRROR;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::body::Shape;
 use crate::simulator::virtual_head::draw::{Canvas, HeadPainter, ShapePainter, shoulders_below};
 use crate::simulator::virtual_head::{HeadAsset, Light, Part};
+use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::heads::reduce::Reduction;
-use crate::studio::heads::{HeadsError, PersonHead, plain_head, textured_heads};
+use crate::studio::heads::{PersonHead, plain_head, textured_heads};
 use crate::studio::progress::Progress;
 
 /// One picture with its truth.
@@ -79,20 +80,12 @@ struct Scratch {
     spare: Vec<f32>,
 }
 
-/// A face in its head frame.
-struct Face {
-    /// Landmarks at rest.
-    neutral: [Point; LANDMARKS],
-    /// Landmarks with the expression.
-    points: [Point; LANDMARKS],
-}
-
 impl Renderer {
     /// Dresses the heads of all persons that `keep` accepts; `data` is the folder of the data sets.
     ///
     /// # Errors
     /// If mesh or portraits cannot be read.
-    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, HeadsError> {
+    pub fn new(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Self, Fault> {
         let mut heads = textured_heads(data, keep)?;
         let ict = IctHead::read(&data.join("ict_facekit"))?;
         let plain = plain_head(&ict);
@@ -144,10 +137,7 @@ impl Renderer {
         let asset = &self.heads[rng.usize(..self.heads.len())].asset;
         let other = &self.heads[rng.usize(..self.heads.len())].asset;
         let mixed = rng.f32() < MIXED;
-        let Face {
-            neutral,
-            points: points_head,
-        } = self.face(asset, mixed.then_some(other), &mut rng, scratch);
+        let [neutral, points_head] = self.face(asset, mixed.then_some(other), &mut rng, scratch);
         let painter = &mut scratch.painter;
         let sensor_from_head = pose(&mut rng);
         painter.place_deformed(&sensor_from_head);
@@ -211,14 +201,14 @@ impl Renderer {
     }
 
     /// A face of its own, with an expression, sometimes mirrored, in `scratch`; somewhere between two people if there is
-    /// another one.
+    /// another one. Landmarks in the head frame, at rest and with the expression.
     fn face(
         &self,
         asset: &HeadAsset,
         other: Option<&HeadAsset>,
         rng: &mut Rng,
         scratch: &mut Scratch,
-    ) -> Face {
+    ) -> [[Point; LANDMARKS]; 2] {
         let weights = expression(asset, rng);
         // Between two people, and somewhat beyond either.
         let (share, other) = match other {
@@ -250,19 +240,10 @@ impl Renderer {
             for p in &mut painter.deformed {
                 p.x = -p.x;
             }
-            let flipped = |points: &[Point; LANDMARKS]| {
-                std::array::from_fn(|k| {
-                    let p = points[MIRROR[k]];
-                    Point::new(-p.x, p.y, p.z)
-                })
-            };
-            points_head = flipped(&points_head);
-            neutral_points = flipped(&neutral_points);
+            points_head = mirrored(&points_head);
+            neutral_points = mirrored(&neutral_points);
         }
-        Face {
-            neutral: neutral_points,
-            points: points_head,
-        }
+        [neutral_points, points_head]
     }
 
     /// Varies a shape; origin between the inner eye corners again.
@@ -279,14 +260,7 @@ impl Renderer {
             std::array::from_fn(|_| std::array::from_fn(|_| 0.12 * normal(rng)));
         for p in out.iter_mut() {
             let q = p.coords;
-            let terms = [
-                q.x * q.x,
-                q.y * q.y,
-                q.z * q.z,
-                q.x * q.y,
-                q.y * q.z,
-                q.z * q.x,
-            ];
+            let terms = quadratic(&q);
             for axis in 0..3 {
                 let warp: f32 = bend[axis].iter().zip(terms).map(|(b, t)| b * t).sum();
                 p[axis] = q[axis] * scale[axis] + warp;

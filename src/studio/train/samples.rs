@@ -13,8 +13,9 @@ use crate::landmarks::features::OrientationMaps;
 use crate::landmarks::view::View;
 use crate::landmarks::window::{ORIGIN, PIXELS_PER_METRE, Picture, Placement, Region, WINDOW};
 use crate::sensor::camera::Camera;
+use crate::studio::fault::Fault;
 
-use super::dataset::{DatasetError, Entry, GreyPicture, load_grey};
+use super::dataset::{Entry, GreyPicture, load_grey};
 use super::points::fit_points;
 use super::render::TrainingSample;
 use super::shape::{Face, Similarity};
@@ -44,7 +45,7 @@ impl TruePicture {
     ///
     /// # Errors
     /// If the picture does not decode.
-    pub fn portrait(entry: &Entry, shape: &ShapeModel) -> Result<Option<Self>, DatasetError> {
+    pub fn portrait(entry: &Entry, shape: &ShapeModel) -> Result<Option<Self>, Fault> {
         let Some(points) = entry.points else {
             return Ok(None);
         };

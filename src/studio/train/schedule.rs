@@ -5,7 +5,6 @@
 //! The model file is written only at the end.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -14,8 +13,7 @@ use super::args::{TrainArgs, write};
 use super::cascade::{
     Progress, StageSettings, advance, cold_starts, fit_cold, inner_error_percent, learn_stage,
 };
-use super::dataset::{DatasetError, read_folder};
-use super::error::TrainError;
+use super::dataset::{read_folder, too_few};
 use super::evaluate::{Errors, differences, mean_offsets, without};
 use super::paper_section;
 use super::refine::learn_refinement;
@@ -23,12 +21,12 @@ use super::render::Renderer;
 use super::samples::{COLD, Disturbance, NEAR, Sample, TruePicture, disturbed};
 use super::{confidence, shape, standard_head};
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::refinement::Refinement;
 use crate::face_model::{
     CascadeStage, ConfidenceModel, FaceModel, MAX_MODES, ShapeModel, StandardHead, file,
 };
 use crate::landmarks::cascade::Solver;
 use crate::simulator::virtual_head::Site;
+use crate::studio::fault::Fault;
 use crate::studio::heads::ict::IctHead;
 use crate::studio::people_split::Split;
 
@@ -54,7 +52,7 @@ impl TrainArgs {
         seed: u64,
         shape: &ShapeModel,
         keep: impl Fn(Split) -> bool,
-    ) -> Result<Vec<TruePicture>, TrainError> {
+    ) -> Result<Vec<TruePicture>, Fault> {
         let renderer = Renderer::new(&self.data.data, |person| keep(Split::of(person)))?;
         let camera = crate::sensor::kinect::geometry::nominal();
         let samples = renderer.samples(0..count as u64, seed);
@@ -77,7 +75,7 @@ pub struct Pictures {
 }
 
 /// Reads and splits the portraits.
-fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainError> {
+fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, Fault> {
     let mut entries = Vec::new();
     for folder in &args.images {
         entries.extend(read_folder(folder)?);
@@ -91,7 +89,7 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainErro
         .par_iter()
         .zip(splits)
         .map(|(entry, split)| Ok((split, TruePicture::portrait(entry, shape)?)))
-        .collect::<Result<_, DatasetError>>()?;
+        .collect::<Result<_, Fault>>()?;
     let mut pictures = Pictures::default();
     for (split, picture) in loaded {
         let Some(picture) = picture else { continue };
@@ -106,10 +104,7 @@ fn portraits(args: &TrainArgs, shape: &ShapeModel) -> Result<Pictures, TrainErro
     }
     let least = 20;
     if pictures.train.len() < least {
-        return Err(TrainError::TooFew {
-            expected: least,
-            found: pictures.train.len(),
-        });
+        return Err(too_few(least, pictures.train.len()));
     }
     Ok(pictures)
 }
@@ -192,7 +187,7 @@ fn learn_shape(
     ict: &IctHead,
     sites: &[Site],
     log: &mut Log,
-) -> Result<ShapeModel, TrainError> {
+) -> Result<ShapeModel, Fault> {
     let mut faces = shape::population(ict, sites, 6000, args.seed);
     let reference: shape::Face = std::array::from_fn(|i| sites[i].on(&ict.neutral));
     let rough = shape::principal_components(&faces, &reference, MODES);
@@ -218,11 +213,7 @@ fn learn_shape(
 }
 
 /// The portraits, with what the shape model leaves of those to test on.
-fn read_portraits(
-    args: &TrainArgs,
-    shape: &ShapeModel,
-    log: &mut Log,
-) -> Result<Pictures, TrainError> {
+fn read_portraits(args: &TrainArgs, shape: &ShapeModel, log: &mut Log) -> Result<Pictures, Fault> {
     let pictures = portraits(args, shape)?;
     log.done(&format!(
         "portraits: {} to train on (with mirror images), {} to choose on, {} to test on",
@@ -249,7 +240,7 @@ fn learn_stages(
     shape: &ShapeModel,
     pictures: &mut Pictures,
     log: &mut Log,
-) -> Result<[Vec<CascadeStage>; 2], TrainError> {
+) -> Result<[Vec<CascadeStage>; 2], Fault> {
     let drawn = args.drawn_faces(args.drawn, args.seed, shape, |s| args.learns_from(s))?;
     log.done(&format!("{} rendered faces", drawn.len()));
     let mut samples = disturbed(&pictures.train, args.starts, &[COLD], true, args.seed);
@@ -320,7 +311,7 @@ fn write_offsets(
     model: &FaceModel,
     pictures: &Pictures,
     path: &Path,
-) -> Result<(), TrainError> {
+) -> Result<(), Fault> {
     let samples = disturbed(
         &pictures.train[..pictures.train.len().min(150)],
         4,
@@ -337,7 +328,7 @@ fn write_offsets(
 ///
 /// # Errors
 /// If the data cannot be read, is too little, or the result cannot be written.
-pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainError> {
+pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), Fault> {
     let paper = paper_section::Source::of(args)?;
     let log = &mut Log {
         began: Instant::now(),
@@ -349,7 +340,9 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainErr
     write(&args.out, &file::emit(&model))?;
     model.paper_aam = paper.section(args, &model.shape, log.say)?;
     if args.drawn > 0 {
-        model.refinement = learn_depth(args, &model)?;
+        let keep = |person| args.learns_from(Split::of(person));
+        let learnt = learn_refinement(&args.data.data, &model, keep, args.seed + 17)?;
+        model.refinement = learnt.map(Into::into);
         log.done("what depth adds");
     }
     let bytes = file::emit(&model);
@@ -367,7 +360,7 @@ pub fn train(args: &TrainArgs, say: &mut dyn FnMut(&str)) -> Result<(), TrainErr
 }
 
 /// Shape, stages and confidence, with their errors on people not trained on.
-fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceModel, TrainError> {
+fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceModel, Fault> {
     let sites = crate::studio::heads::plain_head(ict).landmarks;
     let shape = learn_shape(args, ict, &sites, log)?;
     let mut pictures = read_portraits(args, &shape, log)?;
@@ -395,12 +388,6 @@ fn learn_fits(args: &TrainArgs, ict: &IctHead, log: &mut Log) -> Result<FaceMode
     Ok(model)
 }
 
-/// What depth adds to a model's fits.
-fn learn_depth(args: &TrainArgs, model: &FaceModel) -> Result<Option<Arc<Refinement>>, TrainError> {
-    let keep = |person| args.learns_from(Split::of(person));
-    Ok(learn_refinement(&args.data.data, model, keep, args.seed + 17)?.map(Into::into))
-}
-
 /// From ends of fits on pictures not learnt from: as they are meant, from far starts, and in windows beside the face.
 fn learn_confidence(
     args: &TrainArgs,
@@ -408,7 +395,7 @@ fn learn_confidence(
     shape: &ShapeModel,
     cold: &[CascadeStage],
     warm: &[CascadeStage],
-) -> Result<ConfidenceModel, TrainError> {
+) -> Result<ConfidenceModel, Fault> {
     let seed = args.seed;
     let mut fresh = args.drawn_faces(args.drawn / 6, seed + 17, shape, |s| args.learns_from(s))?;
     fresh.extend(portraits.iter().take(150).cloned());

@@ -93,6 +93,14 @@ fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both
     }
 }
 
+/// The terms of second order of a place.
+pub(super) fn quadratic(p: &Vector) -> [f32; 6] {
+    let (squares, turned) = (p.component_mul(p), p.component_mul(&p.yzx()));
+    [
+        squares.x, squares.y, squares.z, turned.x, turned.y, turned.z,
+    ]
+}
+
 /// Stretches a face and bends it smoothly.
 fn warp(face: &mut Face, random: &mut fastrand::Rng) {
     let stretch = Vector::from_fn(|_, _| 1.0 + 0.035 * normal(random));
@@ -100,14 +108,7 @@ fn warp(face: &mut Face, random: &mut fastrand::Rng) {
     let bend: Vec<f32> = (0..18).map(|_| 0.0006 * normal(random)).collect();
     for p in face {
         let u = Vector::new(p.x, p.y - 0.03, p.z) / 0.05;
-        let terms = [
-            u.x * u.x,
-            u.y * u.y,
-            u.z * u.z,
-            u.x * u.y,
-            u.y * u.z,
-            u.z * u.x,
-        ];
+        let terms = quadratic(&u);
         for axis in 0..3 {
             p[axis] *= stretch[axis];
             for (k, term) in terms.iter().enumerate() {

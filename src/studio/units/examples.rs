@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::glance::Glance;
 use crate::base::capacity::INPUTS;
 use crate::expression::readings::{input_name, input_named};
+use crate::studio::bake::names::swapped;
 use crate::studio::evaluate::acted::UNITS;
 
 /// Departures of all inputs, truth of all units in the order of [`UNITS`], and what the eyes show.
@@ -46,15 +47,6 @@ pub(super) fn read(text: &str) -> Vec<Example> {
     text.lines().filter_map(example).collect()
 }
 
-/// The same of the other side.
-fn other_side(name: &str) -> String {
-    match (name.strip_suffix('L'), name.strip_suffix('R')) {
-        (Some(stem), _) => format!("{stem}R"),
-        (_, Some(stem)) => format!("{stem}L"),
-        _ => name.to_owned(),
-    }
-}
-
 /// Inputs that change their sign in a mirror.
 const LATERAL: [&str; 3] = ["lip_shift", "upper_lip_shift", "gaze_left"];
 
@@ -65,10 +57,10 @@ impl Example {
             departures: core::array::from_fn(|i| {
                 let name = input_name(i);
                 let sign = if LATERAL.contains(&name) { -1.0 } else { 1.0 };
-                sign * self.departures[input_named(&other_side(name)).unwrap_or(i)]
+                sign * self.departures[input_named(&swapped(name)).unwrap_or(i)]
             }),
             glance: Glance::NONE,
-            truth: core::array::from_fn(|k| self.truth[unit(&other_side(UNITS[k].0)).unwrap_or(k)]),
+            truth: core::array::from_fn(|k| self.truth[unit(&swapped(UNITS[k].0)).unwrap_or(k)]),
         }
     }
 }

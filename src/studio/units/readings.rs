@@ -28,7 +28,8 @@ use crate::simulator::virtual_head::{Look, Scene, Sensor, Simulator};
 use crate::studio::atomic_write;
 use crate::studio::correlation::correlation;
 use crate::studio::evaluate::acted::{Acted, UNITS};
-use crate::studio::evaluate::sessions::{SessionsError, lighting, median, seed_of};
+use crate::studio::evaluate::sessions::{lighting, median, nobody, seed_of};
+use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::{PersonHead, textured_heads};
 use crate::studio::people_split::Split;
@@ -88,11 +89,11 @@ pub fn learn(
     settings: &Settings,
     practice: &Practice,
     say: &mut dyn FnMut(&str),
-) -> Result<String, SessionsError> {
+) -> Result<String, Fault> {
     let mut heads = textured_heads(data, |person| Split::of(person) != Split::Test)?;
     heads.truncate(practice.people);
     if heads.is_empty() {
-        return Err(SessionsError::Nobody(data.display().to_string()));
+        return Err(nobody(data));
     }
     let priors = feature_priors(&heads);
     let mut examples = examples(heads, model, settings, practice)?;
@@ -143,10 +144,10 @@ fn examples(
     model: &FaceModel,
     settings: &Settings,
     practice: &Practice,
-) -> Result<Vec<Example>, SessionsError> {
+) -> Result<Vec<Example>, Fault> {
     let kept = practice.examples.as_ref().filter(|path| path.is_file());
     let examples: Vec<Example> = match kept {
-        Some(path) => examples::read(&std::fs::read_to_string(path).map_err(|e| at(path, e))?),
+        Some(path) => examples::read(&std::fs::read_to_string(path).map_err(unusable(path))?),
         None => {
             let progress = Progress::new("units", heads.len());
             let played = heads.into_par_iter().enumerate().map(|(number, head)| {
@@ -158,16 +159,14 @@ fn examples(
         }
     };
     if let (Some(path), None) = (&practice.examples, kept) {
-        atomic_write::write(path, written(&examples)).map_err(|e| at(path, e))?;
+        atomic_write::write(path, written(&examples)).map_err(unusable(path))?;
     }
     Ok(examples)
 }
 
-fn at(path: &Path, source: std::io::Error) -> SessionsError {
-    SessionsError::Examples {
-        path: path.to_owned(),
-        source,
-    }
+fn unusable(path: &Path) -> impl Fn(std::io::Error) -> Fault {
+    let advice = "; give another place with --examples";
+    Fault::cannot("read or write", path, advice)
 }
 
 fn practise(
@@ -176,7 +175,7 @@ fn practise(
     model: &FaceModel,
     settings: &Settings,
     practice: &Practice,
-) -> Result<Vec<Example>, SessionsError> {
+) -> Result<Vec<Example>, Fault> {
     let seed = seed_of(practice.seed, head.person);
     let (light, exposure) = lighting(&mut fastrand::Rng::with_seed(seed));
     if number % PHOTOGRAPHED != 1 {

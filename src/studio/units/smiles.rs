@@ -12,7 +12,7 @@ use crate::base::geometry::Point;
 use crate::expression::{Measure, features, measures};
 use crate::face_model::FaceModel;
 use crate::face_model::refinement::PUFFS;
-use crate::studio::evaluate::sessions::SessionsError;
+use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter};
 use crate::studio::people_split::Split;
 use crate::studio::train::dataset::{Entry, read_folder};
@@ -37,10 +37,7 @@ fn inputs(head: &[Point; LANDMARKS]) -> [f64; INPUTS] {
 ///
 /// # Errors
 /// If the portraits cannot be read.
-pub(super) fn departures(
-    portraits: &Path,
-    model: &FaceModel,
-) -> Result<Vec<[f64; INPUTS]>, SessionsError> {
+pub(super) fn departures(portraits: &Path, model: &FaceModel) -> Result<Vec<[f64; INPUTS]>, Fault> {
     let entries = read_folder(portraits)?;
     let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
     let mut pairs: BTreeMap<&str, [Option<&Entry>; 2]> = BTreeMap::new();

@@ -8,7 +8,7 @@ use nalgebra::Matrix3;
 use super::super::by_shape;
 use super::super::mesh::{Mesh, Vec3, extent_of};
 use super::parts::Parts;
-use super::seen::{Seen, apart, look, picture};
+use super::seen::{Seen, apart, look};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::studio::fit::still::StillFitter;
@@ -163,9 +163,9 @@ impl Search<'_> {
                 let seen = look(self.mesh, self.parts, skin, to_view, &middle, side * AROUND);
                 (seen, side)
             });
-            let luma = seen.luma();
+            let grey = seen.grey();
             let face_box = seen.square(&middle, side);
-            let face = self.fitter.glance(&picture(&luma), &face_box);
+            let face = self.fitter.glance(&grey.picture(), &face_box);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             let (middle, side) = seen.unsquare(&face.points);
             found.push(Glance {
@@ -251,11 +251,11 @@ impl Search<'_> {
         let middle = glance.middle - Vec3::y() * (MIDDLE * width);
         let (skin, to_view, height) = (glance.skin, &glance.to_view, FRAME * width);
         let seen = look(self.mesh, self.parts, skin, to_view, &middle, height);
-        let luma = seen.luma();
+        let grey = seen.grey();
         let mut fits: Vec<Fit> = Vec::with_capacity(BOXES.len() * MIDDLES.len());
         for (share, above) in BOXES.iter().flat_map(|&s| MIDDLES.map(|m| (s, m))) {
             let face_box = seen.square(&(middle + Vec3::y() * (above * width)), share * width);
-            let face = self.fitter.fit(&picture(&luma), &face_box, 0.0);
+            let face = self.fitter.fit(&grey.picture(), &face_box, 0.0);
             let score = face.confidence * self.plausible(&seen, &face.points).0;
             fits.push((score, face.confidence, face.points));
         }

@@ -8,8 +8,8 @@ use super::super::mesh::{Mesh, Vec3};
 use super::super::render::{Canvas, paint};
 use super::parts::Parts;
 use crate::base::capacity::LANDMARKS;
-use crate::landmarks::window::Picture;
 use crate::studio::fit::still::FaceBox;
+use crate::studio::train::dataset::GreyPicture;
 
 /// Side of the picture, pixels.
 pub(super) const PIXELS: u32 = 360;
@@ -35,9 +35,13 @@ impl Seen {
         self.canvas.screen(&(self.to_view * p))
     }
 
-    pub(super) fn luma(&self) -> Vec<u8> {
+    pub(super) fn grey(&self) -> GreyPicture {
         let pixels = self.canvas.image.pixels();
-        pixels.map(|p| image::Pixel::to_luma(p).0[0]).collect()
+        GreyPicture {
+            luma: pixels.map(|p| image::Pixel::to_luma(p).0[0]).collect(),
+            width: PIXELS as usize,
+            height: PIXELS as usize,
+        }
     }
 
     /// Pixels of a square in the view.
@@ -109,14 +113,6 @@ pub(super) fn look(
         plane: middle.x,
         scale: f64::from(PIXELS) / height,
         canvas,
-    }
-}
-
-pub(super) fn picture(luma: &[u8]) -> Picture<'_> {
-    Picture {
-        luma,
-        width: PIXELS as usize,
-        height: PIXELS as usize,
     }
 }
 

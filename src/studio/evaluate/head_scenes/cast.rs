@@ -78,11 +78,16 @@ impl Cast<'_> {
         Ok(film)
     }
 
+    /// What is played once with each person first.
+    pub(super) fn each<T: Send>(
+        &self,
+        play: impl Fn(usize) -> Result<T, PipelineError> + Sync,
+    ) -> Result<Vec<T>, PipelineError> {
+        (0..self.heads.len()).into_par_iter().map(&play).collect()
+    }
+
     pub(super) fn films(&self, scene: Scene, frames: usize) -> Result<Vec<Film>, PipelineError> {
-        (0..self.heads.len())
-            .into_par_iter()
-            .map(|k| self.film(scene, k, frames))
-            .collect()
+        self.each(|k| self.film(scene, k, frames))
     }
 
     /// `acted`, from 0.5 to 1.2 m.
@@ -148,29 +153,24 @@ impl Cast<'_> {
     /// Whether a head is known again in another session, and how many others are taken for it.
     pub(super) fn known_again(&self) -> Result<String, PipelineError> {
         let judge = self.pipeline(&self.simulator(Scene::Acted, 0))?;
-        let session = |k: usize, seed: u64, frames: &[usize]| {
-            let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
-            let mut pipeline = self.pipeline(&simulator)?;
-            let (mut frame, mut seen) = (Frame::default(), Vec::new());
-            // From the midst of a movement.
-            for n in 0..*frames.last().unwrap_or(&0) {
-                simulator.draw(at(100 + n), &mut frame);
-                pipeline.follow(&frame);
-                if frames.contains(&(n + 1)) {
-                    seen.push(pipeline.likeness(0));
+        let session =
+            |k: usize, seed: u64, frames: &[usize]| -> Result<Vec<Likeness>, PipelineError> {
+                let mut simulator = Simulator::new(self.asset(k), Scene::Acted, seed);
+                let mut pipeline = self.pipeline(&simulator)?;
+                let (mut frame, mut seen) = (Frame::default(), Vec::new());
+                // From the midst of a movement.
+                for n in 0..*frames.last().unwrap_or(&0) {
+                    simulator.draw(at(100 + n), &mut frame);
+                    pipeline.follow(&frame);
+                    if frames.contains(&(n + 1)) {
+                        seen.push(pipeline.likeness(0));
+                    }
                 }
-            }
-            Ok(seen)
-        };
-        let people = self.heads.len();
-        let learned: Vec<Likeness> = (0..people)
-            .into_par_iter()
-            .map(|k| Ok(session(k, self.seed, &[90])?.remove(0)))
-            .collect::<Result<_, PipelineError>>()?;
-        let looks: Vec<Vec<Likeness>> = (0..people)
-            .into_par_iter()
-            .map(|k| session(k, self.seed + 99, &LOOKS.map(|(frames, _)| frames)))
-            .collect::<Result<_, PipelineError>>()?;
+                Ok(seen)
+            };
+        let learned = self.each(|k| Ok(session(k, self.seed, &[90])?.remove(0)))?;
+        let frames = LOOKS.map(|(frames, _)| frames);
+        let looks = self.each(|k| session(k, self.seed + 99, &frames))?;
         let text = LOOKS.iter().enumerate().map(|(look, &(frames, most))| {
             let (mut same, mut other) = ([0; 2], [0; 2]);
             for (k, seen) in looks.iter().enumerate() {

@@ -18,15 +18,14 @@ mod covered;
 mod measure;
 pub mod wild;
 
-use std::fmt::{self, Display};
+use std::fmt::Write as _;
 use std::path::Path;
 
-use rayon::prelude::*;
-
-use super::sessions::{Sessions, SessionsError, held_out};
+use super::sessions::{Sessions, held_out};
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
 use crate::simulator::virtual_head::Scene;
+use crate::studio::fault::Fault;
 use crate::users::TrackingState;
 use cast::Cast;
 use measure::{Film, Sight, pose_errors};
@@ -41,12 +40,8 @@ pub const ROWS: [&str; 10] = [
     "acted", "wide", "fast", "still", "first", "several", "known", "hand", "mouth", "nobody",
 ];
 
-/// The table.
-#[derive(Clone, Debug, Default)]
-pub struct Table {
-    /// Scene, bar, figure.
-    rows: Vec<(String, String, String)>,
-}
+/// The table's text so far.
+struct Table(String);
 
 /// Frames from the hand's leaving the face to the face's being followed again, the worst; and the states under it.
 fn uncovered(film: &Film) -> (usize, String) {
@@ -87,7 +82,7 @@ pub fn play(
     settings: &Settings,
     sessions: &Sessions,
     only: &[String],
-) -> Result<Table, SessionsError> {
+) -> Result<String, Fault> {
     let heads = held_out(data, sessions)?;
     let cast = Cast {
         heads,
@@ -96,23 +91,25 @@ pub fn play(
         frames: (sessions.seconds * 30.0) as usize,
         seed: sessions.seed,
     };
-    let mut rows = Table::default();
+    let mut rows = Table("| scene | bar | figure |\n| --- | --- | --- |\n".to_owned());
     let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
     for name in ROWS.into_iter().filter(|name| wanted(name)) {
         match name {
-            "acted" => near_and_far(&cast, &mut rows)?,
-            "wide" => {
-                let wide = cast.films(Scene::Wide, cast.frames)?;
-                rows.add(
-                    "yaw ±45°, pitch ±30°",
-                    "1.5 / 4°, never lost",
-                    tracked(&wide),
-                );
-            }
-            "fast" => {
-                let fast = cast.films(Scene::Fast, cast.short())?;
-                rows.add("turns at 200°/s", "2 / 5°, lost ≤ 1 %", tracked(&fast));
-            }
+            "acted" => rows.add(
+                "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
+                "0.7 / 1.5°, 3 / 6 mm",
+                tracked(&cast.each(|k| cast.near_and_far(k))?),
+            ),
+            "wide" => rows.add(
+                "yaw ±45°, pitch ±30°",
+                "1.5 / 4°, never lost",
+                tracked(&cast.films(Scene::Wide, cast.frames)?),
+            ),
+            "fast" => rows.add(
+                "turns at 200°/s",
+                "2 / 5°, lost ≤ 1 %",
+                tracked(&cast.films(Scene::Fast, cast.short())?),
+            ),
             "still" => jitter_and_lag(&cast, &mut rows)?,
             "first" => first_poses(&cast, &mut rows)?,
             "several" => several_people(&cast, sessions.seconds, &mut rows)?,
@@ -122,17 +119,21 @@ pub fn play(
                 cast.known_again()?,
             ),
             "hand" => hand_before_the_face(&cast, &mut rows)?,
-            "mouth" => hand_over_the_mouth(&cast, &mut rows)?,
+            "mouth" => rows.add(
+                "hand over the mouth for 1 s: error of its units relative to holding them",
+                "half",
+                covered::figure(&cast.each(|k| covered::play(&cast, k))?),
+            ),
             _ => nobody(&cast, data, &mut rows)?,
         }
     }
-    Ok(rows)
+    Ok(rows.0)
 }
 
 impl Table {
     fn add(&mut self, scene: &str, bar: &str, figure: String) {
         say(scene, &figure);
-        self.rows.push((scene.to_owned(), bar.to_owned(), figure));
+        let _ = writeln!(self.0, "| {scene} | {bar} | {figure} |");
     }
 }
 
@@ -152,20 +153,7 @@ fn tracked(films: &[Film]) -> String {
     format!("{turn:.2}°, {shift:.1} mm, lost {lost:.2} % of frames")
 }
 
-fn near_and_far(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
-    let near: Vec<Film> = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| cast.near_and_far(k))
-        .collect::<Result<_, _>>()?;
-    rows.add(
-        "acted, 0.5–1.2 m, yaw ±25°, pitch ±15°",
-        "0.7 / 1.5°, 3 / 6 mm",
-        tracked(&near),
-    );
-    Ok(())
-}
-
-fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let mean = |values: &dyn Fn(&Film) -> f64, films: &[Film]| {
         films.iter().map(values).sum::<f64>() / films.len() as f64
     };
@@ -186,12 +174,8 @@ fn jitter_and_lag(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
-    let firsts = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| cast.first_poses(k))
-        .collect::<Result<Vec<_>, _>>()?
-        .concat();
+fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
+    let firsts = cast.each(|k| cast.first_poses(k))?.concat();
     let within =
         |most: f64| firsts.iter().filter(|&&error| error < most).count() * 100 / firsts.len();
     rows.add(
@@ -202,7 +186,7 @@ fn first_poses(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
     Ok(())
 }
 
-fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), SessionsError> {
+fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<(), Fault> {
     for (name, scene, seconds) in [
         ("two side by side", Scene::Two, 15.0),
         ("two crossing", Scene::Crossing, 20.0),
@@ -228,7 +212,7 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<()
     Ok(())
 }
 
-fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
+fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let hands = cast.films(Scene::Hand, 480)?;
     let worst = hands
         .iter()
@@ -243,20 +227,7 @@ fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), SessionsErr
     Ok(())
 }
 
-fn hand_over_the_mouth(cast: &Cast, rows: &mut Table) -> Result<(), SessionsError> {
-    let films: Vec<covered::Errors> = (0..cast.heads.len())
-        .into_par_iter()
-        .map(|k| covered::play(cast, k))
-        .collect::<Result<_, _>>()?;
-    rows.add(
-        "hand over the mouth for 1 s: error of its units relative to holding them",
-        "half",
-        covered::figure(&films),
-    );
-    Ok(())
-}
-
-fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), SessionsError> {
+fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
     let mut ghosts = Vec::new();
     for (name, scene) in [
         ("empty", Scene::Empty),
@@ -289,14 +260,4 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), SessionsErro
 #[expect(clippy::print_stderr, reason = "progress of a command of minutes")]
 fn say(scene: &str, figure: &str) {
     eprintln!("{scene}: {figure}");
-}
-
-impl Display for Table {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "| scene | bar | figure |\n| --- | --- | --- |")?;
-        for (scene, bar, figure) in &self.rows {
-            writeln!(f, "| {scene} | {bar} | {figure} |")?;
-        }
-        Ok(())
-    }
 }

@@ -19,8 +19,9 @@ use crate::pipeline::Pipeline;
 use crate::sensor::Frame;
 use crate::simulator::virtual_head::{Light, Look, Scene, Sensor, Simulator};
 use crate::studio::evaluate::sessions::{
-    Sessions, SessionsError, Spread, held_out, landmark_error, lighting, seed_of,
+    Sessions, Spread, held_out, landmark_error, lighting, seed_of,
 };
+use crate::studio::fault::Fault;
 use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
 
@@ -122,7 +123,7 @@ fn play_one(
     settings: &Settings,
     sessions: &Sessions,
     progress: &Progress,
-) -> Result<Row, SessionsError> {
+) -> Result<Row, Fault> {
     let (mut simulator, who) = simulator(head, number, sessions.seed);
     let mut pipeline = Pipeline::new(&settings.stages(), simulator.camera(), model)?;
     let (mut frame, mut film) = (Frame::default(), Film::default());
@@ -167,7 +168,7 @@ pub fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Table, SessionsError> {
+) -> Result<Table, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
     let rows = heads

@@ -20,7 +20,8 @@ use crate::segment::Segmenter;
 use crate::sensor::Frame;
 use crate::sensor::camera::Camera;
 use crate::simulator::virtual_head::{Light, Scene, Simulator, Truth};
-use crate::studio::evaluate::sessions::{Sessions, SessionsError, held_out, lighting, seed_of};
+use crate::studio::evaluate::sessions::{Sessions, held_out, lighting, seed_of};
+use crate::studio::fault::Fault;
 use crate::studio::frame_time::frame_time;
 use crate::studio::heads::PersonHead;
 use crate::studio::progress::Progress;
@@ -37,7 +38,7 @@ pub(super) fn play(
     model: &FaceModel,
     settings: &Settings,
     sessions: &Sessions,
-) -> Result<Seen, SessionsError> {
+) -> Result<Seen, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len());
     let played: Vec<Seen> = heads
@@ -65,10 +66,7 @@ struct Player<'a> {
     segmenter: Segmenter,
     pose: PoseTracker,
     model: &'a FaceModel,
-    /// Everything is told, believed or not.
     fit_settings: FitSettings,
-    /// The confidence from which the appliance believes.
-    least: f32,
     random: fastrand::Rng,
     seen: Seen,
 }
@@ -112,7 +110,6 @@ impl<'a> Player<'a> {
         let (light, exposure) = lighting(&mut random);
         let simulator = Simulator::new(head.asset, Scene::Acted, seed).lit(light, exposure);
         let anchor = model.standard_head.oriented();
-        let fit_settings = settings.landmarks.cascade;
         Ok(Self {
             person: head.person,
             seconds: sessions.seconds,
@@ -127,11 +124,7 @@ impl<'a> Player<'a> {
                 people: 1,
                 ..Seen::default()
             },
-            least: fit_settings.min_confidence,
-            fit_settings: FitSettings {
-                min_confidence: 0.0,
-                ..fit_settings
-            },
+            fit_settings: settings.landmarks.cascade,
             simulator,
             random,
         })
@@ -139,15 +132,16 @@ impl<'a> Player<'a> {
 
     /// Who believes as the appliance does.
     fn sceptic(&self) -> LandmarkFitter {
+        LandmarkFitter::new(self.fit_settings, self.model)
+    }
+
+    /// Who tells everything, believed or not.
+    fn fitter(&self) -> LandmarkFitter {
         let settings = FitSettings {
-            min_confidence: self.least,
+            min_confidence: 0.0,
             ..self.fit_settings
         };
         LandmarkFitter::new(settings, self.model)
-    }
-
-    fn fitter(&self) -> LandmarkFitter {
-        LandmarkFitter::new(self.fit_settings, self.model)
     }
 
     fn find(&mut self, at: Timestamp) -> Option<HeadPose> {
@@ -171,7 +165,8 @@ impl<'a> Player<'a> {
     }
 
     fn judge(&mut self, fit: &Landmarks, truth: &Truth) -> f64 {
-        self.seen.judge(fit, truth, &[false; LANDMARKS], self.least)
+        let least = self.fit_settings.min_confidence;
+        self.seen.judge(fit, truth, &[false; LANDMARKS], least)
     }
 
     fn play(mut self) -> Seen {
@@ -263,7 +258,8 @@ impl<'a> Player<'a> {
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
-        self.seen.judge(fit, truth, &hidden, self.least);
+        let least = self.fit_settings.min_confidence;
+        self.seen.judge(fit, truth, &hidden, least);
         let d = differences(&fit.pixels, &truth.landmarks_px);
         let seen = (0..LANDMARKS).filter(|&i| !hidden[i]);
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();

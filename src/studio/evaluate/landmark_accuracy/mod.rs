@@ -22,7 +22,8 @@ use std::path::Path;
 
 use crate::appliance::settings::Settings;
 use crate::face_model::FaceModel;
-use crate::studio::evaluate::sessions::{Sessions, SessionsError};
+use crate::studio::evaluate::sessions::Sessions;
+use crate::studio::fault::Fault;
 use tallies::Condition::*;
 use tallies::{Row, Seen, Share};
 
@@ -36,7 +37,7 @@ pub fn measure(
     settings: &Settings,
     sessions: &Sessions,
     say: &mut dyn FnMut(&str),
-) -> Result<(), SessionsError> {
+) -> Result<(), Fault> {
     let seen = drawn::play(data, model, settings, sessions)?;
     say(&format!(
         "{} people never trained on; errors are mean / 95th percentile, % of the outer-eye distance",

@@ -9,9 +9,11 @@ use super::tallies::{Row, mean_percent};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{FaceModel, scheme};
 use crate::studio::evaluate::sessions::{Spread, median};
+use crate::studio::fault::Fault;
 use crate::studio::fit::still::{FaceBox, StillFitter, disturbed_box};
 use crate::studio::people_split::Split;
-use crate::studio::train::dataset::{DatasetError, Entry, load_grey, read_folder};
+use crate::studio::text_files::listed;
+use crate::studio::train::dataset::{Entry, load_grey, read_folder};
 use crate::studio::train::evaluate::{differences, mean_offsets, without};
 
 type Differences = [[f32; 2]; LANDMARKS];
@@ -30,7 +32,7 @@ const JUMP: f32 = 0.15;
 fn fitted(
     model: &FaceModel,
     entries: &[&Entry],
-) -> Result<BTreeMap<String, Vec<Differences>>, DatasetError> {
+) -> Result<BTreeMap<String, Vec<Differences>>, Fault> {
     let each: Vec<Option<(String, Differences)>> = entries
         .par_iter()
         .enumerate()
@@ -48,7 +50,7 @@ fn fitted(
                 )))
             },
         )
-        .collect::<Result<_, DatasetError>>()?;
+        .collect::<Result<_, Fault>>()?;
     let mut by_person: BTreeMap<String, Vec<Differences>> = BTreeMap::new();
     for (person, d) in each.into_iter().flatten() {
         by_person.entry(person).or_default().push(d);
@@ -77,7 +79,7 @@ fn both(by_person: &BTreeMap<String, Vec<Differences>>) -> [Vec<f64>; 2] {
 }
 
 /// The rows of the table; data sets that are not there are left out.
-pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<Row>, DatasetError> {
+pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<Row>, Fault> {
     let mut rows = Vec::new();
     if let Ok(entries) = read_folder(&data.join("faces_frl189")) {
         let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
@@ -112,12 +114,10 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
 }
 
 /// Follows the talking face through its pictures, colour alone.
-fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, DatasetError> {
-    let Ok(files) = std::fs::read_dir(folder) else {
+fn talking(folder: &Path, model: &FaceModel) -> Result<Option<Row>, Fault> {
+    let Ok(paths) = listed(folder) else {
         return Ok(None);
     };
-    let mut paths: Vec<_> = files.filter_map(|file| Some(file.ok()?.path())).collect();
-    paths.sort();
     let mut fitter = StillFitter::new(model);
     let (mut followed, mut last): (usize, Option<([[f32; 2]; LANDMARKS], _)>) = (0, None);
     let mut steps = Vec::new();

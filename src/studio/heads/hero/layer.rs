@@ -22,14 +22,7 @@ impl Layer {
     }
 
     pub(super) fn face(&mut self, corners: &[u32], look: usize) {
-        let corners: Vec<Corner> = corners
-            .iter()
-            .map(|&vertex| Corner {
-                vertex,
-                uv: None,
-                normal: None,
-            })
-            .collect();
+        let corners: Vec<Corner> = corners.iter().map(|&v| Corner::bare(v)).collect();
         self.mesh.push_face(&corners, look as u32);
     }
 }

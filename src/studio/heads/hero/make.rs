@@ -14,8 +14,9 @@ use rayon::prelude::*;
 
 use crate::base::geometry::Point;
 use crate::simulator::virtual_head::{HeadAsset, Site};
+use crate::studio::fault::Fault;
+use crate::studio::heads;
 use crate::studio::heads::ict::{IctHead, part, part_of};
-use crate::studio::heads::{self, HeadsError};
 
 /// Lashes across a lid.
 pub const COLUMNS: usize = 19;
@@ -61,7 +62,7 @@ fn within(c: f32) -> f32 {
 ///
 /// # Errors
 /// If the mesh under `data` cannot be read or `out` cannot be written.
-pub fn make(data: &Path, out: &Path) -> Result<usize, HeadsError> {
+pub fn make(data: &Path, out: &Path) -> Result<usize, Fault> {
     let ict = IctHead::read(&data.join("ict_facekit"))?;
     heads::write(&of(&ict), out)
 }
