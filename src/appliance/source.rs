@@ -67,7 +67,7 @@ pub enum SourceError {
     /// The recording cannot be opened.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// Neither a sensor nor a recording.
+    /// Neither a sensor nor a recording: the name, and a hint to the nearest one.
     #[error(
         "expected kinect, kinect:SERIAL, simulated, simulated:SCENE or the path of a recording, found {0}{1}"
     )]

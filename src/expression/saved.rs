@@ -35,7 +35,7 @@ pub enum SavedError {
         "saved ranges: expected a first line \"mien-ranges 1 <eye distance in metres, 0.015 to 0.06>\"; delete the file to start over"
     )]
     Header,
-    /// A malformed line.
+    /// A malformed line: its number from 1, and its measure.
     #[error(
         "saved ranges, line {0}: expected \"{1} low rest high\" with low <= rest <= high within 20; delete the file to start over"
     )]

@@ -78,7 +78,7 @@ pub enum UnitsError {
     /// Not TOML, unknown or missing keys, or an unknown measure.
     #[error("units table: {0}")]
     Syntax(#[from] toml::de::Error),
-    /// A row that does not fit.
+    /// A row that does not fit: its beginning, and what is expected.
     #[error("units table: {0}: expected {1}")]
     Row(String, &'static str),
 }

@@ -55,12 +55,12 @@ const CAMERA_DISTANCE: f32 = 2.4;
 /// A block that cannot be a Kinect's.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
-    /// Not the length this model sends.
+    /// A block that has not the length this model sends: its name, bytes found and expected.
     #[error(
         "the Kinect's calibration block {0} has {1} bytes, expected {2}; unplug it and plug it in again"
     )]
     Length(&'static str, usize, usize),
-    /// A length of the optics that no Kinect has.
+    /// A length of the optics that no Kinect has: its name, value and range.
     #[error(
         "the Kinect's calibration says {} is {}, expected {} to {}; unplug it and plug it in again",
         .0, .1, .2[0], .2[1]

@@ -131,20 +131,20 @@ pub enum DeviceError {
         "a Kinect's hub or motor is on USB but its camera is not: it has no 12 V; plug in its own power supply"
     )]
     NoPower,
-    /// Cameras there, but not the one asked for.
+    /// Cameras there, but not the one of this serial number; how many.
     #[error("no Kinect with serial {0} among the {1} on USB; `mien devices` lists the serials")]
     OtherSerial(String, usize),
-    /// The device node may not be opened.
+    /// The device node of this bus and address may not be opened.
     #[error(
         "no permission to open the Kinect at /dev/bus/usb/{0:03}/{1:03}; install systemd/mien.rules as /etc/udev/rules.d/60-mien.rules and plug it in again"
     )]
     Access(u8, u8),
-    /// Another program or a driver that cannot be detached holds the interface.
+    /// Another program or a driver that cannot be detached holds the interface; bus and address.
     #[error(
         "the Kinect at bus {0} address {1} is in use; stop the other program that reads it, or unload its driver with `rmmod gspca_kinect`"
     )]
     Busy(u8, u8),
-    /// The device was not configured by the kernel.
+    /// The device at this bus and address was not configured by the kernel.
     #[error(
         "the Kinect at bus {0} address {1} is on USB but not configured, usually because of insufficient power; use a port on the computer itself and check the 12 V supply"
     )]
