@@ -35,6 +35,7 @@ pub mod prior;
 pub mod range;
 pub mod readings;
 pub mod rest;
+mod resting;
 pub mod robust;
 pub mod samples;
 pub mod saved;
@@ -412,14 +413,9 @@ impl Expression {
             Learners::Robust(learners) => {
                 let learner = &learners[m];
                 let (range, kind) = (learner.range(), row.prior.kind);
-                // The smaller side moves fastest, in ranges a second.
-                let side = match kind {
-                    Kind::Rising => range.high - range.rest,
-                    Kind::Falling => range.rest - range.low,
-                    Kind::TwoWay => (range.high - range.rest).min(range.rest - range.low),
-                };
-                let g = self.filters[m].filter(g, side, self.settings.smoothing_hz, dt);
-                let dead_zone = self.settings.dead_zone * learner.sigma();
+                let sigma = learner.sigma();
+                let g = self.filters[m].filter(g, sigma, self.settings.smoothing_hz, dt);
+                let dead_zone = self.settings.dead_zone * sigma;
                 (kind, range.weight(g, kind, dead_zone), learner.readiness())
             }
             Learners::Paper(learners) => {

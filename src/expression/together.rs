@@ -1,6 +1,9 @@
 //! One person's readings over time: deviations of all inputs from rest, and a learner for each unit's reading.
 //!
-//! Memory: a [`RobustLearner`] for each feature and each unit, about 90 KiB; nothing is allocated after [`Together::new`].
+//! Memory: a [`RobustLearner`] for each feature and each unit, and the rest of each input, about 100 KiB; nothing is allocated
+//! after [`Together::new`].
+
+use nalgebra::Vector3;
 
 use super::features;
 use super::gaze::Gaze;
@@ -8,6 +11,7 @@ use super::measures::Measure;
 use super::noise::SlowNoise;
 use super::range::Range;
 use super::readings::Reading;
+use super::resting::{Resting, Turn};
 use super::robust::RobustLearner;
 use super::settings::{LEAST_CONFIDENCE, Settings};
 use super::smooth::MeasureFilter;
@@ -24,6 +28,9 @@ const SLIGHT: [&str; 4] = ["AU12L", "AU12R", "AU25", "AU26"];
 
 /// Share of the resting lid gap above which an eye counts as open.
 const OPEN: f64 = 0.55;
+
+/// Noise of a glance, of the eyes' full range.
+const GLANCE_NOISE: f64 = 0.05;
 
 /// Of a reading that is the weight.
 const ABSOLUTE: Range = Range {
@@ -42,6 +49,12 @@ pub(super) struct Together {
     strays: [Option<SlowNoise>; UNITS],
     filters: [MeasureFilter; UNITS],
     values: [f64; FEATURES],
+    turn: Turn,
+    rests: [Resting; INPUTS],
+    half_life_s: f64,
+    /// The last frame's: the head's rotation, how far each input is from its rest, and what of that is expression.
+    rotation: Vector3<f64>,
+    raw: [f64; INPUTS],
     pub(super) departures: [f64; INPUTS],
     read: [f64; UNITS],
     gaze: Option<Gaze>,
@@ -69,6 +82,11 @@ impl Together {
             }),
             filters: core::array::from_fn(|_| MeasureFilter::default()),
             values: [0.0; FEATURES],
+            turn: Turn::default(),
+            rests: core::array::from_fn(|_| Resting::default()),
+            half_life_s: settings.half_life_s,
+            rotation: Vector3::zeros(),
+            raw: [0.0; INPUTS],
             departures: [0.0; INPUTS],
             read: [0.0; UNITS],
             gaze: units.gaze.clone(),
@@ -88,7 +106,7 @@ impl Together {
         readings: &[Reading],
     ) {
         for (m, learner) in learners.iter().enumerate() {
-            self.departures[m] = f64::from(measures[m]) - learner.range().rest;
+            self.raw[m] = f64::from(measures[m]) - learner.range().rest;
         }
         for (value, feature) in self.values.iter_mut().zip(&features::ALL) {
             *value = f64::from(feature.raw(&landmarks.head) / divisor);
@@ -108,12 +126,18 @@ impl Together {
             }
             self.sees = true;
         }
-        let departures = self.departures[LEARNT_MEASURES..].iter_mut();
+        let departures = self.raw[LEARNT_MEASURES..].iter_mut();
         for ((departure, value), learner) in departures.zip(self.values).zip(&self.features) {
             *departure = value - learner.range().rest;
         }
         if !self.sees {
-            self.departures[LEARNT_MEASURES + LENGTHS..].fill(0.0);
+            self.raw[LEARNT_MEASURES + LENGTHS..].fill(0.0);
+        }
+        self.rotation = sensor_from_head.scaled_axis().cast();
+        let turn = self.turn.about_mean(&self.rotation);
+        for ((departure, &raw), rest) in self.departures.iter_mut().zip(&self.raw).zip(&self.rests)
+        {
+            *departure = rest.expressed(raw, &turn);
         }
         for (read, reading) in self.read.iter_mut().zip(readings) {
             *read = reading.of(&self.departures);
@@ -141,7 +165,14 @@ impl Together {
                 learner.interrupt();
             }
         }
+        self.turn.observe(&self.rotation, dt);
         if expressions {
+            let turn = self.turn.about_mean(&self.rotation);
+            for (rest, &raw) in self.rests.iter_mut().zip(&self.raw) {
+                if raw.is_finite() {
+                    rest.observe(raw, &turn, dt, self.half_life_s);
+                }
+            }
             let learners = self.units.iter_mut().zip(&mut self.strays);
             for ((learner, strays), &read) in learners.zip(&self.read) {
                 learner.observe(read, omega, dt);
@@ -157,7 +188,8 @@ impl Together {
     pub(super) fn weigh(&mut self, reading: usize, settings: &Settings, dt: f64) -> (f64, f64) {
         let Some(learner) = self.units.get(reading) else {
             let read = self.read[reading];
-            let weight = self.filters[reading].filter(read, 1.0, settings.smoothing_hz, dt);
+            let weight =
+                self.filters[reading].filter(read, GLANCE_NOISE, settings.smoothing_hz, dt);
             let gaze = &self.features[LENGTHS..];
             let ready = gaze.iter().map(RobustLearner::rest_readiness);
             return (weight, ready.fold(1.0, f64::min));
@@ -165,7 +197,7 @@ impl Together {
         let range = learner.range();
         let read = self.filters[reading].filter(
             self.read[reading],
-            range.high - range.rest,
+            learner.sigma(),
             settings.smoothing_hz,
             dt,
         );
@@ -209,6 +241,8 @@ impl Together {
         for strays in self.strays.iter_mut().flatten() {
             *strays = SlowNoise::new();
         }
+        self.turn = Turn::default();
+        self.rests.fill(Resting::default());
         self.filters.iter_mut().for_each(MeasureFilter::reset);
     }
 
