@@ -1,4 +1,4 @@
-//! Settings of the outputs that are optional build features: lights, Live Link, web, discovery, MQTT. Every build knows them, so
+//! Settings of the outputs that are optional build features: lights, Live Link, web, MQTT. Every build knows them, so
 //! that all builds read the same configuration; enabling an output that is not built in is an error.
 
 #[cfg(feature = "wires")]
@@ -82,13 +82,6 @@ defaults! {
         /// How the units are shown.
         pub view: View = View::default(),
     }
-}
-
-/// mDNS.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct DiscoverySettings {
-    /// Whether the box announces its services.
-    pub enabled: bool,
 }
 
 defaults! {

@@ -9,8 +9,6 @@ pub mod board;
 #[cfg(feature = "std")]
 mod closing;
 pub mod csv;
-#[cfg(feature = "wires")]
-pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;

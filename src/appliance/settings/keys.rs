@@ -329,9 +329,6 @@ sections! { s
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
             text(&mut s.network.page.password_file, FILE, |_| true);
     }
-    discovery: "mDNS: the box announces OSC, the page and WebSocket, if enabled." {
-        enabled: "Whether the box announces its services." => flag(&mut s.network.discovery.enabled);
-    }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
         enabled: ENABLED => flag(&mut s.network.mqtt.enabled);
         broker: "The broker's address." => text(&mut s.network.mqtt.broker, "host:port", is_host_port);
