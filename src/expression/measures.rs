@@ -18,7 +18,6 @@ use serde::Deserialize;
 
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::face_model::refinement::PUFFS;
 use crate::face_model::scheme::{

@@ -4,7 +4,6 @@
 use super::report::{Report, unit_range};
 use super::view::{Channel, View};
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;

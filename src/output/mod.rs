@@ -37,7 +37,6 @@ pub mod web;
 mod worker;
 
 use crate::base::capacity::USERS;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 pub use crate::users::TrackingState;

@@ -42,7 +42,6 @@ use super::{
 };
 use crate::base::capacity::USERS;
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 #[cfg(feature = "std")]

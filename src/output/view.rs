@@ -5,7 +5,6 @@
 //! affected.
 
 use crate::base::geometry::{Rigid, Rotation};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Longest output name of a unit, bytes.

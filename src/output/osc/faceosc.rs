@@ -11,7 +11,6 @@ use super::wire::{Targets, Wire};
 use crate::base::capacity::WIDTH;
 use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;

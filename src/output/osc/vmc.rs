@@ -14,7 +14,6 @@ use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
 use crate::base::defaults;
 use crate::base::geometry::Rigid;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
 

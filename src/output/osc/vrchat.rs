@@ -12,7 +12,6 @@ use super::packet::Argument;
 use super::parameters::Parameter;
 use super::wire::{self, Targets, Wire};
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};

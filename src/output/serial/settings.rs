@@ -1,7 +1,6 @@
 //! Settings of the serial output: which port, how it is used, and what is written.
 
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{LossPolicy, View};
 
