@@ -235,12 +235,7 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
         let rows: Vec<String> = (0..units.len())
             .filter(|&i| region(units[i]) == title)
             .map(|i| {
-                let plain = match unit_words::of(units[i]) {
-                    Some((words, "L")) => format!("{} left", words.plain),
-                    Some((words, "R")) => format!("{} right", words.plain),
-                    Some((words, _)) => words.plain.to_owned(),
-                    None => units[i].to_owned(),
-                };
+                let plain = unit_words::plain(units[i]).unwrap_or_else(|| units[i].to_owned());
                 format!("[{i},{},{}]", Quoted(units[i]), Quoted(&plain))
             })
             .collect();
