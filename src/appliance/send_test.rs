@@ -107,8 +107,8 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         sender.send(&weights, "")?;
     }
     let shown = View {
-        mirror: false,
         units: settings.units.clone(),
+        ..View::default()
     };
     for (i, unit) in units.iter().enumerate() {
         if stop.load(Ordering::Relaxed) {

@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use super::worker::{Bell, Shared, Shot, Worker};
 use super::{
-    Command, LossPolicy, Output, OutputError, Report, Tally, TrackingState, View, WireWeights,
-    unit_range,
+    Command, Output, OutputError, Report, Tally, TrackingState, View, WireWeights, unit_range,
 };
 use crate::base::capacity::{UNITS, USERS};
 
@@ -23,12 +22,13 @@ impl Front {
         name: &'static str,
         units: &[&str],
         view: &View,
-        loss: LossPolicy,
         work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
     ) -> Result<Self, OutputError> {
         Ok(Self {
             worker: Worker::start(name, work)?,
-            users: std::array::from_fn(|_| (false, WireWeights::new(view.channels(units), loss))),
+            users: std::array::from_fn(|_| {
+                (false, WireWeights::new(view.channels(units), view.loss))
+            }),
             view: view.clone(),
         })
     }

@@ -85,7 +85,7 @@ impl LiveLink {
         }
         Ok(Self {
             to: udp::open(&settings.targets)?.into(),
-            face: OneFace::new(units, &settings.view, settings.loss),
+            face: OneFace::new(units, &settings.view),
             view: settings.view,
             device: as_text(&identity::uuid(&name, "live-link")),
             subject,

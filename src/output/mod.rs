@@ -40,11 +40,10 @@ use crate::base::capacity::USERS;
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 pub use crate::users::TrackingState;
-pub use face::LossPolicy;
 use face::{OneFace, WireWeights};
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
-pub use view::{UnitView, View, is_name};
+pub use view::{LossPolicy, UnitView, View, is_name};
 
 /// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

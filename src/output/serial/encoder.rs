@@ -57,7 +57,7 @@ impl Encoder {
             units: names,
             pose: settings.pose,
             view: view.clone(),
-            face: OneFace::of(channels.collect(), settings.loss),
+            face: OneFace::of(channels.collect(), view.loss),
             last_ms: 0,
         };
         Ok((encoder, plan))

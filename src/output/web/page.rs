@@ -29,7 +29,7 @@ use crate::output::board::{Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
 use crate::output::worker::Board;
-use crate::output::{Command, LossPolicy, OutputError, identity};
+use crate::output::{Command, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
 /// Headers of the page.
@@ -289,7 +289,7 @@ pub fn open(
         rate: 30.0,
     };
     let work = move |shared, bell| serve(page, address, shared, bell);
-    Front::start("page", units, &settings.view, LossPolicy::default(), work)
+    Front::start("page", units, &settings.view, work)
 }
 
 #[cfg(test)]
