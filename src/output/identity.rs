@@ -19,7 +19,7 @@ pub(super) fn name(name: &str) -> String {
 }
 
 /// The first label of the host's name.
-pub(super) fn host() -> String {
+fn host() -> String {
     let host = nix::unistd::gethostname().ok();
     let host = host.and_then(|host| host.into_string().ok());
     let host = host.unwrap_or_default();
