@@ -107,8 +107,8 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         sender.send(&weights, "")?;
     }
     let shown = View {
-        mirror: false,
         units: settings.units.clone(),
+        ..View::default()
     };
     for (i, unit) in units.iter().enumerate() {
         if stop.load(Ordering::Relaxed) {
@@ -116,12 +116,7 @@ pub fn sweep(settings: &Settings, model: &FaceModel, stop: &AtomicBool) -> Resul
         }
         let name = shown.name(unit);
         let of = units.len();
-        let plain = match unit_words::of(unit) {
-            Some((words, "L")) => format!("{} left ", words.plain),
-            Some((words, "R")) => format!("{} right ", words.plain),
-            Some((words, _)) => format!("{} ", words.plain),
-            None => String::new(),
-        };
+        let plain = unit_words::plain(unit).map_or_else(String::new, |plain| plain + " ");
         let renamed = if name == *unit {
             String::new()
         } else {

@@ -70,9 +70,6 @@ outputs! { s units
         output::mqtt::open(&s.network.mqtt, &s.network.name, units, &s.gesture_names())?;
     "keys" keys "wires": s.gestures.iter().any(|gesture| !gesture.key.is_empty()), from_ref(&s.keys.device) =>
         output::keys::Keys::new(&s.keys.device)?;
-    // Sends no weights: it announces the others.
-    "mDNS" discovery "wires": s.network.discovery.enabled, &[] =>
-        output::discovery::Discovery::new(&s.network.name, services(s))?;
 }
 
 /// Rows of the enabled outputs.
@@ -119,38 +116,7 @@ fn listed(rows: impl Iterator<Item = &'static Row>, settings: &Settings) -> Stri
         [] => row.name.to_owned(),
         targets => format!("{} to {}", row.name, targets.join(" and ")),
     };
-    let rows = rows.filter(|row| row.section != "discovery");
     rows.map(one).collect::<Vec<_>>().join(", ")
-}
-
-/// The services to announce.
-#[cfg(feature = "wires")]
-fn services(settings: &Settings) -> Vec<crate::output::discovery::Service> {
-    let one = |on: bool, listen: &str, kind, transport, text| {
-        let (_, port) = listen.rsplit_once(':').filter(|_| on)?;
-        Some(crate::output::discovery::Service {
-            kind,
-            transport,
-            port: port.parse().ok()?,
-            text,
-        })
-    };
-    let (osc, network) = (&settings.osc, &settings.network);
-    let (page, pages) = (&network.page, &network.websocket);
-    // A name has one service of a kind, and the page is what a browser can show.
-    let shown = if page.enabled {
-        &page.listen
-    } else {
-        &pages.listen
-    };
-    let serves = page.enabled || pages.enabled;
-    [
-        one(osc.enabled && osc.commands, &osc.listen, "_osc", "_udp", ""),
-        one(serves, shown, "_http", "_tcp", "path=/"),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
 }
 
 #[cfg(test)]

@@ -13,7 +13,6 @@ pub(crate) mod json;
 #[cfg(feature = "std")]
 pub(crate) mod nearest_word;
 pub mod one_euro;
-#[cfg(not(feature = "std"))]
 pub(crate) mod prelude;
 pub mod shared_cell;
 pub mod time;

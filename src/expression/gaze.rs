@@ -10,7 +10,6 @@ use serde::Deserialize;
 
 use crate::base::geometry::Rotation;
 use crate::base::geometry::Vector;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::landmarks::eyes::{CELLS, Eyes};
 

@@ -6,7 +6,6 @@ use super::robust::RobustLearner;
 use super::settings::{Method, Settings};
 use super::units::Units;
 use crate::base::capacity::LEARNT_MEASURES;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// [`LEARNT_MEASURES`] of one kind, 2 KiB each: by value they would pass over the stack, which keeps what it once grew to.

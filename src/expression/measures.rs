@@ -18,7 +18,6 @@ use serde::Deserialize;
 
 use crate::base::capacity::{LANDMARKS, MEASURES};
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::face_model::refinement::PUFFS;
 use crate::face_model::scheme::{
@@ -28,81 +27,73 @@ use crate::face_model::scheme::{
 };
 use crate::landmarks::Landmarks;
 
-/// The measures in the order of all arrays and columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(try_from = "String")]
-#[repr(usize)]
-pub enum Measure {
+macro_rules! measures {
+    ($($(#[$about:meta])* $measure:ident $name:literal [$($group:expr),*],)*) => {
+        /// The measures in the order of all arrays and columns.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+        #[serde(try_from = "String")]
+        #[repr(usize)]
+        pub enum Measure {
+            $($(#[$about])* $measure,)*
+        }
+
+        impl Measure {
+            /// All, in order.
+            pub const ALL: [Self; MEASURES] = [$(Self::$measure),*];
+        }
+
+        /// Name and groups of landmarks of each measure. Where there are two groups and no formula of its own in
+        /// [`with_cheeks`], the measure is the height of the second below the first.
+        const TABLE: [(&str, &[&[usize]]); MEASURES] = [$(($name, &[$($group),*])),*];
+    };
+}
+
+measures! {
     /// Height of the lower lip's inner edge, mean(65, 66, 67), below the upper one's, mean(61, 62, 63).
-    LipGap,
+    LipGap "lip_gap" [&UPPER_LIP_INSIDE, &LOWER_LIP_INSIDE],
     /// Distance of the mouth corners 48 and 54.
-    MouthWidth,
+    MouthWidth "mouth_width" [&[MOUTH_CORNER_R], &[MOUTH_CORNER_L]],
     /// Lower-lip middle minus upper-lip middle, towards the subject's left.
-    LipShift,
+    LipShift "lip_shift" [&UPPER_LIP, &LOWER_LIP],
     /// Lower-lip middle minus upper-lip middle, towards the camera.
-    LipThrust,
+    LipThrust "lip_thrust" [&UPPER_LIP, &LOWER_LIP],
     /// Both lip middles forward of the inner eye corners.
-    LipProtrusion,
+    LipProtrusion "lip_protrusion" [&UPPER_LIP, &LOWER_LIP, &INNER_EYE_CORNERS],
     /// Height of the left brow (22–26) above the middle of the eye-corner line (42, 45).
-    BrowL,
+    BrowL "brow_L" [&LEFT_BROW, &EYE_CORNERS_L],
     /// Height of the right brow (17–21) above the middle of the eye-corner line (36, 39).
-    BrowR,
+    BrowR "brow_R" [&RIGHT_BROW, &EYE_CORNERS_R],
     /// Height of the left lower lid (46, 47) below the upper one (43, 44).
-    LidL,
+    LidL "lid_L" [&UPPER_LID_L, &LOWER_LID_L],
     /// Height of the right lower lid (40, 41) below the upper one (37, 38).
-    LidR,
+    LidR "lid_R" [&UPPER_LID_R, &LOWER_LID_R],
     /// Height of the left nostril (34, 35) below the left inner eye corner (42).
-    NostrilL,
+    NostrilL "nostril_L" [&[INNER_EYE_L], &NOSTRIL_L],
     /// Height of the right nostril (31, 32) below the right inner eye corner (39).
-    NostrilR,
+    NostrilR "nostril_R" [&[INNER_EYE_R], &NOSTRIL_R],
     /// Height of the chin (7–9) below the inner eye corners.
-    JawDrop,
+    JawDrop "jaw_drop" [&INNER_EYE_CORNERS, &CHIN],
     /// Height of the left mouth corner (54) above the base of the nose (33).
-    CornerL,
+    CornerL "corner_L" [&[MOUTH_CORNER_L], &[NOSE_BASE]],
     /// Height of the right mouth corner (48) above the base of the nose.
-    CornerR,
+    CornerR "corner_R" [&[MOUTH_CORNER_R], &[NOSE_BASE]],
     /// Height of the left brow's inner end (22, 23) above the middle of the eye-corner line (42, 45).
-    InnerBrowL,
+    InnerBrowL "inner_brow_L" [&INNER_BROW_L, &EYE_CORNERS_L],
     /// Height of the right brow's inner end (20, 21) above the middle of the eye-corner line (36, 39).
-    InnerBrowR,
+    InnerBrowR "inner_brow_R" [&INNER_BROW_R, &EYE_CORNERS_R],
     /// Height of the upper lip's left edge (52, 53) below the base of the nose (33, 34).
-    UpperLipL,
+    UpperLipL "upper_lip_L" [&BESIDE_NOSE_BASE_L, &UPPER_LIP_L],
     /// Height of the upper lip's right edge (49, 50) below the base of the nose (32, 33).
-    UpperLipR,
+    UpperLipR "upper_lip_R" [&BESIDE_NOSE_BASE_R, &UPPER_LIP_R],
     /// How far the left cheek is puffed out, measured by depth.
-    CheekL,
+    CheekL "cheek_L" [],
     /// How far the right cheek is puffed out, measured by depth.
-    CheekR,
+    CheekR "cheek_R" [],
     /// Distance of the inner eye corners, in metres even after scaling.
-    EyeDistance,
+    EyeDistance "eye_distance" [&INNER_EYE_CORNERS],
 }
 
 impl Measure {
-    /// All, in order.
-    pub const ALL: [Self; MEASURES] = [
-        Self::LipGap,
-        Self::MouthWidth,
-        Self::LipShift,
-        Self::LipThrust,
-        Self::LipProtrusion,
-        Self::BrowL,
-        Self::BrowR,
-        Self::LidL,
-        Self::LidR,
-        Self::NostrilL,
-        Self::NostrilR,
-        Self::JawDrop,
-        Self::CornerL,
-        Self::CornerR,
-        Self::InnerBrowL,
-        Self::InnerBrowR,
-        Self::UpperLipL,
-        Self::UpperLipR,
-        Self::CheekL,
-        Self::CheekR,
-        Self::EyeDistance,
-    ];
-
     /// Column name without the leading `m_`.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -135,35 +126,6 @@ impl TryFrom<String> for Measure {
         learnt.ok_or("expected a measure such as lip_gap")
     }
 }
-
-/// Name and groups of landmarks of each measure, in their order. Where there are two groups and no formula of its own in
-/// [`with_cheeks`], the measure is the height of the second below the first.
-const TABLE: [(&str, &[&[usize]]); MEASURES] = [
-    ("lip_gap", &[&UPPER_LIP_INSIDE, &LOWER_LIP_INSIDE]),
-    ("mouth_width", &[&[MOUTH_CORNER_R], &[MOUTH_CORNER_L]]),
-    ("lip_shift", &[&UPPER_LIP, &LOWER_LIP]),
-    ("lip_thrust", &[&UPPER_LIP, &LOWER_LIP]),
-    (
-        "lip_protrusion",
-        &[&UPPER_LIP, &LOWER_LIP, &INNER_EYE_CORNERS],
-    ),
-    ("brow_L", &[&LEFT_BROW, &EYE_CORNERS_L]),
-    ("brow_R", &[&RIGHT_BROW, &EYE_CORNERS_R]),
-    ("lid_L", &[&UPPER_LID_L, &LOWER_LID_L]),
-    ("lid_R", &[&UPPER_LID_R, &LOWER_LID_R]),
-    ("nostril_L", &[&[INNER_EYE_L], &NOSTRIL_L]),
-    ("nostril_R", &[&[INNER_EYE_R], &NOSTRIL_R]),
-    ("jaw_drop", &[&INNER_EYE_CORNERS, &CHIN]),
-    ("corner_L", &[&[MOUTH_CORNER_L], &[NOSE_BASE]]),
-    ("corner_R", &[&[MOUTH_CORNER_R], &[NOSE_BASE]]),
-    ("inner_brow_L", &[&INNER_BROW_L, &EYE_CORNERS_L]),
-    ("inner_brow_R", &[&INNER_BROW_R, &EYE_CORNERS_R]),
-    ("upper_lip_L", &[&BESIDE_NOSE_BASE_L, &UPPER_LIP_L]),
-    ("upper_lip_R", &[&BESIDE_NOSE_BASE_R, &UPPER_LIP_R]),
-    ("cheek_L", &[]),
-    ("cheek_R", &[]),
-    ("eye_distance", &[&INNER_EYE_CORNERS]),
-];
 
 /// Which eye-corner distance the measures are divided by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

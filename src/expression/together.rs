@@ -18,7 +18,6 @@ use super::smooth::MeasureFilter;
 use super::units::{Kind, Units};
 use crate::base::capacity::{FEATURES, INPUTS, LEARNT_MEASURES, LENGTHS, MEASURES, UNITS};
 use crate::base::geometry::Rotation;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::landmarks::Landmarks;
 

@@ -3,6 +3,8 @@
 //! One table for the live line, `mien send-test`, the configuration, the pages and `docs/units.md`. Codes omit the side; `L`
 //! and `R` are the subject's own left and right.
 
+use crate::base::prelude::*;
+
 /// What one unit is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnitWords {
@@ -34,164 +36,33 @@ const fn unit(
     }
 }
 
-/// Every unit that has a column.
+/// Every unit that has a column: code, FACS, plain, ARKit, what the face does.
+#[rustfmt::skip]
 pub const ALL: [UnitWords; 24] = [
-    unit(
-        "AU1",
-        "inner brow raiser",
-        "inner brow up",
-        "browInnerUp",
-        "the inner end of the brow rises",
-    ),
-    unit(
-        "AU2",
-        "outer brow raiser",
-        "outer brow up",
-        "browOuterUp",
-        "the outer half of the brow rises",
-    ),
-    unit(
-        "AU4",
-        "brow lowerer",
-        "brow down",
-        "browDown",
-        "the brow lowers and draws together",
-    ),
-    unit(
-        "AU5",
-        "upper lid raiser",
-        "eye wide",
-        "eyeWide",
-        "the upper lid rises above its rest",
-    ),
-    unit(
-        "AU9",
-        "nose wrinkler",
-        "nose wrinkle",
-        "noseSneer",
-        "the nostril is drawn up, the nose wrinkles",
-    ),
-    unit(
-        "AU10",
-        "upper lip raiser",
-        "upper lip up",
-        "mouthUpperUp",
-        "the upper lip rises",
-    ),
-    unit(
-        "AU12",
-        "lip corner puller",
-        "smile",
-        "mouthSmile",
-        "the corner of the mouth moves up and out",
-    ),
-    unit(
-        "AU14",
-        "dimpler",
-        "dimple",
-        "mouthDimple",
-        "the corner of the mouth tightens inwards",
-    ),
-    unit(
-        "AU15",
-        "lip corner depressor",
-        "frown",
-        "mouthFrown",
-        "the corner of the mouth drops",
-    ),
-    unit(
-        "AU17",
-        "chin raiser",
-        "chin up",
-        "mouthShrugLower",
-        "the chin pushes the lower lip up",
-    ),
-    unit(
-        "AU18",
-        "lip pucker",
-        "pucker",
-        "mouthPucker",
-        "the lips draw together, as for a kiss",
-    ),
-    unit(
-        "AU20",
-        "lip stretcher",
-        "stretch",
-        "mouthStretch",
-        "the mouth widens",
-    ),
-    unit(
-        "AU22",
-        "lip funneler",
-        "funnel",
-        "mouthFunnel",
-        "the lips open and push forward",
-    ),
+    unit("AU1", "inner brow raiser", "inner brow up", "browInnerUp", "the inner end of the brow rises"),
+    unit("AU2", "outer brow raiser", "outer brow up", "browOuterUp", "the outer half of the brow rises"),
+    unit("AU4", "brow lowerer", "brow down", "browDown", "the brow lowers and draws together"),
+    unit("AU5", "upper lid raiser", "eye wide", "eyeWide", "the upper lid rises above its rest"),
+    unit("AU9", "nose wrinkler", "nose wrinkle", "noseSneer", "the nostril is drawn up, the nose wrinkles"),
+    unit("AU10", "upper lip raiser", "upper lip up", "mouthUpperUp", "the upper lip rises"),
+    unit("AU12", "lip corner puller", "smile", "mouthSmile", "the corner of the mouth moves up and out"),
+    unit("AU14", "dimpler", "dimple", "mouthDimple", "the corner of the mouth tightens inwards"),
+    unit("AU15", "lip corner depressor", "frown", "mouthFrown", "the corner of the mouth drops"),
+    unit("AU17", "chin raiser", "chin up", "mouthShrugLower", "the chin pushes the lower lip up"),
+    unit("AU18", "lip pucker", "pucker", "mouthPucker", "the lips draw together, as for a kiss"),
+    unit("AU20", "lip stretcher", "stretch", "mouthStretch", "the mouth widens"),
+    unit("AU22", "lip funneler", "funnel", "mouthFunnel", "the lips open and push forward"),
     unit("AU25", "lips part", "lips part", "", "the lips separate"),
-    unit(
-        "AU26",
-        "jaw drop",
-        "jaw drop",
-        "jawOpen",
-        "the jaw drops, the mouth opens",
-    ),
-    unit(
-        "AU28",
-        "lip suck",
-        "lips in",
-        "mouthRollLower mouthRollUpper",
-        "the lips are rolled in over the teeth",
-    ),
-    unit(
-        "AU29",
-        "jaw thrust",
-        "jaw forward",
-        "jawForward",
-        "the jaw moves forward",
-    ),
-    unit(
-        "AU30",
-        "jaw sideways",
-        "jaw",
-        "jaw",
-        "the jaw moves to one side",
-    ),
-    unit(
-        "AU34",
-        "cheek puff",
-        "cheek puff",
-        "cheekPuff",
-        "the cheek puffs out",
-    ),
+    unit("AU26", "jaw drop", "jaw drop", "jawOpen", "the jaw drops, the mouth opens"),
+    unit("AU28", "lip suck", "lips in", "mouthRollLower mouthRollUpper", "the lips are rolled in over the teeth"),
+    unit("AU29", "jaw thrust", "jaw forward", "jawForward", "the jaw moves forward"),
+    unit("AU30", "jaw sideways", "jaw", "jaw", "the jaw moves to one side"),
+    unit("AU34", "cheek puff", "cheek puff", "cheekPuff", "the cheek puffs out"),
     unit("AU43", "eye closure", "blink", "eyeBlink", "the eye closes"),
-    unit(
-        "AU61",
-        "eyes turn left",
-        "look left",
-        "eyeLookOut eyeLookIn",
-        "both eyes turn to the subject's left",
-    ),
-    unit(
-        "AU62",
-        "eyes turn right",
-        "look right",
-        "eyeLookOut eyeLookIn",
-        "both eyes turn to the subject's right",
-    ),
-    unit(
-        "AU63",
-        "eyes up",
-        "look up",
-        "eyeLookUp",
-        "both eyes look up",
-    ),
-    unit(
-        "AU64",
-        "eyes down",
-        "look down",
-        "eyeLookDown",
-        "both eyes look down",
-    ),
+    unit("AU61", "eyes turn left", "look left", "eyeLookOut eyeLookIn", "both eyes turn to the subject's left"),
+    unit("AU62", "eyes turn right", "look right", "eyeLookOut eyeLookIn", "both eyes turn to the subject's right"),
+    unit("AU63", "eyes up", "look up", "eyeLookUp", "both eyes look up"),
+    unit("AU64", "eyes down", "look down", "eyeLookDown", "both eyes look down"),
 ];
 
 /// Regions of the face from above, each with its units' numbers in the order of rows.
@@ -213,6 +84,17 @@ pub fn region(words: &UnitWords) -> &'static str {
         .iter()
         .find(|(_, all)| number.is_some_and(|number| all.contains(&number)));
     found.map_or(OTHER, |(title, _)| title)
+}
+
+/// A unit's plain name with its side in words, as `smile left`; `None` for a name that is no unit's.
+#[must_use]
+pub fn plain(unit: &str) -> Option<String> {
+    let (UnitWords { plain, .. }, side) = of(unit)?;
+    Some(match side {
+        "L" => format!("{plain} left"),
+        "R" => format!("{plain} right"),
+        _ => (*plain).to_owned(),
+    })
 }
 
 /// A unit's words and its side (`"L"`, `"R"` or none); `None` for a name that is no unit's.

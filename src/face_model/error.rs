@@ -1,6 +1,5 @@
 //! What can be wrong with a model file.
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Why a file is no usable model.

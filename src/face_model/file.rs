@@ -23,7 +23,6 @@ use super::refinement::Refinement;
 use super::sizes::{
     FACE_SIGNS, FEATURES, FIRST_FACE_SIGNS, LANDMARK_SIGNS, MAX_MODES, MAX_STAGES, VIEW_PARAMETERS,
 };
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// First bytes of a model file.

@@ -5,7 +5,6 @@ use alloc::sync::Arc;
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::vectors::wide;
 

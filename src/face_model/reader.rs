@@ -2,7 +2,6 @@
 
 use super::error::ModelError;
 use crate::base::geometry::Vector;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Largest number that must be above 0: deviations, units, distances.

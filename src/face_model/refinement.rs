@@ -13,7 +13,6 @@
 
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 use super::error::ModelError;

@@ -2,17 +2,21 @@
 //! that output presents them.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
 
-use super::worker::{Bell, Shared, Shot, Worker};
+use super::worker::{Bell, Shared, Shot};
 use super::{
-    Command, LossPolicy, Output, OutputError, Report, Tally, TrackingState, View, WireWeights,
+    Command, Output, OutputError, Report, Tally, TrackingState, View, WireWeights, closing,
     unit_range,
 };
 use crate::base::capacity::{UNITS, USERS};
 
 /// Where reports are stored for an output's thread.
 pub struct Front {
-    worker: Worker,
+    name: &'static str,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
     users: [(bool, WireWeights); USERS],
     view: View,
 }
@@ -23,12 +27,22 @@ impl Front {
         name: &'static str,
         units: &[&str],
         view: &View,
-        loss: LossPolicy,
         work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
     ) -> Result<Self, OutputError> {
+        let (shared, bell) = Shared::new().map_err(OutputError::Socket)?;
+        let shared = Arc::new(shared);
+        let its = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || work(its, bell))
+            .map_err(OutputError::Thread)?;
         Ok(Self {
-            worker: Worker::start(name, work)?,
-            users: std::array::from_fn(|_| (false, WireWeights::new(view.channels(units), loss))),
+            name,
+            shared,
+            thread: Some(thread),
+            users: std::array::from_fn(|_| {
+                (false, WireWeights::new(view.channels(units), view.loss))
+            }),
             view: view.clone(),
         })
     }
@@ -37,7 +51,7 @@ impl Front {
 impl Output for Front {
     /// Stores the report and wakes the thread.
     fn send(&mut self, report: &Report) -> Result<(), OutputError> {
-        let mut board = self.worker.shared.board();
+        let mut board = self.shared.board();
         if let Some(slot) = report.user.filter(|&slot| slot < USERS) {
             let (known, weights) = &mut self.users[slot];
             *known = true;
@@ -71,19 +85,19 @@ impl Output for Front {
             (nobody.frame, nobody.at_us, nobody.fresh) = (report.frame, report.at.as_us(), true);
         }
         drop(board);
-        self.worker.shared.ring();
+        self.shared.ring();
         Ok(())
     }
 
     fn next_command(&mut self) -> Option<Command> {
-        self.worker.shared.board().commands.pop_front()
+        self.shared.board().commands.pop_front()
     }
 
     fn tally(&self) -> Tally {
         let weights = self.users.iter().map(|(_, weights)| weights);
         Tally {
             not_numbers: weights.map(WireWeights::not_numbers).sum(),
-            ..self.worker.tally()
+            ..self.shared.tally(self.name)
         }
     }
 }
@@ -103,7 +117,7 @@ fn fill(shot: &mut Shot, report: &Report, state: TrackingState, weights: &WireWe
 impl Drop for Front {
     /// Sends neutral and absent, as far as receivers accept it within half a second.
     fn drop(&mut self) {
-        let mut board = self.worker.shared.board();
+        let mut board = self.shared.board();
         for ((_, weights), shot) in self.users.iter_mut().zip(&mut board.users) {
             if shot.count > 0 {
                 weights.reset();
@@ -115,6 +129,12 @@ impl Drop for Front {
                 };
                 fill(shot, &report, TrackingState::Absent, weights);
             }
+        }
+        drop(board);
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.ring();
+        if let Some(thread) = self.thread.take() {
+            closing::wait_for(thread);
         }
     }
 }

@@ -14,7 +14,6 @@ use std::io::Write;
 use super::{Output, OutputError, Tally};
 use super::{Report, TrackingState};
 use crate::base::capacity::LANDMARKS;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::landmarks::Landmarks;
 

@@ -2,23 +2,10 @@
 //! shows.
 
 use super::report::{Report, unit_range};
-use super::view::{Channel, View};
-use crate::base::defaults;
-#[cfg(not(feature = "std"))]
+use super::view::{Channel, LossPolicy, View};
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;
-
-defaults! {
-    /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
-    #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct LossPolicy {
-        /// How long the last weights are held, seconds.
-        pub hold_s: f32 = 0.2,
-        /// How long they then fade, seconds.
-        pub decay_s: f32 = 0.4,
-    }
-}
 
 /// The weights of one user as an output shows them.
 #[derive(Default)]
@@ -99,8 +86,8 @@ pub(super) struct OneFace {
 }
 
 impl OneFace {
-    pub(super) fn new(units: &[&str], view: &View, policy: LossPolicy) -> Self {
-        Self::of(view.channels(units), policy)
+    pub(super) fn new(units: &[&str], view: &View) -> Self {
+        Self::of(view.channels(units), view.loss)
     }
 
     pub(super) fn of(channels: Box<[Channel]>, policy: LossPolicy) -> Self {

@@ -1,9 +1,9 @@
-//! Settings of the outputs that are optional build features: lights, Live Link, web, discovery, MQTT. Every build knows them, so
+//! Settings of the outputs that are optional build features: lights, Live Link, web, MQTT. Every build knows them, so
 //! that all builds read the same configuration; enabling an output that is not built in is an error.
 
 #[cfg(feature = "wires")]
 use super::OutputError;
-use super::{LossPolicy, View};
+use super::View;
 use crate::base::defaults;
 
 /// Which unit goes to which channel, for Art-Net and sACN alike.
@@ -11,10 +11,8 @@ use crate::base::defaults;
 pub struct LightSettings {
     /// Rows `UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]`.
     pub channels: Vec<String>,
-    /// Names, gains and mirroring of the units.
+    /// How faces and units are shown.
     pub view: View,
-    /// What is sent when a face is lost.
-    pub loss: LossPolicy,
 }
 
 defaults! {
@@ -49,10 +47,8 @@ defaults! {
         pub subject: String = String::new(),
         /// Whether shapes that are not measured follow what they go with.
         pub derived: bool = true,
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 
@@ -64,10 +60,8 @@ defaults! {
         pub enabled: bool = false,
         /// `address:port`.
         pub listen: String = "127.0.0.1:9133".to_owned(),
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 
     /// The page of the box.
@@ -79,16 +73,9 @@ defaults! {
         pub listen: String = "127.0.0.1:9134".to_owned(),
         /// A file with the password; empty = none, and only local networks are served.
         pub password_file: String = String::new(),
-        /// How the units are shown.
+        /// How faces and units are shown.
         pub view: View = View::default(),
     }
-}
-
-/// mDNS.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct DiscoverySettings {
-    /// Whether the box announces its services.
-    pub enabled: bool,
 }
 
 defaults! {
@@ -117,10 +104,8 @@ defaults! {
         pub commands: bool = false,
         /// Whether the box announces itself to Home Assistant.
         pub home_assistant: bool = false,
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 

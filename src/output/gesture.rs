@@ -13,7 +13,6 @@
 use super::report::{Report, unit_range};
 use crate::base::capacity::{GESTURES, USERS};
 use crate::base::geometry::face_normal;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::users::TrackingState;

@@ -1,5 +1,7 @@
 //! The box's name on the network, and a unique number that stays the same across restarts.
 
+use sha1_smol::Sha1;
+
 /// Longest name, bytes: the limit of a DNS label.
 const LONGEST: usize = 63;
 
@@ -17,32 +19,22 @@ pub(super) fn name(name: &str) -> String {
 }
 
 /// The first label of the host's name.
-pub(super) fn host() -> String {
+fn host() -> String {
     let host = nix::unistd::gethostname().ok();
     let host = host.and_then(|host| host.into_string().ok());
     let host = host.unwrap_or_default();
     host.split('.').next().unwrap_or_default().to_owned()
 }
 
-/// The box's 128-bit number, in the form of a random UUID (RFC 9562), from its name and the machine ID, if there is one.
+/// The box's 128-bit number, a UUID of version 5 (RFC 9562), from its name and the machine ID, if there is one.
 pub(super) fn uuid(name: &str, purpose: &str) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
+    let mut hash = Sha1::from(machine);
+    hash.update(name.as_bytes());
+    hash.update(purpose.as_bytes());
     let mut uuid = [0; 16];
-    for (half, bytes) in uuid.chunks_exact_mut(8).enumerate() {
-        // FNV-1a, told apart by the half.
-        let mut hash = 0xcbf2_9ce4_8422_2325_u64 ^ half as u64;
-        for &byte in machine
-            .iter()
-            .chain(name.as_bytes())
-            .chain(purpose.as_bytes())
-        {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
-        }
-        // The last bytes have hardly spread yet.
-        hash = (hash ^ hash >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bytes.copy_from_slice(&(hash ^ hash >> 32).to_be_bytes());
-    }
-    uuid[6] = uuid[6] & 0x0f | 0x40;
+    uuid.copy_from_slice(&hash.digest().bytes()[..16]);
+    uuid[6] = uuid[6] & 0x0f | 0x50;
     uuid[8] = uuid[8] & 0x3f | 0x80;
     uuid
 }
@@ -65,7 +57,6 @@ mod tests {
         assert_ne!(uuid("a", "sacn"), uuid("b", "sacn"));
         assert_ne!(uuid("a", "sacn"), uuid("a", "live-link"));
         let one = uuid("a", "");
-        assert_ne!(one[..8], one[8..]);
-        assert_eq!((one[6] >> 4, one[8] >> 6), (4, 2));
+        assert_eq!((one[6] >> 4, one[8] >> 6), (5, 2));
     }
 }

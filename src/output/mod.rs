@@ -9,8 +9,6 @@ pub mod board;
 #[cfg(feature = "std")]
 mod closing;
 pub mod csv;
-#[cfg(feature = "wires")]
-pub mod discovery;
 mod face;
 #[cfg(feature = "std")]
 pub mod features;
@@ -39,15 +37,13 @@ pub mod web;
 mod worker;
 
 use crate::base::capacity::USERS;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 pub use crate::users::TrackingState;
-pub use face::LossPolicy;
 use face::{OneFace, WireWeights};
 use report::unit_range;
 pub use report::{Report, SCHEMA_VERSION};
-pub use view::{UnitView, View, is_name};
+pub use view::{LossPolicy, UnitView, View, is_name};
 
 /// A command from a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -37,12 +37,11 @@ use super::Command;
 #[cfg(feature = "wires")]
 use super::gesture::{self, Switch};
 use super::{
-    Every, LossPolicy, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View,
-    WireWeights, unit_range,
+    Every, Output, OutputError, Report, SCHEMA_VERSION, Tally, TrackingState, View, WireWeights,
+    unit_range,
 };
 use crate::base::capacity::USERS;
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 #[cfg(feature = "std")]
@@ -94,10 +93,8 @@ defaults! {
         pub commands: bool = true,
         /// Where commands are received, `address:port`.
         pub listen: String = "127.0.0.1:9131".to_owned(),
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 
@@ -153,9 +150,7 @@ impl Osc {
     /// # Errors
     /// If the prefix is unusable or the names do not fit a datagram.
     pub fn over(targets: Targets, settings: Settings, units: &[&str]) -> Result<Self, OutputError> {
-        let Settings {
-            prefix, view, loss, ..
-        } = settings;
+        let Settings { prefix, view, .. } = settings;
         let names: Box<[String]> = units
             .iter()
             .map(|unit| view.name(unit).to_owned())
@@ -178,7 +173,7 @@ impl Osc {
             ranges: settings.ranges,
             units: names,
             users: core::array::from_fn(|_| User {
-                weights: WireWeights::new(view.channels(units), loss),
+                weights: WireWeights::new(view.channels(units), view.loss),
                 ..User::default()
             }),
             view,

@@ -4,8 +4,8 @@
 //! Mirroring swaps left and right and reflects the head pose, for a person who looks at their own avatar. The CSV is not
 //! affected.
 
+use crate::base::defaults;
 use crate::base::geometry::{Rigid, Rotation};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Longest output name of a unit, bytes.
@@ -22,13 +22,26 @@ pub struct UnitView {
     pub gain: f32,
 }
 
-/// How an output presents the units.
+defaults! {
+    /// What an output shows when a face is lost: the last weights for a while, then a fade to neutral.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct LossPolicy {
+        /// How long the last weights are held, seconds.
+        pub hold_s: f32 = 0.2,
+        /// How long they then fade, seconds.
+        pub decay_s: f32 = 0.4,
+    }
+}
+
+/// How an output presents faces and units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
     /// Whether left and right are swapped.
     pub mirror: bool,
     /// Units with a name or gain of their own; the others keep their name and a gain of 1.
     pub units: Vec<UnitView>,
+    /// What is shown when a face is lost.
+    pub loss: LossPolicy,
 }
 
 /// Where an output weight comes from.
@@ -125,6 +138,7 @@ mod tests {
                 name: "smile".into(),
                 gain: 2.0,
             }],
+            ..View::default()
         };
         let units = ["AU26", "AU12L", "AU12R", "AU9L", "AU62", "AU61", "AU63"];
         let sources: Vec<_> = view

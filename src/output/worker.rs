@@ -1,14 +1,13 @@
-//! An output's own thread: what it shares with the pipeline, its wake-up socket and its end. The pipeline stores the newest
+//! What an output's own thread shares with the pipeline, and its wake-up socket. The pipeline stores the newest
 //! report of each user and wakes the thread; neither waits for longer than a copy takes.
 
 use std::io::{Read, Write};
 use std::os::fd::{AsRawFd, RawFd};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::{Command, OutputError, Tally, TrackingState, closing};
+use super::{Command, Tally, TrackingState};
 use crate::base::capacity::{UNITS, USERS};
 
 /// Commands waiting for the pipeline.
@@ -56,6 +55,24 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    /// With the thread's end of the wake-up socket.
+    pub(super) fn new() -> std::io::Result<(Self, Bell)> {
+        let (bell, heard) = UnixStream::pair()?;
+        bell.set_nonblocking(true)?;
+        heard.set_nonblocking(true)?;
+        let shared = Self {
+            board: Mutex::default(),
+            bell,
+            stop: AtomicBool::new(false),
+            sent: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
+            connected: AtomicBool::new(false),
+        };
+        Ok((shared, Bell(heard)))
+    }
+
     pub(super) fn board(&self) -> MutexGuard<'_, Board> {
         self.board.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -84,6 +101,18 @@ impl Shared {
         count(if took { &self.taken } else { &self.refused });
         took
     }
+
+    /// The counters so far.
+    pub(super) fn tally(&self, name: &'static str) -> Tally {
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        Tally {
+            sent: of(&self.sent),
+            dropped: of(&self.dropped),
+            connected: self.connected.load(Ordering::Relaxed),
+            commands: [of(&self.taken), of(&self.refused)],
+            ..Tally::of(name)
+        }
+    }
 }
 
 /// Adds one.
@@ -104,70 +133,5 @@ impl Bell {
     pub(super) fn answer(&mut self) {
         let mut rings = [0; 64];
         while matches!(self.0.read(&mut rings), Ok(64)) {}
-    }
-}
-
-/// A thread and what is shared with it; told to stop and waited for when dropped.
-pub(super) struct Worker {
-    name: &'static str,
-    pub(super) shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Worker {
-    /// Starts `work` on a thread called `name`, the section of the configuration.
-    pub(super) fn start(
-        name: &'static str,
-        work: impl FnOnce(Arc<Shared>, Bell) + Send + 'static,
-    ) -> Result<Self, OutputError> {
-        let pair = UnixStream::pair().and_then(|(bell, heard)| {
-            bell.set_nonblocking(true)?;
-            heard.set_nonblocking(true)?;
-            Ok((bell, heard))
-        });
-        let (bell, heard) = pair.map_err(OutputError::Socket)?;
-        let shared = Arc::new(Shared {
-            board: Mutex::default(),
-            bell,
-            stop: AtomicBool::new(false),
-            sent: AtomicU64::new(0),
-            dropped: AtomicU64::new(0),
-            refused: AtomicU64::new(0),
-            taken: AtomicU64::new(0),
-            connected: AtomicBool::new(false),
-        });
-        let its = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name(name.to_owned())
-            .spawn(move || work(its, Bell(heard)))
-            .map_err(OutputError::Thread)?;
-        Ok(Self {
-            name,
-            shared,
-            thread: Some(thread),
-        })
-    }
-
-    /// The counters so far.
-    pub(super) fn tally(&self) -> Tally {
-        let shared = &self.shared;
-        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        Tally {
-            sent: of(&shared.sent),
-            dropped: of(&shared.dropped),
-            connected: shared.connected.load(Ordering::Relaxed),
-            commands: [of(&shared.taken), of(&shared.refused)],
-            ..Tally::of(self.name)
-        }
-    }
-}
-
-impl Drop for Worker {
-    fn drop(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
-        self.shared.ring();
-        if let Some(thread) = self.thread.take() {
-            closing::wait_for(thread);
-        }
     }
 }

@@ -14,7 +14,6 @@ use nalgebra::{SMatrix, SVector};
 use super::icp::{MIN_PAIRS, Target};
 use super::patches::Patches;
 use crate::base::geometry::{Point, Vector};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Side of a grid cell, metres.

@@ -24,7 +24,6 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Rotation, Vector};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Fewer pairs than this do not determine a rigid motion reliably.

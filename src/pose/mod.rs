@@ -32,7 +32,6 @@ use alloc::sync::Arc;
 
 use crate::base::frames::{HeadFromFace, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;

@@ -13,7 +13,6 @@ use super::trail::Trail;
 use super::{icp, start};
 use crate::base::frames::HeadFromSensor;
 use crate::base::geometry::{Point, Rigid};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;

@@ -3,7 +3,6 @@
 //! Head frame, metres. Memory: one byte per anchor point.
 
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Columns and rows of patches over the face.

@@ -12,7 +12,6 @@ use super::tracker::{Found, LEARN_ALL, LEARN_STEP, Tracker};
 use super::trail::{COAST_S, STEP_M, Trail};
 use crate::base::frames::{HeadFromSensor, SensorFromHead};
 use crate::base::geometry::{Point, Vector};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::segment::HeadCloud;

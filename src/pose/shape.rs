@@ -5,7 +5,6 @@
 
 use super::anchor::Anchor;
 use crate::base::geometry::Point;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Heads are 0.85 to 1.15 of the standard size.

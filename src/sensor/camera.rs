@@ -10,7 +10,6 @@
 
 use crate::base::capacity::{HEIGHT, RAW_DEPTH_VALUES, WIDTH};
 use crate::base::geometry::{Point, Rigid};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Nearest and farthest distance of [`Camera::metric`], metres.

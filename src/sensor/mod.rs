@@ -8,7 +8,6 @@ mod picture_file;
 pub mod rgbd;
 
 use crate::base::capacity::PIXELS;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 

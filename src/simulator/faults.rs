@@ -3,7 +3,6 @@
 
 use core::time::Duration;
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::kinect::device::{DeviceError, Model, PacketSource, Received, Request, Stream};
 

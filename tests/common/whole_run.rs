@@ -66,7 +66,6 @@ const WIRES: &str = "[lights]\nchannels = [\"AU26 1 1\", \"AU12L 2 1 16 smooth\"
     [live_link]\nenabled = true\ntarget = \"127.0.0.1:9\"\n\
     [websocket]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
     [page]\nenabled = true\nlisten = \"127.0.0.1:0\"\n\
-    [discovery]\nenabled = true\n\
     [mqtt]\nenabled = true\nbroker = \"127.0.0.1:9\"\n";
 #[cfg(not(feature = "wires"))]
 const WIRES: &str = "";

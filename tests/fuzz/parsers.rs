@@ -188,8 +188,6 @@ fuzz_target!(init: {
         "http" => drop(http::parse(bytes, ([127, 0, 0, 1], 9).into())),
         // Their entrances are there only where the compiler is told that this is fuzzing.
         #[cfg(fuzzing)]
-        "dns" => mien::output::discovery::fuzz(bytes),
-        #[cfg(fuzzing)]
         "web" => mien::output::web::fuzz(bytes),
         #[cfg(fuzzing)]
         "mqtt" => mien::output::mqtt::fuzz(bytes),

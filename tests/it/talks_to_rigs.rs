@@ -66,6 +66,7 @@ fn view(mirror: bool) -> View {
     View {
         mirror,
         units: vec![unit("AU26", "jaw", 2.0), unit("AU2L", "AU2L", 0.5)],
+        ..View::default()
     }
 }
 

@@ -20,8 +20,8 @@ use crate::{MEMORY, alone};
 /// Resident set of `mien run`, bytes.
 const RESIDENT: u64 = 16 << 20;
 /// Threads of `mien run`.
-/// With WebSocket, the page, MQTT and mDNS one more each.
-const THREADS: u64 = if cfg!(feature = "wires") { 4 + 4 } else { 4 };
+/// With WebSocket, the page and MQTT one more each.
+const THREADS: u64 = if cfg!(feature = "wires") { 4 + 3 } else { 4 };
 
 fn bytes_of<T>(make: impl FnOnce() -> T) -> (usize, T) {
     let before = MEMORY.bytes_in_use();

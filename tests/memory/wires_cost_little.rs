@@ -145,8 +145,8 @@ fn all_wires_at_once_cost_no_memory() {
             "{}: {} sent, {} dropped",
             tally.name, tally.sent, tally.dropped
         );
-        // Nobody asks these; the page's stream is told a few times a second only.
-        let asked = ["discovery", "mqtt"].contains(&tally.name);
+        // It has no broker; the page's stream is told a few times a second only.
+        let asked = tally.name == "mqtt";
         let least = if tally.name == "page" { 3 } else { 100 };
         assert!(tally.sent > least || asked, "{tally:?}");
     }
@@ -170,7 +170,6 @@ fn network(_: &str) -> Vec<Box<dyn Output>> {
 /// All that are features of the build, with a page that reads; the broker is away.
 #[cfg(feature = "wires")]
 fn network(target: &str) -> Vec<Box<dyn Output>> {
-    use mien::output::discovery::Discovery;
     use mien::output::features::{
         ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
         WebSocketSettings,
@@ -232,7 +231,6 @@ fn network(target: &str) -> Vec<Box<dyn Output>> {
         Box::new(web::websocket::open(&websocket, &UNITS, &["smile"]).unwrap()),
         Box::new(web::page::open(&phone, "", "", &UNITS, &[]).unwrap()),
         Box::new(mqtt::open(&broker, "", &UNITS, &["smile"]).unwrap()),
-        Box::new(Discovery::new("memory-test", Vec::new()).unwrap()),
     ];
     let live = format!("GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", phone.listen);
     let upgrade = "GET / HTTP/1.1\r\nUpgrade: websocket\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n";

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Wires that are features of the build, against programs and libraries that others wrote.
 
-    check_network.py MIEN WHAT...      WHAT: sacn ola live-link websocket discovery
+    check_network.py MIEN WHAT...      WHAT: sacn ola live-link websocket
 
 What is received is compared with the CSV of the same run, by the rules the wires' descriptions state, written here anew.
 """
@@ -290,85 +290,9 @@ def flood(port, connections):
             held.pop(0).close()
 
 
-def check_discovery(mien):
-    """zeroconf (PyPI) finds both services, resolves them, and learns that they are gone; beside a second box of the same
-    name, and beside avahi if it runs here. 10,000 datagrams of garbage change only a counter."""
-    import zeroconf
-    ports = [free_port(), free_port(socket.SOCK_STREAM)]
-    kinds = ["_osc._udp.local.", "_http._tcp.local."]
-    found, gone, avahi = {}, set(), []
-
-    class Heard(zeroconf.ServiceListener):
-        def add_service(self, zc, kind, name):
-            found.setdefault((kind, name), None)
-
-        def update_service(self, zc, kind, name):
-            pass
-
-        def remove_service(self, zc, kind, name):
-            gone.add((kind, name))
-
-    def config(ports):
-        return (f'[network]\nname = "receiver-test"\n[osc]\ncommands = true\ntarget = "127.0.0.1:9"\nlisten = "127.0.0.1:{ports[0]}"\n'
-                f'[websocket]\nenabled = true\nlisten = "127.0.0.1:{ports[1]}"\n[discovery]\nenabled = true\n')
-
-    def while_running(_):
-        end = time.time() + 15
-        wanted = {(kind, f"mien receiver-test.{kind}"): port for kind, port in zip(kinds, ports)}
-        while time.time() < end and not wanted.keys() <= found.keys():
-            time.sleep(0.1)
-        for (kind, name), port in wanted.items():
-            info = zc.get_service_info(kind, name, timeout=3000)
-            assert info, f"{name} is not resolved; found {sorted(found)}"
-            assert info.port == port and info.server == "mien-receiver-test.local." and info.parsed_addresses(), info
-        assert zc.get_service_info(kinds[1], f"mien receiver-test.{kinds[1]}").properties == {b"path": b"/"}
-        if shutil.which("avahi-browse"):
-            lines = subprocess.run(["avahi-browse", "-prt", "_osc._udp"], capture_output=True, text=True, timeout=30).stdout
-            avahi.append(sum("mien" in line and line.startswith("=") for line in lines.splitlines()))
-        # Another of the same name makes way.
-        other = [free_port(), free_port(socket.SOCK_STREAM)]
-        def second(process):
-            end = time.time() + 15
-            while time.time() < end and not any(name.startswith("mien receiver-test-2.") for _, name in found):
-                time.sleep(0.1)
-            process.send_signal(signal.SIGINT)
-        session.run(mien, config(other), ["--source", "simulated"], second)
-        assert any(name.startswith("mien receiver-test-2.") for _, name in found), sorted(found)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-            for i in range(10000):
-                one.sendto(os.urandom(random_length(i)), ("224.0.0.251", 5353))
-                if i % 50 == 0:
-                    time.sleep(0.01)
-        info = zc.get_service_info(kinds[0], f"mien receiver-test.{kinds[0]}", timeout=3000)
-        assert info and info.port == ports[0]
-
-    zc = zeroconf.Zeroconf(ip_version=zeroconf.IPVersion.V4Only)
-    for kind in kinds:
-        zeroconf.ServiceBrowser(zc, kind, Heard())
-
-    def run_and_stop(process):
-        while_running(process)
-        process.send_signal(signal.SIGINT)
-    _, _, status = session.run(mien, config(ports), ["--source", "simulated"], run_and_stop)
-    time.sleep(2)
-    for kind in kinds:
-        assert (kind, f"mien receiver-test.{kind}") in gone, f"{kind} is not taken back: {gone}"
-    zc.close()
-    wire = next(one for one in status["outputs"] if one["name"] == "discovery")
-    assert wire["commands_refused"] > 1000, wire
-    beside = f"; {avahi[0]} entries in avahi-browse" if avahi and avahi[0] else ""
-    print(f"zeroconf (PyPI): 2 services found, resolved and taken back, a second box of the same name is -2{beside}; "
-          f"{wire['commands_refused']} datagrams of garbage counted")
-
-
-def random_length(i):
-    return 1 + i * 37 % 600
-
-
 def main():
     mien, *wanted = sys.argv[1:]
-    checks = {"sacn": check_sacn, "ola": check_ola, "live-link": check_live_link, "websocket": check_websocket,
-              "discovery": check_discovery}
+    checks = {"sacn": check_sacn, "ola": check_ola, "live-link": check_live_link, "websocket": check_websocket}
     for name in wanted:
         checks[name](mien)
 

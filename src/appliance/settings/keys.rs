@@ -118,19 +118,33 @@ const SERVES: &str = "Whether this server is enabled.";
 const TARGET: &str = "Destinations: hosts, broadcast addresses or multicast groups.";
 const DERIVED: &str = "Whether shapes of ARKit that are not measured follow what they go with, such as raised cheeks a smile.";
 const MIRROR: &str = "Whether left and right are swapped, as in a mirror.";
-const HOLD: &str = "How long the last weights of a lost face are held.";
-const DECAY: &str = "How long they then take to fade to neutral.";
 const FILE: &str = "the path of a file, or empty";
 const LISTEN: &str =
     "Address to serve on; 127.0.0.1 serves this machine only, 0.0.0.0 anyone who can reach it.";
 
+/// Sections of keys; `..view` stands for the keys of a [`View`](crate::output::View).
 macro_rules! sections {
-    ($s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* })*) => {
+    ($s:ident $($section:ident: $of:literal { $($name:ident: $about:expr => $kind:expr;)* $(..$view:expr)? })*) => {
         /// Every section and key, in the order printed.
         pub(super) const SECTIONS: &[Section] = &[$(Section {
             name: stringify!($section),
             about: $of,
-            keys: &[$(Key { name: stringify!($name), about: $about, kind: |$s| $kind }),*],
+            keys: &[
+                $(Key { name: stringify!($name), about: $about, kind: |$s| $kind },)*
+                $(
+                    Key { name: "mirror", about: MIRROR, kind: |$s| flag(&mut $view.mirror) },
+                    Key {
+                        name: "hold_s",
+                        about: "How long the last weights of a lost face are held.",
+                        kind: |$s| seconds(&mut $view.loss.hold_s),
+                    },
+                    Key {
+                        name: "decay_s",
+                        about: "How long they then take to fade to neutral.",
+                        kind: |$s| seconds(&mut $view.loss.decay_s),
+                    },
+                )?
+            ],
         }),*];
     };
 }
@@ -230,9 +244,7 @@ sections! { s
             flag(&mut s.osc.commands);
         listen: "Address on which these commands are received; 127.0.0.1 accepts this machine only." =>
             listen(&mut s.osc.listen);
-        mirror: MIRROR => flag(&mut s.osc.view.mirror);
-        hold_s: HOLD => seconds(&mut s.osc.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.osc.loss.decay_s);
+        ..s.osc.view
     }
     vmc: "OSC for avatar programs: the VMC protocol." {
         enabled: ENABLED => flag(&mut s.vmc.enabled);
@@ -243,9 +255,7 @@ sections! { s
             choice(&mut s.vmc.names, &[("arkit", Names::Arkit), ("vrm0", Names::Vrm0), ("vrm1", Names::Vrm1), ("units", Names::Units)]);
         derived: DERIVED => flag(&mut s.vmc.derived);
         eyes: "Whether the gaze turns the bones of the eyes." => flag(&mut s.vmc.eyes);
-        mirror: MIRROR => flag(&mut s.vmc.view.mirror);
-        hold_s: HOLD => seconds(&mut s.vmc.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.vmc.loss.decay_s);
+        ..s.vmc.view
     }
     vrchat: "OSC for VRChat: Unified Expressions." {
         enabled: ENABLED => flag(&mut s.vrchat.enabled);
@@ -255,15 +265,13 @@ sections! { s
         values: "Parameters as floats, as binary switches, or both." =>
             choice(&mut s.vrchat.values, &[("float", Values::Float), ("binary", Values::Binary), ("both", Values::Both)]);
         bits: "Binary switches per parameter, besides its sign." => integer(&mut s.vrchat.bits, 1, MOST_BITS, "");
-        mirror: MIRROR => flag(&mut s.vrchat.view.mirror);
-        hold_s: HOLD => seconds(&mut s.vrchat.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.vrchat.loss.decay_s);
+        ..s.vrchat.view
     }
     faceosc: "OSC in FaceOSC's format." {
         enabled: ENABLED => flag(&mut s.faceosc.enabled);
         target: TARGET => targets(&mut s.faceosc.targets);
-        mirror: MIRROR => flag(&mut s.faceosc.mirror);
-        hold_s: "How long a lost face is held." => seconds(&mut s.faceosc.hold_s);
+        mirror: MIRROR => flag(&mut s.faceosc.view.mirror);
+        hold_s: "How long a lost face is held." => seconds(&mut s.faceosc.view.loss.hold_s);
     }
     serial: "Serial output." {
         port: "The port; empty = no serial output." =>
@@ -280,9 +288,7 @@ sections! { s
             float(&mut s.serial.min_rate_hz, 0.0, 30.0, "Hz");
         dtr: "Whether DTR is raised on opening, which resets many boards; otherwise it is left unchanged." =>
             flag(&mut s.serial.dtr);
-        mirror: MIRROR => flag(&mut s.serial.view.mirror);
-        hold_s: HOLD => seconds(&mut s.serial.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.serial.loss.decay_s);
+        ..s.serial.view
     }
     network: "What the outputs below say about the box. They are optional build features, included in the package." {
         name: "Name of the box on the network; empty = the host name." =>
@@ -291,9 +297,7 @@ sections! { s
     lights: "Lights and servos: which unit drives which channel, for Art-Net and sACN." {
         channels: "Channels count from 1, 16-bit ones take two; the curve is linear, square, root or smooth; MIN and MAX are percentages; hold keeps the value when the face is lost." =>
             texts(&mut s.network.lights.channels, "rows \"UNIT UNIVERSE CHANNEL [8|16] [CURVE] [MIN MAX] [hold]\", like [\"AU26 1 17 16 smooth 10 90\"]; for UNIT also present, yaw, pitch, roll", is_channel, 0);
-        mirror: MIRROR => flag(&mut s.network.lights.view.mirror);
-        hold_s: HOLD => seconds(&mut s.network.lights.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.network.lights.loss.decay_s);
+        ..s.network.lights.view
     }
     artnet: "Art-Net, the channels of [lights]." {
         enabled: ENABLED => flag(&mut s.network.artnet.enabled);
@@ -312,25 +316,18 @@ sections! { s
         subject: "Subject name in Unreal; empty = the name of the box." =>
             text(&mut s.network.live_link.subject, "at most 64 bytes", |name| name.len() <= 64);
         derived: DERIVED => flag(&mut s.network.live_link.derived);
-        mirror: MIRROR => flag(&mut s.network.live_link.view.mirror);
-        hold_s: HOLD => seconds(&mut s.network.live_link.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.network.live_link.loss.decay_s);
+        ..s.network.live_link.view
     }
     websocket: "JSON over WebSocket, for web pages." {
         enabled: SERVES => flag(&mut s.network.websocket.enabled);
         listen: LISTEN => listen(&mut s.network.websocket.listen);
-        mirror: MIRROR => flag(&mut s.network.websocket.view.mirror);
-        hold_s: HOLD => seconds(&mut s.network.websocket.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.network.websocket.loss.decay_s);
+        ..s.network.websocket.view
     }
     page: "A page to watch and command the box, for a phone: state, weights, neutral, freeze, forget." {
         enabled: SERVES => flag(&mut s.network.page.enabled);
         listen: LISTEN => listen(&mut s.network.page.listen);
         password_file: "File with the password in its first line, for any user name; empty = none, and local networks only." =>
             text(&mut s.network.page.password_file, FILE, |_| true);
-    }
-    discovery: "mDNS: the box announces OSC, the page and WebSocket, if enabled." {
-        enabled: "Whether the box announces its services." => flag(&mut s.network.discovery.enabled);
     }
     mqtt: "MQTT: presence, state, health, weights, and Home Assistant." {
         enabled: ENABLED => flag(&mut s.network.mqtt.enabled);
@@ -351,9 +348,7 @@ sections! { s
             flag(&mut s.network.mqtt.commands);
         home_assistant: "Whether the box announces itself to Home Assistant (MQTT discovery)." =>
             flag(&mut s.network.mqtt.home_assistant);
-        mirror: MIRROR => flag(&mut s.network.mqtt.view.mirror);
-        hold_s: HOLD => seconds(&mut s.network.mqtt.loss.hold_s);
-        decay_s: DECAY => seconds(&mut s.network.mqtt.loss.decay_s);
+        ..s.network.mqtt.view
     }
     keys: "Keys that gestures press." {
         device: "The device that presses them: uinput, or the node of a USB HID gadget." =>

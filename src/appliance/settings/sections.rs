@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::appliance::source;
 use crate::base::defaults;
 use crate::output::features::{
-    ArtNetSettings, DiscoverySettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings,
-    SacnSettings, WebSocketSettings,
+    ArtNetSettings, LightSettings, LiveLinkSettings, MqttSettings, PageSettings, SacnSettings,
+    WebSocketSettings,
 };
 use crate::{expression, landmarks, output, pipeline, pose, segment, users};
 
@@ -80,8 +80,6 @@ defaults! {
         pub websocket: WebSocketSettings = WebSocketSettings::default(),
         /// The page of the box.
         pub page: PageSettings = PageSettings::default(),
-        /// mDNS.
-        pub discovery: DiscoverySettings = DiscoverySettings::default(),
         /// MQTT.
         pub mqtt: MqttSettings = MqttSettings::default(),
     }

@@ -199,7 +199,7 @@ impl Desk {
             channels.push(Channel { driver, row, at });
         }
         let mut desk = Self {
-            face: OneFace::new(units, &settings.view, settings.loss),
+            face: OneFace::new(units, &settings.view),
             view: settings.view.clone(),
             channels: channels.into(),
             universes: universes.into(),

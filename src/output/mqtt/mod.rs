@@ -50,7 +50,7 @@ pub fn open(
         [units, gestures],
     );
     let work = move |shared, bell| client::run(talk, &shared, bell);
-    Front::start("mqtt", units, &settings.view, settings.loss, work)
+    Front::start("mqtt", units, &settings.view, work)
 }
 
 /// What a broker sends, for `tests/fuzz`.

@@ -11,11 +11,10 @@ use super::wire::{Targets, Wire};
 use crate::base::capacity::WIDTH;
 use crate::base::defaults;
 use crate::base::geometry::{Point, Rigid, Vector, yaw_pitch_roll};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
 use crate::landmarks::Landmarks;
-use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View};
 
 /// FaceOSC's unit of length, metres.
 const UNIT_M: f32 = 0.0036;
@@ -30,10 +29,8 @@ defaults! {
         pub enabled: bool = false,
         /// Each `host:port`.
         pub targets: Vec<String> = vec!["127.0.0.1:8338".to_owned()],
-        /// Whether left and right are swapped.
-        pub mirror: bool = false,
-        /// How long a lost face is held, seconds.
-        pub hold_s: f32 = LossPolicy::default().hold_s,
+        /// Mirroring, and how long a lost face is held; there are no units.
+        pub view: View = View::default(),
     }
 }
 
@@ -65,7 +62,6 @@ pub struct FaceOsc {
     wire: Wire,
     face: OneFace,
     view: View,
-    hold_s: f32,
     found: bool,
     repeat: Every,
     /// The last face seen, and when.
@@ -88,12 +84,8 @@ impl FaceOsc {
     pub fn over(targets: Targets, settings: Settings) -> Self {
         Self {
             wire: Wire::new(targets, String::new()),
-            face: OneFace::new(&[], &View::default(), LossPolicy::default()),
-            view: View {
-                mirror: settings.mirror,
-                ..View::default()
-            },
-            hold_s: settings.hold_s,
+            face: OneFace::new(&[], &settings.view),
+            view: settings.view,
             found: false,
             repeat: Every::default(),
             last: None,
@@ -163,7 +155,7 @@ impl Output for FaceOsc {
                 self.last = Some((self.measure(pose, landmarks), report.at));
             }
             _ => {
-                let hold_s = f64::from(self.hold_s);
+                let hold_s = f64::from(self.view.loss.hold_s);
                 let is_held = |last: &(_, _)| report.at.seconds_since(last.1) <= hold_s;
                 self.last = self.last.filter(is_held);
             }

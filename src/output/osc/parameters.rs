@@ -2,7 +2,6 @@
 //!
 //! The table is built in; the file documents its format.
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use alloc::borrow::Cow;
 use alloc::collections::BTreeMap;

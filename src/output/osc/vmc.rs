@@ -14,9 +14,8 @@ use super::parameters::Parameter;
 use super::wire::{Targets, Wire};
 use crate::base::defaults;
 use crate::base::geometry::Rigid;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::output::{LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+use crate::output::{OneFace, Output, OutputError, Report, Tally, View};
 
 /// Calibrated, in normal mode: what `OK` says of the sender's own avatar.
 const CALIBRATED: [i32; 2] = [3, 0];
@@ -61,10 +60,8 @@ defaults! {
         pub derived: bool = true,
         /// Whether the gaze turns the bones of the eyes.
         pub eyes: bool = true,
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 
@@ -107,7 +104,7 @@ impl Vmc {
         Self {
             wire: Wire::new(targets, "/VMC/Ext".to_owned()),
             role: settings.role,
-            face: OneFace::new(units, &settings.view, settings.loss),
+            face: OneFace::new(units, &settings.view),
             view: settings.view,
             shapes,
             gaze: gaze.filter(|_| settings.eyes && settings.role == Role::Performer),

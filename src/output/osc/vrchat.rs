@@ -12,10 +12,9 @@ use super::packet::Argument;
 use super::parameters::Parameter;
 use super::wire::{self, Targets, Wire};
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::base::time::Timestamp;
-use crate::output::{Every, LossPolicy, OneFace, Output, OutputError, Report, Tally, View};
+use crate::output::{Every, OneFace, Output, OutputError, Report, Tally, View};
 
 /// Changes below this are not sent: less than the 8 bits the receiver passes on.
 const LEAST_CHANGE: f32 = 1.0 / 512.0;
@@ -55,12 +54,10 @@ defaults! {
         pub values: Values = Values::default(),
         /// Bits of a value sent as switches, 1 to [`MOST_BITS`].
         pub bits: u32 = 4,
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
         /// What the avatar's author put before the names; empty, or ending in a slash.
         pub prefix: String = "FT/".to_owned(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }
 
@@ -104,7 +101,7 @@ impl VrChat {
         let parameters = Parameter::of_rig("unified", units).into_iter();
         Ok(Self {
             wire: Wire::new(targets, wire::usable(prefix)?),
-            face: OneFace::new(units, &settings.view, settings.loss),
+            face: OneFace::new(units, &settings.view),
             values: settings.values,
             bits: settings.bits.clamp(1, MOST_BITS),
             parameters: parameters

@@ -3,7 +3,6 @@
 use core::net::IpAddr;
 
 use super::packet::{Argument, Packet};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{OutputError, Tally};
 

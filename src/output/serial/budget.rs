@@ -5,7 +5,6 @@
 //! If that is below the minimum rate, units are left out, least important first, until the rate is reached or one unit is
 //! left. Binary frames are likewise limited to what an AVR's receive buffer holds.
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Share of the line that is used.

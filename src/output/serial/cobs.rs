@@ -16,7 +16,6 @@ use super::budget::AVR_RING;
 use super::line::{LARGEST, Line};
 use crate::base::checksum::crc16;
 use crate::base::geometry::Rigid;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 #[cfg(feature = "wires")]
 use crate::output::gesture::Switch;

@@ -6,7 +6,6 @@ use super::frame::{Frame, Scale};
 use super::line::{self, Line};
 use super::settings::{Settings, Style};
 use super::{budget, cobs};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::{
     OneFace, OutputError, Report, SCHEMA_VERSION, TrackingState, View, unit_range,
@@ -58,7 +57,7 @@ impl Encoder {
             units: names,
             pose: settings.pose,
             view: view.clone(),
-            face: OneFace::of(channels.collect(), settings.loss),
+            face: OneFace::of(channels.collect(), view.loss),
             last_ms: 0,
         };
         Ok((encoder, plan))

@@ -6,7 +6,6 @@ use super::cobs;
 use super::line::Line;
 use super::settings::Style;
 use crate::base::geometry::{Rigid, Vector, rotation_from_yaw_pitch_roll, yaw_pitch_roll};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::output::TrackingState;
 

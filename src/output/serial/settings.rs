@@ -1,9 +1,8 @@
 //! Settings of the serial output: which port, how it is used, and what is written.
 
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
-use crate::output::{LossPolicy, View};
+use crate::output::View;
 
 /// What is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,9 +37,7 @@ defaults! {
         pub min_rate_hz: f32 = 10.0,
         /// Whether DTR is raised on opening; otherwise it is left unchanged.
         pub dtr: bool = false,
-        /// Names, gains and mirroring of the units.
+        /// How faces and units are shown.
         pub view: View = View::default(),
-        /// What is sent when a face is lost.
-        pub loss: LossPolicy = LossPolicy::default(),
     }
 }

@@ -29,7 +29,7 @@ use crate::output::board::{Front, Weight};
 use crate::output::features::{PageSettings, password};
 use crate::output::gesture::Gesture;
 use crate::output::worker::Board;
-use crate::output::{Command, LossPolicy, OutputError, identity};
+use crate::output::{Command, OutputError, identity};
 
 const PAGE: &str = include_str!("page.html");
 /// Headers of the page.
@@ -235,12 +235,7 @@ fn about(name: &str, units: &[&str], sends: &str, gestures: &[Gesture]) -> Strin
         let rows: Vec<String> = (0..units.len())
             .filter(|&i| region(units[i]) == title)
             .map(|i| {
-                let plain = match unit_words::of(units[i]) {
-                    Some((words, "L")) => format!("{} left", words.plain),
-                    Some((words, "R")) => format!("{} right", words.plain),
-                    Some((words, _)) => words.plain.to_owned(),
-                    None => units[i].to_owned(),
-                };
+                let plain = unit_words::plain(units[i]).unwrap_or_else(|| units[i].to_owned());
                 format!("[{i},{},{}]", Quoted(units[i]), Quoted(&plain))
             })
             .collect();
@@ -294,7 +289,7 @@ pub fn open(
         rate: 30.0,
     };
     let work = move |shared, bell| serve(page, address, shared, bell);
-    Front::start("page", units, &settings.view, LossPolicy::default(), work)
+    Front::start("page", units, &settings.view, work)
 }
 
 #[cfg(test)]

@@ -110,5 +110,5 @@ pub fn open(
         gestures: gestures.iter().map(|name| key(name)).collect(),
     };
     let work = move |shared, bell| serve(pages, address, shared, bell);
-    Front::start("websocket", units, &settings.view, settings.loss, work)
+    Front::start("websocket", units, &settings.view, work)
 }

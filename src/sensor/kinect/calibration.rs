@@ -6,7 +6,6 @@
 
 use super::device::Model;
 use super::registration::{Padding, Registration, ZeroPlane};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Which block of [`super::command::Command::AlgorithmParameters`].

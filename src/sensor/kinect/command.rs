@@ -6,7 +6,6 @@
 //!        "GM" or "RB"     words that follow        command   tag    words, little endian
 //! ```
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 /// Bytes of the header.

@@ -3,7 +3,6 @@
 //! [`PacketSource`] has three implementations: the real device, the virtual one, and a wrapper that injects faults.
 //! Everything above it (commands, calibration, packets, pictures) is the same code for all three.
 
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use core::time::Duration;
 

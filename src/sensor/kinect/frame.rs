@@ -4,7 +4,6 @@ use core::ops::{Deref, DerefMut};
 
 use crate::base::capacity::PIXELS;
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::Frame;
 

@@ -8,7 +8,6 @@
 
 use super::registration::Registration;
 use crate::base::capacity::{HEIGHT, WIDTH};
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 use crate::sensor::camera::{Camera, Cubic, Picture, Pinhole};
 

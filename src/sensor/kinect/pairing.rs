@@ -17,7 +17,6 @@ use super::device::Stream;
 use super::packet::TICKS_PER_PICTURE;
 use super::stream::Layout;
 use crate::base::defaults;
-#[cfg(not(feature = "std"))]
 use crate::base::prelude::*;
 
 const HALF: u32 = TICKS_PER_PICTURE / 2;
