@@ -153,7 +153,8 @@ impl RobustLearner {
                 ESTIMATE_EVERY_S
             };
             // The phase is given once, with the first estimate after the early ones.
-            let stagger = if every == ESTIMATE_EVERY_S && self.next_estimate_s < 2.0 {
+            let is_first = self.next_estimate_s < 2.0 + ESTIMATE_EARLY_S;
+            let stagger = if every == ESTIMATE_EVERY_S && is_first {
                 self.phase * every
             } else {
                 0.0

@@ -250,11 +250,14 @@ fn rounded(x: f32) -> i16 {
 fn dot(weights: &[i8; PATCH], features: &[i16; PATCH]) -> i32 {
     const LANES: usize = 16;
     let mut sums = [0i32; LANES];
-    let features = features.as_chunks::<LANES>().0;
-    for (weights, features) in weights.as_chunks::<LANES>().0.iter().zip(features) {
+    let features = features.as_chunks::<{ 2 * LANES }>().0;
+    for (weights, features) in weights.as_chunks::<{ 2 * LANES }>().0.iter().zip(features) {
+        let product = |k: usize| i32::from(weights[k]).wrapping_mul(i32::from(features[k]));
+        // Two at a time are fewer steps; more become no vectors.
         for k in 0..LANES {
-            let product = i32::from(weights[k]).wrapping_mul(i32::from(features[k]));
-            sums[k] = sums[k].wrapping_add(product);
+            sums[k] = sums[k]
+                .wrapping_add(product(k))
+                .wrapping_add(product(k + LANES));
         }
     }
     sums.iter().fold(0, |sum, part| sum.wrapping_add(*part))

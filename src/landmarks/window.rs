@@ -259,9 +259,10 @@ impl Placement {
     #[inline(always)]
     fn resample_rows(&self, picture: &Picture, region: &Region, window: &mut [f32]) {
         let map = &self.picture_from_window;
+        let (luma, width) = (picture.luma, picture.width as u32 as usize);
         let most = [picture.width, picture.height].map(|size| (size - 1) as f32 - 1e-2);
         // Places, looking up and weighing in turn: only the looking up goes pixel by pixel.
-        let (mut at, mut pairs) = ([0u32; WINDOW], [[[0u8; 2]; WINDOW]; 2]);
+        let (mut at, mut pairs) = ([0u32; WINDOW], [[0u16; WINDOW]; 2]);
         let (mut fx, mut fy) = ([0.0f32; WINDOW], [0.0f32; WINDOW]);
         let columns = region.columns.start..region.columns.end.min(WINDOW);
         for row in region.rows.clone() {
@@ -281,16 +282,18 @@ impl Placement {
                     .min(most[1]);
                 let ((left, part), (top, rest)) = (split(x), split(y));
                 (fx[column], fy[column]) = (part, rest);
-                at[column] = top * picture.width as u32 + left;
+                at[column] = top * width as u32 + left;
             }
             for column in columns.clone() {
                 // One slice of both rows: one check of its bounds for all four.
-                let square = &picture.luma[at[column] as usize..][..picture.width + 2];
-                pairs[0][column] = [square[0], square[1]];
-                pairs[1][column] = [square[picture.width], square[picture.width + 1]];
+                let first = at[column] as usize;
+                let square = &luma[first..first + width + 2];
+                pairs[0][column] = u16::from_le_bytes([square[0], square[1]]);
+                pairs[1][column] = u16::from_le_bytes([square[width], square[width + 1]]);
             }
             for column in columns.clone() {
-                let [[a, b], [c, d]] = [0, 1].map(|row: usize| pairs[row][column].map(f32::from));
+                let [[a, b], [c, d]] = [pairs[0][column], pairs[1][column]]
+                    .map(|pair| [f32::from(pair & 0xff), f32::from(pair >> 8)]);
                 let top = a + (b - a) * fx[column];
                 let bottom = c + (d - c) * fx[column];
                 line[column] = top + (bottom - top) * fy[column];

@@ -144,9 +144,8 @@ pub(super) const WORTH_M2: f64 = EVIDENCE_M * EVIDENCE_M / INDEPENDENT;
 /// Sums over the live points in one iteration.
 #[derive(Default)]
 struct Sums {
-    /// Normal matrix, of which the upper triangle is used: whole rows of eight fill a vector.
+    /// Normal matrix, of which the upper triangle is used, and beside it the gradient: whole rows of eight fill a vector.
     rows: [[f64; 8]; 7],
-    g: [f64; 7],
     asked: u32,
     on_face: u32,
     agreeing: u32,
@@ -156,54 +155,52 @@ struct Sums {
 }
 
 impl Sums {
+    /// Adds those of `cloud`. To what stands in memory: sums of its own it would keep in numbers apart, not in vectors.
     #[inline(always)]
-    fn of<'a>(
+    fn add<'a>(
+        &mut self,
         anchor: &Anchor,
         shape: &HeadShape,
         cloud: impl Iterator<Item = &'a Point>,
         (pose, inverse_scale): (&HeadFromSensor, f32),
         (cutoff, beside): (f32, f32),
         middle2: f32,
-    ) -> Self {
-        let mut sums = Self::default();
+    ) {
         let camera = Point::from(pose.translation.vector);
         for p in cloud {
-            sums.asked += 1;
+            self.asked += 1;
             let q = pose * p;
             let Some((i, r)) = pair(anchor, shape, &q, inverse_scale, &camera) else {
                 continue;
             };
             let bare = anchor.bare[i];
-            sums.on_face += u32::from(bare);
+            self.on_face += u32::from(bare);
             let u = r / cutoff;
             if u.abs() >= 1.0 {
                 continue;
             }
             let biweight = (1.0 - u * u) * (1.0 - u * u);
-            sums.support += f64::from(biweight);
+            self.support += f64::from(biweight);
             if bare {
-                sums.agreement += f64::from(biweight);
-                sums.agreeing += 1;
+                self.agreement += f64::from(biweight);
+                self.agreeing += 1;
             }
             // The sensor's error grows with the square of the distance, its weight falls with the fourth power.
             let nearer = middle2 / (p.z * p.z);
             let trust = anchor.trust[i] * if bare { 1.0 } else { beside };
             let w = f64::from(biweight * trust * nearer * nearer);
-            sums.total += w;
+            self.total += w;
             let n = anchor.normals[i] * inverse_scale;
             let turn = q.coords.cross(&n);
             let growth = -n.dot(&q.coords);
-            let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, 0.0].map(f64::from);
-            let r = f64::from(r);
-            for ((row, g), j_a) in sums.rows.iter_mut().zip(&mut sums.g).zip(j) {
+            let j = [turn.x, turn.y, turn.z, n.x, n.y, n.z, growth, r].map(f64::from);
+            for (row, j_a) in self.rows.iter_mut().zip(j) {
                 let wa = w * j_a;
-                *g += wa * r;
                 for (sum, j_b) in row.iter_mut().zip(&j) {
                     *sum += wa * j_b;
                 }
             }
         }
-        sums
     }
 }
 
@@ -225,9 +222,10 @@ pub(crate) fn align(
     for (round, &cutoff) in effort.cutoffs_m.iter().enumerate() {
         let inverse_scale = (-log_scale).exp() as f32;
         let thinned = cloud.iter().step_by(stride);
-        let sums = wide(|| {
+        let mut sums = Sums::default();
+        wide(|| {
             let (place, weights) = ((&pose, inverse_scale), (cutoff, effort.beside));
-            Sums::of(anchor, shape, thinned, place, weights, middle2)
+            sums.add(anchor, shape, thinned, place, weights, middle2);
         });
         if sums.total < MIN_USED / stride as f64 {
             return None;
@@ -266,9 +264,9 @@ pub(crate) fn align(
 /// from its prior. `None` where the position is not determined.
 #[inline]
 fn step(sums: &Sums, effort: &Effort, off: f64) -> Option<SVector<f64, 7>> {
-    let &Sums { rows, g, total, .. } = sums;
+    let &Sums { rows, total, .. } = sums;
     let mut h = SMatrix::<f64, 7, 7>::from_fn(|a, b| rows[a.min(b)][a.max(b)]);
-    let mut g = SVector::<f64, 7>::from(g);
+    let mut g = SVector::<f64, 7>::from(rows.map(|row| row[7]));
     if effort.scale_sigma > 0.0 {
         // The prior in the units of the sums.
         let strength = WORTH_M2 * total / (effort.scale_sigma * effort.scale_sigma);
@@ -318,14 +316,10 @@ mod tests {
         let shape = HeadShape::standard(anchor.points.len());
         let (p, pose) = seen(anchor, z, off);
         let place = (&pose, 1.0);
-        Sums::of(
-            anchor,
-            &shape,
-            core::iter::once(&p),
-            place,
-            (0.02, 0.5),
-            middle * middle,
-        )
+        let mut sums = Sums::default();
+        let (cloud, middle2) = (core::iter::once(&p), middle * middle);
+        sums.add(anchor, &shape, cloud, place, (0.02, 0.5), middle2);
+        sums
     }
 
     #[test]
@@ -341,7 +335,7 @@ mod tests {
         // Half a cut-off away: (1 - 1/4)^2, and the gradient says how far that is.
         let off = one_point(&anchor, 0.6, 0.01, 0.6);
         assert!((off.total / near.total - 0.5625).abs() < 0.02);
-        let distance = off.g[5].abs() / (off.rows[5][5] * off.total).sqrt();
+        let distance = off.rows[5][7].abs() / (off.rows[5][5] * off.total).sqrt();
         assert!((distance - 0.01).abs() < 5e-4, "{distance}");
         // As far as the cut-off: nothing, but it is on the face.
         let none = one_point(&anchor, 0.6, 0.021, 0.6);
@@ -353,10 +347,10 @@ mod tests {
         // A point 5 mm before the surface: the shift that the gradient asks for is back along the normal.
         let anchor = Anchor::new(&half_egg()).expect("a head");
         let sums = one_point(&anchor, 0.6, 0.005, 0.6);
-        let along = sums.g[5];
+        let along = sums.rows[5][7];
         // Normals of a face point to the camera, which is at negative z.
-        assert!(along < 0.0 && along.abs() > sums.g[3].abs().max(sums.g[4].abs()));
-        let (g, h) = (sums.g[5], sums.rows[5][5]);
+        assert!(along < 0.0 && along.abs() > sums.rows[3][7].abs().max(sums.rows[4][7].abs()));
+        let (g, h) = (sums.rows[5][7], sums.rows[5][5]);
         assert!((-g / h - 0.005).abs() < 1e-3, "{}", -g / h);
     }
 

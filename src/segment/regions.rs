@@ -128,22 +128,22 @@ impl Regions {
         let mut labels = 1usize;
         // Up and left, one and two cells away.
         const BEFORE: [(i32, i32); 6] = [(-1, 0), (0, -1), (-1, -1), (1, -1), (-2, 0), (0, -2)];
-        for row in 0..ROWS as i32 {
-            for col in 0..COLUMNS as i32 {
-                let at = row as usize * COLUMNS + col as usize;
-                let z = depth_m[at];
-                label[at] = 0;
+        label.fill(0);
+        for (row, line) in (0..).zip(depth_m.chunks_exact(COLUMNS)) {
+            for (col, &z) in (0..).zip(line) {
                 if z <= 0.0 {
                     continue;
                 }
+                let at = row * COLUMNS as i32 + col;
+                let is_inside = row >= 2 && (2..COLUMNS as i32 - 1).contains(&col);
                 // The root, and the label last joined with it: most neighbours have the same.
                 let (mut mine, mut joined) = (0u16, 0u16);
                 for (dx, dy) in BEFORE {
                     let (x, y) = (col + dx, row + dy);
-                    if x < 0 || y < 0 || x >= COLUMNS as i32 {
+                    if !is_inside && (x < 0 || y < 0 || x >= COLUMNS as i32) {
                         continue;
                     }
-                    let there = y as usize * COLUMNS + x as usize;
+                    let there = (at + dy * COLUMNS as i32 + dx) as usize;
                     let other = label[there];
                     if other == joined || other == 0 || (depth_m[there] - z).abs() > STEP_SHARE * z
                     {
@@ -164,7 +164,7 @@ impl Regions {
                     parents[labels] = mine;
                     labels += 1;
                 }
-                label[at] = mine;
+                label[at as usize] = mine;
             }
         }
         // Every parent is the lower label, so upwards one step from a root's child is enough. Nothing is 0's child.
