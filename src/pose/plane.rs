@@ -106,15 +106,15 @@ pub(crate) fn coverage(
         }
     }
     let (mut facing, mut covered) = ([0.0; 2], [0.0; 2]);
-    for i in 0..anchor.points.len() {
-        let towards = anchor.points[i] * fit.scale - camera;
+    let points = anchor.points.iter().enumerate();
+    for (i, p) in points.filter(|(_, p)| is_middle(p)) {
+        let towards = p * fit.scale - camera;
         let away = anchor.normals[i].dot(&towards) > 2.0 * FACING * towards.norm();
         if away || anchor.rim[i] {
             continue;
         }
         let is_hit = hit[i] || anchor.neighbours[i].iter().any(|&k| hit[usize::from(k)]);
-        let p = &anchor.points[i];
-        for (k, is_in) in [is_middle(p), is_nose(p)].into_iter().enumerate() {
+        for (k, is_in) in [true, is_nose(p)].into_iter().enumerate() {
             facing[k] += f32::from(u8::from(is_in));
             covered[k] += f32::from(u8::from(is_in && is_hit));
         }
@@ -128,7 +128,7 @@ fn is_middle(p: &Point) -> bool {
     p.x.abs() < 0.040 && (-0.030..0.070).contains(&p.y)
 }
 
-/// Whether a place is on the ridge or the tip of the nose, which protrudes by a centimetre.
+/// Whether a place of the middle is on the ridge or the tip of the nose, which protrudes by a centimetre.
 fn is_nose(p: &Point) -> bool {
     p.x.abs() < 0.010 && (0.010..0.045).contains(&p.y)
 }

@@ -27,12 +27,9 @@ const NEAREST_M: f32 = 0.3;
 
 /// Distance of a fractional raw value.
 fn metres(camera: &Camera, raw: f32) -> f32 {
-    let below = raw.floor();
-    let (a, b) = (
-        camera.depth_m(below as u16),
-        camera.depth_m(below as u16 + 1),
-    );
-    a + (b - a) * (raw - below)
+    let below = raw as u16;
+    let (a, b) = (camera.depth_m(below), camera.depth_m(below + 1));
+    a + (b - a) * (raw - f32::from(below))
 }
 
 /// Fills `cloud` with the head's points; `false` if there are too few.
@@ -176,9 +173,11 @@ fn block_at(
             None => return sum,
         }
     };
+    let like =
+        seed.saturating_sub(same).max(*range.start())..=seed.saturating_add(same).min(*range.end());
     for (row, readings) in rows() {
         for (col, &raw) in (left..).zip(readings) {
-            if range.contains(&raw) && raw.abs_diff(seed) <= same {
+            if like.contains(&raw) {
                 sum.add(raw, col, row);
             }
         }
