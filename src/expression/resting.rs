@@ -52,7 +52,7 @@ impl Turn {
 }
 
 /// One input's rest.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Resting {
     gram: Matrix3<f64>,
     right: Vector3<f64>,

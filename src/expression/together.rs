@@ -82,7 +82,7 @@ impl Together {
             filters: core::array::from_fn(|_| MeasureFilter::default()),
             values: [0.0; FEATURES],
             turn: Turn::default(),
-            rests: core::array::from_fn(|_| Resting::default()),
+            rests: [Resting::default(); INPUTS],
             half_life_s: settings.half_life_s,
             rotation: Vector3::zeros(),
             raw: [0.0; INPUTS],

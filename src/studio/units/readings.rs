@@ -371,7 +371,7 @@ fn write_reading(text: &mut String, unit: &str, shares: &[[f64; 2]; INPUTS]) {
     let _ = write!(text, "\n[[reading]]\nunit = \"{unit}\"\nfrom = [\n");
     for (i, [rise, fall]) in shares.iter().enumerate() {
         if *rise != 0.0 || *fall != 0.0 {
-            let _ = writeln!(text, "  [\"{}\", {rise:.2}, {fall:.2}],", input_name(i));
+            let _ = writeln!(text, "[\"{}\",{rise:.2},{fall:.2}],", input_name(i));
         }
     }
     text.push_str("]\n");
