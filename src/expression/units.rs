@@ -443,7 +443,7 @@ mod tests {
                 "expected unit names such as",
             ),
             (
-                SHIPPED.replace("[\"lip_gap\", ", "[\"lip_gasp\", "),
+                SHIPPED.replace("[\"lip_gap\",", "[\"lip_gasp\","),
                 "expected names of measures and features",
             ),
             (
