@@ -68,19 +68,8 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
         v
     };
     let mut best = (prior.rest, score(prior.rest, weight_within(prior.rest)));
-    // Nodes ascend, so both ends of the window only move up.
-    let (mut first, mut end, mut within) = (0, 0, 0.0);
-    for node in nodes {
-        let v = node.value;
-        while let Some(next) = nodes.get(end).filter(|next| next.value <= v + h) {
-            within += next.rest;
-            end += 1;
-        }
-        while nodes[first].value < v - h {
-            within -= nodes[first].rest;
-            first += 1;
-        }
-        let weight = within / growth;
+    for (v, weight) in windows(nodes, h) {
+        let weight = weight / growth;
         // The most that its score can be: what is not better need not be told exactly.
         if weight + PRIOR_S <= best.1 {
             continue;
@@ -98,6 +87,22 @@ pub fn mode(nodes: &[Node], growth: f64, h: f64, prior: &Prior, present: f64) ->
         value,
         seconds: weight_within(value),
     }
+}
+
+/// Every node's value and the weight within `h` of it. Nodes ascend, so both ends of the window only move up.
+fn windows(nodes: &[Node], h: f64) -> impl Iterator<Item = (f64, f64)> {
+    let (mut first, mut end, mut within) = (0, 0, 0.0);
+    nodes.iter().map(move |&Node { value: v, .. }| {
+        while let Some(next) = nodes.get(end).filter(|next| next.value <= v + h) {
+            within += next.rest;
+            end += 1;
+        }
+        while nodes[first].value < v - h {
+            within -= nodes[first].rest;
+            first += 1;
+        }
+        (v, within)
+    })
 }
 
 #[cfg(test)]

@@ -49,9 +49,10 @@ pub(super) struct Together {
     filters: [MeasureFilter; UNITS],
     values: [f64; FEATURES],
     turn: Turn,
-    rests: [Resting; INPUTS],
+    /// Of measures and lengths.
+    rests: [Resting; LEARNT_MEASURES + LENGTHS],
     half_life_s: f64,
-    /// The last frame's: the head's rotation, how far each input is from its rest, and what of that is expression.
+    /// The last frame's: the head's rotation, how far each input is from its rest, and what of that is expression or glance.
     rotation: Vector3<f64>,
     raw: [f64; INPUTS],
     pub(super) departures: [f64; INPUTS],
@@ -82,7 +83,7 @@ impl Together {
             filters: core::array::from_fn(|_| MeasureFilter::default()),
             values: [0.0; FEATURES],
             turn: Turn::default(),
-            rests: [Resting::default(); INPUTS],
+            rests: [Resting::default(); LEARNT_MEASURES + LENGTHS],
             half_life_s: settings.half_life_s,
             rotation: Vector3::zeros(),
             raw: [0.0; INPUTS],
@@ -134,9 +135,9 @@ impl Together {
         }
         self.rotation = sensor_from_head.scaled_axis().cast();
         let turn = self.turn.about_mean(&self.rotation);
-        for ((departure, &raw), rest) in self.departures.iter_mut().zip(&self.raw).zip(&self.rests)
-        {
-            *departure = rest.expressed(raw, &turn);
+        self.departures = self.raw;
+        for (departure, rest) in self.departures.iter_mut().zip(&self.rests) {
+            *departure = rest.expressed(*departure, &turn);
         }
         for (read, reading) in self.read.iter_mut().zip(readings) {
             *read = reading.of(&self.departures);
