@@ -153,7 +153,7 @@ mod tests {
 
     /// `L x` for every vertex.
     fn applied(op: &Operator, x: &[Vec3]) -> Vec<Vec3> {
-        let rows = 0..op.cotangent.len();
+        let rows = 0..op.area.len();
         rows.map(|r| op.cotangent.row_times(r, x)).collect()
     }
 

@@ -26,7 +26,7 @@ const GIVEN: u32 = u32::MAX;
 /// A square matrix by rows; columns of a row ascend.
 #[derive(Clone, Debug, Default)]
 pub struct Rows {
-    starts: Vec<usize>,
+    starts: Vec<u32>,
     columns: Vec<u32>,
     values: Vec<f64>,
 }
@@ -58,20 +58,13 @@ impl Rows {
     }
 
     /// Number of rows.
-    #[must_use]
-    pub fn len(&self) -> usize {
+    fn count(&self) -> usize {
         self.starts.len() - 1
-    }
-
-    /// No rows at all.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Column and value of every entry of a row.
     pub fn row(&self, r: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let range = self.starts[r]..self.starts[r + 1];
+        let range = self.starts[r] as usize..self.starts[r + 1] as usize;
         self.columns[range.clone()]
             .iter()
             .zip(&self.values[range])
@@ -91,16 +84,14 @@ impl Rows {
     /// If memory ends.
     #[must_use]
     pub fn elimination(&self) -> Vec<u32> {
-        let n = self.len();
+        let n = self.count();
         let (mut order, mut place) = (vec![0_u32; n], vec![0_u32; n]);
-        let starts: Vec<u32> = self.starts.iter().map(|&s| s as u32).collect();
-        let pattern = SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &self.columns);
         let room = amd::order_maybe_unsorted_scratch::<u32>(n, self.columns.len());
         let stack = &mut MemBuffer::new(room);
         amd::order_maybe_unsorted(
             &mut order,
             &mut place,
-            pattern,
+            self.pattern(),
             amd::Control::default(),
             MemStack::new(stack),
         )
@@ -111,7 +102,7 @@ impl Rows {
     /// `Lᵀ W L` for a symmetric matrix `L` and a diagonal `W`.
     #[must_use]
     pub fn squared(&self, weight: &[f64]) -> Self {
-        let n = self.len();
+        let n = self.count();
         let mut out = Self {
             starts: vec![0],
             ..Self::default()
@@ -134,9 +125,40 @@ impl Rows {
                 out.values.push(std::mem::take(&mut sum[c as usize]));
                 seen[c as usize] = false;
             }
-            out.starts.push(out.columns.len());
+            out.starts.push(out.columns.len() as u32);
         }
         out
+    }
+
+    /// Of a symmetric matrix the part that belongs to the unknowns, with `diagonal` added by their places and without the entries
+    /// that do not pass, by place of row and column.
+    fn part(
+        &self,
+        unknowns: &Unknowns,
+        diagonal: impl Fn(usize) -> f64,
+        passes: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let mut out = Self {
+            starts: vec![0],
+            ..Self::default()
+        };
+        for (k, &r) in unknowns.rows.iter().enumerate() {
+            for (c, value) in self.row(r as usize) {
+                if let Some(at) = unknowns.place(c).filter(|&at| passes(k, at)) {
+                    out.columns.push(at as u32);
+                    let value = if at == k { value + diagonal(k) } else { value };
+                    out.values.push(value);
+                }
+            }
+            out.starts.push(out.columns.len() as u32);
+        }
+        out
+    }
+
+    /// Its entries as faer has them: symmetry lets a row stand for a column.
+    fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
+        let n = self.count();
+        SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.columns)
     }
 }
 
@@ -183,46 +205,6 @@ pub struct Factor {
     values: Vec<f64>,
 }
 
-/// One half of a matrix by columns.
-#[derive(Default)]
-struct Half {
-    starts: Vec<u32>,
-    rows: Vec<u32>,
-    values: Vec<f64>,
-}
-
-impl Half {
-    /// Of the entries that pass, by column and row.
-    fn new(
-        matrix: &Rows,
-        unknowns: &Unknowns,
-        diagonal: impl Fn(usize) -> f64,
-        passes: impl Fn(usize, usize) -> bool,
-    ) -> Self {
-        let mut half = Self {
-            starts: vec![0],
-            ..Self::default()
-        };
-        for (k, &r) in unknowns.rows.iter().enumerate() {
-            // As symmetry lets a row stand for a column.
-            for (c, value) in matrix.row(r as usize) {
-                if let Some(at) = unknowns.place(c).filter(|&at| passes(k, at)) {
-                    half.rows.push(at as u32);
-                    half.values
-                        .push(if at == k { value + diagonal(k) } else { value });
-                }
-            }
-            half.starts.push(half.rows.len() as u32);
-        }
-        half
-    }
-
-    fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
-        let n = self.starts.len() - 1;
-        SymbolicSparseColMatRef::new_unsorted_checked(n, n, &self.starts, None, &self.rows)
-    }
-}
-
 impl Factor {
     /// Factors the part of a matrix that belongs to the unknowns, with `diagonal` added by their places. In the order of
     /// [`Rows::elimination`] few entries arise.
@@ -238,8 +220,8 @@ impl Factor {
             unknowns: unknowns.rows.len(),
         };
         // faer analyses the upper half of a matrix that it does not reorder, and factors the lower one.
-        let upper = Half::new(matrix, unknowns, |_| 0.0, |column, row| row <= column);
-        let lower = Half::new(matrix, unknowns, diagonal, |column, row| row >= column);
+        let upper = matrix.part(unknowns, |_| 0.0, |column, row| row <= column);
+        let lower = matrix.part(unknowns, diagonal, |column, row| row >= column);
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
