@@ -85,7 +85,7 @@ enum Command {
     #[command(
         after_help = "Example: mien-studio bake --mesh head.obj --landmarks head68.txt --out head.glb --report head.html"
     )]
-    Bake(bake::request::Request),
+    Bake(bake::command::Request),
     /// Serve a web page for dragging the 68 landmarks into place on a neutral head, with a preview of the shapes
     #[command(after_help = "Example: mien-studio place --mesh head.obj --out head68.txt")]
     Place(Place),

@@ -17,7 +17,7 @@
 //! progress, stopped   how far long work is, and what Ctrl-C leaves of it; fault: why it failed
 //! people_split   the data sets, and who of them is trained on
 //! text_files, csv, atomic_write   texts and tables in, files out
-//! chart, jpeg    curves and words in pictures, and their files
+//! chart, picture_files   curves and words in pictures, and their files
 //! correlation, frame_time, srgb, thin_plate   what several of them reckon with
 //! ```
 
@@ -34,9 +34,9 @@ pub mod fit;
 pub mod frame_time;
 pub mod heads;
 pub mod inspect;
-pub mod jpeg;
 pub mod nrsfm;
 pub mod people_split;
+pub mod picture_files;
 pub mod place;
 pub mod preview;
 pub mod progress;

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use mien::studio::bake::glb::Glb;
-use mien::studio::bake::{command, obj, request::Request};
+use mien::studio::bake::{command, command::Request, obj};
 use mien::studio::heads::default_head;
 use mien::studio::heads::hero::{self, Hero};
 

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use crate::studio::bake::command::written;
 use crate::studio::bake::files::{read, read_bytes, write};
 use crate::studio::bake::glb::Glb;
 use crate::studio::bake::recipe::{Recipe, SHIPPED};
-use crate::studio::bake::request::written;
 use crate::studio::bake::shape::pair;
 use crate::studio::csv;
 use crate::studio::fault::Fault;

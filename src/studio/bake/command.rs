@@ -1,6 +1,6 @@
 //! `mien-studio bake`: files in, files out.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -22,14 +22,14 @@ use super::patch::Foreign;
 use super::prior::Prior;
 use super::recipe::{Recipe, SHIPPED, Target};
 use super::render::Outside;
-use super::request::{Request, is_usd};
-use super::rig;
+use super::rig::{self, Method};
 use super::shape::Shape;
 use super::table::table;
 use super::{morphs, report, usd};
 use crate::appliance::memory::peak_resident_bytes;
 use crate::face_model::FaceModel;
 use crate::studio::fault::Fault;
+use crate::studio::picture_files::png;
 use crate::studio::progress::Progress;
 use crate::studio::text_files;
 
@@ -39,6 +39,75 @@ const NAMED: usize = 5;
 const SHAPE_BYTES: usize = 33;
 /// What all shapes together may take: 67 of a mesh of a million vertices.
 const SHAPES_MOST: usize = (67 * SHAPE_BYTES) << 20;
+
+/// What to bake and where to put it.
+#[derive(Debug, Default, clap::Args)]
+pub struct Request {
+    /// Neutral head: OBJ (quads, texture coordinates and vertex order are kept), or GLB, glTF or VRM, whose copy in --out
+    /// gets the shapes and keeps everything else
+    #[arg(long)]
+    pub mesh: PathBuf,
+    /// 68 vertex numbers from 0, one per line, in iBUG order; for a GLB, counted through its position accessors in order.
+    /// auto finds them in a rendering of the mesh and writes beside --out a picture to check (.landmarks.png) and a file
+    /// to correct and pass back in (.landmarks.txt)
+    #[arg(long)]
+    pub landmarks: PathBuf,
+    /// glTF with one morph target per shape (.glb, .vrm), or USD with one blend shape (.usda), in the mesh's own unit
+    #[arg(long, value_parser = |text: &str| written(text, &["glb", "vrm", "usda"]))]
+    pub out: PathBuf,
+    /// Shapes and their control points [default: the 67 of config/blendshapes.toml]
+    #[arg(long)]
+    pub recipe: Option<PathBuf>,
+    /// CSV shape,vertex,dx,dy,dz in mesh units, instead of a recipe
+    #[arg(long)]
+    pub controls: Option<PathBuf>,
+    /// Also neutral.obj, one OBJ per shape and shapes.json in this folder
+    #[arg(long)]
+    pub obj: Option<PathBuf>,
+    /// Pictures and figures of every shape, one HTML file
+    #[arg(long)]
+    pub report: Option<PathBuf>,
+    /// Unit of the mesh: mm, cm or m [default: from the distance of the eyes]
+    #[arg(long = "unit", value_parser = metres)]
+    pub metres: Option<f64>,
+    /// aoi; for comparison paper, its Procedure 1 as printed, or laplacian, plain least squares
+    #[arg(long, value_enum, default_value_t, hide_possible_values = true)]
+    pub method: Method,
+    /// With --controls: skin between the given vertices moves as learned from sculpted shapes; with a recipe it always does
+    #[arg(long = "derive-controls")]
+    pub derive: bool,
+    /// Also the recipe's correctives for pairs of shapes, named like jawOpen_mouthSmileLeft, to be weighted by the product
+    /// of both weights, as animate does
+    #[arg(long)]
+    pub correctives: bool,
+    /// Morph targets and blend shapes in full, for programs that cannot read sparse ones
+    #[arg(long)]
+    pub dense: bool,
+}
+
+/// A file of ours by its name: binary glTF, the VRM that a head came in or, for `bake`, USD.
+pub(in crate::studio) fn written(name: &str, endings: &[&str]) -> Result<PathBuf, String> {
+    let out = PathBuf::from(name);
+    let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
+    if endings.iter().any(|known| ending == *known) {
+        return Ok(out);
+    }
+    let mut expected = format!("expected a name that ends in .{}", endings.join(" or ."));
+    if endings.contains(&"usda") {
+        expected += "; FBX and .blend come out of Blender, see docs/baking.md";
+    }
+    Err(expected)
+}
+
+/// Metres per unit of a mesh.
+fn metres(unit: &str) -> Result<f64, String> {
+    match unit {
+        "mm" => Ok(1e-3),
+        "cm" => Ok(1e-2),
+        "m" => Ok(1.0),
+        _ => Err("expected mm, cm or m".into()),
+    }
+}
 
 /// Vertex numbers from the text of the landmark file at `path`: one a line, `#` begins a comment.
 ///
@@ -81,11 +150,14 @@ impl Source {
             let glb = Glb::read(&bytes, folder).map_err(Fault::within(path))?;
             let looks = Looks::in_glb(&glb);
             let (mesh, foreign) = Foreign::read(glb).map_err(Fault::within(path))?;
-            let obj = as_obj.then(|| obj::emit(&mesh));
             return Ok(Self {
+                obj: if as_obj {
+                    obj::emit(&mesh)
+                } else {
+                    String::new()
+                },
                 mesh,
                 looks,
-                obj: obj.unwrap_or_default(),
                 foreign: Some(foreign),
             });
         }
@@ -124,7 +196,8 @@ impl Source {
         neck: Option<&Neck>,
     ) -> Result<Vec<u8>, Fault> {
         let (mesh, looks, dense) = (&self.mesh, &self.looks, request.dense);
-        if is_usd(&request.out) {
+        let ending = request.out.extension().unwrap_or_default();
+        if ending.eq_ignore_ascii_case("usda") {
             let pictures = looks.beside(&request.out, &mesh.materials);
             for (file, bytes) in pictures.values() {
                 write(&request.out.with_file_name(file), bytes)?;
@@ -311,10 +384,7 @@ fn found(request: &Request, source: &Source) -> Result<Vec<u64>, Fault> {
     let found = guess(&source.mesh, &source.looks, &FaceModel::shipped())
         .ok_or("expected vertices to find a face on, found none")
         .map_err(Fault::within(&request.mesh))?;
-    let mut png = std::io::Cursor::new(Vec::new());
-    let drawn = found.picture.write_to(&mut png, image::ImageFormat::Png);
-    drawn.map_err(Fault::cannot("write", &picture, ""))?;
-    write(&picture, png.get_ref())?;
+    write(&picture, &png(&found.picture))?;
     if !found.is_face() {
         return Err(Fault::new(format!(
             "{mesh}: expected a face, found none with more than {:.2} confidence ({} shows what was seen); place the points with: mien-studio place --mesh {mesh}",

@@ -5,7 +5,6 @@
 //! Limits: only the front half of a ball counts; behind its widest part the socket's skin is out of sight.
 
 use super::head::Head;
-use super::measure::lip_gaps;
 use super::mesh::Vec3;
 use super::nearest::Nearest;
 use super::recipe::Target;
@@ -50,7 +49,7 @@ impl<'a> Contacts<'a> {
                 .map(|(v, p)| (v as u32, ball.height(p).min(LID_MARGIN * w)))
                 .collect()
         });
-        let gaps = lip_gaps(head, |v| head.mesh.positions[v as usize]);
+        let gaps = head.lip_gaps(|v| head.mesh.positions[v as usize]);
         let mut out = Self {
             head,
             beside,
@@ -177,7 +176,7 @@ impl<'a> Contacts<'a> {
         let head = self.head;
         let up = head.axes.column(1).into_owned();
         let moved = head.moved(d, base);
-        let now = lip_gaps(head, |v| moved(v as usize));
+        let now = head.lip_gaps(|v| moved(v as usize));
         let mut found = Vec::new();
         for (&before, (upper, lower, now)) in self.lips.iter().zip(now) {
             let excess = before.min(0.0) - now;

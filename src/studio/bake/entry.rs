@@ -6,8 +6,7 @@ use serde::Deserialize;
 use super::head::Head;
 use super::mesh::Vec3;
 use super::names::{self, NAMES, mirrored, swapped};
-use super::promise::{Deed, Promise};
-use super::target::Target;
+use super::shape::{Deed, Promise, Target};
 use crate::studio::fault::Fault;
 
 /// What the numbers of `move` count.

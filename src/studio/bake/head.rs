@@ -13,11 +13,10 @@
 
 use nalgebra::Matrix3;
 
-use super::derived_points::derived_points;
 use super::eyeball::Ball;
 use super::laplacian::Operator;
 use super::mesh::{Mesh, Rings, Vec3};
-use super::names::LANDMARKS;
+use super::names::{LANDMARKS, mirrored};
 use super::seam::{Seam, films, lines};
 use super::solve::stiffness;
 use crate::studio::fault::Fault;
@@ -162,6 +161,43 @@ fn seams(mesh: &Mesh, rings: &Rings, points: &mut [u32], out: Vec3, slack: f64) 
     ]
 }
 
+/// Vertices of the ten derived control points, in the order of [`super::names::NAMES`] after the landmarks.
+fn derived_points(
+    mesh: &Mesh,
+    skin: &[bool],
+    axes: &Matrix3<f64>,
+    points: &[u32],
+    w: f64,
+) -> Vec<u32> {
+    let normals = mesh.vertex_normals(&mesh.positions);
+    let (up, out) = (axes.column(1), axes.column(2));
+    // Aims by combining landmarks of the left side; the right side uses the mirror partners.
+    let aims = |m: fn(usize) -> usize| {
+        let p = |k: usize| mesh.positions[points[m(k)] as usize];
+        [
+            0.5 * (p(47) + p(35)),
+            (p(46) + p(54) + p(14)) / 3.0,
+            0.5 * (p(54) + p(11)),
+            p(24) + up * (0.5 * w),
+            p(23) + up * (1.1 * w),
+        ]
+    };
+    let nearest = |aim: Vec3| {
+        // Seen from in front: distance across counts fully, distance in depth little, as the skin may bulge.
+        let cost = |v: usize| {
+            let d = mesh.positions[v] - aim;
+            let depth = d.dot(&out);
+            d.norm_squared() - 0.9 * depth * depth
+        };
+        (0..mesh.positions.len())
+            .filter(|&v| skin[v] && normals[v].dot(&out) > 0.1 && !points.contains(&(v as u32)))
+            .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))
+            .map_or(points[30], |v| v as u32)
+    };
+    let both = [aims(|k| k), aims(mirrored)];
+    both.into_iter().flatten().map(nearest).collect()
+}
+
 impl Head {
     /// Analyses a neutral mesh with its 68 landmark vertices.
     ///
@@ -275,6 +311,46 @@ impl Head {
     #[must_use]
     pub fn point(&self, k: usize) -> Vec3 {
         self.mesh.positions[self.points[k] as usize]
+    }
+
+    /// Largest distance of a vertex of the upper lid line from the lower one, mesh units; `p` is where vertices are. Not the other way
+    /// round: the lower line goes on about the lacrimal caruncle, which no lid covers.
+    pub(super) fn lid_gap(&self, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
+        let seam = &self.lids[side];
+        let far = |&v: &u32| {
+            let spans = seam.lower.windows(2).map(|s| {
+                let (a, line) = (p(s[0]), p(s[1]) - p(s[0]));
+                let along = (p(v) - a).dot(&line) / line.norm_squared().max(1e-300);
+                (a + line * along.clamp(0.0, 1.0) - p(v)).norm()
+            });
+            spans.fold(f64::INFINITY, f64::min)
+        };
+        seam.upper.iter().map(far).fold(0.0, f64::max)
+    }
+
+    /// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its
+    /// height above the lower line there. Beyond the corners there is nothing to cross.
+    pub(super) fn lip_gaps(&self, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f64)> {
+        let (left, up) = (self.axes.column(0), self.axes.column(1));
+        let flat = |v: u32| (p(v).dot(&left), p(v).dot(&up));
+        let lower = &self.lips.lower;
+        let upper = &self.lips.upper;
+        upper[1..upper.len() - 1]
+            .iter()
+            .map(|&v| {
+                let (x, y) = flat(v);
+                let met = lower.windows(2).find_map(|s| {
+                    let ((ax, ay), (bx, by)) = (flat(s[0]), flat(s[1]));
+                    if bx == ax || (x - ax) * (x - bx) > 0.0 {
+                        return None;
+                    }
+                    let t = (x - ax) / (bx - ax);
+                    Some((s[usize::from(t > 0.5)], y - (ay + (by - ay) * t)))
+                });
+                let (other, gap) = met.unwrap_or((lower[0], f64::INFINITY));
+                (v, other, gap)
+            })
+            .collect()
     }
 
     /// Height of a point below the bite line, towards the chin; the line runs from between the lips to the hinge.

@@ -74,12 +74,12 @@ impl<'a> Judge<'a> {
             if head.balls[side].is_some() {
                 out.eye_depth = out.eye_depth.max(self.eye_depth(side, &moved) / w);
                 if shape.name == closes {
-                    out.lid_gap = Some(lid_gap(head, side, |v| moved[v as usize]) / w);
+                    out.lid_gap = Some(head.lid_gap(side, |v| moved[v as usize]) / w);
                 }
             }
         }
-        let before = lip_gaps(head, |v| neutral[v as usize]);
-        let now = lip_gaps(head, |v| moved[v as usize]);
+        let before = head.lip_gaps(|v| neutral[v as usize]);
+        let now = head.lip_gaps(|v| moved[v as usize]);
         for ((.., before), (.., now)) in before.into_iter().zip(now) {
             let crossing = (-now).max(0.0) - (-before).max(0.0);
             out.lips_cross = out.lips_cross.max(crossing / w);
@@ -116,44 +116,4 @@ fn gaze(head: &Head, side: usize, ball: &Ball, moved: &[Vec3]) -> Option<Rotatio
         }
     }
     turns.then(|| Rotation3::from_matrix(&sum))
-}
-
-/// Largest distance of a vertex of the upper lid line from the lower one, mesh units; `p` is where vertices are. Not the other way
-/// round: the lower line goes on about the lacrimal caruncle, which no lid covers.
-pub(super) fn lid_gap(head: &Head, side: usize, p: impl Fn(u32) -> Vec3) -> f64 {
-    let seam = &head.lids[side];
-    let far = |&v: &u32| {
-        let spans = seam.lower.windows(2).map(|s| {
-            let (a, line) = (p(s[0]), p(s[1]) - p(s[0]));
-            let along = (p(v) - a).dot(&line) / line.norm_squared().max(1e-300);
-            (a + line * along.clamp(0.0, 1.0) - p(v)).norm()
-        });
-        spans.fold(f64::INFINITY, f64::min)
-    };
-    seam.upper.iter().map(far).fold(0.0, f64::max)
-}
-
-/// For every vertex of the upper inner lip line: itself, the vertex of the lower line nearest below or above it, and its
-/// height above the lower line there. Beyond the corners there is nothing to cross.
-pub(super) fn lip_gaps(head: &Head, p: impl Fn(u32) -> Vec3) -> Vec<(u32, u32, f64)> {
-    let (left, up) = (head.axes.column(0), head.axes.column(1));
-    let flat = |v: u32| (p(v).dot(&left), p(v).dot(&up));
-    let lower = &head.lips.lower;
-    let upper = &head.lips.upper;
-    upper[1..upper.len() - 1]
-        .iter()
-        .map(|&v| {
-            let (x, y) = flat(v);
-            let met = lower.windows(2).find_map(|s| {
-                let ((ax, ay), (bx, by)) = (flat(s[0]), flat(s[1]));
-                if bx == ax || (x - ax) * (x - bx) > 0.0 {
-                    return None;
-                }
-                let t = (x - ax) / (bx - ax);
-                Some((s[usize::from(t > 0.5)], y - (ay + (by - ay) * t)))
-            });
-            let (other, gap) = met.unwrap_or((lower[0], f64::INFINITY));
-            (v, other, gap)
-        })
-        .collect()
 }

@@ -7,21 +7,20 @@
 //! ```
 //!
 //! ```text
-//! request, command      what is asked for, and the order of it; files
+//! command               what is asked for, and the order of it; files
 //! obj, glb, patch, weld heads as they come: OBJ, glTF (also VRM: vrm), sewn together from what glTF splits
 //! order                 the one form that all of them are solved in
 //! mesh, laplacian       positions and faces; the operator on them
 //! names, locate         the 68 points; found where nobody gives them, brows and jaw by_shape
-//! derived_points        ten more on cheeks and forehead, for recipes
 //! prior, canonical      how skin moves beyond the solve; laid onto a head
 //! learn                 learned from sculpted shapes
-//! head                  axes, lids and lips (seam), eyeball, mouth, parts, nearest
-//! recipe, entry, table  targets: which point goes where; promise: what a shape must do
+//! head                  axes, ten points more on cheeks and forehead, lids and lips (seam), eyeball, mouth, parts, nearest
+//! recipe, entry, table  targets: which point goes where
 //! influence             how far a point acts
 //! solve, sparse         the deformation, and its linear systems
 //! goals, skin           one shape's points, and its skin; contact: lids on eyeballs, lips on lips
 //! relax, surroundings   inverted triangles, found and smoothed away
-//! rig, shape            all shapes, each as it is left; printed: by the methods of comparison
+//! rig, shape            all shapes, each as it is asked for and as it is left; printed: by the methods of comparison
 //! morphs, usd           a new glTF or USD with them; looks: the colours of an OBJ
 //! measure, render, report   figures and pictures of what was baked
 //! benchmark             how close to sculpted shapes
@@ -35,7 +34,6 @@ mod by_shape;
 mod canonical;
 pub mod command;
 mod contact;
-mod derived_points;
 mod entry;
 pub mod eyeball;
 pub(in crate::studio) mod files;
@@ -60,12 +58,10 @@ mod parts;
 pub mod patch;
 mod printed;
 pub mod prior;
-pub mod promise;
 pub mod recipe;
 mod relax;
 pub mod render;
 pub mod report;
-pub mod request;
 pub mod rig;
 mod scene;
 pub mod seam;
@@ -75,7 +71,6 @@ pub mod solve;
 pub mod sparse;
 pub mod surroundings;
 pub mod table;
-mod target;
 mod usd;
 mod vrm;
 mod weld;

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::entry::Entry;
 use super::head::Head;
-pub use super::target::Target;
+pub use super::shape::Target;
 use crate::studio::fault::Fault;
 
 /// The shipped recipe.

@@ -11,7 +11,7 @@ use super::measure::{Figures, Judge};
 use super::mesh::Vec3;
 use super::render::{Outside, View};
 use super::shape::Shape;
-use crate::studio::jpeg::jpeg;
+use crate::studio::picture_files::jpeg;
 
 const PIXELS: u32 = 300;
 const JPEG_QUALITY: u8 = 75;

@@ -1,5 +1,10 @@
-//! One baked shape, as the solver leaves it and as report and files take it.
+//! One shape: as it is asked for, what it must do as its recipe says, and as the solver leaves it for report and files.
+//!
+//! Units: the mesh's; of what it must do, eye distances.
 
+use nalgebra::{Isometry3, Rotation3};
+
+use super::head::Head;
 use super::mesh::Vec3;
 
 /// Between the names of two shapes in that of their corrective, as rigging tools and engines write it.
@@ -36,5 +41,135 @@ impl Shape {
         let pair = pair.into_iter().flatten();
         let names = self.upon.as_deref().into_iter().chain(pair);
         names.filter_map(|name| all.iter().find(|s| s.name == *name))
+    }
+}
+
+/// One shape measured out on a head: what moves, in the mesh's unit and axes.
+#[derive(Clone, Debug, Default)]
+pub struct Target {
+    /// Name of the morph target.
+    pub name: String,
+    /// Expression unit that drives it.
+    pub unit: Option<String>,
+    /// Shape it is meant to be added to.
+    pub upon: Option<String>,
+    /// Displacements of control vertices; those not named are free.
+    pub controls: Vec<(u32, Vec3)>,
+    /// The controls must be met exactly, even at the price of an inverted triangle.
+    pub exact: bool,
+    /// The skin between the controls moves as learned from sculpted shapes, see [`super::prior`].
+    pub derive: bool,
+    /// Lid closing per eye (left, right): amount and line.
+    pub close: [Option<(f64, f64)>; 2],
+    /// Eyeball rotation per eye.
+    pub gaze: [Option<Rotation3<f64>>; 2],
+    /// Motion of the jaw and what it carries.
+    pub jaw: Option<Isometry3<f64>>,
+    /// Displacement of the tongue's tip.
+    pub tongue: Option<Vec3>,
+    /// Shape whose effect on the lip line is taken back, and its share.
+    pub undo: Option<(String, f64)>,
+    /// The two shapes that this one makes together; what is left of it when both are taken off is their corrective.
+    pub corrects: Option<[String; 2]>,
+    /// What is checked once it is baked.
+    pub must: Vec<Promise>,
+}
+
+impl Target {
+    /// Both shapes at once. Of two that close a lid the one that closes it further says how.
+    pub(super) fn with(&self, other: &Self, of: [String; 2]) -> Self {
+        let mut controls = self.controls.clone();
+        for &(v, d) in &other.controls {
+            match controls.iter_mut().find(|c| c.0 == v) {
+                Some(control) => control.1 += d,
+                None => controls.push((v, d)),
+            }
+        }
+        let sides = [0, 1];
+        Self {
+            name: of.join(PAIR),
+            controls,
+            exact: self.exact || other.exact,
+            derive: self.derive && other.derive,
+            close: sides.map(|side: usize| match (self.close[side], other.close[side]) {
+                (Some(a), Some(b)) => Some(if a.0 >= b.0 { a } else { b }),
+                (a, b) => a.or(b),
+            }),
+            gaze: sides.map(|side: usize| self.gaze[side].or(other.gaze[side])),
+            jaw: self.jaw.or(other.jaw),
+            tongue: self.tongue.or(other.tongue),
+            corrects: Some(of),
+            ..Self::default()
+        }
+    }
+}
+
+/// What is asked.
+#[derive(Clone, Debug)]
+pub enum Deed {
+    /// The middles of two groups of points end at least so far apart.
+    Part,
+    /// They end at most so much further apart than in the neutral, where lips need not touch.
+    Meet,
+    /// One moves at most so many times as far as the other.
+    Less,
+    /// The lid lines of an eye end at most so far apart anywhere.
+    Lids(usize),
+    /// The points move at least so far, each in its direction.
+    Move(Vec<Vec3>),
+}
+
+/// One thing that a shape must do.
+#[derive(Clone, Debug)]
+pub struct Promise {
+    /// What.
+    pub deed: Deed,
+    /// The points meant, as vertices.
+    pub one: Vec<u32>,
+    /// The points they are compared with.
+    pub other: Vec<u32>,
+    /// How far, at least or at most.
+    pub bound: f64,
+    /// The same as the recipe says it.
+    pub words: String,
+}
+
+impl Promise {
+    /// What is found instead, in words; `at` is where vertices are.
+    #[must_use]
+    pub fn missed(&self, head: &Head, at: &impl Fn(usize) -> Vec3) -> Option<String> {
+        let w = head.eye_distance;
+        let middle = |some: &[u32], p: &dyn Fn(usize) -> Vec3| {
+            some.iter().map(|&v| p(v as usize)).sum::<Vec3>() / some.len().max(1) as f64
+        };
+        let neutral = |v: usize| head.mesh.positions[v];
+        let moves = |some: &[u32]| (middle(some, at) - middle(some, &neutral)).norm();
+        let apart =
+            |p: &dyn Fn(usize) -> Vec3| (middle(&self.one, p) - middle(&self.other, p)).norm() / w;
+        let (found, kept) = match &self.deed {
+            Deed::Part => (apart(at), apart(at) >= self.bound),
+            Deed::Meet => {
+                let further = apart(at) - apart(&neutral);
+                (further, further <= self.bound)
+            }
+            Deed::Less => {
+                let share = moves(&self.one) / moves(&self.other).max(f64::MIN_POSITIVE);
+                (share, share <= self.bound)
+            }
+            Deed::Lids(side) => {
+                let gap = head.lid_gap(*side, |v| at(v as usize)) / w;
+                (gap, gap <= self.bound)
+            }
+            Deed::Move(ways) => {
+                let moved = self
+                    .one
+                    .iter()
+                    .map(|&v| at(v as usize) - neutral(v as usize));
+                let along = moved.zip(ways).map(|(d, way)| d.dot(way));
+                let mean = along.sum::<f64>() / self.one.len().max(1) as f64 / w;
+                (mean, mean >= self.bound)
+            }
+        };
+        (!kept).then(|| format!("{}: {found:.2} instead of {:.2}", self.words, self.bound))
     }
 }

@@ -26,7 +26,7 @@ use crate::studio::bake::recipe::{Recipe, SHIPPED};
 use crate::studio::bake::rig::{self, Method};
 use crate::studio::bake::shape::Shape;
 use crate::studio::fault::Fault;
-use crate::studio::jpeg::jpeg;
+use crate::studio::picture_files::jpeg;
 
 const JPEG_QUALITY: u8 = 92;
 

@@ -4,13 +4,13 @@
 //! the film's.
 
 use std::fmt::Write;
-use std::io::Cursor;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use image::{ImageFormat, RgbImage};
+use image::RgbImage;
 
 use super::film::Film;
 use crate::studio::chart::{self, Plot};
+use crate::studio::picture_files::png;
 
 /// All of it.
 #[derive(Default)]
@@ -64,10 +64,8 @@ impl Album {
     }
 
     /// The page.
-    ///
-    /// # Errors
-    /// If a picture cannot be encoded.
-    pub fn html(&self) -> Result<String, image::ImageError> {
+    #[must_use]
+    pub fn html(&self) -> String {
         let title = escaped(&self.title);
         let mut html = format!(
             "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title><style>\
@@ -93,20 +91,17 @@ impl Album {
         }
         html.push_str(&self.film.html());
         for (caption, picture) in &self.pictures {
-            let mut png = Cursor::new(Vec::new());
-            picture.write_to(&mut png, ImageFormat::Png)?;
             let caption = escaped(caption);
             let _ = write!(
                 html,
                 "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>",
-                STANDARD.encode(png.get_ref())
+                STANDARD.encode(png(picture))
             );
         }
         for plot in &self.plots {
             let _ = write!(html, "<h2>{}</h2>{}", escaped(&plot.title), plot.svg());
         }
-        html.push_str("</body></html>\n");
-        Ok(html)
+        html + "</body></html>\n"
     }
 
     /// The contact sheet: pictures side by side as long as they fit, each under its caption, then the plots.
@@ -167,7 +162,7 @@ mod tests {
 
     #[test]
     fn the_page_stands_alone_and_escapes() {
-        let html = album().html().unwrap();
+        let html = album().html();
         assert!(
             html.contains("a &lt;b&gt; &amp; c") && html.contains("data:image/png;base64,iVBOR")
         );

@@ -12,6 +12,7 @@ use crate::appliance::source::Source;
 use crate::face_model::{FaceModel, file::MAGIC};
 use crate::studio::atomic_write;
 use crate::studio::fault::Fault;
+use crate::studio::picture_files::png;
 use crate::studio::text_files::{MOST, name_of};
 
 /// What can be shown.
@@ -70,16 +71,9 @@ pub fn inspect(
         ));
     }
     let album = album(path, model, settings)?;
-    let unencodable = |error| Fault::new(format!("cannot encode a picture: {error}"));
-    let bytes = if ending == "html" {
-        album.html().map_err(unencodable)?.into_bytes()
-    } else {
-        let mut png = std::io::Cursor::new(Vec::new());
-        let sheet = album.sheet();
-        sheet
-            .write_to(&mut png, image::ImageFormat::Png)
-            .map_err(unencodable)?;
-        png.into_inner()
+    let bytes = match ending == "html" {
+        true => album.html().into_bytes(),
+        false => png(&album.sheet()),
     };
     let unwritable = Fault::cannot("write", &out, "; choose another place with --out");
     atomic_write::write(&out, bytes).map_err(unwritable)?;

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use image::RgbImage;
 
-use crate::studio::jpeg::jpeg;
+use crate::studio::picture_files::jpeg;
 
 /// Enough to read labels and see landmarks.
 const QUALITY: u8 = 75;

@@ -431,6 +431,7 @@ fn rigid([x, y, z, qx, qy, qz, qw]: [f32; 7]) -> Rigid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::received::Listener;
     use std::net::UdpSocket;
 
     #[test]
@@ -469,7 +470,7 @@ mod tests {
         let port = socket.local_addr().unwrap().port().to_string();
         let hub = Arc::new(Hub::new(false));
         let forwarder = Forwarder::start(Arc::clone(&hub));
-        hub.schema(["AU25", "AU26"].into_iter());
+        hub.schema(&["AU25".into(), "AU26".into()]);
         let has = |wanted: &[u8]| {
             let mut bytes = [0; 4096];
             (0..200).any(|_| {
@@ -496,7 +497,7 @@ mod tests {
         std::thread::scope(|scope| {
             let teller = scope.spawn(|| {
                 for _ in 0..100 {
-                    hub.tell(&shown);
+                    hub.sample(&shown);
                     std::thread::sleep(Duration::from_millis(20));
                 }
             });

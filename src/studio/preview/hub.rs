@@ -11,7 +11,10 @@ use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use serde_json::json;
+
 use super::sample::{Sample, UnitRange, ranges_json};
+use crate::output::received::Listener;
 
 /// Events of a live source that wait for pages at most: some ten seconds of four users.
 const LIVE_LINES: usize = 1200;
@@ -105,17 +108,6 @@ impl Hub {
         self.changed.notify_all();
     }
 
-    /// A frame of a user.
-    pub fn tell(&self, sample: &Sample) {
-        let line = format!("data: {}\n\n", sample.json());
-        let mut state = self.lock();
-        if let Some(onward) = &state.onward {
-            // A receiver that is too slow misses frames; nothing waits for it.
-            let _ = onward.try_send(Passed::Sample(sample.clone()));
-        }
-        self.push(&mut state, line.into());
-    }
-
     /// Something that holds until it is told anew under the same key.
     pub fn fact(&self, event: &str, key: &str, json: &str) {
         let line: Arc<str> = format!("event: {event}\ndata: {json}\n\n").into();
@@ -144,38 +136,12 @@ impl Hub {
         self.lock().sender
     }
 
-    /// Names of the units in the order of the weights.
-    pub fn schema<'a>(&self, units: impl Iterator<Item = &'a str>) {
-        let units: Vec<&str> = units.collect();
-        if let Some(onward) = &self.lock().onward {
-            let _ = onward.try_send(Passed::Units(
-                units.iter().map(|&unit| unit.to_owned()).collect(),
-            ));
-        }
-        self.fact("schema", "schema", &serde_json::json!(units).to_string());
-    }
-
-    /// What is known of a user's ranges, in the order of the schema.
-    pub fn ranges(&self, user: usize, ranges: &[Option<UnitRange>]) {
-        self.fact(
-            "ranges",
-            &format!("ranges {user}"),
-            &ranges_json(user, ranges),
-        );
-    }
-
     /// How the source is doing, in words; told to pages with the counts.
     pub fn note(&self, note: &str) {
         let mut state = self.lock();
         if state.note != note {
             note.clone_into(&mut state.note);
         }
-    }
-
-    /// Counts messages.
-    pub fn count(&self, received: u64, refused: u64) {
-        self.received.fetch_add(received, Ordering::Relaxed);
-        self.refused.fetch_add(refused, Ordering::Relaxed);
     }
 
     /// What was counted so far.
@@ -192,7 +158,7 @@ impl Hub {
     pub fn counts_event(&self) -> String {
         let Counts { received, refused } = self.counts();
         let note = self.lock().note.clone();
-        let json = serde_json::json!({"received": received, "refused": refused, "note": note});
+        let json = json!({"received": received, "refused": refused, "note": note});
         format!("event: count\ndata: {json}\n\n")
     }
 
@@ -236,6 +202,40 @@ impl Hub {
     }
 }
 
+impl Listener for Hub {
+    fn schema(&self, names: &[String]) {
+        if let Some(onward) = &self.lock().onward {
+            let _ = onward.try_send(Passed::Units(names.to_vec()));
+        }
+        self.fact("schema", "schema", &json!(names).to_string());
+    }
+
+    fn sample(&self, sample: &Sample) {
+        let line = format!("data: {}\n\n", sample.json());
+        let mut state = self.lock();
+        if let Some(onward) = &state.onward {
+            // A receiver that is too slow misses frames; nothing waits for it.
+            let _ = onward.try_send(Passed::Sample(sample.clone()));
+        }
+        self.push(&mut state, line.into());
+    }
+
+    fn ranges(&self, slot: usize, ranges: &[Option<UnitRange>]) {
+        let json = ranges_json(slot, ranges);
+        self.fact("ranges", &format!("ranges {slot}"), &json);
+    }
+
+    fn gesture(&self, name: &str, slot: Option<usize>, is_on: bool) {
+        let json = json!({"name": name, "u": slot, "on": is_on}).to_string();
+        self.fact("gesture", &format!("gesture {name} {slot:?}"), &json);
+    }
+
+    fn count(&self, taken: u64, refused: u64) {
+        self.received.fetch_add(taken, Ordering::Relaxed);
+        self.refused.fetch_add(refused, Ordering::Relaxed);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -251,13 +251,13 @@ mod tests {
     fn a_session_is_whole_for_whoever_comes_late_and_a_live_source_is_not() {
         for session in [true, false] {
             let hub = Hub::new(session);
-            hub.schema(["AU26"].into_iter());
-            (0..5).for_each(|n| hub.tell(&sample(n)));
+            hub.schema(&["AU26".into()]);
+            (0..5).for_each(|n| hub.sample(&sample(n)));
             let (facts, next) = hub.start();
             assert_eq!(&*facts[0], "event: schema\ndata: [\"AU26\"]\n\n");
             let (lines, after) = hub.read(next, Duration::ZERO);
             assert_eq!(lines.len(), if session { 6 } else { 0 });
-            hub.tell(&sample(9));
+            hub.sample(&sample(9));
             let (lines, _) = hub.read(after, Duration::ZERO);
             assert!(lines.len() == 1 && lines[0].contains("\"n\":9"));
         }
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn who_reads_too_slowly_goes_on_with_what_is_left() {
         let hub = Hub::new(false);
-        (0..2 * LIVE_LINES as u64).for_each(|n| hub.tell(&sample(n)));
+        (0..2 * LIVE_LINES as u64).for_each(|n| hub.sample(&sample(n)));
         let (lines, after) = hub.read(3, Duration::ZERO);
         assert!(lines[0].contains(&format!("\"n\":{LIVE_LINES},")));
         assert_eq!((lines.len(), after), (BATCH, (LIVE_LINES + BATCH) as u64));

@@ -21,7 +21,6 @@ mod gains;
 pub mod http;
 pub mod hub;
 pub mod osc;
-mod received;
 pub mod sample;
 pub mod sensor;
 pub mod serial;
@@ -41,6 +40,7 @@ use crate::appliance::service;
 use crate::appliance::source::{self, Missing, SourceName};
 use crate::expression::unit_words;
 use crate::output::Command;
+use crate::output::received::Listener;
 use crate::pipeline::Pipeline;
 use crate::studio::fault::Fault;
 use crate::studio::heads::default_head;
@@ -401,7 +401,8 @@ fn feed(
         }
         Feed::Csv(path) => {
             let (table, reader) = table::open(path)?;
-            preview.hub.schema(table.units());
+            let units: Vec<String> = table.units().map(str::to_owned).collect();
+            preview.hub.schema(&units);
             Ok(Box::new(move || table::play(table, reader, &preview.hub)))
         }
         Feed::Sensor {

@@ -13,12 +13,13 @@ use std::time::Instant;
 use super::hub::{Hub, Seen};
 use super::sample::{Sample, UnitRange};
 use crate::appliance::source::{Pacer, Source, SourceError};
+use crate::output::received::Listener;
 use crate::output::{Command, Report};
 use crate::pipeline::Pipeline;
 use crate::sensor::kinect::frame::KinectFrame;
 use crate::sensor::kinect::geometry;
 use crate::studio::inspect::{colour_picture, depth_picture};
-use crate::studio::jpeg::jpeg;
+use crate::studio::picture_files::jpeg;
 
 /// Between two tellings of the ranges, seconds of the stream.
 const RANGES_EVERY_S: f64 = 0.5;
@@ -58,7 +59,8 @@ pub fn follow(
     let mut frame = KinectFrame::default();
     let mut pacer = Pacer::default();
     let mut told = f64::NEG_INFINITY;
-    hub.schema(pipeline.unit_names().into_iter());
+    let units = pipeline.unit_names().into_iter().map(str::to_owned);
+    hub.schema(&units.collect::<Vec<_>>());
     loop {
         match source.next_frame(&mut frame) {
             Ok(true) => {}
@@ -90,7 +92,7 @@ pub fn follow(
         let latency = live.then(|| arrived.elapsed().as_secs_f32() * 1e3);
         let now = frame.at.as_us() as f64 * 1e-6;
         for report in &pipeline.reports() {
-            hub.tell(&sample(report, latency));
+            hub.sample(&sample(report, latency));
             let slot = report.user.filter(|_| !report.ranges.is_empty());
             if let Some(slot) = slot.filter(|_| now - told >= RANGES_EVERY_S) {
                 let known = report.ranges.iter();

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use super::hub::Hub;
 use crate::output::csv::read::Columns;
+use crate::output::received::Listener;
 use crate::studio::fault::Fault;
 use crate::studio::text_files::decoded;
 
@@ -48,7 +49,7 @@ pub fn play(mut table: Columns, mut reader: Box<dyn BufRead + Send>, hub: &Hub) 
             Ok(_) if line.trim_ascii().is_empty() => {}
             Ok(_) => match table.row(&String::from_utf8_lossy(&line)) {
                 Some(sample) => {
-                    hub.tell(&sample);
+                    hub.sample(&sample);
                     hub.count(1, 0);
                 }
                 None => hub.count(0, 1),
