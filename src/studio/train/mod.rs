@@ -5,12 +5,12 @@
 //! standard_head    the head that depth poses are measured on
 //! dataset, points  annotated portraits, and the 3D faces fitted to them
 //! render           drawn faces with known truth: acting, worn, and as a camera's photograph;
-//!                  hair_and_headwear, beards_glasses_hands on a grey_picture, varied by random
+//!                  hair_and_headwear on a grey_picture, varied by random
 //! samples          head windows with disturbed starts
 //! cascade          update matrices by ridge regression (ridge), where the stage before really ends
 //! refine           lids and lips from depth
 //! confidence       what a fitted face looks like
-//! paper_aam        the paper's active appearance model, paper_aam_fits: what it reaches; person: the same of one person, from seen_face to seen_face
+//! paper_aam        the paper's active appearance model, paper_aam_fits: what it reaches; person: the same of one person
 //! args             what to train from
 //! schedule         all of this in order; paper_section: the paper's model in its model file
 //! evaluate         errors of people who were not trained on
@@ -18,7 +18,6 @@
 
 mod acting;
 mod args;
-mod beards_glasses_hands;
 pub mod cascade;
 pub mod confidence;
 pub mod dataset;
@@ -37,7 +36,6 @@ pub mod render;
 pub mod ridge;
 pub mod samples;
 pub mod schedule;
-mod seen_face;
 pub mod shape;
 pub mod standard_head;
 mod worn;

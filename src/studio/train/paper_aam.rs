@@ -17,10 +17,9 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::dataset::too_few;
-use super::paper_aam_fits::{Figures, Known, belief, cut, fits, told};
+use super::paper_aam_fits::{Figures, Known, Seen, belief, cut, fits, told};
 use super::render::{Renderer, TrainingSample};
 use super::samples::{NEAR, TruePicture};
-use super::seen_face::Seen;
 use crate::base::capacity::LANDMARKS;
 use crate::base::geometry::{Point, Vector};
 use crate::face_model::ShapeModel;
@@ -115,9 +114,7 @@ pub fn paper_aam_block(
     let acted = match (tracks, renderer.heads().first()) {
         (Some(tracks), _) => tracks.clone(),
         (None, Some(actor)) => acted_tracks(&actor.asset, practice.seed)?,
-        (None, None) => {
-            return Err(too_few(1, 0));
-        }
+        (None, None) => return Err(too_few(1, 0)),
     };
     let people = people_tracks(&drawn, &camera)?;
     let bases = shape_bases(shape, &[acted, people], practice.shape_modes)?;
@@ -379,14 +376,10 @@ pub(super) fn person_block(
     let bases = shape_bases(shape, &[tracks], practice.shape_modes)?;
     let mut model = unlearnt(&bases);
     let of = |odd: usize| -> Vec<&Seen> { seen.iter().copied().skip(odd).step_by(2).collect() };
-    let as_true = |seen: &&Seen| Some(seen.picture.clone());
+    let as_true = |seen: &&Seen| Some(seen.known.picture.clone());
     learn_appearance(&mut model, &of(0), as_true, practice);
     let mut model = PaperAam::parse(&model.to_bytes()).expect("just written");
-    let known = |seen: &&Seen| Known {
-        picture: seen.picture.clone(),
-        measures: told(&seen.head),
-    };
-    let others: Vec<Known> = of(1).iter().map(known).collect();
+    let others: Vec<Known> = of(1).iter().map(|seen| seen.known.clone()).collect();
     let fits = fits(&model, &others, NEAR, practice.seed);
     // The frames between are of the same session; another one has other light and is drawn, or seen, from elsewhere.
     model.belief = belief(&fits).map(|of| OTHER_SESSION * of);

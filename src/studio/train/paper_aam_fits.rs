@@ -14,10 +14,17 @@ use crate::landmarks::window::{Placement, Region, WINDOW};
 use crate::studio::correlation::correlation;
 use crate::studio::progress::Progress;
 
-/// A picture, and its points in the head frame of the shape model.
+/// A picture, and what its points in the head frame of the shape model measure.
+#[derive(Clone)]
 pub(super) struct Known {
     pub(super) picture: TruePicture,
     pub(super) measures: [f32; TOLD.len()],
+}
+
+/// A frame of a recording that teaches: its surroundings of the face, and its points in colour pixels.
+pub(super) struct Seen {
+    pub(super) known: Known,
+    pub(super) points: [[f64; 2]; LANDMARKS],
 }
 
 /// Measures whose correlation is reported.

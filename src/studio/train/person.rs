@@ -10,11 +10,12 @@
 use std::path::Path;
 
 use super::paper_aam::{PaperPractice, TRACK_FRAMES, person_block};
+use super::paper_aam_fits::{Known, Seen, told};
 use super::render::TrainingSample;
 use super::samples::TruePicture;
-use super::seen_face::Seen;
 use crate::appliance::settings::Settings;
 use crate::appliance::source::Source;
+use crate::base::capacity::{HEIGHT, LANDMARKS, WIDTH};
 use crate::base::geometry::Rigid;
 use crate::face_model::{FaceModel, ShapeModel};
 use crate::landmarks::Landmarks;
@@ -80,11 +81,7 @@ pub fn learn_frames(
         seen.extend(taught(&frame, points, pose, camera, &model.shape));
         if seen.len() >= 4 * PICTURES {
             // Half as dense, evenly over the whole recording.
-            let mut odd = false;
-            seen.retain(|_| {
-                odd = !odd;
-                odd
-            });
+            seen = seen.into_iter().step_by(2).collect();
             every *= 2;
         }
     }
@@ -103,14 +100,9 @@ pub fn learn_frames(
         (0..count).map(move |k| k * all / count)
     };
     let points = spread(TRACK_FRAMES).flat_map(|k| seen[k].points);
-    let tracks = Tracks::new(
-        TRACK_FRAMES,
-        crate::base::capacity::LANDMARKS,
-        points.collect(),
-    )?;
-    let chosen: Vec<&Seen> = spread(seen.len().min(2 * PICTURES))
-        .map(|k| &seen[k])
-        .collect();
+    let tracks = Tracks::new(TRACK_FRAMES, LANDMARKS, points.collect())?;
+    let chosen = spread(seen.len().min(2 * PICTURES)).map(|k| &seen[k]);
+    let chosen: Vec<&Seen> = chosen.collect();
     let practice = PaperPractice {
         seed,
         ..PaperPractice::person()
@@ -126,21 +118,22 @@ fn taught(
     shape: &ShapeModel,
 ) -> Option<Seen> {
     let sample = TrainingSample {
-        width: crate::base::capacity::WIDTH,
-        height: crate::base::capacity::HEIGHT,
+        width: WIDTH,
+        height: HEIGHT,
         luma: frame.luma.to_vec(),
         origin: [0.0; 2],
         points: points.pixels,
         head: points.head,
         neutral: points.head,
-        visible: [true; crate::base::capacity::LANDMARKS],
+        visible: [true; LANDMARKS],
         sensor_from_head: *pose,
     };
-    Some(Seen {
+    let known = Known {
         picture: TruePicture::drawn(&sample, camera, shape)?,
-        points: points.pixels.map(|p| p.map(f64::from)),
-        head: points.head,
-    })
+        measures: told(&points.head),
+    };
+    let points = points.pixels.map(|p| p.map(f64::from));
+    Some(Seen { known, points })
 }
 
 #[cfg(test)]
