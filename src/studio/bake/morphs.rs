@@ -25,12 +25,10 @@ const NORMAL_NOTHING: f32 = 1e-3;
 pub(super) const COLOUR: [f64; 4] = [0.8, 0.72, 0.66, 1.0];
 pub(super) const ROUGHNESS: f64 = 0.6;
 
-/// A target's accessor and its data: nothing, sparse or dense, whichever fits.
+/// A target's accessor and its data: nothing, the numbers and values of the rows that move, or all rows, whichever fits.
 pub(super) struct Encoded {
     accessor: Value,
-    /// Numbers of the rows that move; `None` if all rows are written.
-    indices: Option<Vec<u8>>,
-    data: Vec<u8>,
+    data: Vec<Vec<u8>>,
 }
 
 impl Encoded {
@@ -44,44 +42,30 @@ impl Encoded {
             accessor["min"] = json!(low);
             accessor["max"] = json!(high);
         }
+        let mut data = Vec::new();
         if dense || moved.len() as f64 > DENSE_ABOVE * values.len() as f64 {
-            return Self {
-                accessor,
-                indices: None,
-                data: bytes(values),
-            };
+            data.push(bytes(values));
+        } else if !moved.is_empty() {
+            let small = values.len() <= usize::from(u16::MAX);
+            let (kind, size) = if small { (U16, 2) } else { (U32, 4) };
+            accessor["sparse"] =
+                json!({"count": moved.len(), "indices": {"componentType": kind}, "values": {}});
+            let number = |v: &usize| v.to_le_bytes().into_iter().take(size);
+            let rows: Vec<[f32; 3]> = moved.iter().map(|&v| values[v]).collect();
+            data = vec![moved.iter().flat_map(number).collect(), bytes(&rows)];
         }
-        let small = values.len() <= usize::from(u16::MAX);
-        let size = if small { 2 } else { 4 };
-        let indices = moved
-            .iter()
-            .flat_map(|v| v.to_le_bytes().into_iter().take(size));
-        let indices: Vec<u8> = indices.collect();
-        if !moved.is_empty() {
-            accessor["sparse"] = json!({
-                "count": moved.len(),
-                "indices": {"componentType": if small { U16 } else { U32 }},
-                "values": {},
-            });
-        }
-        Self {
-            accessor,
-            indices: Some(indices),
-            data: bytes(&moved.iter().map(|&v| values[v]).collect::<Vec<_>>()),
-        }
+        Self { accessor, data }
     }
 
     /// Appends it to a file and returns the accessor's number.
     pub(super) fn push(mut self, glb: &mut Glb) -> usize {
-        match self.indices {
-            None => self.accessor["bufferView"] = glb.push_view(&self.data, VERTICES).into(),
-            Some(indices) if !indices.is_empty() => {
-                let view = glb.push_view(&indices, 0);
-                self.accessor["sparse"]["indices"]["bufferView"] = view.into();
-                let view = glb.push_view(&self.data, 0);
-                self.accessor["sparse"]["values"]["bufferView"] = view.into();
-            }
-            Some(_) => {}
+        if let [rows] = &self.data[..] {
+            self.accessor["bufferView"] = glb.push_view(rows, VERTICES).into();
+        }
+        if let [numbers, rows] = &self.data[..] {
+            let sparse = &mut self.accessor["sparse"];
+            sparse["indices"]["bufferView"] = glb.push_view(numbers, 0).into();
+            sparse["values"]["bufferView"] = glb.push_view(rows, 0).into();
         }
         glb.push_accessor(self.accessor)
     }

@@ -236,9 +236,8 @@ impl Prior {
     pub(super) fn compared(&self, one: &Motion) -> Vec<f32> {
         let count = self.learned.len();
         let mut k = self.comparison.alike(one, &self.learned, &self.scale);
-        let own = self
-            .comparison
-            .alike(one, std::slice::from_ref(one), &self.scale);
+        let itself = std::slice::from_ref(one);
+        let own = self.comparison.alike(one, itself, &self.scale);
         for (q, own) in own.into_iter().enumerate() {
             let own = own.max(0.0).sqrt();
             for s in 0..count {
@@ -253,14 +252,15 @@ impl Prior {
     /// What skin does beyond the solve, at every place.
     pub(super) fn beyond(&self, controls: Vec<Vec3>, skin: Vec<Vec3>) -> Vec<Vec3> {
         let k = self.compared(&self.comparison.motion(controls, skin));
-        let rows = k
-            .chunks(self.learned.len())
-            .zip(self.adds.chunks(self.learned.len()));
-        rows.map(|(k, adds)| {
+        let count = self.learned.len();
+        let at = |(k, adds): (&[f32], &[Vec3])| {
             let sum = k.iter().zip(adds).map(|(&k, add)| add * f64::from(k));
             sum.sum::<Vec3>()
-        })
-        .collect()
+        };
+        k.chunks(count)
+            .zip(self.adds.chunks(count))
+            .map(at)
+            .collect()
     }
 
     /// The shipped one.
@@ -272,11 +272,6 @@ impl Prior {
         static PARSED: LazyLock<Prior> =
             LazyLock::new(|| Prior::parse(SHIPPED).expect("the built-in file is whole"));
         &PARSED
-    }
-
-    /// Places of the left half come first; those off the middle follow once more, mirrored.
-    fn halves(left: &[Place]) -> Vec<usize> {
-        (0..left.len()).filter(|&q| left[q].at.x != 0.0).collect()
     }
 
     /// The file: numbers little-endian, motions as 16-bit parts of the largest of their shape.
@@ -332,18 +327,16 @@ impl Prior {
         if !rest.0.is_empty() {
             return None;
         }
-        let twice = Self::halves(&places);
+        // Places of the left half come first; those off the middle follow once more, mirrored.
+        let twice: Vec<usize> = (0..half).filter(|&q| places[q].at.x != 0.0).collect();
         let right: Vec<Place> = twice.iter().map(|&q| places[q].mirrored()).collect();
         places.extend(right);
         let comparison = Comparison::new(landmarks, places);
         let whole = |s: usize, kind: usize| {
             let other = &blocks[usize::from(mirror[s])][kind];
             let right = twice.iter().map(|&q| flipped(&other[q]));
-            blocks[s][kind]
-                .iter()
-                .copied()
-                .chain(right)
-                .collect::<Vec<_>>()
+            let left = blocks[s][kind].iter().copied();
+            left.chain(right).collect::<Vec<_>>()
         };
         let learned = (0..count)
             .map(|s| comparison.motion(blocks[s][0].clone(), whole(s, 1)))
@@ -369,18 +362,16 @@ impl<'a> Rest<'a> {
 
     fn singles(&mut self, vectors: usize) -> Option<Vec<Vec3>> {
         let numbers = self.take(vectors * 12)?.as_chunks().0.iter();
-        Some(in_threes(
-            numbers.map(|b| f64::from(f32::from_le_bytes(*b))),
-        ))
+        let single = |b: &[u8; 4]| f64::from(f32::from_le_bytes(*b));
+        Some(in_threes(numbers.map(single)))
     }
 
     /// Vectors as parts of a step that stands before them.
     fn block(&mut self, vectors: usize) -> Option<Vec<Vec3>> {
         let step = f64::from(f32::from_le_bytes(*self.take(4)?.first_chunk()?));
         let parts = self.take(vectors * 6)?.as_chunks().0.iter();
-        Some(in_threes(
-            parts.map(|b| f64::from(i16::from_le_bytes(*b)) * step),
-        ))
+        let part = |b: &[u8; 2]| f64::from(i16::from_le_bytes(*b)) * step;
+        Some(in_threes(parts.map(part)))
     }
 }
 
@@ -444,7 +435,9 @@ mod tests {
         let here = prior.beyond(controls, skin);
         let there = prior.beyond(mirror, partner);
         let most = here.iter().map(Vec3::norm).fold(0.0, f64::max);
-        let twice = Prior::halves(&prior.comparison.places[..half]);
+        let twice: Vec<usize> = (0..half)
+            .filter(|&q| prior.comparison.places[q].at.x != 0.0)
+            .collect();
         for (k, &q) in twice.iter().enumerate() {
             assert!((flipped(&here[q]) - there[half + k]).norm() < 0.05 * most);
         }

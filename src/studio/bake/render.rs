@@ -114,23 +114,25 @@ impl Canvas {
         Vec3::new(half + q.x, half - q.y, q.z)
     }
 
-    /// Depth of what is drawn at a pixel, in pixels towards the viewer.
-    pub(super) fn depth(&self, x: f64, y: f64) -> Option<f64> {
+    /// What the rasteriser has at a pixel, 0 where nothing is drawn; `None` beside the picture.
+    fn inverse(&self, x: f64, y: f64) -> Option<f64> {
         let side = f64::from(self.image.width());
         let (x, y) = (x.round(), y.round());
         let inside = x >= 0.0 && y >= 0.0 && x < side && y < side;
-        let at = || f64::from(self.depth.inverse[(y * side + x) as usize]);
-        inside.then(at).filter(|&d| d > 0.0).map(|d| d - BEHIND)
+        inside.then(|| f64::from(self.depth.inverse[(y * side + x) as usize]))
+    }
+
+    /// Depth of what is drawn at a pixel, in pixels towards the viewer.
+    pub(super) fn depth(&self, x: f64, y: f64) -> Option<f64> {
+        self.inverse(x, y).filter(|&d| d > 0.0).map(|d| d - BEHIND)
     }
 
     /// Whether nothing stands before a point (pixels, depth).
     pub(super) fn shows(&self, p: &Vec3) -> bool {
         /// A surface seen at a slant changes its depth within a pixel.
         const SLANT: f64 = 2.5;
-        let (x, y) = (p.x.round(), p.y.round());
-        let side = f64::from(self.image.width());
-        let inside = x >= 0.0 && y >= 0.0 && x < side && y < side;
-        inside && p.z + BEHIND > f64::from(self.depth.inverse[(y * side + x) as usize]) - SLANT
+        self.inverse(p.x, p.y)
+            .is_some_and(|d| p.z + BEHIND > d - SLANT)
     }
 }
 

@@ -29,22 +29,9 @@ const CONTACT_REACH: f64 = 0.4;
 /// distances: 0.1 mm.
 const FADES: f64 = 0.003;
 
-/// What lies further than `reach` from the box around some points.
-struct Apart {
-    low: Vec3,
-    high: Vec3,
-    reach: f64,
-}
-
-impl Apart {
-    fn new<'a>(points: impl Iterator<Item = &'a Vec3>, reach: f64) -> Self {
-        let (low, high) = extent_of(points);
-        Self { low, high, reach }
-    }
-
-    fn is(&self, p: &Vec3) -> bool {
-        (p - p.sup(&self.low).inf(&self.high)).norm_squared() > self.reach * self.reach
-    }
+/// Whether a place lies further than `reach` from a box.
+fn apart((low, high): (Vec3, Vec3), reach: f64) -> impl Fn(&Vec3) -> bool {
+    move |p| (p - p.sup(&low).inf(&high)).norm_squared() > reach * reach
 }
 
 /// The skin of one shape.
@@ -171,10 +158,10 @@ impl Placing<'_> {
                 .both()
                 .filter_map(|v| Some((positions[v as usize], asked.goal.get(&v)?.norm())))
                 .collect();
-            let apart = Apart::new(line.iter().map(|(p, _)| p), reach);
+            let apart = apart(extent_of(line.iter().map(|(p, _)| p)), reach);
             for (k, u) in asked.u.iter_mut().enumerate() {
                 let q = positions[k];
-                if head.skin[k] && !apart.is(&q) {
+                if head.skin[k] && !apart(&q) {
                     for (p, size) in &line {
                         *u = u.max(size * (1.0 - (q - p).norm() / reach));
                     }
@@ -222,17 +209,14 @@ impl Placing<'_> {
                 d[v as usize] = moved;
             }
         };
-        let full = FULL * self.contacts.head.eye_distance;
+        let head = self.contacts.head;
+        let full = FULL * head.eye_distance;
         let delta = |v: usize| (asked.u[v] / full).min(1.0);
         put(d);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d -= beyond;
         }
-        let (operator, positions) = (
-            &self.contacts.head.operator,
-            &self.contacts.head.mesh.positions,
-        );
-        system.deform(operator, positions, d, delta, ROUNDS);
+        system.deform(&head.operator, &head.mesh.positions, d, delta, ROUNDS);
         for (d, beyond) in d.iter_mut().zip(beyond.into_iter().flatten()) {
             *d += beyond;
         }
@@ -263,9 +247,9 @@ impl Placing<'_> {
             }
             let touched = sunk.iter().chain(&crossed);
             let places = touched.map(|&(v, _)| &positions[v as usize]);
-            let apart = Apart::new(places, CONTACT_REACH * head.eye_distance);
+            let apart = apart(extent_of(places), CONTACT_REACH * head.eye_distance);
             let area = asked.area.iter().zip(positions);
-            let around: Vec<bool> = area.map(|(&inside, p)| inside && !apart.is(p)).collect();
+            let around: Vec<bool> = area.map(|(&inside, p)| inside && !apart(p)).collect();
             asked.goal.extend(sunk);
             asked.goal.extend(crossed);
             let system = System::new(&head.operator, &around, asked.goal.keys().copied())?;

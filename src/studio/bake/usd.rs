@@ -23,19 +23,71 @@
 //! material's, are `displayColor` of the corners, and shown where there is no picture. Limits: skeletons and animations stay
 //! behind.
 
-mod text;
-
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt::{Display, Write as _};
 
 use rayon::prelude::*;
 
-use self::text::{Siblings, array, quoted, tuples, whole};
 use super::glb::extent;
-use super::looks::{Beside, Look, Looks};
+use super::looks::{Beside, Look, Looks, plain};
 use super::mesh::{Mesh, Vec3, extent_of};
 use super::morphs::{COLOUR, ROUGHNESS, single, turned};
 use super::shape::Shape;
+
+/// A number as USD reads it: the shortest that gives the same value again.
+fn number(value: &f32) -> String {
+    match *value == 0.0 {
+        true => "0".into(),
+        // Debug has exponents, so that what is nearly nothing is not a hundred digits.
+        false => format!("{value:?}"),
+    }
+}
+
+/// An array.
+fn array<T>(values: impl IntoIterator<Item = T>, one: impl Fn(T) -> String) -> String {
+    let values: Vec<String> = values.into_iter().map(one).collect();
+    format!("[{}]", values.join(", "))
+}
+
+/// An array of tuples.
+fn tuples<const N: usize>(rows: impl IntoIterator<Item = [f32; N]>) -> String {
+    array(rows, |row| {
+        format!("({})", row.each_ref().map(number).join(", "))
+    })
+}
+
+/// An array of whole numbers.
+fn whole(values: impl IntoIterator<Item = usize>) -> String {
+    array(values, |value| value.to_string())
+}
+
+/// A string in quotes.
+fn quoted(text: &str) -> String {
+    let text = text.replace('\\', "\\\\").replace('"', "\\\"");
+    format!("\"{}\"", text.replace(char::is_control, " "))
+}
+
+/// Names of the prims beneath one prim: identifiers, each given once.
+#[derive(Default)]
+struct Siblings(HashSet<String>);
+
+impl Siblings {
+    /// The name of the prim for `name`: the same if it is an identifier that nobody has yet.
+    fn name(&mut self, name: &str) -> String {
+        let mut valid: String = name.chars().map(plain).collect();
+        if !valid.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {
+            valid.insert(0, '_');
+        }
+        let mut free = valid.clone();
+        for k in 2.. {
+            if self.0.insert(free.clone()) {
+                break;
+            }
+            free = format!("{valid}_{k}");
+        }
+        free
+    }
+}
 
 /// A matrix that moves by `v`, in USD's order of rows.
 fn moved_by(v: &Vec3) -> String {
@@ -93,12 +145,7 @@ fn blend_shape(
     let known: String = [("unit", &shape.unit), ("upon", &shape.upon)]
         .iter()
         .filter_map(|(key, value)| Some((key, quoted(value.as_ref()?))))
-        .map(|(key, value)| {
-            format!(
-                "                    string {key} = {value}
-"
-            )
-        })
+        .map(|(key, value)| format!("                    string {key} = {value}\n"))
         .collect();
     if !known.is_empty() {
         let _ = write!(
@@ -220,19 +267,11 @@ fn geometry(out: &mut String, mesh: &Mesh, normals: Option<&(Vec<[f32; 3]>, &str
 
 /// What binds the mesh to its skeleton and names its shapes; `prims` are their prims.
 fn binding(out: &mut String, names: &str, prims: &[String]) {
-    for (name, value) in [
-        ("int[] primvars:skel:jointIndices", "[0]"),
-        ("float[] primvars:skel:jointWeights", "[1]"),
-    ] {
-        let rigid = "elementSize = 1
-            interpolation = \"constant\"";
-        let value = format!(
-            "{value} (
-            {rigid}
-        )"
-        );
-        set(out, name, value);
-    }
+    const RIGID: &str =
+        "(\n            elementSize = 1\n            interpolation = \"constant\"\n        )";
+    let (joint, share) = (format!("[0] {RIGID}"), format!("[1] {RIGID}"));
+    set(out, "int[] primvars:skel:jointIndices", joint);
+    set(out, "float[] primvars:skel:jointWeights", share);
     let at = moved_by(&Vec3::zeros());
     set(out, "matrix4d primvars:skel:geomBindTransform", at);
     set(out, "uniform token[] skel:blendShapes", names);

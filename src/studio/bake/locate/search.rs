@@ -7,8 +7,7 @@ use nalgebra::Matrix3;
 
 use super::super::by_shape;
 use super::super::mesh::{Mesh, Vec3, extent_of};
-use super::parts::Parts;
-use super::seen::{Seen, apart, look};
+use super::seen::{Parts, Seen, apart, look};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::FaceModel;
 use crate::studio::fit::still::StillFitter;
