@@ -49,50 +49,42 @@ impl<'a> Contacts<'a> {
                 .map(|(v, p)| (v as u32, ball.height(p).min(LID_MARGIN * w)))
                 .collect()
         });
+        let mut corners = Vec::new();
+        for f in (0..head.mesh.faces()).filter(|&f| !head.film[f]) {
+            let face = head.mesh.face(f);
+            let of = |k: usize| face[k % face.len()].vertex;
+            let all = (0..face.len()).map(|k| [of(k), of(k + 1), of(k + face.len() - 1)]);
+            corners.extend(all.filter(|c| head.outside(c[0])));
+        }
+        corners.sort_unstable();
         let gaps = head.lip_gaps(|v| head.mesh.positions[v as usize]);
         let mut out = Self {
             head,
             beside,
             lips: gaps.into_iter().map(|(.., gap)| gap).collect(),
             inside: Vec::new(),
-            corners: Vec::new(),
+            corners,
         };
-        out.find_inside();
+        out.inside = out.behind_skin();
         out
     }
 
-    fn find_inside(&mut self) {
+    /// The mouth's inside where skin is close before it.
+    fn behind_skin(&self) -> Vec<(u32, u32, f64)> {
         let (head, w) = (self.head, self.head.eye_distance);
-        let positions = &head.mesh.positions;
-        let at = |v: u32| positions[v as usize];
-        let all = 0..positions.len() as u32;
-        let (outside, inside): (Vec<u32>, Vec<u32>) = all
-            .filter(|&v| head.skin[v as usize])
-            .partition(|&v| self.head.outside(v));
-        if inside.is_empty() {
-            return;
-        }
-        let mut corners_of = Vec::new();
-        for f in (0..head.mesh.faces()).filter(|&f| !head.film[f]) {
-            let face = head.mesh.face(f);
-            let of = |k: usize| face[k % face.len()].vertex;
-            let corners = (0..face.len()).map(|k| [of(k), of(k + 1), of(k + face.len() - 1)]);
-            corners_of.extend(corners.filter(|c| self.head.outside(c[0])));
-        }
-        corners_of.sort_unstable();
-        self.corners = corners_of;
-        let nearest = Nearest::new(positions, &outside);
+        let at = |v: u32| head.mesh.positions[v as usize];
+        let skin = (0..head.skin.len() as u32).filter(|&v| head.skin[v as usize]);
+        let (outside, inside): (Vec<u32>, Vec<u32>) = skin.partition(|&v| head.outside(v));
+        let nearest = Nearest::new(&head.mesh.positions, &outside);
         let close = inside.into_iter().filter_map(|v| {
             let before = nearest.of(&at(v))?;
             let apart = at(before) - at(v);
             let behind = apart.dot(&self.normal(before, &at));
-            (apart.norm() < BEFORE * w
-                && behind > 0.0
-                && f64::from(head.from_lips[v as usize].min(2.0 * head.from_lids[v as usize]))
-                    > EDGE * w)
-                .then(|| (v, before, behind.min(BEHIND * w)))
+            let from_line = head.from_lips[v as usize].min(2.0 * head.from_lids[v as usize]);
+            let close = apart.norm() < BEFORE * w && f64::from(from_line) > EDGE * w;
+            (close && behind > 0.0).then(|| (v, before, behind.min(BEHIND * w)))
         });
-        self.inside = close.collect();
+        close.collect()
     }
 
     /// On the line of lips or lids or beside it: what is nearest to it may be seen between them.

@@ -126,10 +126,9 @@ impl<'a> Side<'a> {
                 tail.is_empty() || tail.starts_with(|c: char| c == '_' || c.is_ascii_digit())
             });
             let spelled = match both {
-                Some(at) => vec!["_L", "_R"]
-                    .into_iter()
+                Some(at) => ["_L", "_R"]
                     .map(|s| format!("{}{s}{}", &word[..at], &word[at + 2..]))
-                    .collect(),
+                    .to_vec(),
                 None => vec![word.to_owned()],
             };
             for name in spelled {
@@ -156,27 +155,21 @@ impl<'a> Side<'a> {
 
     /// What the shape must do.
     fn promise(&self, asked: &Asked, head: &Head) -> Result<Promise, Fault> {
-        let (what, one, other, bound) = match asked {
-            Asked::Of(what, one, bound) => (what, one, "", *bound),
-            Asked::Between(what, one, other, bound) => (what, one, other.as_str(), *bound),
+        let (what, first, other, bound) = match asked {
+            Asked::Of(what, one, bound) => (what.as_str(), one, "", *bound),
+            Asked::Between(what, one, other, bound) => (what.as_str(), one, &**other, *bound),
         };
-        if what == "lids" {
-            return Ok(Promise {
-                deed: Deed::Lids(self.side(one)?),
-                one: Vec::new(),
-                other: Vec::new(),
-                bound,
-                words: "lids".into(),
-            });
-        }
-        let (one, other) = (self.points(one)?, self.points(other)?);
+        // Of lids a side is named, not points.
+        let named = if what == "lids" { "" } else { first };
+        let (one, other) = (self.points(named)?, self.points(other)?);
         let along =
             |axis: usize, sign: f64| Deed::Move(vec![head.axes.column(axis) * sign; one.len()]);
         let aside = |sign: f64| {
             let way = |&point: &usize| head.axes.column(0) * (sign * self.outwards(point));
             Deed::Move(one.iter().map(way).collect())
         };
-        let deed = match what.as_str() {
+        let deed = match what {
+            "lids" => Deed::Lids(self.side(first)?),
             "part" => Deed::Part,
             "meet" => Deed::Meet,
             "less" => Deed::Less,
@@ -189,7 +182,7 @@ impl<'a> Side<'a> {
             _ => return Err(self.refuse(DEEDS, what)),
         };
         let words = one.iter().chain(&other).map(|&point| NAMES[point]);
-        let words: Vec<&str> = std::iter::once(what.as_str()).chain(words).collect();
+        let words: Vec<&str> = std::iter::once(what).chain(words).collect();
         let vertices = |points: &[usize]| points.iter().map(|&p| head.points[p]).collect();
         Ok(Promise {
             deed,
@@ -285,6 +278,7 @@ impl<'a> Side<'a> {
             );
         }
         let controls = d.into_iter().zip(&head.points);
+        let must = entry.must.iter().map(|asked| self.promise(asked, head));
         Ok(Target {
             name: self.name().to_owned(),
             unit: self.unit(),
@@ -304,11 +298,7 @@ impl<'a> Side<'a> {
             }),
             undo,
             corrects: None,
-            must: entry
-                .must
-                .iter()
-                .map(|asked| self.promise(asked, head))
-                .collect::<Result<_, _>>()?,
+            must: must.collect::<Result<_, _>>()?,
         })
     }
 }

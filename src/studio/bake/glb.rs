@@ -200,21 +200,16 @@ impl Glb {
             let stride = number(&self.listed("bufferViews", &a["bufferView"])["byteStride"]);
             let stride = stride.min(255).max(width * 4);
             let length = count.saturating_sub(1) * stride + width * 4;
-            let data = self
-                .data(
-                    &a["bufferView"],
-                    &a["byteOffset"],
-                    length.min(count * stride),
-                )
-                .ok_or_else(|| content(CUT_OFF))?;
+            let length = length.min(count * stride);
+            let data = self.data(&a["bufferView"], &a["byteOffset"], length);
+            let data = data.ok_or_else(|| content(CUT_OFF))?;
             let rows = (0..count).flat_map(|row| singles(&data[row * stride..]).take(width));
             rows.collect()
         };
         if let Some(n) = a["sparse"]["count"].as_u64() {
             let n = (n as usize).min(MOST);
-            let (rows, values) = self
-                .sparse(&a["sparse"], n, width)
-                .ok_or_else(|| content(CUT_OFF))?;
+            let set = self.sparse(&a["sparse"], n, width);
+            let (rows, values) = set.ok_or_else(|| content(CUT_OFF))?;
             for (at, value) in rows.into_iter().zip(values.chunks(width)) {
                 let row = out.get_mut(at * width..(at + 1) * width);
                 row.ok_or_else(|| content("a sparse index beyond the count"))?
@@ -230,10 +225,8 @@ impl Glb {
         let size = if rows["componentType"] == U16 { 2 } else { 4 };
         let rows = self.data(&rows["bufferView"], &rows["byteOffset"], n * size)?;
         let data = self.data(&values["bufferView"], &values["byteOffset"], n * width * 4)?;
-        Some((
-            whole(rows, size).map(|k| k as usize).collect(),
-            singles(data).collect(),
-        ))
+        let rows = whole(rows, size).map(|k| k as usize);
+        Some((rows.collect(), singles(data).collect()))
     }
 
     /// Values of an accessor of whole numbers.
@@ -252,12 +245,8 @@ impl Glb {
             Some(5125) => 4,
             _ => return Err(content("another component type")),
         };
-        let count = a["count"].as_u64().unwrap_or(u64::MAX) as usize;
-        let data = self.data(
-            &a["bufferView"],
-            &a["byteOffset"],
-            count.saturating_mul(size),
-        );
+        let length = (a["count"].as_u64().unwrap_or(u64::MAX) as usize).saturating_mul(size);
+        let data = self.data(&a["bufferView"], &a["byteOffset"], length);
         Ok(whole(data.ok_or_else(|| content(CUT_OFF))?, size).collect())
     }
 }

@@ -140,12 +140,15 @@ impl Mesh {
         (2..face.len()).map(|k| [0, k - 1, k]).collect()
     }
 
-    /// Every face as a fan about its first corner, all of them, in the order of the file: for drawing.
+    /// Face `f` as a fan about its first corner: for drawing.
+    pub(in crate::studio) fn fan(&self, f: usize) -> impl Iterator<Item = [Corner; 3]> {
+        let face = self.face(f);
+        (2..face.len()).map(|k| [face[0], face[k - 1], face[k]])
+    }
+
+    /// All faces as fans, in the order of the file.
     pub fn fans(&self) -> impl Iterator<Item = [Corner; 3]> {
-        (0..self.faces()).flat_map(|f| {
-            let face = self.face(f);
-            (2..face.len()).map(|k| [face[0], face[k - 1], face[k]])
-        })
+        (0..self.faces()).flat_map(|f| self.fan(f))
     }
 
     /// All triangles as vertex indices, without those that name a vertex twice.
@@ -196,10 +199,9 @@ impl Mesh {
     /// Twice the area of face `f` along its normal, by Newell's sum: exact for planar faces, the mean plane for others, no choice of
     /// diagonal.
     fn newell(&self, f: usize, positions: &[Vec3]) -> Vec3 {
-        let sides = self
-            .sides(f)
-            .map(|side| side.map(|v| positions[v as usize]));
-        sides.fold(Vec3::zeros(), |sum, [a, b]| sum + a.cross(&b))
+        let at = |side: [u32; 2]| side.map(|v| positions[v as usize]);
+        let turns = self.sides(f).map(at).map(|[a, b]| a.cross(&b));
+        turns.fold(Vec3::zeros(), |sum, turn| sum + turn)
     }
 
     /// Area-weighted unit normals of `positions` under this mesh's faces; (0, 0, 1) where there is no area.

@@ -101,10 +101,10 @@ impl Piece<'_> {
 
     /// How much of its tip's motion each vertex takes: 0 at the root and off the tongue, 1 at the tip.
     pub(super) fn tongue(&self, shares: &[f64]) -> Vec<f64> {
-        let mut none = vec![0.0; self.vertices.len()];
+        let mut taken = vec![0.0; self.vertices.len()];
         let lower = self.lower;
         if lower.is_empty() {
-            return none;
+            return taken;
         }
         let (head, positions) = (self.head, &self.head.mesh.positions);
         let (up, out) = (head.axes.column(1), head.axes.column(2));
@@ -130,21 +130,17 @@ impl Piece<'_> {
         let far = distances(positions, &head.rings, &sides, |v| {
             local[v] != u32::MAX && shares[local[v] as usize] >= 0.5
         });
-        let along = self.vertices.iter().map(|&v| f64::from(far[v as usize]));
-        let member: Vec<f64> = along
-            .map(|d| 1.0 - smoothstep(near, last, d.min(last)))
-            .collect();
+        let is_near = |&v: &u32| 1.0 - smoothstep(near, last, f64::from(far[v as usize]).min(last));
+        let member: Vec<f64> = self.vertices.iter().map(is_near).collect();
         let depth = |k: usize| positions[self.vertices[k] as usize].dot(&out);
         let inside = || (0..member.len()).filter(|&k| member[k] > 0.5).map(depth);
-        let (front, back) = (
-            inside().fold(f64::NEG_INFINITY, f64::max),
-            inside().fold(f64::INFINITY, f64::min),
-        );
+        let front = inside().fold(f64::NEG_INFINITY, f64::max);
+        let back = inside().fold(f64::INFINITY, f64::min);
         if front > back {
-            for (k, share) in none.iter_mut().enumerate() {
+            for (k, share) in taken.iter_mut().enumerate() {
                 *share = member[k] * smoothstep(back + ROOT * (front - back), front, depth(k));
             }
         }
-        none
+        taken
     }
 }

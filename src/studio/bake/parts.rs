@@ -132,20 +132,16 @@ impl Head {
         let from_lips = far(&[upper, lower], f64::NEG_INFINITY);
         let inside = |v: &usize| !self.socket[*v].is_nan();
         let inside: Vec<usize> = (0..self.socket.len()).filter(inside).collect();
-        let nearer = from_upper
-            .iter()
-            .zip(&from_lower)
-            .map(|(u, l)| f64::from(u - l));
-        let mut nearer: Vec<f64> = nearer.map(|d| if d.is_nan() { 0.0 } else { d }).collect();
+        let nearer = from_upper.iter().zip(&from_lower).map(|(u, l)| u - l);
+        let known = nearer.map(|d| if d.is_nan() { 0.0 } else { f64::from(d) });
+        let mut nearer: Vec<f64> = known.collect();
         // Ways along edges are ragged: folds between teeth and gums would turn over.
         for _ in 0..EVENED {
             let mean = |&v: &usize| {
                 let ring = self.rings.of(v).iter().map(|&o| o as usize);
-                let (mut sum, mut count) = (nearer[v], 1.0);
-                for o in ring.filter(|&o| !self.socket[o].is_nan()) {
-                    sum += nearer[o];
-                    count += 1.0;
-                }
+                let ring = ring.filter(|&o| !self.socket[o].is_nan());
+                let add = |(sum, count), o: usize| (sum + nearer[o], count + 1.0);
+                let (sum, count) = ring.fold((nearer[v], 1.0), add);
                 sum / count
             };
             let evened: Vec<f64> = inside.iter().map(mean).collect();
@@ -162,8 +158,8 @@ impl Head {
 
     pub(super) fn find_parts(&mut self, component: &[u32], skin_label: u32) {
         let parts = self.parts(component);
-        let eyes = [[42, 48], [36, 42]].map(|[from, to]| {
-            let sum: Vec3 = (from..to).map(|k| self.seen(self.point(k))).sum();
+        let eyes = [42..48, 36..42].map(|eye| {
+            let sum: Vec3 = eye.map(|k| self.seen(self.point(k))).sum();
             sum / 6.0
         });
         let (mut rest, mut mouth) = (Vec::new(), Vec::new());
@@ -399,10 +395,8 @@ impl Head {
             let soft = 0.08 * w;
             let shares = piece.shares().unwrap_or_else(|| {
                 let height = |&v: &u32| self.below_bite(&self.mesh.positions[v as usize]);
-                vertices
-                    .iter()
-                    .map(|v| smoothstep(-soft, soft, height(v)))
-                    .collect()
+                let share = |v| smoothstep(-soft, soft, height(v));
+                vertices.iter().map(share).collect()
             });
             let tongue = piece.tongue(&shares);
             for (k, &v) in vertices.iter().enumerate() {

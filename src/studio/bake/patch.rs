@@ -145,9 +145,8 @@ impl Gathered {
         let of_corners = |name: &str, width: usize| {
             let listed = glb.listed("accessors", &attributes[name]);
             let width = width + usize::from(listed["type"] == "VEC4");
-            let rows = glb
-                .floats(attributes[name].as_u64()? as usize, width)
-                .ok()?;
+            let accessor = attributes[name].as_u64()? as usize;
+            let rows = glb.floats(accessor, width).ok()?;
             let fits = listed["count"] == count && rows.iter().all(|x| x.is_finite());
             fits.then_some((rows, width))
         };
@@ -193,13 +192,11 @@ impl Gathered {
             self.uv.resize(self.places.len(), [0.0; 2]);
         }
         mesh.uv = std::mem::take(&mut self.uv);
-        let welded = self
-            .triangles
-            .iter()
-            .map(|t| t.map(|row| vertex[row as usize]));
+        let welded = |t: &[u32; 3]| t.map(|row| vertex[row as usize]);
+        let welded: Vec<[u32; 3]> = self.triangles.iter().map(welded).collect();
         let mut number: HashMap<Option<u64>, u32> = HashMap::new();
         let mut at = 0;
-        for face in faces(&mesh.positions, &welded.collect::<Vec<_>>()) {
+        for face in faces(&mesh.positions, &welded) {
             // Of one triangle or two that follow each other.
             let rows = self.triangles[at..at + face.len() - 2].as_flattened();
             let named = self.materials[at];
@@ -263,10 +260,8 @@ impl Foreign {
         let all = self.numbered();
         let vertex = |&k: &u64| all.get(k as usize).copied();
         let beyond = |k: &u64| (*k).max(u64::from(u32::MAX));
-        numbers
-            .iter()
-            .map(|k| vertex(k).unwrap_or_else(|| beyond(k)))
-            .collect()
+        let known = |k| vertex(k).unwrap_or_else(|| beyond(k));
+        numbers.iter().map(known).collect()
     }
 
     /// The other way round: the first number that a landmark file has for each vertex of the mesh.
@@ -274,10 +269,8 @@ impl Foreign {
     pub fn rows(&self, vertices: &[u64]) -> Vec<u64> {
         let all = self.numbered();
         let row = |v: &u64| all.iter().position(|o| o == v);
-        vertices
-            .iter()
-            .map(|v| row(v).map_or(*v, |row| row as u64))
-            .collect()
+        let known = |v: &u64| row(v).map_or(*v, |row| row as u64);
+        vertices.iter().map(known).collect()
     }
 
     /// The file with the shapes added to every mesh that they move.

@@ -178,8 +178,8 @@ impl Relaxing<'_> {
 
     /// Half of the way to the mean of the neighbours, within `rings` of some vertices.
     fn smooth(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
-        let near = rings_about(&self.head.rings, some, rings).concat();
-        let inside: Vec<u32> = near.into_iter().filter(|&v| self.free(v)).collect();
+        let mut inside = rings_about(&self.head.rings, some, rings).concat();
+        inside.retain(|&v| self.free(v));
         let mean = |&v: &u32| {
             let ring = self.head.rings.of(v as usize);
             let at = |v: u32| self.head.mesh.positions[v as usize] + self.all[v as usize];
@@ -196,11 +196,8 @@ impl Relaxing<'_> {
 
     /// Spans the displacement evenly over the skin within `rings` of some vertices.
     fn span(&mut self, some: &[u32], rings: usize, patch: &mut Vec<u32>) {
-        let near = rings_about(&self.head.rings, some, rings).concat();
-        let inside: Vec<u32> = near
-            .into_iter()
-            .filter(|&v| self.area[v as usize])
-            .collect();
+        let mut inside = rings_about(&self.head.rings, some, rings).concat();
+        inside.retain(|&v| self.area[v as usize]);
         for &v in std::iter::repeat_n(&inside, SPANS).flatten() {
             let ring = self.head.rings.of(v as usize);
             let sum: Vec3 = ring.iter().map(|&o| self.all[o as usize]).sum();

@@ -17,10 +17,8 @@ const PIXELS: u32 = 300;
 const JPEG_QUALITY: u8 = 75;
 
 fn embedded(picture: &RgbImage) -> String {
-    format!(
-        "data:image/jpeg;base64,{}",
-        STANDARD.encode(jpeg(picture, JPEG_QUALITY))
-    )
+    let jpeg = STANDARD.encode(jpeg(picture, JPEG_QUALITY));
+    format!("data:image/jpeg;base64,{jpeg}")
 }
 
 /// Displacement of a shape as it is meant to be seen: with the shape it is meant to be added to.

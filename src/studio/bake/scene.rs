@@ -82,13 +82,10 @@ pub(super) fn placed(glb: &Glb) -> Vec<Option<Matrix4<f64>>> {
 /// The bytes that a reference names: in the text, or in a file below the folder.
 fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, Fault> {
     let refuse = |found: String| unexpected("data in the file or in files below its folder", found);
-    if let Some((_, text)) = uri
-        .strip_prefix("data:")
-        .and_then(|u| u.split_once(";base64,"))
-    {
-        return STANDARD
-            .decode(text)
-            .map_err(|e| refuse(format!("base64: {e}")));
+    let data = uri.strip_prefix("data:");
+    if let Some((_, text)) = data.and_then(|data| data.split_once(";base64,")) {
+        let decoded = STANDARD.decode(text);
+        return decoded.map_err(|e| refuse(format!("base64: {e}")));
     }
     let unknown = || refuse(format!("{uri:.80?}"));
     // Spaces and letters beyond ASCII are written as %20.
@@ -154,11 +151,8 @@ impl Glb {
                 None => self.bin.extend(&inside),
             }
         }
-        for view in self.json["bufferViews"]
-            .as_array_mut()
-            .into_iter()
-            .flatten()
-        {
+        let views = self.json["bufferViews"].as_array_mut();
+        for view in views.into_iter().flatten() {
             let start = view["buffer"].as_u64().and_then(|b| starts.get(b as usize));
             let from = view["byteOffset"].as_u64().unwrap_or(0);
             view["byteOffset"] = start.map_or(Value::Null, |s| from.saturating_add(*s).into());

@@ -62,13 +62,9 @@ impl Surroundings {
     pub fn new(head: &Head) -> Self {
         let mut triangles = Vec::new();
         for f in 0..head.mesh.faces() {
-            let face = head.mesh.face(f);
-            if head.film[f] || !head.skin[face[0].vertex as usize] {
-                continue;
-            }
-            // A quad as the file cuts it: from its first corner ([`super::order`]).
-            for k in 2..face.len() {
-                triangles.push([0, k - 1, k].map(|k| face[k].vertex));
+            if !head.film[f] && head.skin[head.mesh.face(f)[0].vertex as usize] {
+                // A quad as the file cuts it: from its first corner ([`super::order`]).
+                triangles.extend(head.mesh.fan(f).map(|t| t.map(|c| c.vertex)));
             }
         }
         let n = head.mesh.positions.len();
@@ -84,10 +80,7 @@ impl Surroundings {
         };
         let all: Vec<u32> = (0..out.triangles.len() as u32).collect();
         let lie = out.lie(&|v| head.mesh.positions[v], &all, &mut out.scratch());
-        out.neutral = lie
-            .into_iter()
-            .map(|(area, cosine, _)| (area, cosine))
-            .collect();
+        out.neutral = lie.into_iter().map(|lie| (lie.0, lie.1)).collect();
         out
     }
 
@@ -153,22 +146,16 @@ impl Surroundings {
         self.add_normals(p, &all, scratch);
         let (one, two, normal) = (&scratch.one, &mut scratch.two, &scratch.normal);
         for v in corners.into_iter().map(|v| v as usize) {
-            let ring = self
-                .rings
-                .of(v)
-                .iter()
-                .map(|&o| Vec3::from(one[o as usize]));
-            two[v] = ring.fold(Vec3::from(one[v]), |sum, n| sum + n).into();
+            let add = |sum: Vec3, &o: &u32| sum + Vec3::from(one[o as usize]);
+            two[v] = self.rings.of(v).iter().fold(one[v].into(), add).into();
         }
         let lie = |&k: &u32| {
             let n = Vec3::from(normal[k as usize]);
             let around = self.triangles[k as usize].iter();
             let around: Vec3 = around.map(|&v| Vec3::from(two[v as usize])).sum();
             let around = around.try_normalize(0.0).unwrap_or_default();
-            let area = n.norm();
-            let solid = area > 0.0;
-            let cosine = if solid { n.dot(&around) / area } else { 0.0 };
-            (area, cosine, around)
+            let (area, along) = (n.norm(), n.dot(&around));
+            (area, if area > 0.0 { along / area } else { 0.0 }, around)
         };
         some.iter().map(lie).collect()
     }
@@ -223,11 +210,8 @@ impl Surroundings {
         let spare = TORN[1] * head.eye_distance;
         let torn = |edge: &[u32; 2]| {
             let [v, o] = edge.map(|v| v as usize);
-            let (now, was) = (
-                at(v) - at(o),
-                head.mesh.positions[v] - head.mesh.positions[o],
-            );
-            now.norm() > TORN[0] * was.norm() + spare
+            let was = head.mesh.positions[v] - head.mesh.positions[o];
+            (at(v) - at(o)).norm() > TORN[0] * was.norm() + spare
         };
         let edges = some.iter().map(|&k| self.triangles[k as usize]);
         let edges = edges.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);

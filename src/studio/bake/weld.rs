@@ -37,12 +37,8 @@ pub(super) fn sewn(places: &[[f32; 3]], triangles: &[[u32; 3]], parts: &[u32]) -
         .enumerate()
         .map(|(row, key)| *known.entry(key).or_insert(row as u32))
         .collect();
-    let edges = || {
-        triangles
-            .iter()
-            .zip(parts)
-            .flat_map(|(t, &part)| (0..3).map(move |k| (t[k], t[(k + 1) % 3], part)))
-    };
+    let around = |(t, &part): (&[u32; 3], &u32)| [0, 1, 2].map(|k| (t[k], t[(k + 1) % 3], part));
+    let edges = || triangles.iter().zip(parts).flat_map(around);
     let there: HashSet<(u32, u32)> = edges().map(|(a, b, _)| (a, b)).collect();
     // Open edges by place.
     let mut open: HashMap<(u32, u32), Vec<Edge>> = HashMap::new();

@@ -54,12 +54,8 @@ fn add(glb: &mut Glb, hero: &Hero, layer: &Layer, name: &str) {
     let mut primitives = Vec::new();
     for (number, look) in hero.looks.iter().enumerate() {
         let faces = (0..mesh.faces()).filter(|&f| mesh.face_material[f] as usize == number);
-        let mut corners: Vec<u32> = Vec::new();
-        for list in faces.map(|f| mesh.face(f)) {
-            for pair in list[1..].windows(2) {
-                corners.extend([list[0], pair[0], pair[1]].map(|corner| corner.vertex));
-            }
-        }
+        let corners = faces.flat_map(|f| mesh.fan(f)).flatten();
+        let corners: Vec<u32> = corners.map(|corner| corner.vertex).collect();
         if corners.is_empty() {
             continue;
         }
