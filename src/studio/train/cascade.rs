@@ -11,7 +11,7 @@ use super::ridge::{Block, LinearMap, ridge};
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
 use crate::face_model::{
-    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS,
+    CascadeStage, FEATURES, MAX_MODES, MAX_PARAMETERS, PATCH, ShapeModel, VIEW_PARAMETERS, scheme,
 };
 use crate::landmarks::cascade::{FaceFit, Solver, prior_columns, updated};
 use crate::landmarks::view::View;
@@ -61,11 +61,9 @@ fn quantised(map: &LinearMap, cell_px: f32, parameters: usize) -> CascadeStage {
         for landmark in 0..LANDMARKS {
             let patch = (0..PATCH).map(|k| map.weights[(row, landmark * PATCH + k)]);
             let scale = patch.clone().fold(0.0f32, |m, w| m.max(w.abs())) / 127.0;
+            let part = |w: f32| (w / scale.max(1e-30)).round().clamp(-127.0, 127.0) as i8;
             stage.scales.push(scale);
-            stage
-                .weights
-                .to_mut()
-                .extend(patch.map(|w| (w / scale.max(1e-30)).round().clamp(-127.0, 127.0) as i8));
+            stage.weights.to_mut().extend(patch.map(part));
         }
         // The prior columns are used as they are: their means go into the bias.
         let mut bias = map.bias[row];
@@ -125,12 +123,7 @@ pub fn learn_stage(
         .for_each(|(chunk, block)| {
             let steps = &weights * &block.features;
             for (p, step) in chunk.iter_mut().zip(steps.column_iter()) {
-                let step: Vec<f32> = step
-                    .iter()
-                    .zip(map.bias.iter())
-                    .map(|(s, b)| s + b)
-                    .collect();
-                p.fit = updated(&p.fit, &step);
+                p.fit = updated(&p.fit, (step + &map.bias).as_slice());
             }
         });
     stage
@@ -160,13 +153,12 @@ pub fn inner_error_percent(samples: &[Sample], progress: &[Progress], shape: &Sh
         .map_init(Solver::default, |solver, p| {
             solver.project(shape, &p.fit);
             let points = &samples[p.sample].points;
-            let eye = crate::face_model::scheme::outer_eye_distance(points);
-            let mut sum = 0.0;
-            for i in crate::face_model::scheme::INNER {
+            let eye = scheme::outer_eye_distance(points);
+            let distance = |i: usize| {
                 let (a, b) = (solver.window[i], points[i]);
-                sum += f64::from((a[0] - b[0]).hypot(a[1] - b[1]) / eye);
-            }
-            sum / 51.0
+                f64::from((a[0] - b[0]).hypot(a[1] - b[1]) / eye)
+            };
+            scheme::INNER.map(distance).sum::<f64>() / 51.0
         })
         .sum();
     (100.0 * total / progress.len().max(1) as f64) as f32

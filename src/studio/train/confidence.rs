@@ -13,9 +13,7 @@ use rayon::prelude::*;
 use super::cascade::Progress;
 use super::samples::{Eye, Sample};
 use crate::base::capacity::LANDMARKS;
-use crate::face_model::{
-    ConfidenceModel, FACE_SIGNS, FEATURES, LANDMARK_SIGNS, PATCH, ShapeModel, scheme,
-};
+use crate::face_model::{ConfidenceModel, PATCH, ShapeModel, scheme};
 use crate::landmarks::cascade::{Solver, discriminants, face_signs, landmark_signs};
 
 /// Errors up to this are good, per cent of the eye distance.
@@ -75,23 +73,14 @@ pub fn learn(
         .collect();
     let mut model = ConfidenceModel {
         cell_px,
-        mean: vec![0.0; FEATURES],
-        weights: vec![0.0; FEATURES],
-        landmark: Vec::with_capacity(LANDMARK_SIGNS * LANDMARKS),
-        face: [0.0; FACE_SIGNS],
+        ..ConfidenceModel::default()
     };
-    let directions: Vec<(Vec<f32>, Vec<f32>)> = (0..LANDMARKS)
-        .into_par_iter()
-        .map(|i| discriminant(&features, &errors, i))
-        .collect();
-    for (i, (mean, direction)) in directions.into_iter().enumerate() {
-        model.mean[i * PATCH..(i + 1) * PATCH].copy_from_slice(&mean);
-        model.weights[i * PATCH..(i + 1) * PATCH].copy_from_slice(&direction);
-    }
-    let values: Vec<[f32; LANDMARKS]> = features
-        .par_iter()
-        .map(|features| discriminants(&model, features))
-        .collect();
+    let landmarks = (0..LANDMARKS).into_par_iter();
+    let directions = landmarks.map(|i| discriminant(&features, &errors, i));
+    let (means, directions): (Vec<_>, Vec<_>) = directions.unzip();
+    (model.mean, model.weights) = (means.concat(), directions.concat());
+    let values = features.par_iter().map(|own| discriminants(&model, own));
+    let values: Vec<[f32; LANDMARKS]> = values.collect();
     let signs: Vec<_> = values.iter().map(landmark_signs).collect();
     let alike = vec![1.0; ends.len()];
     for i in 0..LANDMARKS {
@@ -99,11 +88,8 @@ pub fn learn(
         let good: Vec<bool> = errors.iter().map(|e| e[i] <= GOOD_PERCENT).collect();
         model.landmark.extend(regressed(&own, &good, &alike));
     }
-    let signs: Vec<_> = values
-        .iter()
-        .zip(ends)
-        .map(|(own, end)| face_signs(own, &end.fit))
-        .collect();
+    let signs = values.iter().zip(ends);
+    let signs: Vec<_> = signs.map(|(own, end)| face_signs(own, &end.fit)).collect();
     let good: Vec<bool> = faces.iter().map(|e| *e <= GOOD_PERCENT).collect();
     let weights: Vec<f64> = ends.iter().map(|end| weight(end.sample)).collect();
     model.face = regressed(&signs, &good, &weights);
@@ -180,12 +166,8 @@ fn discriminant(
         scatter[(k, k)] += ridge;
     }
     let difference = &means[0] - &means[1];
-    let direction = scatter
-        .cholesky()
-        .map_or_else(|| difference.clone(), |c| c.solve(&difference));
+    let solved = scatter.cholesky().map(|c| c.solve(&difference));
     let middle = (&means[0] + &means[1]) * 0.5;
-    (
-        middle.iter().map(|v| *v as f32).collect(),
-        direction.iter().map(|v| *v as f32).collect(),
-    )
+    let single = |v: DVector<f64>| v.iter().map(|v| *v as f32).collect();
+    (single(middle), single(solved.unwrap_or(difference)))
 }

@@ -77,13 +77,8 @@ impl GreyPicture {
 /// # Errors
 /// If it does not decode.
 pub fn load_grey(path: &Path, scale: f32) -> Result<GreyPicture, Fault> {
-    let mut grey = image::open(path)
-        .map_err(Fault::cannot(
-            "decode",
-            path,
-            "; expected a PNG, JPEG or PGM picture",
-        ))?
-        .to_luma8();
+    let refuse = Fault::cannot("decode", path, "; expected a PNG, JPEG or PGM picture");
+    let mut grey = image::open(path).map_err(refuse)?.to_luma8();
     if scale < 0.99 {
         let width = (grey.width() as f32 * scale).round().max(2.0) as u32;
         let height = (grey.height() as f32 * scale).round().max(2.0) as u32;
@@ -123,16 +118,18 @@ fn read_csv(folder: &Path, path: &Path) -> Result<Vec<Entry>, Fault> {
         let values = xy.iter().map(|&at| cells.get(at).copied().unwrap_or(""));
         let points =
             points_in(values).map_err(|found| malformed(line, "136 numbers or none", found))?;
-        let (file, person) = (text(Some(file)), text(person));
-        let inside = folder.join("img").join(&file);
+        let (file, mut person) = (text(Some(file)), text(person));
+        if person.is_empty() {
+            person.clone_from(&file);
+        }
+        let mut path = folder.join("img").join(&file);
+        if !path.exists() {
+            path = folder.join(&file);
+        }
         entries.push(Entry {
-            path: Some(inside)
-                .filter(|inside| inside.exists())
-                .unwrap_or_else(|| folder.join(&file)),
+            path,
             set: text(set),
-            person: Some(person)
-                .filter(|person| !person.is_empty())
-                .unwrap_or_else(|| file.clone()),
+            person,
             expression: text(expression),
             points,
             file,
@@ -158,14 +155,12 @@ fn points_in<'a>(
 
 fn read_pts(path: &Path) -> Result<[[f32; 2]; LANDMARKS], Fault> {
     let text = read(path)?;
-    let inside = text
-        .split_once('{')
-        .and_then(|(_, rest)| rest.split_once('}'))
-        .map_or(text.as_str(), |(inside, _)| inside);
-    let numbers: Vec<f32> = inside
-        .split_ascii_whitespace()
-        .filter_map(|w| w.parse().ok())
-        .collect();
+    let rest = text.split_once('{').map(|(_, rest)| rest);
+    let inside = rest.and_then(|rest| rest.split_once('}'));
+    let words = inside
+        .map_or(&*text, |(inside, _)| inside)
+        .split_ascii_whitespace();
+    let numbers: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
     if numbers.len() != 2 * LANDMARKS {
         let expected = "68 lines of x and y between braces";
         let found = format!("{} numbers", numbers.len());
@@ -185,30 +180,27 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Entry>, Fault> {
         return read_csv(folder, &table);
     }
     let mut paths = listed(folder).map_err(unreadable(folder))?;
+    let known = ["png", "jpg", "jpeg", "pgm"];
     paths.retain(|path| {
-        let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-        ["png", "jpg", "jpeg", "pgm"]
-            .iter()
-            .any(|known| ending == *known)
+        let ending = path.extension().unwrap_or_default();
+        known.iter().any(|known| ending.eq_ignore_ascii_case(known))
     });
     if paths.is_empty() {
         return Err(Fault::within(folder)(
             "expected pictures (PNG, JPEG or PGM), found none; give another folder",
         ));
     }
-    paths
-        .into_iter()
-        .map(|path| {
-            let file = name_of(&path);
-            let pts = path.with_extension("pts");
-            Ok(Entry {
-                points: pts.exists().then(|| read_pts(&pts)).transpose()?,
-                person: file.clone(),
-                set: String::new(),
-                expression: String::new(),
-                file,
-                path,
-            })
+    let entry = |path: PathBuf| {
+        let file = name_of(&path);
+        let pts = path.with_extension("pts");
+        Ok(Entry {
+            points: pts.exists().then(|| read_pts(&pts)).transpose()?,
+            person: file.clone(),
+            set: String::new(),
+            expression: String::new(),
+            file,
+            path,
         })
-        .collect()
+    };
+    paths.into_iter().map(entry).collect()
 }

@@ -22,10 +22,7 @@ pub fn differences(
 ) -> [[f32; 2]; LANDMARKS] {
     let [r, l] = scheme::OUTER_EYE_CORNERS;
     let eye = scheme::outer_eye_distance(placed).max(1e-6);
-    let along = [
-        (placed[l][0] - placed[r][0]) / eye,
-        (placed[l][1] - placed[r][1]) / eye,
-    ];
+    let along = [0, 1].map(|k| (placed[l][k] - placed[r][k]) / eye);
     std::array::from_fn(|i| {
         let d = [fitted[i][0] - placed[i][0], fitted[i][1] - placed[i][1]];
         [
@@ -43,10 +40,10 @@ impl Errors {
         for (sum, e) in self.sums.iter_mut().zip(percent) {
             *sum += f64::from(e);
         }
-        self.faces
-            .push(percent.iter().sum::<f32>() / LANDMARKS as f32);
-        self.inner
-            .push(percent[scheme::INNER].iter().sum::<f32>() / 51.0);
+        let [all, inner] = [&percent[..], &percent[scheme::INNER]];
+        let mean = |some: &[f32]| some.iter().sum::<f32>() / some.len() as f32;
+        self.faces.push(mean(all));
+        self.inner.push(mean(inner));
     }
 
     /// One line: mean, median, 95th percentile, inner 51, regions, share over 10 %.
@@ -82,12 +79,8 @@ impl Errors {
 #[must_use]
 pub fn mean_offsets(differences: &[[[f32; 2]; LANDMARKS]]) -> [[f32; 2]; LANDMARKS] {
     let count = differences.len().max(1) as f32;
-    std::array::from_fn(|i| {
-        let sum = differences
-            .iter()
-            .fold([0.0, 0.0], |s, d| [s[0] + d[i][0], s[1] + d[i][1]]);
-        [sum[0] / count, sum[1] / count]
-    })
+    let mean = |i: usize, k: usize| differences.iter().fold(0.0, |s, d| s + d[i][k]) / count;
+    std::array::from_fn(|i| [0, 1].map(|k| mean(i, k)))
 }
 
 /// The differences with offsets taken out.
@@ -96,12 +89,7 @@ pub fn without(
     differences: &[[f32; 2]; LANDMARKS],
     offsets: &[[f32; 2]; LANDMARKS],
 ) -> [[f32; 2]; LANDMARKS] {
-    std::array::from_fn(|i| {
-        [
-            differences[i][0] - offsets[i][0],
-            differences[i][1] - offsets[i][1],
-        ]
-    })
+    std::array::from_fn(|i| [0, 1].map(|k| differences[i][k] - offsets[i][k]))
 }
 
 #[cfg(test)]

@@ -164,12 +164,9 @@ fn unlearnt(bases: &ShapeBases) -> PaperAam {
     let triangles = triangulate(&base);
     let pixels = base_pixels(&base, &triangles);
     let count = pixels.len();
+    let mode = |m: &Vec<[f64; 3]>| m.iter().map(|v| point(*v).coords).collect();
     PaperAam {
-        head_modes: bases
-            .modes
-            .iter()
-            .map(|m| m.iter().map(|v| point(*v).coords).collect())
-            .collect(),
+        head_modes: bases.modes.iter().map(mode).collect(),
         head_deviations: bases.deviations.iter().map(|d| *d as f32).collect(),
         head,
         base,
@@ -233,17 +230,11 @@ fn acted_tracks(actor: &HeadAsset, seed: u64) -> Result<Tracks, Fault> {
 /// People at rest, one view each.
 fn people_tracks(drawn: &[TrainingSample], camera: &Camera) -> Result<Tracks, Fault> {
     let few = &drawn[..drawn.len().min(TRACK_FRAMES)];
-    let positions: Vec<[f64; 2]> = few
-        .iter()
-        .flat_map(|sample| {
-            sample.neutral.iter().map(|p| {
-                camera
-                    .colour_pixel(&(sample.sensor_from_head * p))
-                    .map(f64::from)
-            })
-        })
-        .collect();
-    Tracks::new(few.len(), LANDMARKS, positions)
+    let pixels = few.iter().flat_map(|sample| {
+        let pixel = |p| camera.colour_pixel(&(sample.sensor_from_head * p));
+        sample.neutral.map(|p| pixel(p).map(f64::from))
+    });
+    Tracks::new(few.len(), LANDMARKS, pixels.collect())
 }
 
 fn pictures_of(samples: &[TrainingSample], shape: &ShapeModel, camera: &Camera) -> Vec<Known> {
@@ -316,27 +307,26 @@ fn learn_appearance<T: Sync>(
         let explained = along.norm_squared() / (count * people.max(1)) as f32;
         if round == 0 {
             let left = &rest - &modes * &along;
-            let spread: Vec<f32> = left
-                .row_iter()
-                .map(|row| (row.norm_squared() / people.max(1) as f32).sqrt().max(0.05))
-                .collect();
-            let inverse: Vec<f32> = spread.iter().map(|s| 1.0 / s).collect();
+            let inverse = deviations(&left, 0.05).map(|spread| 1.0 / spread);
+            let inverse: Vec<f32> = inverse.collect();
             let size = (inverse.iter().map(|v| v * v).sum::<f32>() / count as f32).sqrt();
             trust = inverse.iter().map(|v| v / size).collect();
             continue;
         }
         model.noise = (total - explained).max(1e-3);
-        model.appearance_deviations = along
-            .row_iter()
-            .map(|row| (row.norm_squared() / people.max(1) as f32).sqrt().max(1e-3))
-            .collect();
-        model.appearance_modes = modes
-            .column_iter()
-            .map(|m| m.iter().copied().collect())
-            .collect();
+        model.appearance_deviations = deviations(&along, 1e-3).collect();
+        let modes = modes.column_iter().map(|m| m.iter().copied().collect());
+        model.appearance_modes = modes.collect();
         model.appearance = mean.as_slice().to_vec();
     }
     model.trust = trust;
+}
+
+/// Root mean square of each row, at least so much.
+fn deviations(rows: &DMatrix<f32>, least: f32) -> impl Iterator<Item = f32> {
+    let count = rows.ncols().max(1) as f32;
+    rows.row_iter()
+        .map(move |row| (row.norm_squared() / count).sqrt().max(least))
 }
 
 /// Leading principal directions by subspace iteration, strongest first.

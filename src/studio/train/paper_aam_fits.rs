@@ -93,18 +93,14 @@ pub(super) fn fits(
 
 /// Where half a fit is believed, and how fast belief falls.
 pub(super) fn belief(fits: &[Ended]) -> [f32; 2] {
-    let mut residuals: Vec<f32> = fits
-        .iter()
-        .filter(|fit| fit.errors[1] < 0.08)
-        .map(|fit| fit.fit.residual)
-        .collect();
+    let good = fits.iter().filter(|fit| fit.errors[1] < 0.08);
+    let mut residuals: Vec<f32> = good.map(|fit| fit.fit.residual).collect();
     residuals.sort_by(f32::total_cmp);
     let at = |share: f32| {
         let last = residuals.len().saturating_sub(1);
-        residuals
+        *residuals
             .get((last as f32 * share) as usize)
-            .copied()
-            .unwrap_or(1.0)
+            .unwrap_or(&1.0)
     };
     // Half believed at the residual that one good fit in fifty exceeds.
     [at(0.98), ((at(0.98) - at(0.5)) / 4.0).max(0.01)]
@@ -149,12 +145,8 @@ impl Figures {
         let median = |sorted: &[f32]| sorted.get(sorted.len() / 2).copied().unwrap_or(f32::NAN);
         let found: Vec<_> = fits.iter().map(|e| told(&solver.head(&e.fit))).collect();
         let correlations = std::array::from_fn(|m| {
-            let pairs: Vec<[f32; 2]> = found
-                .iter()
-                .zip(pictures)
-                .map(|(a, b)| [a[m], b.measures[m]])
-                .collect();
-            correlation(pairs) as f32
+            let pairs = found.iter().zip(pictures);
+            correlation(pairs.map(|(a, b)| [a[m], b.measures[m]])) as f32
         });
         Self {
             mean: errors.iter().sum::<f32>() / n,

@@ -37,10 +37,8 @@ pub(super) fn mix_skins(rng: &mut Rng, points: &Points, canvas: &mut Canvas, oth
 /// What was drawn in colour in grey, over the backdrop; sometimes as in the near infrared.
 pub(super) fn grey_of(rng: &mut Rng, canvas: &Canvas, out: &mut [f32]) {
     let infrared = (rng.f32() < 0.15).then(|| 0.6 + 0.6 * rng.f32());
-    for (grey, (rgb, &inverse)) in out
-        .iter_mut()
-        .zip(canvas.rgb.iter().zip(&canvas.depth.inverse))
-    {
+    let drawn = canvas.rgb.iter().zip(&canvas.depth.inverse);
+    for (grey, (rgb, &inverse)) in out.iter_mut().zip(drawn) {
         if inverse > 0.0 {
             *grey = f32::from(luma_of(*rgb));
             if let Some(red) = infrared {
@@ -68,13 +66,9 @@ pub(super) fn backdrop(rng: &mut Rng, width: usize, height: usize, grey: &mut Ve
     let loud = rng.f32() * 60.0;
     for cell in [61.0f32, 23.0, 8.0] {
         let amplitude = loud * rng.f32();
-        let (columns, rows) = (
-            (width as f32 / cell) as usize + 2,
-            (height as f32 / cell) as usize + 2,
-        );
-        let lattice: Vec<f32> = (0..columns * rows)
-            .map(|_| amplitude * either(rng))
-            .collect();
+        let [columns, rows] = [width, height].map(|side| (side as f32 / cell) as usize + 2);
+        let knots = (0..columns * rows).map(|_| amplitude * either(rng));
+        let lattice: Vec<f32> = knots.collect();
         // Hard cells now and then: shelves, windows, door frames.
         let hard = rng.f32() < 0.3;
         for row in 0..height {
@@ -118,13 +112,11 @@ pub(super) fn develop(
                 + far * (at(col.saturating_sub(2)) + at(col + 2));
         }
     }
-    let gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
+    let mut gain = (0.4f32.ln() + (1.35f32 / 0.4).ln() * rng.f32().sqrt()).exp();
     // A dim room, now and then.
-    let gain = if rng.f32() < 0.12 {
-        gain * (0.2 + 0.4 * rng.f32())
-    } else {
-        gain
-    };
+    if rng.f32() < 0.12 {
+        gain *= 0.2 + 0.4 * rng.f32();
+    }
     let gamma = 0.75 + 0.55 * rng.f32();
     let curve: Vec<f32> = (0..=1023)
         .map(|v| 255.0 * (v as f32 / 1023.0 * 1.6).powf(gamma) * gain)
@@ -133,12 +125,8 @@ pub(super) fn develop(
     let mut luma = Vec::with_capacity(width * height);
     for row in 0..height {
         let line = |k: usize| k.min(height - 1) * width;
-        let (a, b, c) = (
-            line(row.saturating_sub(2)),
-            line(row.saturating_sub(1)),
-            row * width,
-        );
-        let (d, e) = (line(row + 1), line(row + 2));
+        let [a, b] = [2, 1].map(|up| line(row.saturating_sub(up)));
+        let [c, d, e] = [0, 1, 2].map(|down| line(row + down));
         for col in 0..width {
             let value = middle * spare[c + col]
                 + side * (spare[b + col] + spare[d + col])

@@ -57,10 +57,7 @@ fn upright(
         view: View {
             log_scale: (eye / model_eye).ln(),
             rotation: Rotation::from_axis_angle(&Vector::z_axis(), roll),
-            shift: [
-                (points[39][0] + points[42][0]) * 0.5,
-                (points[39][1] + points[42][1]) * 0.5,
-            ],
+            shift: [0, 1].map(|k| (points[39][k] + points[42][k]) * 0.5),
             inverse_distance,
         },
         shape: [0.0; MAX_MODES],

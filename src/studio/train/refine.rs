@@ -97,25 +97,16 @@ fn practise(asset: HeadAsset, model: &FaceModel, seed: u64) -> Session {
     for index in 0..(SECONDS * FRAMES_PER_S) as i64 {
         let at = timestamp_from_ticks(index * STEP_TICKS);
         let truth = simulator.draw(at, &mut frame);
-        let found = segmenter
-            .segment(&frame, &camera)
-            .and_then(|cloud| pose.track(cloud, at))
-            .filter(|pose| {
-                fitter
-                    .fit(&frame.luma, &frame.depth, &camera, pose, at)
-                    .is_some()
-            });
-        let (Some(truth), Some(_)) = (truth, found) else {
-            continue;
-        };
-        if index >= SETTLE_FRAMES {
-            examples.push(example(
-                model,
-                &mean,
-                &truth,
-                fitter.refined_from(),
-                &cheeks,
-            ));
+        let cloud = segmenter.segment(&frame, &camera);
+        let found = cloud.and_then(|cloud| pose.track(cloud, at));
+        let found = found.is_some_and(|pose| {
+            fitter
+                .fit(&frame.luma, &frame.depth, &camera, &pose, at)
+                .is_some()
+        });
+        if let Some(truth) = truth.filter(|_| found && index >= SETTLE_FRAMES) {
+            let inputs = fitter.refined_from();
+            examples.push(example(model, &mean, &truth, inputs, &cheeks));
         }
     }
     let means = centred(&mut examples);
@@ -130,9 +121,8 @@ fn example(
     cheeks: &[Option<usize>; PUFFS],
 ) -> Example {
     let mut shape = vec![0.0; model.shape.modes.len()];
-    model
-        .shape
-        .coefficients(&aligned(&truth.landmarks_head, mean), &mut shape);
+    let face = aligned(&truth.landmarks_head, mean);
+    model.shape.coefficients(&face, &mut shape);
     for (b, fitted) in shape.iter_mut().zip(inputs) {
         *b -= fitted;
     }
@@ -152,11 +142,7 @@ fn centred(examples: &mut [Example]) -> Vec<f32> {
     };
     let mut means = vec![f32::NAN; first.inputs.len()];
     for i in 0..first.inputs.len() {
-        let seen = examples
-            .iter()
-            .map(|e| e.inputs[i])
-            .filter(|x| x.is_finite());
-        let (sum, count) = seen.fold((0.0, 0.0f32), |(sum, count), x| (sum + x, count + 1.0));
+        let (sum, count) = sum_of_finite(examples.iter().map(|e| e.inputs[i]));
         let mean = sum / count;
         means[i] = mean;
         for e in &mut *examples {
@@ -171,38 +157,31 @@ fn centred(examples: &mut [Example]) -> Vec<f32> {
     means
 }
 
+/// The sum of those numbers that are some, and how many they are.
+fn sum_of_finite(numbers: impl Iterator<Item = f32>) -> (f32, f32) {
+    let finite = numbers.filter(|x| x.is_finite());
+    finite.fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0))
+}
+
 fn regressed(sessions: Vec<Session>, modes: usize) -> Option<Refinement> {
-    let inputs = sessions
-        .iter()
-        .find_map(|s| s.examples.first())?
-        .inputs
-        .len();
+    let first = sessions.iter().find_map(|s| s.examples.first())?;
+    let inputs = first.inputs.len();
     // Over people, not frames: who was tracked longer is no more typical.
-    let mean = (0..inputs)
-        .map(|i| {
-            let known = sessions
-                .iter()
-                .filter_map(|s| s.means.get(i))
-                .filter(|m| m.is_finite());
-            let (sum, count) = known.fold((0.0, 0.0f32), |(sum, count), m| (sum + m, count + 1.0));
-            sum / count.max(1.0)
-        })
-        .collect();
+    let mean = |i: usize| {
+        let of_people = sessions.iter().filter_map(|s| s.means.get(i).copied());
+        let (sum, count) = sum_of_finite(of_people);
+        sum / count.max(1.0)
+    };
+    let mean = (0..inputs).map(mean).collect();
     let examples: Vec<Example> = sessions.into_iter().flat_map(|s| s.examples).collect();
     let frames = examples.len() as f64;
-    let deviation: Vec<f64> = (0..inputs)
-        .map(|i| {
-            let squares: f64 = examples
-                .iter()
-                .map(|e| f64::from(e.inputs[i]).powi(2))
-                .sum();
-            (squares / frames).sqrt().max(1e-6)
-        })
-        .collect();
-    let (mut scatter, mut shared) = (
-        DMatrix::zeros(inputs, inputs),
-        DMatrix::zeros(inputs, modes + PUFFS),
-    );
+    let deviation = |i: usize| {
+        let squares = examples.iter().map(|e| f64::from(e.inputs[i]).powi(2));
+        (squares.sum::<f64>() / frames).sqrt().max(1e-6)
+    };
+    let deviation: Vec<f64> = (0..inputs).map(deviation).collect();
+    let mut scatter = DMatrix::zeros(inputs, inputs);
+    let mut shared = DMatrix::zeros(inputs, modes + PUFFS);
     for e in &examples {
         let x = DVector::from_fn(inputs, |i, _| f64::from(e.inputs[i]) / deviation[i]);
         let y = DVector::from_fn(modes + PUFFS, |k, _| f64::from(e.lacks[k]));

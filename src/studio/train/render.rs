@@ -94,14 +94,11 @@ impl Renderer {
         for head in &mut heads {
             head.asset = reduction.apply_like(&head.asset, &first);
         }
-        let identities = ict
-            .identities
-            .iter()
-            .map(|mode| reduction.pick(&mode.offsets))
-            .collect();
+        let identities = ict.identities.iter();
+        let identities = identities.map(|mode| reduction.pick(&mode.offsets));
         Ok(Self {
             heads,
-            identities,
+            identities: identities.collect(),
             camera: crate::sensor::kinect::geometry::nominal(),
         })
     }
@@ -119,16 +116,14 @@ impl Renderer {
             return Vec::new();
         };
         let progress = Progress::new("train: faces", numbers.clone().count());
+        let draw = |scratch: &mut Scratch, number| {
+            let sample = self.sample(number, seed, scratch);
+            progress.step();
+            sample
+        };
+        let numbers = numbers.into_par_iter();
         numbers
-            .into_par_iter()
-            .map_init(
-                || Scratch::new(&first.asset),
-                |scratch, number| {
-                    let sample = self.sample(number, seed, scratch);
-                    progress.step();
-                    sample
-                },
-            )
+            .map_init(|| Scratch::new(&first.asset), draw)
             .collect()
     }
 
@@ -159,14 +154,8 @@ impl Renderer {
             let face = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
             mix_skins(&mut rng, &face, canvas, &scratch.other);
         }
-        shoulders(
-            &mut rng,
-            &mut scratch.bust,
-            &sensor_from_head,
-            &light,
-            pixel,
-            canvas,
-        );
+        let bust = &mut scratch.bust;
+        shoulders(&mut rng, bust, &sensor_from_head, &light, pixel, canvas);
         let points = seen.map(|[x, y]| [x - origin[0], y - origin[1]]);
         let depths = points_head.map(|p| (sensor_from_head * p).z);
         let mut visible = visible(&points, &depths, canvas, height);
@@ -180,13 +169,8 @@ impl Renderer {
             visible: &mut visible,
         };
         wear(&mut rng, &points, &mut picture);
-        let luma = develop(
-            &mut rng,
-            width,
-            height,
-            &mut scratch.grey,
-            &mut scratch.spare,
-        );
+        let spare = &mut scratch.spare;
+        let luma = develop(&mut rng, width, height, &mut scratch.grey, spare);
         TrainingSample {
             width,
             height,
@@ -215,12 +199,8 @@ impl Renderer {
             Some(other) => (1.4 * rng.f32() - 0.2, other),
             None => (0.0, asset),
         };
-        for ((p, a), b) in scratch
-            .neutral
-            .iter_mut()
-            .zip(&asset.neutral)
-            .zip(&other.neutral)
-        {
+        let both = asset.neutral.iter().zip(&other.neutral);
+        for (p, (a, b)) in scratch.neutral.iter_mut().zip(both) {
             *p = a + (b - a) * share;
         }
         self.shape(asset, rng, &mut scratch.neutral);
@@ -358,13 +338,9 @@ fn light(rng: &mut Rng) -> Light {
 
 /// Window around the points, wide enough for a start that is off by a third of a face.
 fn crop(points: &[[f32; 2]; LANDMARKS], rng: &mut Rng) -> ([f32; 2], usize, usize) {
-    let low = [0, 1].map(|k| points.iter().map(|p| p[k]).fold(f32::INFINITY, f32::min));
-    let high = [0, 1].map(|k| {
-        points
-            .iter()
-            .map(|p| p[k])
-            .fold(f32::NEG_INFINITY, f32::max)
-    });
+    let all = |k: usize| points.iter().map(move |p| p[k]);
+    let low = [0, 1].map(|k| all(k).fold(f32::INFINITY, f32::min));
+    let high = [0, 1].map(|k| all(k).fold(f32::NEG_INFINITY, f32::max));
     let size = (high[0] - low[0]).max(high[1] - low[1]);
     let mut margin = || size * (0.42 + 0.08 * rng.f32());
     let origin = [low[0] - margin(), low[1] - margin() - 0.1 * size].map(f32::floor);

@@ -42,14 +42,23 @@ pub struct LinearMap {
     pub bias: DVector<f32>,
 }
 
-fn row_squares(m: &DMatrix<f32>) -> DVector<f64> {
-    let mut sums = DVector::zeros(m.nrows());
-    for column in m.column_iter() {
+/// Adds what each number of a matrix comes to up by rows.
+fn row_sums<'a>(
+    all: impl IntoIterator<Item = &'a DMatrix<f32>>,
+    rows: usize,
+    of: fn(f64) -> f64,
+) -> DVector<f64> {
+    let mut sums = DVector::zeros(rows);
+    for column in all.into_iter().flat_map(DMatrix::column_iter) {
         for (sum, v) in sums.iter_mut().zip(column.iter()) {
-            *sum += f64::from(*v) * f64::from(*v);
+            *sum += of(f64::from(*v));
         }
     }
     sums
+}
+
+fn row_squares(m: &DMatrix<f32>) -> DVector<f64> {
+    row_sums([m], m.nrows(), |v| v * v)
 }
 
 fn add_scaled(to: &mut DMatrix<f32>, by: &DVector<f32>, from: &DMatrix<f32>) {
@@ -67,19 +76,12 @@ fn centred(
     targets: usize,
 ) -> (DVector<f32>, DVector<f32>) {
     let count: usize = blocks.iter().map(|b| b.features.ncols()).sum();
-    let mean_of = |of: &(dyn Fn(&Block) -> &DMatrix<f32> + Sync), rows: usize| {
-        let mut sum = DVector::<f64>::zeros(rows);
-        for block in blocks.iter() {
-            for column in of(block).column_iter() {
-                for (s, v) in sum.iter_mut().zip(column.iter()) {
-                    *s += f64::from(*v);
-                }
-            }
-        }
+    let mean_of = |of: fn(&Block) -> &DMatrix<f32>, rows: usize| {
+        let sum = row_sums(blocks.iter().map(of), rows, |v| v);
         (sum / count.max(1) as f64).map(|v| v as f32)
     };
-    let mean = mean_of(&|b| &b.features, dimensions);
-    let bias = mean_of(&|b| &b.targets, targets);
+    let mean = mean_of(|b| &b.features, dimensions);
+    let bias = mean_of(|b| &b.targets, targets);
     blocks.par_iter_mut().for_each(|block| {
         for mut column in block.features.column_iter_mut() {
             column -= &mean;
@@ -118,10 +120,8 @@ pub fn ridge(blocks: &mut [Block], relative_penalty: f32) -> LinearMap {
     let mut direction = slope.clone();
     let mut gamma = row_squares(&slope);
     for _ in 0..STEPS {
-        let images: Vec<DMatrix<f32>> = blocks
-            .par_iter()
-            .map(|b| &direction * &b.features)
-            .collect();
+        let images = blocks.par_iter().map(|b| &direction * &b.features);
+        let images: Vec<DMatrix<f32>> = images.collect();
         let mut energy = row_squares(&direction) * f64::from(lambda);
         for image in &images {
             energy += row_squares(image);

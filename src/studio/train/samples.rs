@@ -18,7 +18,7 @@ use crate::studio::fault::Fault;
 use super::dataset::{Entry, GreyPicture, load_grey};
 use super::points::fit_points;
 use super::render::TrainingSample;
-use super::shape::{Face, Similarity};
+use super::shape::{Face, Similarity, mirrored};
 
 /// Inverse distance of a studio camera, 1/m: portraits are taken from about a metre and a half.
 pub const STUDIO_INVERSE_DISTANCE: f32 = 0.7;
@@ -127,7 +127,7 @@ impl TruePicture {
         let flip = |x: f32| (width - 1) as f32 - x;
         let mut head = [Point::origin(); LANDMARKS];
         shape.shape(&self.truth.shape, &mut head);
-        let face = super::shape::mirrored(&head);
+        let face = mirrored(&head);
         let mut coefficients = [0.0; MAX_MODES];
         shape.coefficients(&face, &mut coefficients[..shape.modes.len()]);
         let axis = self.truth.view.rotation.scaled_axis();
@@ -280,10 +280,7 @@ fn spoil(window: &mut [f32], random: &mut fastrand::Rng) {
     let (sin, cos) = across.sin_cos();
     let noise = 4.0 * random.f32() * random.f32();
     for (k, value) in window.iter_mut().enumerate() {
-        let (x, y) = (
-            (k % WINDOW) as f32 / 92.0 - 1.0,
-            (k / WINDOW) as f32 / 92.0 - 1.0,
-        );
+        let [x, y] = [k % WINDOW, k / WINDOW].map(|at| at as f32 / 92.0 - 1.0);
         let lit = gain * (1.0 + slope * (x * cos + y * sin));
         let v = 255.0 * (value.max(0.0) / 255.0).powf(gamma) * lit;
         // Sum of two uniforms: near enough to Gaussian.
@@ -324,17 +321,13 @@ pub fn disturbed(
     spoiled: bool,
     seed: u64,
 ) -> Vec<Sample> {
-    (0..pictures.len() * starts)
-        .into_par_iter()
-        .map_init(
-            || vec![0.0; WINDOW * WINDOW],
-            |window, k| {
-                let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
-                let disturbance = &disturbances[k % disturbances.len()];
-                sample(&pictures[k / starts], disturbance, spoiled, seed, window)
-            },
-        )
-        .collect()
+    let start = |window: &mut Vec<f32>, k: usize| {
+        let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
+        let disturbance = &disturbances[k % disturbances.len()];
+        sample(&pictures[k / starts], disturbance, spoiled, seed, window)
+    };
+    let all = (0..pictures.len() * starts).into_par_iter();
+    all.map_init(|| vec![0.0; WINDOW * WINDOW], start).collect()
 }
 
 #[cfg(test)]

@@ -60,11 +60,8 @@ fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
         let stem = ["eyeBlink", "eyeBlink", "eyeBlink_L", "eyeBlink_R"][random.usize(..4)];
         for (other, weight) in ict.expressions.iter().zip(&mut weights) {
             if other.name.starts_with("eyeBlink") {
-                *weight = if other.name.starts_with(stem) {
-                    blink
-                } else {
-                    0.0
-                };
+                let shuts = other.name.starts_with(stem);
+                *weight = if shuts { blink } else { 0.0 };
             }
         }
     }
@@ -82,11 +79,8 @@ fn expression_weights(ict: &IctHead, random: &mut fastrand::Rng) -> Vec<f32> {
 
 /// Raises, tilts and bends a brow given by its landmarks in the order outer to inner.
 fn move_brow(face: &mut Face, brow: [usize; 5], random: &mut fastrand::Rng, both: [f32; 3]) {
-    let own = [
-        both[0] + 0.0012 * normal(random),
-        both[1] + 0.0010 * normal(random),
-        both[2] + 0.0008 * normal(random),
-    ];
+    let varied = [0.0012, 0.0010, 0.0008].map(|size| size * normal(random));
+    let own = [0, 1, 2].map(|k| both[k] + varied[k]);
     for (k, i) in brow.into_iter().enumerate() {
         let t = k as f32 / 2.0 - 1.0;
         face[i].y -= own[0] + own[1] * t + own[2] * (0.5 - t * t);
@@ -124,11 +118,8 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
     let mut random = fastrand::Rng::with_seed(seed);
     let mut faces = Vec::with_capacity(2 * count);
     for _ in 0..count {
-        let identity: Vec<f32> = ict
-            .identities
-            .iter()
-            .map(|_| normal(&mut random).clamp(-2.5, 2.5))
-            .collect();
+        let identity = (0..ict.identities.len()).map(|_| normal(&mut random).clamp(-2.5, 2.5));
+        let identity: Vec<f32> = identity.collect();
         let weights = expression_weights(ict, &mut random);
         let vertex = |v: u32| {
             let v = v as usize;
@@ -144,25 +135,16 @@ pub fn population(ict: &IctHead, sites: &[Site], count: usize, seed: u64) -> Vec
         let mut face: Face = std::array::from_fn(|i| {
             let site = &sites[i];
             let corners = site.vertices.iter().zip(site.shares);
-            Point::from(corners.fold(Vector::zeros(), |sum, (&v, share)| {
-                if share == 0.0 {
-                    sum
-                } else {
-                    sum + vertex(v) * share
-                }
-            }))
+            let corners = corners.filter(|corner| corner.1 != 0.0);
+            let add = |sum, (&v, share): (&u32, f32)| sum + vertex(v) * share;
+            Point::from(corners.fold(Vector::zeros(), add))
         });
         warp(&mut face, &mut random);
         let lively = random.f32() < 0.5;
-        let both = if lively {
-            [
-                0.0045 * normal(&mut random),
-                0.0020 * normal(&mut random),
-                0.0012 * normal(&mut random),
-            ]
-        } else {
-            [0.0; 3]
-        };
+        let mut both = [0.0; 3];
+        if lively {
+            both = [0.0045, 0.0020, 0.0012].map(|size| size * normal(&mut random));
+        }
         move_brow(&mut face, [17, 18, 19, 20, 21], &mut random, both);
         move_brow(&mut face, [26, 25, 24, 23, 22], &mut random, both);
         faces.push(face);
@@ -187,10 +169,8 @@ impl Similarity {
     #[must_use]
     pub fn between(from: &Face, to: &Face) -> Self {
         let mean = |f: &Face| {
-            scheme::STABLE
-                .iter()
-                .fold(Vector::zeros(), |sum, &i| sum + f[i].coords)
-                / scheme::STABLE.len() as f32
+            let stable = scheme::STABLE.iter();
+            stable.fold(Vector::zeros(), |sum, &i| sum + f[i].coords) / scheme::STABLE.len() as f32
         };
         let (a_mean, b_mean) = (mean(from), mean(to));
         let mut covariance = Matrix3::zeros();
@@ -201,10 +181,7 @@ impl Similarity {
             spread += a.norm_squared();
         }
         let svd = covariance.svd(true, true);
-        let (u, v_t) = (
-            svd.u.unwrap_or_else(Matrix3::identity),
-            svd.v_t.unwrap_or_else(Matrix3::identity),
-        );
+        let [u, v_t] = [svd.u, svd.v_t].map(|turn| turn.unwrap_or_else(Matrix3::identity));
         let sign = (u.determinant() * v_t.determinant()).signum();
         let flip = Matrix3::from_diagonal(&Vector::new(1.0, 1.0, sign));
         let rotation = Rotation3::from_matrix_unchecked(u * flip * v_t);
@@ -270,10 +247,8 @@ fn leading(eigen: &SymmetricEigen<f64, nalgebra::Dyn>, count: usize) -> (DMatrix
     let vectors = DMatrix::from_fn(eigen.eigenvectors.nrows(), count, |row, column| {
         eigen.eigenvectors[(row, order[column])]
     });
-    (
-        vectors,
-        order.iter().map(|&k| eigen.eigenvalues[k]).collect(),
-    )
+    let values = order.iter().map(|&k| eigen.eigenvalues[k]);
+    (vectors, values.collect())
 }
 
 /// Mean and principal components of a population, aligned; origin between the mean's inner eye corners.
@@ -283,13 +258,8 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
     let mut fitted: Vec<Face> = Vec::new();
     for _ in 0..3 {
         fitted = faces.iter().map(|face| aligned(face, &mean)).collect();
-        let mut next = [Vector::zeros(); LANDMARKS];
-        for face in &fitted {
-            for (sum, p) in next.iter_mut().zip(face) {
-                *sum += p.coords;
-            }
-        }
-        let next = next.map(|sum| Point::from(sum / fitted.len() as f32));
+        let sum = |i: usize| fitted.iter().map(|face| face[i].coords).sum::<Vector>();
+        let next = std::array::from_fn(|i| Point::from(sum(i) / fitted.len() as f32));
         mean = aligned(&next, reference);
     }
     let dimensions = 3 * LANDMARKS;
@@ -311,16 +281,13 @@ pub fn principal_components(faces: &[Face], reference: &Face, modes: usize) -> S
     let (turned, variances) = leading(&SymmetricEigen::new(within), modes);
     let axes = space * turned;
     let origin = nalgebra::center(&mean[39], &mean[42]).coords;
+    let deviations = variances.iter().map(|v| v.max(1e-12).sqrt() as f32);
+    let modes = axes.column_iter();
+    let modes = modes.map(|column| std::array::from_fn(|k| column[k] as f32));
     ShapeModel {
         mean: mean.iter().map(|p| p - origin).collect(),
-        deviations: variances
-            .iter()
-            .map(|v| v.max(1e-12).sqrt() as f32)
-            .collect(),
-        modes: axes
-            .column_iter()
-            .map(|column| std::array::from_fn(|k| column[k] as f32))
-            .collect(),
+        deviations: deviations.collect(),
+        modes: modes.collect(),
     }
 }
 

@@ -27,13 +27,8 @@ fn wanted(p: &Point) -> bool {
 
 /// A cell and those beside it.
 fn around(cell: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
-    (0..27).map(move |k| {
-        [
-            cell[0] + k / 9 - 1,
-            cell[1] + k / 3 % 3 - 1,
-            cell[2] + k % 3 - 1,
-        ]
-    })
+    let [x, y, z] = cell;
+    (0..27).map(move |k| [x + k / 9 - 1, y + k / 3 % 3 - 1, z + k % 3 - 1])
 }
 
 /// Points (head frame, metres) and outward unit normals of the standard head, about 1800, evenly spread.
@@ -49,10 +44,9 @@ pub fn standard_head(ict: &IctHead) -> Vec<(Point, Vector)> {
         }
     }
     // The sign of the winding is taken from the mesh itself: the tip of the nose points to −z.
-    let sign = if normals[ict.landmarks[30]].z > 0.0 {
-        -1.0
-    } else {
-        1.0
+    let sign = match normals[ict.landmarks[30]].z > 0.0 {
+        true => -1.0,
+        false => 1.0,
     };
     let mut kept: Vec<(Point, Vector)> = Vec::new();
     let mut cells: HashMap<[i32; 3], Vec<usize>> = HashMap::new();

@@ -39,11 +39,8 @@ fn block(rng: &mut Rng, points: &Points, picture: &mut Picture) {
         .max(8.0);
     let at = points[rng.usize(..LANDMARKS)];
     let half = [0, 1].map(|_| face * (0.08 + 0.22 * rng.f32()));
-    let (round, base, rough) = (
-        rng.bool(),
-        20.0 + 210.0 * rng.f32(),
-        40.0 * rng.f32() * rng.f32(),
-    );
+    let (round, base) = (rng.bool(), 20.0 + 210.0 * rng.f32());
+    let rough = 40.0 * rng.f32() * rng.f32();
     let covers = |x: f32, y: f32| {
         let (u, v) = ((x - at[0]) / half[0], (y - at[1]) / half[1]);
         if round {
@@ -141,10 +138,8 @@ fn beard_outline(rng: &mut Rng, points: &Points) -> Vec<[f32; 2]> {
             // Fuller beards hide the jaw.
             let full = 1.0 + 0.3 * (rng.f32() - 0.4).max(0.0);
             let mut outline: Vec<[f32; 2]> = (3..=13).map(|k| between(33, k, full)).collect();
-            outline.push(between(13, 54, 0.35));
-            outline.push(between(54, 35, top));
-            outline.push(between(33, 51, 0.3));
-            outline.push(between(48, 31, top));
+            let above = [(13, 54, 0.35), (54, 35, top), (33, 51, 0.3), (48, 31, top)];
+            outline.extend(above.map(|(a, b, t)| between(a, b, t)));
             outline.push(between(3, 48, 0.35));
             outline
         }
@@ -226,14 +221,11 @@ fn hand(rng: &mut Rng, points: &Points, picture: &mut Picture) {
     let cover = |x: f32, y: f32| {
         let (dx, dy) = (x - at[0], y - at[1]);
         let (u, v) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        fingers
-            .iter()
-            .map(|[middle, end]| {
-                let across = (u - middle) / finger;
-                let beyond = ((v - end) / finger).max(0.0);
-                across.hypot(beyond)
-            })
-            .fold(f32::INFINITY, f32::min)
+        let far = |[middle, end]: &[f32; 2]| {
+            let beyond = ((v - end) / finger).max(0.0);
+            ((u - middle) / finger).hypot(beyond)
+        };
+        fingers.iter().map(far).fold(f32::INFINITY, f32::min)
     };
     picture.paint(points, |x, y| {
         let far = cover(x, y);
