@@ -159,7 +159,7 @@ impl Experiments<'_> {
 
     fn errors(&self, say: &mut dyn FnMut(&str)) -> Result<(), PipelineError> {
         const EXPOSURES: [f32; 5] = [0.15, 0.3, 0.6, 1.0, 1.8];
-        let mut by_light = Bins::new("exposure, 1 = as photographed", &[0.15, 0.3, 0.6, 1.0, 1.8]);
+        let mut by_light = Bins::new("exposure, 1 = as photographed", &EXPOSURES);
         let mut by_cover = Bins::new(
             "points covered by a hand, %",
             &[0.0, 15.0, 30.0, 45.0, 60.0],

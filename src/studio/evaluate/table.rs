@@ -169,12 +169,8 @@ fn poses(played: &[Played]) -> Poses {
     let mut people = Vec::new();
     for one in played {
         let before = rotations[0].len();
-        let pairs: Vec<_> = one
-            .seen
-            .iter()
-            .map(|seen| (seen.true_pose, seen.pose))
-            .collect();
-        let offset = mean_offset(&pairs);
+        let pairs = one.seen.iter().map(|seen| (seen.true_pose, seen.pose));
+        let offset = mean_offset(&pairs.collect::<Vec<_>>());
         for seen in &one.seen {
             for (k, offset) in [Rigid::identity(), offset].iter().enumerate() {
                 let error = seen.true_pose.inverse() * seen.pose * offset.inverse();
@@ -192,12 +188,9 @@ fn poses(played: &[Played]) -> Poses {
             let errors: Vec<f64> = one.seen.iter().map(|seen| seen.error[k]).collect();
             mean(&errors)
         });
-        people.push((
-            one.person,
-            [
-                lost, turned[0], turned[1], moved[0], moved[1], points, inner,
-            ],
-        ));
+        let [[turn, turn_rest], [shift, shift_rest]] = [turned, moved];
+        let means = [lost, turn, turn_rest, shift, shift_rest, points, inner];
+        people.push((one.person, means));
     }
     (rotations, translations, turned_deg, people)
 }
@@ -269,10 +262,7 @@ fn is_turned(seen: &Seen) -> bool {
 /// Mean weights while each expression, both sides of it together, is fully acted and no other is.
 fn matrix(played: &[Played]) -> String {
     let Some(first) = played.first() else {
-        return "| acted alone |  |
-| --- |
-"
-        .to_owned();
+        return "| acted alone |  |\n| --- |\n".to_owned();
     };
     fn stem(name: &str) -> &str {
         let left = name.strip_suffix("_L");
@@ -308,22 +298,12 @@ fn matrix(played: &[Played]) -> String {
             weight => format!(" {weight:.2} |"),
         };
         let cells: String = sum.iter().map(cell).collect();
-        (count > 0.0).then(|| {
-            format!(
-                "| `{of}` |{cells}
-"
-            )
-        })
+        (count > 0.0).then(|| format!("| `{of}` |{cells}\n"))
     };
     let columns = &first.columns;
     let rows: String = stems.iter().filter_map(row).collect();
-    format!(
-        "| acted alone | {} |
-|{}
-{rows}",
-        columns.join(" | "),
-        " --- |".repeat(columns.len() + 1)
-    )
+    let (names, line) = (columns.join(" | "), " --- |".repeat(columns.len() + 1));
+    format!("| acted alone | {names} |\n|{line}\n{rows}")
 }
 
 impl Table {

@@ -60,12 +60,7 @@ impl Cast<'_> {
     }
 
     /// A scene with the cast that begins with person `k`.
-    pub(super) fn film(
-        &self,
-        scene: Scene,
-        k: usize,
-        frames: usize,
-    ) -> Result<Film, PipelineError> {
+    fn film(&self, scene: Scene, k: usize, frames: usize) -> Result<Film, PipelineError> {
         let mut simulator = self.simulator(scene, k);
         let mut pipeline = self.pipeline(&simulator)?;
         let (mut frame, mut film) = (Frame::default(), Film::default());
@@ -142,11 +137,8 @@ impl Cast<'_> {
             }
         }
         let offset = frontal.unwrap_or_default();
-        let error = |off: Option<Rotation>| {
-            off.map_or(f64::INFINITY, |off| {
-                f64::from(off.angle_to(&offset)).to_degrees()
-            })
-        };
+        let angle = |off: Rotation| f64::from(off.angle_to(&offset)).to_degrees();
+        let error = |off: Option<Rotation>| off.map_or(f64::INFINITY, angle);
         Ok(turns.into_iter().map(error).collect())
     }
 
@@ -196,10 +188,9 @@ impl Cast<'_> {
         let mut frame = Frame::default();
         let (mut faces, mut count) = (0, 0);
         for name in ["five_people", "desk_000", "desk_001"] {
-            let open = |kind: &str| {
-                image::open(data.join(format!("kinect_v1_pcl/{name}_{kind}.png"))).ok()
-            };
-            let (Some(depth), Some(rgb)) = (open("depth"), open("rgb")) else {
+            let picture = |kind: &str| data.join(format!("kinect_v1_pcl/{name}_{kind}.png"));
+            let [Ok(depth), Ok(rgb)] = ["depth", "rgb"].map(|kind| image::open(picture(kind)))
+            else {
                 return Ok(None);
             };
             for (raw, &z_mm) in frame.depth.iter_mut().zip(depth.into_luma16().iter()) {

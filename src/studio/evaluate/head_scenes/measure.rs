@@ -37,19 +37,16 @@ impl Film {
     /// Notes what was reported of a frame.
     pub(super) fn add(&mut self, truths: &[Option<&Truth>], pipeline: &Pipeline) {
         let camera = pipeline.camera();
-        let mut people: Vec<Option<Sight>> = truths
-            .iter()
-            .enumerate()
-            .map(|(k, truth)| {
-                truth.map(|truth| Sight {
-                    truth: truth.sensor_from_head,
-                    visible: visible(k, truths, camera),
-                    slot: None,
-                    state: TrackingState::Absent,
-                    found: None,
-                })
+        let unseen = |(k, truth): (usize, &Option<&Truth>)| {
+            Some(Sight {
+                truth: (*truth)?.sensor_from_head,
+                visible: visible(k, truths, camera),
+                slot: None,
+                state: TrackingState::Absent,
+                found: None,
             })
-            .collect();
+        };
+        let mut people: Vec<_> = truths.iter().enumerate().map(unseen).collect();
         let mut ghost = false;
         for report in &pipeline.reports() {
             let Some(pose) = report.sensor_from_face else {
@@ -57,10 +54,8 @@ impl Film {
             };
             let apart =
                 |sight: &Sight| (sight.truth.translation.vector - pose.translation.vector).norm();
-            let nearest = people
-                .iter_mut()
-                .flatten()
-                .min_by(|a, b| apart(a).total_cmp(&apart(b)));
+            let people = people.iter_mut().flatten();
+            let nearest = people.min_by(|a, b| apart(a).total_cmp(&apart(b)));
             match nearest.filter(|sight| apart(sight) < SAME_M && sight.slot.is_none()) {
                 Some(sight) => {
                     sight.slot = report.user;
@@ -85,10 +80,8 @@ impl Film {
 
     /// Found and true pose of every frame with one.
     fn pairs(&self, k: usize) -> Vec<(Rigid, Rigid)> {
-        let sights = self.person(k).flatten();
-        sights
-            .filter_map(|sight| Some((sight.truth, sight.found?)))
-            .collect()
+        let pair = |sight: &Sight| Some((sight.truth, sight.found?));
+        self.person(k).flatten().filter_map(pair).collect()
     }
 
     /// Frames without a pose of a visible person, and visible frames, after the time an arrival may take.
@@ -168,11 +161,8 @@ impl Film {
         let pairs = self.pairs(0);
         let yaw = |pose: &Rigid| f64::from(yaw_pitch_roll(&pose.rotation).0);
         let (mut ev, mut vv) = (0.0, 0.0);
-        let offset = pairs
-            .iter()
-            .map(|(truth, found)| yaw(truth) - yaw(found))
-            .sum::<f64>()
-            / pairs.len().max(1) as f64;
+        let offsets = pairs.iter().map(|(truth, found)| yaw(truth) - yaw(found));
+        let offset = offsets.sum::<f64>() / pairs.len().max(1) as f64;
         for three in pairs.windows(3) {
             let v = (yaw(&three[2].0) - yaw(&three[0].0)) / 2.0;
             if v.abs() > 0.01 {
@@ -189,8 +179,7 @@ impl Film {
         let pairs = self.pairs(0);
         let (mut turn, mut shift, mut count) = (0.0, 0.0, 0.0);
         for second in pairs.chunks_exact(30).skip(2) {
-            let poses: Vec<(Rigid, Rigid)> = second.to_vec();
-            let mean = mean_offset(&poses);
+            let mean = mean_offset(second);
             for (truth, found) in second {
                 let error = truth.inverse() * found * mean.inverse();
                 turn += f64::from(error.rotation.angle()).to_degrees().powi(2);

@@ -139,10 +139,8 @@ impl Table {
 
 /// A part in percent of all, over all films.
 fn percent(films: &[Film], count: impl Fn(&Film) -> [usize; 2]) -> f64 {
-    let [part, all] = films
-        .iter()
-        .map(count)
-        .fold([0; 2], |sum, one| [sum[0] + one[0], sum[1] + one[1]]);
+    let counts: Vec<[usize; 2]> = films.iter().map(count).collect();
+    let [part, all] = [0, 1].map(|k| counts.iter().map(|one| one[k]).sum::<usize>());
     100.0 * part as f64 / all.max(1) as f64
 }
 
@@ -192,37 +190,29 @@ fn several_people(cast: &Cast, seconds_each: f64, rows: &mut Table) -> Result<()
         ("two crossing", Scene::Crossing, 20.0),
         ("user swap", Scene::Swap, 40.0),
     ] {
-        let films = cast.films(
-            scene,
-            (30.0 * f64::min(seconds, 2.0 * seconds_each)) as usize,
-        )?;
+        let frames = 30.0 * f64::min(seconds, 2.0 * seconds_each);
+        let films = cast.films(scene, frames as usize)?;
         let ids = 100.0 - percent(&films, Film::wrong_ids);
         let lost = percent(&films, Film::missing);
         let arrivals: Vec<usize> = films.iter().flat_map(Film::arrivals).collect();
         let late = arrivals.iter().max().copied().unwrap_or(0);
         let ghosts: usize = films.iter().map(|film| film.ghosts).sum();
-        rows.add(
-                name,
-                "ids 99 %, new user in 10 frames",
-                format!(
-                    "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
-                ),
-            );
+        let figure = format!(
+            "ids correct in {ids:.2} %, new user within {late} frames, lost {lost:.2} %, {ghosts} frames with a ghost"
+        );
+        rows.add(name, "ids 99 %, new user in 10 frames", figure);
     }
     Ok(())
 }
 
 fn hand_before_the_face(cast: &Cast, rows: &mut Table) -> Result<(), Fault> {
     let hands = cast.films(Scene::Hand, 480)?;
-    let worst = hands
-        .iter()
-        .map(|film| uncovered(film).0)
-        .max()
-        .unwrap_or(0);
+    let worst = hands.iter().map(|film| uncovered(film).0).max();
+    let (worst, states) = (worst.unwrap_or(0), uncovered(&hands[0]).1);
     rows.add(
         "hand in front of the face",
         "held, lost, back in 5 frames",
-        format!("{}; back within {worst} frames", uncovered(&hands[0]).1),
+        format!("{states}; back within {worst} frames"),
     );
     Ok(())
 }
@@ -235,24 +225,18 @@ fn nobody(cast: &Cast, data: &Path, rows: &mut Table) -> Result<(), Fault> {
         ("behind", Scene::Behind),
     ] {
         let films: Vec<Film> = cast.films(scene, 90)?;
-        let count = films.iter().flat_map(|film| {
-            let back = |s: &Option<Sight>| s.is_some_and(|s| s.found.is_some());
-            film.frames
-                .iter()
-                .filter(move |frame| frame.iter().any(back))
-        });
-        let faces = count.count() + films.iter().map(|film| film.ghosts).sum::<usize>();
+        let found = |s: &Option<Sight>| s.is_some_and(|s| s.found.is_some());
+        let frames = films.iter().flat_map(|film| &film.frames);
+        let frames = frames.filter(|frame| frame.iter().any(found)).count();
+        let faces = frames + films.iter().map(|film| film.ghosts).sum::<usize>();
         ghosts.push(format!("{name} {faces} of {}", 90 * films.len()));
     }
     ghosts.push(match cast.real_faces(data)? {
         Some([faces, count]) => format!("kinect_v1_pcl {faces} of {count}"),
         None => "kinect_v1_pcl is not there".to_owned(),
     });
-    rows.add(
-        "frames with a face where there is none",
-        "0",
-        ghosts.join(", "),
-    );
+    let ghosts = ghosts.join(", ");
+    rows.add("frames with a face where there is none", "0", ghosts);
     Ok(())
 }
 

@@ -171,11 +171,10 @@ pub fn play(
 ) -> Result<Table, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len() * sessions.seconds as usize);
-    let rows = heads
-        .into_par_iter()
-        .enumerate()
-        .map(|(number, head)| play_one(head, number, model, settings, sessions, &progress))
-        .collect::<Result<_, _>>()?;
+    let heads = heads.into_par_iter().enumerate();
+    let rows =
+        heads.map(|(number, head)| play_one(head, number, model, settings, sessions, &progress));
+    let rows = rows.collect::<Result<_, _>>()?;
     Ok(Table { rows })
 }
 
@@ -204,24 +203,16 @@ impl Display for Table {
             writeln!(f, "| {number} | {row} |")?;
         }
         let mean = |value: &dyn Fn(&Row) -> f64| {
-            let known: Vec<f64> = self
-                .rows
-                .iter()
-                .map(value)
-                .filter(|v| v.is_finite())
-                .collect();
+            let mut known: Vec<f64> = self.rows.iter().map(value).collect();
+            known.retain(|v| v.is_finite());
             known.iter().sum::<f64>() / known.len().max(1) as f64
         };
         // Somebody who is never found is worse than any error.
         let worst = |value: &dyn Fn(&Row) -> f64| {
             let rank = |v: f64| if v.is_finite() { v } else { f64::INFINITY };
-            let of = |row: &Row| rank(value(row));
-            let found = self
-                .rows
-                .iter()
-                .enumerate()
-                .max_by(|a, b| of(a.1).total_cmp(&of(b.1)));
-            found.map_or((0, f64::NAN), |(number, row)| (number, value(row)))
+            let all = self.rows.iter().map(value).enumerate();
+            let found = all.max_by(|a, b| rank(a.1).total_cmp(&rank(b.1)));
+            found.unwrap_or((0, f64::NAN))
         };
         type Figure<'a> = (&'a str, &'a str, usize, &'a dyn Fn(&Row) -> f64);
         let told: [Figure; 5] = [

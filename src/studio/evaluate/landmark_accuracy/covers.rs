@@ -16,17 +16,12 @@ pub(super) fn cover(
 ) -> [bool; LANDMARKS] {
     let points = &truth.landmarks_px;
     let [x, y] = points[centre];
-    let mut far: Vec<(f32, usize)> = (0..LANDMARKS)
-        .map(|i| ((points[i][0] - x).hypot(points[i][1] - y), i))
-        .collect();
-    far.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let radius = 0.5 * (far[COVERED - 1].0 + far[COVERED].0);
+    let far = points.map(|p| (p[0] - x).hypot(p[1] - y));
+    let mut order: [usize; LANDMARKS] = std::array::from_fn(|i| i);
+    order.sort_by(|&a, &b| far[a].total_cmp(&far[b]));
+    let radius = 0.5 * (far[order[COVERED - 1]] + far[order[COVERED]]);
     disc(out, luma, truth, [x, y], radius, random);
-    let mut hidden = [false; LANDMARKS];
-    for (_, i) in &far[..COVERED] {
-        hidden[*i] = true;
-    }
-    hidden
+    std::array::from_fn(|i| order[..COVERED].contains(&i))
 }
 
 /// Copies a picture and covers all of a face.
@@ -38,10 +33,8 @@ pub(super) fn hide(
 ) {
     let points = &truth.landmarks_px;
     let [x, y] = points[30];
-    let reach = points
-        .iter()
-        .map(|p| (p[0] - x).hypot(p[1] - y))
-        .fold(0.0, f32::max);
+    let far = points.map(|p| (p[0] - x).hypot(p[1] - y));
+    let reach = far.into_iter().fold(0.0, f32::max);
     disc(out, luma, truth, [x, y], 1.1 * reach, random);
 }
 

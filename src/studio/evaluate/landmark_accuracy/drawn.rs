@@ -41,14 +41,13 @@ pub(super) fn play(
 ) -> Result<Seen, Fault> {
     let heads = held_out(data, sessions)?;
     let progress = Progress::new("evaluate", heads.len());
-    let played: Vec<Seen> = heads
-        .into_par_iter()
-        .map(|head| {
-            let seen = Player::new(head, model, settings, sessions).map(Player::play);
-            progress.step();
-            seen
-        })
-        .collect::<Result<_, PipelineError>>()?;
+    let play = |head| {
+        let seen = Player::new(head, model, settings, sessions).map(Player::play);
+        progress.step();
+        seen
+    };
+    let played = heads.into_par_iter().map(play);
+    let played: Vec<Seen> = played.collect::<Result<_, PipelineError>>()?;
     let mut all = Seen::default();
     played.into_iter().for_each(|one| all.merge(one));
     Ok(all)
@@ -212,8 +211,8 @@ impl<'a> Player<'a> {
         let offsets = mean_offsets(&play.found);
         self.seen.add(Condition::Offset, mean_percent(&offsets));
         for d in &play.found {
-            self.seen
-                .add(Condition::Rest, mean_percent(&without(d, &offsets)));
+            let rest = mean_percent(&without(d, &offsets));
+            self.seen.add(Condition::Rest, rest);
         }
     }
 
@@ -248,13 +247,8 @@ impl<'a> Player<'a> {
         if play.index % 30 == 0 {
             play.centre = self.random.usize(..LANDMARKS);
         }
-        let hidden = cover(
-            &mut play.changed,
-            &self.frame.luma,
-            truth,
-            play.centre,
-            &mut self.random,
-        );
+        let (out, luma) = (&mut play.changed, &self.frame.luma);
+        let hidden = cover(out, luma, truth, play.centre, &mut self.random);
         let Some(fit) = self.fit_in(&play.changed, &mut play.covered, now) else {
             return;
         };
@@ -265,14 +259,9 @@ impl<'a> Player<'a> {
         let sum: f32 = seen.map(|i| d[i][0].hypot(d[i][1])).sum();
         let error = f64::from(100.0 * sum / (LANDMARKS - COVERED) as f32);
         self.seen.add(Condition::Covered, error);
-        for i in 0..LANDMARKS {
-            let flagged = fit.point_confidence[i] < 0.5;
-            let share = if hidden[i] {
-                Share::Flagged
-            } else {
-                Share::Unflagged
-            };
-            self.seen.count(share, flagged == hidden[i]);
+        for (confidence, hidden) in fit.point_confidence.iter().zip(hidden) {
+            let share = [Share::Unflagged, Share::Flagged][usize::from(hidden)];
+            self.seen.count(share, (*confidence < 0.5) == hidden);
         }
     }
 
@@ -280,12 +269,8 @@ impl<'a> Player<'a> {
     fn hidden(&mut self, play: &mut Play, now: &Moment) {
         let [every, last] = HIDE;
         if play.index % every >= every - last {
-            hide(
-                &mut play.changed,
-                &self.frame.luma,
-                &now.truth,
-                &mut self.random,
-            );
+            let (out, luma) = (&mut play.changed, &self.frame.luma);
+            hide(out, luma, &now.truth, &mut self.random);
             let found = self.fit_in(&play.changed, &mut play.sceptic, now).is_some();
             self.seen.count(Share::Unseen, !found);
             play.waited = Some(0);

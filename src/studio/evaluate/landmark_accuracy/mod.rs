@@ -70,11 +70,7 @@ fn rows(seen: &Seen) -> Vec<Row> {
         ),
     ];
     let spreads = spreads.map(|(what, of, bar)| (what, seen.spread(of).to_string(), bar));
-    spreads
-        .into_iter()
-        .chain(disturbed(seen))
-        .chain(believed(seen))
-        .collect()
+    [spreads.to_vec(), disturbed(seen), believed(seen)].concat()
 }
 
 /// Those of disturbed pictures.
@@ -83,12 +79,8 @@ fn disturbed(seen: &Seen) -> Vec<Row> {
         let [now, then] = [condition, than].map(|of| seen.spread(of).mean);
         format!("{:.0} %", 100.0 * (now / then - 1.0))
     };
-    let jitter: f64 = seen
-        .errors(Jitter)
-        .iter()
-        .map(|jitter| jitter.powi(2))
-        .sum();
-    let jitter = (jitter / seen.people as f64).sqrt();
+    let squares = seen.errors(Jitter).iter().map(|jitter| jitter.powi(2));
+    let jitter = (squares.sum::<f64>() / seen.people as f64).sqrt();
     vec![
         (
             "… covered ones flagged (confidence below 0.5), others not",
@@ -146,10 +138,8 @@ fn believed(seen: &Seen) -> Vec<Row> {
 
 /// What comes of a face that was hidden.
 fn recovery(seen: &Seen) -> String {
-    let waits = seen.errors(Recovered);
-    let most = waits
-        .iter()
-        .fold(0.0, |most: f64, frames| most.max(*frames));
+    let waits = seen.errors(Recovered).iter();
+    let most = waits.copied().fold(0.0, f64::max);
     let (lost, mean) = (seen.percent(Share::Unseen), seen.spread(Recovered).mean);
     format!("{lost:.0} %; {mean:.1}, {most:.0}")
 }

@@ -33,27 +33,20 @@ fn fitted(
     model: &FaceModel,
     entries: &[&Entry],
 ) -> Result<BTreeMap<String, Vec<Differences>>, Fault> {
-    let each: Vec<Option<(String, Differences)>> = entries
-        .par_iter()
-        .enumerate()
-        .map_init(
-            || StillFitter::new(model),
-            |fitter, (k, entry)| {
-                let Some(points) = &entry.points else {
-                    return Ok(None);
-                };
-                let (face_box, roll) = disturbed_box(points, k as u64 + 1);
-                let face = fitter.fit_file(&entry.path, &face_box, roll)?;
-                Ok(Some((
-                    entry.person.clone(),
-                    differences(&face.points, points),
-                )))
-            },
-        )
-        .collect::<Result<_, Fault>>()?;
+    let fit = |fitter: &mut StillFitter<'_>, (k, entry): (usize, &&Entry)| {
+        let Some(points) = &entry.points else {
+            return Ok(None);
+        };
+        let (face_box, roll) = disturbed_box(points, k as u64 + 1);
+        let face = fitter.fit_file(&entry.path, &face_box, roll)?;
+        Ok(Some(differences(&face.points, points)))
+    };
+    let all = entries.par_iter().enumerate();
+    let each = all.map_init(|| StillFitter::new(model), fit);
+    let each: Vec<Option<Differences>> = each.collect::<Result<_, Fault>>()?;
     let mut by_person: BTreeMap<String, Vec<Differences>> = BTreeMap::new();
-    for (person, d) in each.into_iter().flatten() {
-        by_person.entry(person).or_default().push(d);
+    for (entry, d) in entries.iter().zip(each) {
+        by_person.entry(entry.person.clone()).or_default().extend(d);
     }
     Ok(by_person)
 }
@@ -83,12 +76,9 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
     let mut rows = Vec::new();
     if let Ok(entries) = read_folder(&data.join("faces_frl189")) {
         let persons: Vec<_> = entries.iter().map(|e| (&*e.set, &*e.person)).collect();
-        let wanted: Vec<&Entry> = entries
-            .iter()
-            .zip(Split::of_persons(&persons))
-            .filter(|(_, of)| *of == split)
-            .map(|(entry, _)| entry)
-            .collect();
+        let splits = entries.iter().zip(Split::of_persons(&persons));
+        let wanted = splits.filter(|(_, of)| *of == split);
+        let wanted: Vec<&Entry> = wanted.map(|(entry, _)| entry).collect();
         let [given, clean] = both(&fitted(model, &wanted)?).map(Spread::of);
         rows.push(("portraits of held-out people", format!("{given}"), "2.8"));
         rows.push(("… offsets per landmark removed", format!("{clean}"), "2.1"));
@@ -99,11 +89,8 @@ pub(super) fn rows(data: &Path, model: &FaceModel, split: Split) -> Result<Vec<R
         let wanted: Vec<&Entry> = entries.iter().step_by(step).collect();
         let [given, clean] = both(&fitted(model, &wanted)?);
         let failed = given.iter().filter(|e| **e > 10.0).count() as f64 / given.len().max(1) as f64;
-        rows.push((
-            "video stills, median",
-            format!("{:.2}", median(&given)),
-            "6",
-        ));
+        let middle = format!("{:.2}", median(&given));
+        rows.push(("video stills, median", middle, "6"));
         rows.push(("… offsets removed", format!("{:.2}", median(&clean)), "4.3"));
         rows.push(("… beyond 10 %", format!("{:.1} %", 100.0 * failed), "5 %"));
     }
