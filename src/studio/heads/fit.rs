@@ -39,13 +39,8 @@ impl PortraitFit {
     #[must_use]
     pub fn project(&self, p: &Point3<f32>) -> ([f32; 2], f32) {
         let q = self.rotation * p;
-        (
-            [
-                self.scale * q.x + self.shift[0],
-                self.scale * q.y + self.shift[1],
-            ],
-            q.z,
-        )
+        let pixel = [0, 1].map(|k| self.scale * q[k] + self.shift[k]);
+        (pixel, q.z)
     }
 }
 
@@ -71,9 +66,8 @@ fn modes(ict: &IctHead, sites: &[Site]) -> Vec<Mode> {
     };
     let identities = ict.identities.iter().map(|d| (d, IDENTITY_SIGMA));
     let expressions = ict.expressions.iter().map(|d| (d, EXPRESSION_SIGMA));
-    identities
-        .chain(expressions)
-        .map(|(d, sigma)| (sites.iter().map(|s| at(&d.offsets, s)).collect(), sigma))
+    let all = identities.chain(expressions);
+    all.map(|(d, sigma)| (sites.iter().map(|s| at(&d.offsets, s)).collect(), sigma))
         .collect()
 }
 
@@ -136,10 +130,8 @@ impl State {
 /// Fits the mesh with its landmarks at `sites` to 68 points.
 #[must_use]
 pub fn fit(ict: &IctHead, sites: &[Site], points: &[[f32; 2]; LANDMARKS]) -> PortraitFit {
-    let base: Vec<Vector3<f64>> = sites
-        .iter()
-        .map(|s| s.on(&ict.neutral).coords.cast())
-        .collect();
+    let base = sites.iter().map(|s| s.on(&ict.neutral).coords.cast());
+    let base: Vec<Vector3<f64>> = base.collect();
     let modes = modes(ict, sites);
     let points = points.map(|p| p.map(f64::from));
     let mut state = State::new(&base, &points, modes.len());

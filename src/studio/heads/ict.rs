@@ -92,9 +92,10 @@ fn read_deltas(folder: &Path, vertices: usize) -> Result<Vec<Delta>, Fault> {
             let found = format!("{} bytes for {vertices} vertices", bytes.len());
             return Err(malformed(&path, expected, found));
         }
-        let f = |b: &[u8]| f32::from_le_bytes(b.try_into().expect("four bytes"));
-        let rows = bytes.chunks_exact(12);
-        let offsets = rows.map(|c| head_axes(Vector3::new(f(&c[0..4]), f(&c[4..8]), f(&c[8..12]))));
+        let numbers = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
+        let numbers: Vec<f32> = numbers.collect();
+        let offsets = numbers.as_chunks::<3>().0.iter();
+        let offsets = offsets.map(|&v| head_axes(Vector3::from(v)));
         deltas.push(Delta {
             name: name.into_owned(),
             offsets: offsets.collect(),
@@ -135,10 +136,8 @@ impl IctHead {
             malformed(&path, "68 indices of the mesh's vertices", found)
         })?;
         let origin = (raw[landmarks[39]] + raw[landmarks[42]]) * 0.5;
-        let neutral: Vec<_> = raw
-            .iter()
-            .map(|v| Point3::from(head_axes(v - origin)))
-            .collect();
+        let neutral = raw.iter().map(|v| Point3::from(head_axes(v - origin)));
+        let neutral: Vec<_> = neutral.collect();
         let expressions = read_deltas(&folder.join("expr"), neutral.len())?;
         let identities = read_deltas(&folder.join("id"), neutral.len())?;
         Ok(Self {

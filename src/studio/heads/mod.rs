@@ -63,19 +63,15 @@ pub fn textured_heads(data: &Path, keep: impl Fn(usize) -> bool) -> Result<Vec<P
     portraits.retain(|portrait| keep(portrait.person));
     let plain = plain_head(&ict);
     let wardrobe = wardrobe::Wardrobe::new(plain.clone());
-    portraits
-        .par_iter()
-        .map(|portrait| {
-            let photograph = portrait.photograph()?;
-            let fit = fit::fit(&ict, &plain.landmarks, &portrait.points);
-            let mut asset = wardrobe.dress(&ict, &fit, &portrait.points, &photograph);
-            set_upright(&mut asset, &plain);
-            Ok(PersonHead {
-                person: portrait.person,
-                asset,
-            })
-        })
-        .collect()
+    let head = |portrait: &portraits::Portrait| {
+        let photograph = portrait.photograph()?;
+        let fit = fit::fit(&ict, &plain.landmarks, &portrait.points);
+        let mut asset = wardrobe.dress(&ict, &fit, &portrait.points, &photograph);
+        set_upright(&mut asset, &plain);
+        let person = portrait.person;
+        Ok(PersonHead { person, asset })
+    };
+    portraits.par_iter().map(head).collect()
 }
 
 /// Sets the head into its frame as the shape model does: the stable points of the neutral face lie best on those of the
@@ -124,6 +120,7 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
             offsets,
         }
     });
+    let landmarks = ict.landmarks.iter().map(|&v| Site::vertex(v as u32));
     HeadAsset {
         neutral: ict.neutral[..drawn].to_vec(),
         triangles: triangles.into(),
@@ -131,13 +128,9 @@ pub fn plain_head(ict: &IctHead) -> HeadAsset {
         photo: vec![[0.0; 2]; drawn].into(),
         photo_share: vec![0.0; drawn].into(),
         colour: colour.collect(),
-        texture: Vec::new().into(),
         expressions: expressions.collect(),
-        landmarks: ict
-            .landmarks
-            .map(|v| Site::vertex(v as u32))
-            .to_vec()
-            .into(),
+        landmarks: landmarks.collect(),
+        ..HeadAsset::default()
     }
 }
 

@@ -25,13 +25,9 @@ impl Portrait {
     /// # Errors
     /// If it cannot be decoded.
     pub fn photograph(&self) -> Result<Texture, Fault> {
-        let picture = image::open(&self.path)
-            .map_err(Fault::cannot(
-                "decode",
-                &self.path,
-                "; expected a JPEG or PNG photograph",
-            ))?
-            .to_rgb8();
+        let advice = "; expected a JPEG or PNG photograph";
+        let picture = image::open(&self.path).map_err(Fault::cannot("decode", &self.path, advice));
+        let picture = picture?.to_rgb8();
         Ok(Texture {
             width: picture.width() as usize,
             height: picture.height() as usize,

@@ -52,17 +52,14 @@ fn part_of_each(asset: &HeadAsset) -> Vec<Part> {
 
 /// For every vertex the first of the skin at its place: coincident vertices are one.
 fn merged(asset: &HeadAsset, part_at: &[Part]) -> Vec<u32> {
-    let mut first: HashMap<([u32; 3], Part), u32> = HashMap::new();
-    (0..asset.neutral.len())
-        .map(|v| {
-            let p = asset.neutral[v];
-            let key = ([p.x, p.y, p.z].map(f32::to_bits), part_at[v]);
-            if part_at[v] == Part::Skin {
-                *first.entry(key).or_insert(v as u32)
-            } else {
-                v as u32
-            }
-        })
+    let mut first: HashMap<[u32; 3], u32> = HashMap::new();
+    let of = |(v, (p, part)): (u32, (&Point, &Part))| match part {
+        Part::Skin => *first.entry([p.x, p.y, p.z].map(f32::to_bits)).or_insert(v),
+        _ => v,
+    };
+    (0..)
+        .zip(asset.neutral.iter().zip(part_at))
+        .map(of)
         .collect()
 }
 
@@ -156,11 +153,15 @@ impl<'a> Mesh<'a> {
         mesh
     }
 
+    /// Vertices that have triangles.
+    fn alive(&self) -> Vec<u32> {
+        let all = 0..self.at.len() as u32;
+        all.filter(|&v| !self.at[v as usize].is_empty()).collect()
+    }
+
     /// Collapses the cheapest edges until of each part only its share is left.
     fn collapse(&mut self, part_at: &[Part]) {
-        let alive: Vec<u32> = (0..self.at.len() as u32)
-            .filter(|&v| !self.at[v as usize].is_empty())
-            .collect();
+        let alive = self.alive();
         let mut left = [0usize; Part::COUNT];
         for &v in &alive {
             left[part_at[v as usize] as usize] += 1;
@@ -253,11 +254,10 @@ impl<'a> Mesh<'a> {
         let q = Vector4::new(p.x, p.y, p.z, 1.0);
         let shape =
             (q.transpose() * (self.quadrics[from as usize] + self.quadrics[to as usize]) * q)[0];
-        let moves: f64 = self.motion[from as usize]
+        let moves = self.motion[from as usize]
             .iter()
-            .zip(&self.motion[to as usize])
-            .map(|(a, b)| f64::from((a - b).norm_squared()))
-            .sum();
+            .zip(&self.motion[to as usize]);
+        let moves: f64 = moves.map(|(a, b)| f64::from((a - b).norm_squared())).sum();
         let length = (self.place(from) - p).norm_squared();
         self.weight[from as usize] * (shape.max(0.0) + 0.03 * moves + 0.004 * length)
     }
@@ -270,9 +270,7 @@ impl Reduction {
         let part_at = part_of_each(asset);
         let mut mesh = Mesh::new(asset, &part_at);
         mesh.collapse(&part_at);
-        let kept: Vec<u32> = (0..mesh.at.len() as u32)
-            .filter(|&v| !mesh.at[v as usize].is_empty())
-            .collect();
+        let kept = mesh.alive();
         let place: HashMap<u32, u32> = kept.iter().zip(0u32..).map(|(&v, k)| (v, k)).collect();
         let mut triangles = Vec::new();
         let mut parts = Vec::new();

@@ -45,11 +45,9 @@ impl Wardrobe {
     pub fn new(plain: HeadAsset) -> Self {
         let n = plain.neutral.len();
         let mut places: HashMap<[u32; 3], Vec<u32>> = HashMap::new();
-        for (v, p) in plain.neutral.iter().enumerate() {
-            places
-                .entry([p.x, p.y, p.z].map(f32::to_bits))
-                .or_default()
-                .push(v as u32);
+        for (v, p) in (0..).zip(&plain.neutral) {
+            let place = [p.x, p.y, p.z].map(f32::to_bits);
+            places.entry(place).or_default().push(v);
         }
         let mut neighbours = vec![Vec::new(); n];
         for t in plain.triangles.iter() {
@@ -59,10 +57,8 @@ impl Wardrobe {
             }
         }
         for same in places.values().filter(|same| same.len() > 1) {
-            let all: Vec<u32> = same
-                .iter()
-                .flat_map(|&v| neighbours[v as usize].clone())
-                .collect();
+            let all = same.iter().flat_map(|&v| &neighbours[v as usize]);
+            let all: Vec<u32> = all.copied().collect();
             for &v in same {
                 neighbours[v as usize] = all.clone();
             }
@@ -207,13 +203,11 @@ impl Wardrobe {
         });
         let is_spread = |v: usize| matches!(part_of(v), Some(Part::Skin | Part::Eye));
         let all = 0..share.len();
-        let mut colour: Vec<[f32; 3]> = all
-            .clone()
-            .map(|v| match is_spread(v) {
-                true => [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k])),
-                false => self.plain.colour[v],
-            })
-            .collect();
+        let first = |v: usize| match is_spread(v) {
+            true => [0, 1, 2].map(|k| skin[k] + share[v] * (known[v][k] - skin[k])),
+            false => self.plain.colour[v],
+        };
+        let mut colour: Vec<[f32; 3]> = all.clone().map(first).collect();
         let mut spread: Vec<usize> = all.filter(|&v| share[v] < 0.98 && is_spread(v)).collect();
         for _ in 0..SWEEPS {
             for &v in &spread {
@@ -251,10 +245,8 @@ fn bend(
             None => groups.push((f, t, 1.0)),
         }
     }
-    let means = groups
-        .iter()
-        .map(|(f, t, n)| ((f / *n).cast(), (t / *n).cast()));
-    let (from, to): (Vec<_>, Vec<_>) = means.unzip();
+    let mean = |(f, t, n): &(Vector2<f32>, Vector2<f32>, f32)| ((f / *n).cast(), (t / *n).cast());
+    let (from, to): (Vec<_>, Vec<_>) = groups.iter().map(mean).unzip();
     ThinPlate::new(&from, &to, 1e-6)
 }
 
@@ -331,16 +323,7 @@ fn cropped(bent: &[[f32; 2]], share: &[f32], photograph: &Texture) -> (Vec<[f32;
         let at = (row * photograph.width + start[0]) * 3;
         rgb.extend_from_slice(&photograph.rgb[at..at + size[0] * 3]);
     }
-    let moved = bent
-        .iter()
-        .map(|p| [p[0] - start[0] as f32, p[1] - start[1] as f32])
-        .collect();
-    (
-        moved,
-        Texture {
-            width: size[0],
-            height: size[1],
-            rgb,
-        },
-    )
+    let [width, height] = size;
+    let moved = bent.iter().map(|p| [0, 1].map(|k| p[k] - start[k] as f32));
+    (moved.collect(), Texture { width, height, rgb })
 }

@@ -20,13 +20,11 @@ const SIDE: usize = 512;
 pub(super) fn place(p: &Vec3) -> [f32; 2] {
     let side = p.x.signum();
     let x = p.x - side * (BALL.x - INWARD_M);
-    let flat = nalgebra::Vector2::new(x, p.y - BALL.y);
+    let mut flat = nalgebra::Vector2::new(x, p.y - BALL.y);
     // What looks back is white.
-    let flat = if p.z < BALL.z {
-        flat.try_normalize(1e-9).unwrap_or_default() * REACH_M
-    } else {
-        flat
-    };
+    if p.z < BALL.z {
+        flat = flat.try_normalize(1e-9).unwrap_or_default() * REACH_M;
+    }
     let at = |d: f64| (0.5 + 0.5 * d / REACH_M).clamp(0.0, 1.0) as f32;
     [at(flat.x), at(-flat.y)]
 }
@@ -36,10 +34,8 @@ pub(super) fn paint() -> RgbImage {
         let at = |k: usize| (2.0 * (k as f64 + 0.5) / SIDE as f64 - 1.0) * REACH_M;
         let (x, y) = (at(col), -at(row));
         let (r, angle) = (x.hypot(y), y.atan2(x));
-        let white = {
-            let red = smoothstep(0.009, 0.015, r) as f32;
-            mix([0.93, 0.925, 0.91], [0.88, 0.78, 0.74], 0.6 * red)
-        };
+        let red = smoothstep(0.009, 0.015, r) as f32;
+        let white = mix([0.93, 0.925, 0.91], [0.88, 0.78, 0.74], 0.6 * red);
         let iris = {
             let t = (r - PUPIL_M) / (IRIS_M - PUPIL_M);
             let fibre = noise(angle * 16.0, r * 400.0, 5) * 0.6 + noise(angle * 40.0, 3.0, 9) * 0.4;

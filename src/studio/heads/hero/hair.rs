@@ -85,14 +85,13 @@ impl Skull {
             for y in 0..tall {
                 for x in 0..wide {
                     let here = before[y * wide + x];
-                    if here[1] > 0.0 && round < 11 {
-                        continue;
+                    let mut sum = [0.0; 2];
+                    if here[1] > 0.0 {
+                        if round < 11 {
+                            continue;
+                        }
+                        sum = [here[0] / here[1], 1.0];
                     }
-                    let mut sum = if here[1] > 0.0 {
-                        [here[0] / here[1], 1.0]
-                    } else {
-                        [0.0; 2]
-                    };
                     for (dx, dy) in [(1, 0), (wide - 1, 0), (0, 1), (0, tall)] {
                         let row = match dy {
                             1 => (y + 1).min(tall - 1),
@@ -165,10 +164,8 @@ pub(super) fn grow(dress: &mut Layer, skin: &[Vec3]) {
         // A spiral over the sphere, then those above the hairline.
         let y = 1.0 - 1.72 * (f64::from(k) + 0.5) / f64::from(LOCKS);
         let around = 2.399_963 * f64::from(k) + 0.5 * dice(k * 3);
-        let d = direction([
-            (around + 3.15).rem_euclid(std::f64::consts::TAU) - 3.15,
-            y.asin(),
-        ]);
+        let around = (around + 3.15).rem_euclid(std::f64::consts::TAU) - 3.15;
+        let d = direction([around, y.asin()]);
         let [around, above] = angles(&d);
         // Before the ear and at the nape a lock would hang in the air.
         let least = match around.abs() {
@@ -210,10 +207,8 @@ fn cap(dress: &mut Layer, skull: &Skull) {
     for pair in rows.windows(2) {
         for k in 0..AROUND {
             let next = (k + 1) % AROUND;
-            dress.face(
-                &[pair[0][k], pair[0][next], pair[1][next], pair[1][k]],
-                look::HAIR,
-            );
+            let corners = [pair[0][k], pair[0][next], pair[1][next], pair[1][k]];
+            dress.face(&corners, look::HAIR);
         }
     }
     dress.face(rows.last().map_or(&[], Vec::as_slice), look::HAIR);
@@ -263,10 +258,8 @@ fn lock(dress: &mut Layer, skull: &Skull, mut d: Vec3, k: u32) {
     }
     for pair in rings.windows(2) {
         for c in 0..CORNERS - 1 {
-            dress.face(
-                &[pair[0][c], pair[1][c], pair[1][c + 1], pair[0][c + 1]],
-                look::HAIR,
-            );
+            let corners = [pair[0][c], pair[1][c], pair[1][c + 1], pair[0][c + 1]];
+            dress.face(&corners, look::HAIR);
         }
     }
 }

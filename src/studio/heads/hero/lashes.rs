@@ -43,18 +43,15 @@ fn blade(face: &mut Layer, card: &[Vec3], [across, long, wide]: [f64; 3], side: 
     for step in 0..STEPS {
         let t = step as f64 / (STEPS - 1) as f64;
         let (p, half) = (line(t, 0.0), aside * (0.5 * wide * (1.0 - t)));
-        let places = if step + 1 == STEPS {
-            vec![p]
-        } else {
-            vec![p - half, p + half]
+        let places = match step + 1 == STEPS {
+            true => vec![p],
+            false => vec![p - half, p + half],
         };
         let mirrored = |p: Vec3| Vec3::new(side * p.x, p.y, p.z);
-        rows.push(
-            places
-                .into_iter()
-                .map(|p| face.vertex(mirrored(p), [1.0; 3]))
-                .collect(),
-        );
+        let row = places
+            .into_iter()
+            .map(|p| face.vertex(mirrored(p), [1.0; 3]));
+        rows.push(row.collect());
     }
     for pair in rows.windows(2) {
         let mut corners = vec![pair[0][0], pair[0][1]];

@@ -68,9 +68,8 @@ pub fn make(data: &Path, out: &Path) -> Result<usize, Fault> {
 }
 
 fn of(ict: &IctHead) -> HeadAsset {
-    let kept: Vec<usize> = (0..part::TEETH.end)
-        .chain(EYES.into_iter().flatten())
-        .collect();
+    let eyes = EYES.into_iter().flatten();
+    let kept: Vec<usize> = (0..part::TEETH.end).chain(eyes).collect();
     let mut number = vec![u32::MAX; ict.neutral.len()];
     for (k, &v) in kept.iter().enumerate() {
         number[v] = k as u32;
@@ -93,26 +92,24 @@ fn of(ict: &IctHead) -> HeadAsset {
         neutral.extend(lashes(ict, card));
     }
     let shares = light.iter().copied().chain([1.0; GUIDES]);
-    let colour: Vec<[f32; 3]> = shares
-        .zip(&neutral)
-        .map(|(share, p)| [share * 255.0, within(p.y), within(p.z)])
-        .collect();
-    let photo_share: Vec<f32> = neutral.iter().map(|p| within(p.x) / 255.0).collect();
+    let colour = shares.zip(&neutral);
+    let colour = colour.map(|(share, p)| [share * 255.0, within(p.y), within(p.z)]);
+    let colour = colour.collect();
+    let photo_share = neutral.iter().map(|p| within(p.x) / 255.0).collect();
     let n = neutral.len();
     HeadAsset {
         neutral,
         triangles: triangles.into(),
         parts: parts.into(),
         photo: vec![[0.0; 2]; n].into(),
-        photo_share: photo_share.into(),
-        colour: colour.into(),
-        texture: Vec::new().into(),
-        expressions: Vec::new().into(),
+        photo_share,
+        colour,
         landmarks: ict
             .landmarks
-            .map(|v| Site::vertex(number[v]))
-            .to_vec()
-            .into(),
+            .iter()
+            .map(|&v| Site::vertex(number[v]))
+            .collect(),
+        ..HeadAsset::default()
     }
 }
 
@@ -149,10 +146,7 @@ fn lashes(ict: &IctHead, card: usize) -> Vec<Point> {
     }
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_by(|&a, &b| uv[a][0].total_cmp(&uv[b][0]));
-    let ball = ict.neutral[EYES[0].clone()]
-        .iter()
-        .fold(Vector3::zeros(), |sum, p| sum + p.coords)
-        / EYES[0].len() as f32;
+    let ball = middle(&ict.neutral[EYES[0].clone()]);
     let mut out = Vec::new();
     for column in order.chunks_mut(ROWS) {
         column.sort_by(|&a, &b| uv[a][1].total_cmp(&uv[b][1]));
@@ -165,6 +159,11 @@ fn lashes(ict: &IctHead, card: usize) -> Vec<Point> {
     out
 }
 
+fn middle(places: &[Point]) -> Vector3<f32> {
+    let sum: Vector3<f32> = places.iter().map(|p| p.coords).sum();
+    sum / places.len().max(1) as f32
+}
+
 /// Share of the light of an even sky that reaches each vertex, 0…1, weighted as a dull surface is lit.
 fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
     let mut normals = vec![Vector3::<f32>::zeros(); places.len()];
@@ -174,54 +173,36 @@ fn light(places: &[Point], triangles: &[[u32; 3]]) -> Vec<f32> {
         let n = (b - a).cross(&(c - a));
         t.iter().for_each(|&v| normals[v as usize] -= n);
     }
-    let outward = outwards(places, &normals);
-    normals
-        .iter_mut()
-        .for_each(|n| *n = n.try_normalize(1e-12).unwrap_or_default() * outward);
-    let middle = places
-        .iter()
-        .fold(Vector3::zeros(), |sum, p| sum + p.coords)
-        / places.len().max(1) as f32;
-    let sums = (0..DIRECTIONS)
-        .into_par_iter()
-        .map(|k| {
-            // A spiral over the sphere.
-            let z = 1.0 - 2.0 * (k as f32 + 0.5) / DIRECTIONS as f32;
-            let (sin, cos) = (2.399_963 * k as f32).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            let towards = Vector3::new(r * cos, r * sin, z);
-            let seen = seen(places, triangles, &middle, &towards);
-            normals
-                .iter()
-                .zip(seen)
-                .map(|(n, seen)| {
-                    let facing = n.dot(&towards).max(0.0);
-                    [facing, if seen { facing } else { 0.0 }]
-                })
-                .collect::<Vec<_>>()
-        })
-        .reduce(
-            || vec![[0.0; 2]; places.len()],
-            |mut all, one| {
-                for (a, b) in all.iter_mut().zip(one) {
-                    *a = [a[0] + b[0], a[1] + b[1]];
-                }
-                all
-            },
-        );
-    sums.iter()
-        .map(|[all, seen]| seen / all.max(1e-6))
-        .collect()
-}
-
-/// 1 if the normals point out of the head, else -1.
-fn outwards(places: &[Point], normals: &[Vector3<f32>]) -> f32 {
-    let volume: f32 = places
-        .iter()
-        .zip(normals)
-        .map(|(p, n)| p.coords.dot(n))
-        .sum();
-    volume.signum()
+    // 1 if the normals point out of the head, else -1.
+    let volumes = places.iter().zip(&normals).map(|(p, n)| p.coords.dot(n));
+    let outward = volumes.sum::<f32>().signum();
+    for n in &mut normals {
+        *n = n.try_normalize(1e-12).unwrap_or_default() * outward;
+    }
+    let middle = middle(places);
+    let from = |k: usize| {
+        // A spiral over the sphere.
+        let z = 1.0 - 2.0 * (k as f32 + 0.5) / DIRECTIONS as f32;
+        let (sin, cos) = (2.399_963 * k as f32).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        let towards = Vector3::new(r * cos, r * sin, z);
+        let seen = seen(places, triangles, &middle, &towards);
+        let lit = |(n, seen): (&Vector3<f32>, bool)| {
+            let facing = n.dot(&towards).max(0.0);
+            [facing, if seen { facing } else { 0.0 }]
+        };
+        normals.iter().zip(seen).map(lit).collect()
+    };
+    let sum = |mut all: Vec<[f32; 2]>, one: Vec<[f32; 2]>| {
+        for (a, b) in all.iter_mut().zip(one) {
+            *a = [a[0] + b[0], a[1] + b[1]];
+        }
+        all
+    };
+    let directions = (0..DIRECTIONS).into_par_iter().map(from);
+    let sums = directions.reduce(|| vec![[0.0; 2]; places.len()], sum);
+    let share = |[all, seen]: &[f32; 2]| seen / all.max(1e-6);
+    sums.iter().map(share).collect()
 }
 
 /// Which vertices nothing hides from a far light.
@@ -231,10 +212,9 @@ fn seen(
     middle: &Vector3<f32>,
     towards: &Vector3<f32>,
 ) -> Vec<bool> {
-    let aside = if towards.x.abs() < 0.7 {
-        Vector3::x()
-    } else {
-        Vector3::y()
+    let aside = match towards.x.abs() < 0.7 {
+        true => Vector3::x(),
+        false => Vector3::y(),
     };
     let u = towards.cross(&aside).normalize();
     let v = towards.cross(&u);
@@ -273,14 +253,12 @@ fn seen(
             }
         }
     }
-    screen
-        .iter()
-        .map(|&[x, y, z]| {
-            let (x, y) = (x.round(), y.round());
-            let inside = (0.0..SIDE as f32).contains(&x) && (0.0..SIDE as f32).contains(&y);
-            !inside || z > depth[y as usize * SIDE + x as usize] - BIAS_M
-        })
-        .collect()
+    let is_lit = |&[x, y, z]: &[f32; 3]| {
+        let (x, y) = (x.round(), y.round());
+        let inside = (0.0..SIDE as f32).contains(&x) && (0.0..SIDE as f32).contains(&y);
+        !inside || z > depth[y as usize * SIDE + x as usize] - BIAS_M
+    };
+    screen.iter().map(is_lit).collect()
 }
 
 #[cfg(test)]

@@ -83,15 +83,11 @@ impl Hero {
         let upright = |p: &crate::base::geometry::Point| {
             Vec3::new(f64::from(p.x), f64::from(-p.y), f64::from(-p.z))
         };
-        let all: Vec<Vec3> = (0..asset.neutral.len())
-            .map(|v| upright(&make::place(asset, v)))
-            .collect();
+        let all = (0..asset.neutral.len()).map(|v| upright(&make::place(asset, v)));
+        let all: Vec<Vec3> = all.collect();
         let (places, guides) = all.split_at(all.len() - make::GUIDES);
-        let landmarks: Vec<u64> = asset
-            .landmarks
-            .iter()
-            .map(|site| u64::from(site.vertices[0]))
-            .collect();
+        let landmarks = asset.landmarks.iter();
+        let landmarks: Vec<u64> = landmarks.map(|site| site.vertices[0].into()).collect();
         let marks: Vec<Vec3> = landmarks.iter().map(|&v| places[v as usize]).collect();
         let (faces, parts) = quads(asset);
         let mut face = Layer::default();
@@ -101,23 +97,19 @@ impl Hero {
         }
         let kind = kinds(asset, places.len());
         let normals = face.mesh.vertex_normals(places);
-        face.tints = (0..places.len())
-            .map(|v| {
-                let light = asset.colour[v][0] / 255.0;
-                tint(kind[v], light, &places[v], &normals[v], &marks)
-            })
-            .collect();
-        face.uv = (0..places.len())
-            .map(|v| match kind[v] {
-                Part::Eye => eyes::place(&places[v]),
-                _ => skin::place(&places[v]),
-            })
-            .collect();
+        let tint = |v: usize| {
+            let light = asset.colour[v][0] / 255.0;
+            tint(kind[v], light, &places[v], &normals[v], &marks)
+        };
+        let uv = |v: usize| match kind[v] {
+            Part::Eye => eyes::place(&places[v]),
+            _ => skin::place(&places[v]),
+        };
+        face.tints = (0..places.len()).map(tint).collect();
+        face.uv = (0..places.len()).map(uv).collect();
         let mut dress = Layer::default();
-        let skull: Vec<Vec3> = (0..places.len())
-            .filter(|&v| kind[v] == Part::Skin)
-            .map(|v| places[v])
-            .collect();
+        let skull = (0..places.len()).filter(|&v| kind[v] == Part::Skin);
+        let skull: Vec<Vec3> = skull.map(|v| places[v]).collect();
         hair::grow(&mut dress, &skull);
         shirt::sew(&mut dress, &face.mesh, &normals, &kind);
         lashes::grow(&mut face, guides);

@@ -30,15 +30,12 @@ pub(super) fn sew(dress: &mut Layer, face: &Mesh, normals: &[Vec3], kind: &[Part
         if !corners.iter().any(|&v| worn(v)) || corners.iter().any(|&v| kind[v] != Part::Skin) {
             continue;
         }
-        let list: Vec<u32> = corners
-            .iter()
-            .map(|&v| {
-                if number[v] == u32::MAX {
-                    number[v] = dress.vertex(edge(&face.positions[v], &normals[v]), SHADE);
-                }
-                number[v]
-            })
-            .collect();
+        for &v in &corners {
+            if number[v] == u32::MAX {
+                number[v] = dress.vertex(edge(&face.positions[v], &normals[v]), SHADE);
+            }
+        }
+        let list: Vec<u32> = corners.iter().map(|&v| number[v]).collect();
         dress.face(&list, look::SHIRT);
     }
 }

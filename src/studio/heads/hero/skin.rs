@@ -50,9 +50,9 @@ impl Outline {
     fn through(points: &[Vec3]) -> Self {
         let n = points.len();
         let around: Vec<Vec3> = (0..n + 3).map(|k| points[(k + n - 1) % n]).collect();
-        let steps = 8 * n;
+        let steps = 0..8 * n;
         Self(
-            (0..steps)
+            steps
                 .map(|k| curve(&around, 1.0 + k as f64 / 8.0))
                 .collect(),
         )
@@ -87,10 +87,8 @@ fn brow(marks: &[Vec3], seed: u32) -> Vec<Stroke> {
             let roll = |of: u32| dice(seed ^ (k * 8 + of));
             let t = 4.0 * (roll(0) * 0.96 + 0.02);
             let share = t / 4.0;
-            let (p, ahead) = (
-                curve(marks, t),
-                curve(marks, t + 0.05) - curve(marks, t - 0.05),
-            );
+            let p = curve(marks, t);
+            let ahead = curve(marks, t + 0.05) - curve(marks, t - 0.05);
             let ahead = ahead.try_normalize(1e-12).unwrap_or_else(Vec3::x);
             let up = Vec3::new(-ahead.y * side, ahead.x * side, 0.0);
             // Full near the nose, a point at the temple.
@@ -171,8 +169,7 @@ pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
         let x = (2.0 * (col as f64 + 0.5) / SIDE as f64 - 1.0) * REACH * RADIUS_M;
         let y = top - (row as f64 + 0.5) / SIDE as f64 * (top - bottom);
         let mut colour = bare(x, y);
-        let around = x.abs() < 0.045 && (-0.090..-0.045).contains(&y);
-        if around {
+        if x.abs() < 0.045 && (-0.090..-0.045).contains(&y) {
             let d = lips.distance(x, y);
             let share = smoothstep(0.0009, -0.0011, d) as f32;
             let lines = noise(x * 1500.0, y * 120.0, 4) as f32;
@@ -201,11 +198,8 @@ pub(super) fn paint(marks: &[Vec3]) -> RgbImage {
         let grown = smoothstep(-0.07, 0.05, hair::above_line(&p) + ragged) as f32;
         let colour = mix(colour, HAIR, 0.8 * grown);
         // Plain at the edges.
-        let edge = smoothstep(0.85, 0.97, x.abs() / (REACH * RADIUS_M)).max(smoothstep(
-            bottom + 0.015,
-            bottom,
-            y,
-        ));
+        let aside = smoothstep(0.85, 0.97, x.abs() / (REACH * RADIUS_M));
+        let edge = aside.max(smoothstep(bottom + 0.015, bottom, y));
         mix(colour, SKIN, edge as f32)
     })
 }
