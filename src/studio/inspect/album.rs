@@ -75,19 +75,26 @@ impl Album {
              figure{{display:inline-block;margin:0 14px 18px 0;vertical-align:top}}figcaption{{color:#555}}\
              img{{max-width:100%;display:block}}svg{{width:900px;max-width:100%;height:auto}}</style></head><body><h1>{title}</h1>"
         );
-        let facts = self.facts.iter().map(|(name, value)| {
-            format!("<tr>{}{}</tr>", cells("th", [name]), cells("td", [value]))
-        });
-        let _ = write!(html, "<table>{}</table>", facts.collect::<String>());
-        if let Some((header, rows)) = self.table.split_first() {
-            let rows = rows
-                .iter()
-                .map(|row| format!("<tr>{}</tr>", cells("td", row)));
-            let (header, rows) = (cells("th", header), rows.collect::<String>());
+        html += "<table>";
+        for (name, value) in &self.facts {
             let _ = write!(
                 html,
-                "<h2>Values</h2><table><tr>{header}</tr>{rows}</table>"
+                "<tr>{}{}</tr>",
+                cells("th", [name]),
+                cells("td", [value])
             );
+        }
+        html += "</table>";
+        if let Some((header, rows)) = self.table.split_first() {
+            let _ = write!(
+                html,
+                "<h2>Values</h2><table><tr>{}</tr>",
+                cells("th", header)
+            );
+            for row in rows {
+                let _ = write!(html, "<tr>{}</tr>", cells("td", row));
+            }
+            html += "</table>";
         }
         html.push_str(&self.film.html());
         for (caption, picture) in &self.pictures {

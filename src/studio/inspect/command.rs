@@ -60,15 +60,12 @@ pub fn inspect(
     model: &FaceModel,
     settings: &Settings,
 ) -> Result<PathBuf, Fault> {
-    let out = out.map_or_else(
-        || PathBuf::from(format!("{}.html", name_of(path))),
-        PathBuf::from,
-    );
+    let beside = || PathBuf::from(format!("{}.html", name_of(path)));
+    let out = out.map_or_else(beside, PathBuf::from);
     let ending = out.extension().unwrap_or_default().to_ascii_lowercase();
     if ending != "html" && ending != "png" {
-        return Err(Fault::cannot("write", &out, "")(
-            "expected a name that ends in .html or .png",
-        ));
+        let expected = "expected a name that ends in .html or .png";
+        return Err(Fault::cannot("write", &out, "")(expected));
     }
     let album = album(path, model, settings)?;
     let bytes = match ending == "html" {

@@ -80,12 +80,8 @@ impl Film {
             self.frames.len() - 1
         );
         for (seconds, jpeg) in &self.frames {
-            let _ = write!(
-                html,
-                "[{:.3},\"{}\"],",
-                seconds - first,
-                STANDARD.encode(jpeg)
-            );
+            let (after, jpeg) = (seconds - first, STANDARD.encode(jpeg));
+            let _ = write!(html, "[{after:.3},\"{jpeg}\"],");
         }
         html + "];" + SCRIPT + "</script>"
     }

@@ -38,12 +38,8 @@ fn views(name: &str, mesh: &Mesh) -> Album {
     let mut album = Album::new(format!("Mesh {name}"));
     album.fact("vertices", mesh.positions.len().to_string());
     album.fact("triangles", mesh.fans().count().to_string());
-    for (name, yaw) in [
-        ("front", 0.0_f64),
-        ("three-quarter", -40.0),
-        ("side", -90.0),
-    ] {
-        let picture = draw(mesh, &mesh.positions, yaw.to_radians());
+    for (name, yaw) in [("front", 0), ("three-quarter", -40), ("side", -90)] {
+        let picture = draw(mesh, &mesh.positions, f64::from(yaw).to_radians());
         album.pictures.push((name.into(), picture));
     }
     album

@@ -42,20 +42,19 @@ fn face(
     }
 }
 
-fn white(size: u32) -> RgbImage {
-    RgbImage::from_pixel(size, size, image::Rgb([255; 3]))
+fn white(wide: u32, high: u32) -> RgbImage {
+    RgbImage::from_pixel(wide, high, image::Rgb([255; 3]))
 }
 
 /// The mean face with its numbers.
 fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
-    let mut numbered = white(640);
+    let mut numbered = white(640, 640);
     face(&mut numbered, mean, FRONT, [180, 180, 180]);
     for (i, point) in mean.iter().enumerate() {
         let [x, y] = pixel(640, FRONT(point));
-        let colour = if scheme::STABLE.contains(&i) {
-            [213, 94, 0]
-        } else {
-            [0, 80, 160]
+        let colour = match scheme::STABLE.contains(&i) {
+            true => [213, 94, 0],
+            false => [0, 80, 160],
         };
         let above = [x - 5.0, y - 14.0].map(|at| at.max(0.0) as u32);
         chart::text(&mut numbered, above, 10, &i.to_string(), colour);
@@ -65,7 +64,7 @@ fn numbered(mean: &[Point; LANDMARKS]) -> RgbImage {
 
 /// The mean face before the standard head, from the side.
 fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
-    let mut side = white(640);
+    let mut side = white(640, 640);
     let points = model.standard_head.points.iter();
     for point in points.filter(|p| p.x.abs() < 0.2) {
         let [x, y] = pixel(640, SIDE(point));
@@ -77,9 +76,9 @@ fn side(model: &FaceModel, mean: &[Point; LANDMARKS]) -> RgbImage {
 
 /// What a mode does at 2 standard deviations to either side, from the front and from the side.
 fn mode(model: &FaceModel, mean: &[Point; LANDMARKS], k: usize) -> RgbImage {
-    let mut tile = RgbImage::from_pixel(420, 210, image::Rgb([255; 3]));
+    let mut tile = white(420, 210);
     for (half, flat) in [FRONT, SIDE].into_iter().enumerate() {
-        let mut part = white(210);
+        let mut part = white(210, 210);
         face(&mut part, mean, flat, [215, 215, 215]);
         for (b, colour) in [(-2.0, [0, 114, 178]), (2.0, [213, 94, 0])] {
             let mut coefficients = [0.0; MAX_MODES];
@@ -118,12 +117,8 @@ pub(super) fn inspect(name: &str, model: &FaceModel, bytes: usize) -> Album {
     album.pictures.push((caption.into(), numbered(&mean)));
     let caption = "mean face and standard head from the side";
     album.pictures.push((caption.into(), side(model, &mean)));
-    let deviations_mm: Vec<f64> = model
-        .shape
-        .deviations
-        .iter()
-        .map(|d| f64::from(d * 1e3))
-        .collect();
+    let deviations_mm = model.shape.deviations.iter().map(|d| f64::from(d * 1e3));
+    let deviations_mm: Vec<f64> = deviations_mm.collect();
     for (k, deviation) in deviations_mm.iter().enumerate().take(SHOWN_MODES) {
         let caption = format!("mode {k}: -2 blue, +2 orange; deviation {deviation:.1} mm");
         album.pictures.push((caption, mode(model, &mean, k)));

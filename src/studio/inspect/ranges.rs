@@ -91,11 +91,9 @@ fn digits(value: f64) -> String {
 
 /// Remembered people as they were saved.
 pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
-    let people = saved::read(text, SystemTime::now()).map_err(|error| {
-        Fault::new(format!(
-            "{error}; mien moves such a file aside and starts over"
-        ))
-    })?;
+    let advice = "; mien moves such a file aside and starts over";
+    let people = saved::read(text, SystemTime::now())
+        .map_err(|error| Fault::new(format!("{error}{advice}")))?;
     let mut album = Album::new(format!("People {name}"));
     album.fact("people", people.len().to_string());
     let low = "population's low";
@@ -127,9 +125,8 @@ pub(super) fn people(name: &str, text: &str) -> Result<Album, Fault> {
 }
 
 fn plain(value: &Value) -> String {
-    value
-        .as_str()
-        .map_or_else(|| value.to_string(), str::to_owned)
+    let text = value.as_str().map(str::to_owned);
+    text.unwrap_or_else(|| value.to_string())
 }
 
 /// JSON of something else.
@@ -167,10 +164,8 @@ pub(super) fn status(name: &str, text: &str) -> Result<Album, Fault> {
         let state = plain(&user["state"]);
         album.fact(&who, format!("{state}, confidence {confidence:.2}{frozen}"));
         let units = user["units"].as_object().ok_or_else(no_status)?;
-        let rows: Option<Vec<Row>> = units
-            .iter()
-            .map(|(name, unit)| of_unit(name, unit))
-            .collect();
+        let rows = units.iter().map(|(name, unit)| of_unit(name, unit));
+        let rows: Option<Vec<Row>> = rows.collect();
         show(&mut album, &who, &rows.ok_or_else(no_status)?);
     }
     Ok(album)

@@ -81,41 +81,27 @@ pub(in crate::studio) fn draw_axes(
         (Point::new(0.0, 0.0, -LENGTH_M), [60, 90, 255]),
     ] {
         let tip = pixel(&(sensor_from_head * tip));
-        canvas::line(picture, origin, tip, colour);
-        canvas::line(
-            picture,
-            [origin[0] + 1.0, origin[1]],
-            [tip[0] + 1.0, tip[1]],
-            colour,
-        );
+        for aside in [0.0, 1.0] {
+            let [from, to] = [origin, tip].map(|[x, y]| [x + aside, y]);
+            canvas::line(picture, from, to, colour);
+        }
     }
 }
 
-const CURVE_NAMES: [&str; 12] = [
-    "x",
-    "y",
-    "z",
-    "yaw",
-    "pitch",
-    "roll",
-    "confidence",
-    "heads",
-    "user 0",
-    "user 1",
-    "user 2",
-    "user 3",
-];
-/// Where in them the states of the users begin.
-const STATES: usize = CURVE_NAMES.len() - USERS;
+const CURVES: [&str; 8] = ["x", "y", "z", "yaw", "pitch", "roll", "confidence", "heads"];
+/// Behind them are the states of the users.
+const STATES: usize = CURVES.len();
 
-/// Values of the curves at a time, seconds.
-type Values = (f64, [Option<f64>; CURVE_NAMES.len()]);
+/// Values of the curves at a frame.
+type Values = [Option<f64>; STATES + USERS];
 
 /// A plot of those of its curves that have any value.
-fn plot(all: &[Values], (title, range, at_least): PlotOf) -> Plot {
+fn plot(all: &[(f64, Values)], (title, range, at_least): PlotOf) -> Plot {
     let known = range.filter(|&k| all.iter().any(|(_, values)| values[k].is_some()));
     let curve = |k: usize| Curve {
-        name: CURVE_NAMES[k].into(),
+        name: CURVES
+            .get(k)
+            .map_or_else(|| format!("user {}", k - STATES), ToString::to_string),
         values: all.iter().map(|(_, values)| values[k]).collect(),
     };
     Plot {
@@ -159,11 +145,10 @@ fn draw_depth(frame: &KinectFrame, pipeline: &Pipeline) -> RgbImage {
     let heads = pipeline.segmenter().heads().iter().map(|cloud| {
         let whose = reports.iter().find(|one| one.head_box == Some(cloud.rect));
         let state = whose.map_or(TrackingState::Absent, |one| one.state);
-        let user = whose.and_then(|one| one.user);
-        let words = user.map_or_else(
-            || "no user".to_owned(),
-            |user| format!("user {user} {}", state.name()),
-        );
+        let words = match whose.and_then(|one| one.user) {
+            Some(user) => format!("user {user} {}", state.name()),
+            None => "no user".to_owned(),
+        };
         (cloud, words, colour_of(state))
     });
     let heads: Vec<_> = heads.collect();
@@ -216,26 +201,22 @@ impl Counts {
         let states = TrackingState::ALL.iter().zip(self.in_state);
         let states = states.filter(|(_, count)| *count > 0);
         let states = states.map(|(state, count)| format!("{} {count}", state.name()));
+        let states = states.collect::<Vec<_>>().join(", ");
         let frames = self.frames;
-        album.fact(
-            "frames",
-            format!("{frames} whole, {skipped} skipped as damaged or missing"),
-        );
+        let frames = format!("{frames} whole, {skipped} skipped as damaged or missing");
+        album.fact("frames", frames);
         album.fact("frames with colour", share(self.coloured));
         album.fact("duration", format!("{duration:.2} s"));
         album.fact("frames with a head", share(self.heads));
         album.fact("frames with a pose", share(self.posed));
         album.fact("frames with a face", share(self.faces));
-        album.fact(
-            "states of users, frames",
-            states.collect::<Vec<_>>().join(", "),
-        );
+        album.fact("states of users, frames", states);
     }
 }
 
 /// Values of the curves at one frame.
-fn values(pipeline: &Pipeline) -> [Option<f64>; CURVE_NAMES.len()] {
-    let mut values = [None; CURVE_NAMES.len()];
+fn values(pipeline: &Pipeline) -> Values {
+    let mut values = [None; STATES + USERS];
     let report = pipeline.report();
     if let Some(pose) = report.sensor_from_face {
         let t = pose.translation.vector;
@@ -307,7 +288,7 @@ pub(super) fn inspect(
 ) -> Result<Album, Fault> {
     let mut pipeline = Pipeline::new(&settings.stages(), recording.camera(), model)?;
     let mut album = Album::new(format!("Recording {name}"));
-    let mut all: Vec<Values> = Vec::new();
+    let mut all: Vec<(f64, Values)> = Vec::new();
     let mut frame = KinectFrame::default();
     let every = recording.frames().div_ceil(SHOWN).max(1);
     let (mut counts, mut next) = (Counts::default(), every / 2);
@@ -335,18 +316,12 @@ pub(super) fn inspect(
 /// Title, curves and least span of a plot.
 type PlotOf = (&'static str, Range<usize>, Option<(f64, f64)>);
 
+const POSITION: &str = "Position of the head, metres in the sensor frame";
+const CONFIDENCE: &str = "Confidence of the face, or of the pose without one";
 const PLOTS: [PlotOf; 5] = [
-    (
-        "Position of the head, metres in the sensor frame",
-        0..3,
-        None,
-    ),
+    (POSITION, 0..3, None),
     ("Rotation of the head, degrees", 3..6, Some((-10.0, 10.0))),
-    (
-        "Confidence of the face, or of the pose without one",
-        6..7,
-        Some((0.0, 1.0)),
-    ),
+    (CONFIDENCE, 6..7, Some((0.0, 1.0))),
     ("Heads found in depth", 7..8, Some((0.0, 2.0))),
     (
         "State of each user: 1 warming, 2 tracking, 3 held, 4 lost, 5 posed",

@@ -52,9 +52,8 @@ impl Obeys {
             }
             Self::Here(pipeline) => {
                 let pipeline = pipeline.lock().unwrap_or_else(PoisonError::into_inner);
-                let given = pipeline.try_send(command);
-                given
-                    .map_err(|_| "the tracker has stopped or is too busy; try again".to_owned())?;
+                let busy = |_| "the tracker has stopped or is too busy; try again".to_owned();
+                pipeline.try_send(command).map_err(busy)?;
                 Ok(done(command).to_owned())
             }
             Self::Box(named) => {

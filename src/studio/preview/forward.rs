@@ -174,9 +174,8 @@ impl Forwarder {
             wish,
             settings,
         };
-        self.orders
-            .try_send(order)
-            .map_err(|_| "too many requests at once; try again".to_owned())?;
+        let busy = |_| "too many requests at once; try again".to_owned();
+        self.orders.try_send(order).map_err(busy)?;
         let name = known.name;
         Ok(match wish {
             Wish::Connect => format!("sending to {name} at {target}"),
@@ -194,27 +193,22 @@ fn target(host: &str, port: &str) -> Result<String, String> {
             "expected a host name or an address, found {host:?}"
         ));
     }
-    let number = port.parse::<u16>().ok().filter(|&port| port != 0);
-    let number =
-        number.ok_or_else(|| format!("expected a port from 1 to 65535, found {port:?}"))?;
-    Ok(if host.contains(':') {
-        format!("[{host}]:{number}")
-    } else {
-        format!("{host}:{number}")
+    let none = |_| format!("expected a port from 1 to 65535, found {port:?}");
+    let number: std::num::NonZeroU16 = port.parse().map_err(none)?;
+    Ok(match host.contains(':') {
+        true => format!("[{host}]:{number}"),
+        false => format!("{host}:{number}"),
     })
 }
 
 /// The configuration with which only this receiver is sent to.
 fn settings(known: &Known, target: &str) -> Result<Settings, String> {
-    let only = if known.section == "osc" {
-        ""
-    } else {
-        "[osc]\nenabled = false\n"
+    let Known { section, more, .. } = known;
+    let only = match *section {
+        "osc" => "",
+        _ => "[osc]\nenabled = false\n",
     };
-    let text = format!(
-        "{only}[{}]\nenabled = true\ntarget = \"{target}\"\n{}",
-        known.section, known.more
-    );
+    let text = format!("{only}[{section}]\nenabled = true\ntarget = \"{target}\"\n{more}");
     Settings::parse(&text, Path::new("receiver")).map_err(|error| error.to_string())
 }
 
@@ -240,13 +234,11 @@ struct Thread {
 
 impl Thread {
     fn new(hub: Arc<Hub>) -> Self {
+        let units = Units::shipped().columns(false);
+        let units = units.iter();
         Self {
             hub,
-            units: Units::shipped()
-                .columns(false)
-                .iter()
-                .map(ToString::to_string)
-                .collect(),
+            units: units.map(ToString::to_string).collect(),
             lines: BTreeMap::new(),
             main: None,
             start: Instant::now(),
@@ -318,9 +310,8 @@ impl Thread {
 
     /// Whether this is the person for single-person receivers.
     fn is_main(&mut self, slot: usize) -> bool {
-        let free = self
-            .main
-            .is_none_or(|(main, seen)| main == slot || seen.elapsed() > GONE);
+        let is_free = |(main, seen): (usize, Instant)| main == slot || seen.elapsed() > GONE;
+        let free = self.main.is_none_or(is_free);
         if free {
             self.main = Some((slot, Instant::now()));
         }
@@ -330,16 +321,14 @@ impl Thread {
     fn pass_on(&mut self, sample: &Sample) {
         let aside = sample.user.is_some_and(|slot| !self.is_main(slot));
         let pose = sample.pose.map(rigid);
-        let state = TrackingState::ALL
-            .into_iter()
-            .find(|state| state.code() == sample.state)
-            .unwrap_or(TrackingState::Absent);
+        let mut states = TrackingState::ALL.into_iter();
+        let state = states.find(|state| state.code() == sample.state);
         let seen = matches!(sample.state, 1..=3) && sample.weights.len() == self.units.len();
         let report = Report {
             frame: sample.number,
             at: Timestamp::from_us((sample.seconds.max(0.0) * 1e6) as u64),
             user: sample.user,
-            state,
+            state: state.unwrap_or(TrackingState::Absent),
             alone: sample.user.is_none(),
             aside,
             confidence: sample.confidence,
@@ -386,13 +375,9 @@ impl Thread {
     /// Tells pages how the receivers are.
     fn tell(&self) {
         let line = |(id, line): (&&'static str, &Line)| {
-            let sum = |count: fn(&dyn Output) -> u64| -> u64 {
-                line.wires.iter().map(|wire| count(&**wire)).sum()
-            };
-            let (sent, dropped) = (
-                sum(|wire| wire.tally().sent),
-                sum(|wire| wire.tally().dropped),
-            );
+            let tallies = || line.wires.iter().map(|wire| wire.tally());
+            let sent: u64 = tallies().map(|tally| tally.sent).sum();
+            let dropped: u64 = tallies().map(|tally| tally.dropped).sum();
             let why = if line.wires.is_empty() {
                 "cannot open a socket, or this build does not support it"
             } else if sent == 0 && dropped > 0 {

@@ -49,11 +49,9 @@ impl Request {
     /// A value of the query, empty if it is not there.
     #[must_use]
     pub fn word(&self, name: &str) -> &str {
-        let mut pairs = self
-            .query
-            .split('&')
-            .filter_map(|pair| pair.split_once('='));
-        pairs.find(|pair| pair.0 == name).map_or("", |pair| pair.1)
+        let mut pairs = self.query.split('&').map(|pair| pair.split_once('='));
+        let found = pairs.find_map(|pair| pair.filter(|(key, _)| *key == name));
+        found.map_or("", |(_, value)| value)
     }
 
     /// Whether the asking browser runs on this machine.
@@ -123,14 +121,13 @@ pub trait Site: Send + Sync + 'static {
 /// If it is taken, or none of this machine.
 pub fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), Fault> {
     let listener = TcpListener::bind(address);
-    listener
-        .and_then(|listener| Ok((listener.local_addr()?, listener)))
-        .map(|(page, listener)| (listener, page))
-        .map_err(|error| {
-            Fault::new(format!(
-                "cannot serve the page at {address}: {error}; choose another with --port"
-            ))
-        })
+    let opened = listener.and_then(|listener| Ok((listener.local_addr()?, listener)));
+    let (page, listener) = opened.map_err(|error| {
+        Fault::new(format!(
+            "cannot serve the page at {address}: {error}; choose another with --port"
+        ))
+    })?;
+    Ok((listener, page))
 }
 
 /// Serves until the process ends.
@@ -281,10 +278,10 @@ pub fn parse(bytes: &[u8], peer: SocketAddr) -> Result<Request, &'static str> {
     let mut headers = [httparse::EMPTY_HEADER; HEADERS];
     let mut request = httparse::Request::new(&mut headers);
     let whole = request.parse(bytes).is_ok_and(|read| read.is_complete());
-    let target = request
-        .path
-        .filter(|target| whole && target.starts_with('/'));
-    let target = target.ok_or(bad)?;
+    let target = request.path.filter(|_| whole).ok_or(bad)?;
+    if !target.starts_with('/') {
+        return Err(bad);
+    }
     let post = request.method == Some("POST");
     if !post && request.method != Some("GET") {
         return Err("405 Method Not Allowed");

@@ -155,24 +155,20 @@ impl Preview {
             );
         }
         let wanted = asked.query.strip_prefix("n=");
-        let found = match &self.recording {
-            Some(directory) => wanted.and_then(|number| {
-                let number = number.parse().ok()?;
-                Some((number, sensor::recorded(directory, number)?))
-            }),
-            None => self
-                .hub
-                .picture()
-                .and_then(|(number, seen)| Some((number, sensor::picture(&seen)?))),
-        };
-        match found {
-            Some((number, (of_depth, jpeg))) => {
-                let view = if of_depth { "depth" } else { "colour" };
-                let headers = format!("X-Frame: {number}\r\nX-View: {view}\r\n");
-                Answer::Marked("image/jpeg", headers, jpeg.into())
+        let found = || {
+            if let Some(directory) = &self.recording {
+                let number = wanted?.parse().ok()?;
+                return Some((number, sensor::recorded(directory, number)?));
             }
-            None => Answer::Missing("no picture of this frame\n"),
-        }
+            let (number, seen) = self.hub.picture()?;
+            Some((number, sensor::picture(&seen)?))
+        };
+        let Some((number, (of_depth, jpeg))) = found() else {
+            return Answer::Missing("no picture of this frame\n");
+        };
+        let view = if of_depth { "depth" } else { "colour" };
+        let headers = format!("X-Frame: {number}\r\nX-View: {view}\r\n");
+        Answer::Marked("image/jpeg", headers, jpeg.into())
     }
 
     /// Something a page lets be done; `None` if there is no such thing.
@@ -236,15 +232,14 @@ impl Site for Preview {
             "/units.json" => Answer::json(&self.units),
             "/words.json" => Answer::json(&self.words),
             "/picture" => self.picture(asked),
-            path => match path.strip_prefix("/mesh/") {
-                Some(number) => self
-                    .mesh(number)
-                    .unwrap_or(Answer::Missing("no such head\n")),
-                None => {
+            path => {
+                let Some(number) = path.strip_prefix("/mesh/") else {
                     self.refused();
-                    Answer::Missing("not here; the page is at /\n")
-                }
-            },
+                    return Answer::Missing("not here; the page is at /\n");
+                };
+                let head = self.mesh(number);
+                head.unwrap_or(Answer::Missing("no such head\n"))
+            }
         }
     }
 
@@ -303,19 +298,17 @@ impl Preview {
     fn new(request: &Request, orders: SyncSender<Command>) -> Result<Self, Fault> {
         let given = request.meshes.iter().map(|path| read_mesh(path));
         let given: Vec<_> = given.collect::<Result<_, _>>()?;
-        let source = match &request.feed {
-            Feed::Sensor { name, .. } => Some(SourceName::from(name.as_str())),
-            _ => None,
-        };
-        let recording = match source {
-            Some(SourceName::Recording(path)) => Some(path),
-            _ => None,
-        };
-        let hub = Arc::new(Hub::new(
-            recording.is_some() || matches!(request.feed, Feed::Csv(_)),
-        ));
+        let mut recording = None;
+        if let Feed::Sensor { name, .. } = &request.feed
+            && let SourceName::Recording(path) = SourceName::from(name.as_str())
+        {
+            recording = Some(path);
+        }
+        let session = recording.is_some() || matches!(request.feed, Feed::Csv(_));
+        let hub = Arc::new(Hub::new(session));
         let units = Recipe::read(SHIPPED).map(|recipe| recipe.units());
         let units = units.unwrap_or_default().into_iter();
+        let units = units.map(|(name, unit)| (name, Value::from(unit)));
         Ok(Self {
             forwarder: Forwarder::start(Arc::clone(&hub)),
             hub,
@@ -329,9 +322,7 @@ impl Preview {
             own: OnceLock::new(),
             given,
             recording,
-            units: units
-                .map(|(name, unit)| (name, Value::from(unit)))
-                .collect(),
+            units: units.collect(),
         })
     }
 
@@ -386,13 +377,11 @@ fn feed(
 ) -> Result<Box<dyn FnOnce() + Send>, Fault> {
     match feed {
         Feed::Osc(address) => {
-            let address = *address;
-            let socket =
-                UdpSocket::bind(address).map_err(|error| {
-                    Fault::new(format!(
-                        "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
-                    ))
-                })?;
+            let socket = UdpSocket::bind(address).map_err(|error| {
+                Fault::new(format!(
+                    "cannot receive OSC at {address}: {error}; another program may be using the port: choose another with --osc, and set the same in mien's osc.target"
+                ))
+            })?;
             Ok(Box::new(move || osc::listen(&socket, &preview.hub)))
         }
         Feed::Serial(port) => {

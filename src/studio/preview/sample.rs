@@ -14,10 +14,9 @@ const MOST_WEIGHT: f32 = 4.0;
 fn number(value: impl Into<f64>, decimals: i32) -> Value {
     let scale = 10.0_f64.powi(decimals);
     let value = (value.into() * scale).round() / scale;
-    if value.fract() == 0.0 {
-        json!(value as i64)
-    } else {
-        json!(value)
+    match value.fract() == 0.0 {
+        true => json!(value as i64),
+        false => json!(value),
     }
 }
 

@@ -95,8 +95,8 @@ pub fn follow(
             hub.sample(&sample(report, latency));
             let slot = report.user.filter(|_| !report.ranges.is_empty());
             if let Some(slot) = slot.filter(|_| now - told >= RANGES_EVERY_S) {
-                let known = report.ranges.iter();
-                let ranges: Vec<Option<UnitRange>> = known
+                let ranges = report.ranges.iter();
+                let ranges: Vec<Option<UnitRange>> = ranges
                     .map(|unit| Some(([unit.low, unit.rest, unit.high], Some(unit.readiness))))
                     .collect();
                 hub.ranges(slot, &ranges);
